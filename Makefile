@@ -1,0 +1,39 @@
+# Two commands do everything: `make demo` and `make test`. `make help` lists the rest.
+PYTHON ?= python3.11
+ENGINE := .venv/engine/bin/python
+BLENDER := .venv/blender-4.5/bin/python
+PHOTOS ?=
+PROMPTS ?=
+PRESET ?= standard
+
+.PHONY: help setup demo test lint house engine-tests blender-tests zip clean
+
+help: ## what can be made
+	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
+
+setup: ## make the environments and fetch the model files; again: nothing to do
+	$(PYTHON) scripts/setup_environments.py
+
+demo: setup ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
+	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
+
+test: setup lint house engine-tests blender-tests ## set-up, then all checks and tests
+
+lint: ## format and lint
+	$(ENGINE) -m ruff format --check .
+	$(ENGINE) -m ruff check .
+
+house: ## import contracts and types
+	$(ENGINE) scripts/check_house.py
+
+engine-tests: ## everything that needs no Blender
+	$(ENGINE) -m pytest -q -m "not gpu" --ignore=tests/blender tests
+
+blender-tests: ## the add-on in each Blender at hand, against the installed zip
+	$(ENGINE) scripts/run_blender_tests.py
+
+zip: ## dist/gaussian_heritage.zip, to be installed in Blender
+	$(BLENDER) scripts/build_extension.py
+
+clean: ## remove results and caches, keep the environments
+	rm -rf out dist build .mypy_cache .ruff_cache .pytest_cache

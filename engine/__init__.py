@@ -1,0 +1,9 @@
+"""The engine of Gaussian Heritage: photos in, Gaussians and separate objects out.
+
+It runs in its own process and its own Python environment (``python -m engine``) and never imports ``bpy``.
+Data flows one way: photos -> cameras -> masks -> gaussians (training) -> objects (grounding) -> formats.
+"""
+
+__all__ = ["__version__"]
+
+__version__ = "0.1.0"

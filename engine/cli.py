@@ -1,0 +1,108 @@
+"""The command line: ``python -m engine COMMAND``. Parses, runs one command, turns our errors into one sentence."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from .commands import COMMANDS
+from .errors import Cancelled, EnvironmentProblem, HeritageError
+from .events import Emit, ErrorEvent, StopCheck
+from .terminal import EventOutput
+
+__all__ = ["main"]
+
+Command = Callable[[argparse.Namespace, Emit, StopCheck], int]
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="python -m engine",
+        description="Photos in, Gaussians and separate objects out.",
+        epilog='example: python -m engine reconstruct photos --out scene --prompts "vase;teapot"',
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for module in COMMANDS:
+        command = commands.add_parser(
+            module.NAME,
+            help=module.HELP,
+            description=module.HELP,
+            epilog=f"example: {module.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.add_argument("--events", action="store_true", help="progress as JSON lines on standard output")
+        command.set_defaults(run=module.run, find_project=module.project_folder)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Without the program's name; those of the process by default.
+    """
+    options = build_parser().parse_args(arguments)
+    project: Path | None = options.find_project(options)
+    output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
+    try:
+        with _StopOnSignal() as should_stop:
+            code: int = options.run(options, output, should_stop)
+        return code
+    except HeritageError as error:
+        output(ErrorEvent(str(error), type(error).__name__))
+        return error.exit_code
+    except KeyboardInterrupt:
+        output(ErrorEvent("Stopped. Run the same command again to continue.", Cancelled.__name__))
+        return Cancelled.exit_code
+    except Exception as error:
+        output.write_log(traceback.format_exc())
+        told = _as_ours(error, project)
+        output(ErrorEvent(str(told), type(told).__name__))
+        return told.exit_code
+    finally:
+        output.close()
+
+
+class _StopOnSignal:
+    """Becomes true on the first Ctrl-C or terminate signal; the second one stops at once."""
+
+    def __init__(self) -> None:
+        self._asked = False
+
+    def __enter__(self) -> _StopOnSignal:
+        self._before = {number: signal.signal(number, self._ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def __call__(self) -> bool:
+        return self._asked
+
+    def _ask(self, number: int, frame: object) -> None:
+        if self._asked:
+            raise KeyboardInterrupt
+        self._asked = True
+        print("Stopping at the next safe point (once more: at once) ...", file=sys.stderr)
+
+
+def _as_ours(error: Exception, project: Path | None) -> HeritageError:
+    """Return a sentence for an error no room foresaw."""
+    if isinstance(error, ModuleNotFoundError):
+        return EnvironmentProblem(
+            f"This Python ({sys.executable}) has no package {error.name!r}. "
+            "Run `make setup` and use .venv/engine, or install the engine's requirements."
+        )
+    if isinstance(error, MemoryError):
+        return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
+    where = f" Details are in {project / 'log.jsonl'}." if project and project.is_dir() else ""
+    return HeritageError(f"Something unforeseen went wrong: {type(error).__name__}: {error}.{where}")

@@ -1,0 +1,68 @@
+"""``export``: the scene or one object as PLY or glTF."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..errors import ProjectError
+from ..events import Emit, Finished, StopCheck
+from ..project_folder import ProjectFolder
+
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+
+NAME = "export"
+HELP = "Write the scene or one object as 3DGS PLY or as glTF with KHR_gaussian_splatting."
+EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
+    parser.add_argument("--object", help="name or id of an object; the whole scene without")
+    parser.add_argument("--format", choices=("ply", "glb"), required=True)
+    parser.add_argument("--out", type=Path, required=True, help="file to write")
+    parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+    parser.add_argument(
+        "--frame",
+        choices=("upright", "original"),
+        help="upright: Z up (glTF: Y up), about unit size; original: that of the given or estimated poses "
+        "(default: original where poses were given)",
+    )
+
+
+def project_folder(options: argparse.Namespace) -> Path:
+    """Return where the log goes."""
+    path: Path = options.project
+    return path
+
+
+def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Write the file."""
+    from ..cameras.storage import read_camera_set
+    from ..formats.glb import write_glb
+    from ..formats.ply import write_ply
+    from ..formats.transform import transform_gaussians
+    from ..gaussians.storage import load_gaussians
+    from ..objects.storage import load_membership, load_object
+
+    out: Path = options.out
+    if out.exists() and not options.overwrite:
+        raise ProjectError(f"{out} exists already. Choose another name or add --overwrite.")
+    project = ProjectFolder.open_existing(options.project)
+    gaussians = load_gaussians(project.path / "gaussians")
+    title = "scene"
+    if options.object is not None:
+        record = load_object(project.path, options.object)
+        gaussians = gaussians[load_membership(project.path, record.id) >= record.threshold]
+        title = record.name
+    camera_set = read_camera_set(project.path / "cameras")
+    frame = options.frame or ("original" if camera_set.poses_given else "upright")
+    if frame == "original":
+        gaussians = transform_gaussians(gaussians, camera_set.original_from_world)
+    if options.format == "ply":
+        write_ply(out, gaussians, comments=(f"title {title}", f"frame {frame}", "generator Gaussian Heritage"))
+    else:
+        write_glb(out, gaussians, title=title, extras={"frame": frame})
+    emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}.", {"file": str(out), "n_gaussians": len(gaussians)}))
+    return 0

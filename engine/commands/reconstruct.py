@@ -1,0 +1,61 @@
+"""``reconstruct``: photos to a project with cameras, masks, Gaussians, objects and a report."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..errors import SettingsError
+from ..events import Emit, Finished, StopCheck
+from ..pipeline import PipelineSettings, reconstruct
+from ..planning import PlanSettings
+from ..training.settings import PRESETS
+
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+
+NAME = "reconstruct"
+HELP = "Rebuild a scene from a folder of photos; continues where an earlier run stopped."
+EXAMPLE = 'python -m engine reconstruct photos --out scene --prompts "vase;teapot"'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    defaults = PlanSettings()
+    parser.add_argument("photos", type=Path, help="folder with the photos")
+    parser.add_argument("--out", type=Path, required=True, help="project folder, new or to be continued")
+    parser.add_argument("--prompts", default="", help='objects to isolate at the end, e.g. "vase;bust"')
+    parser.add_argument(
+        "--preset", choices=sorted(PRESETS), default=defaults.preset, help="how much work (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--cameras", type=Path, help="COLMAP model folder or transforms.json to use instead of estimating"
+    )
+    parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
+
+
+def project_folder(options: argparse.Namespace) -> Path:
+    """Return where the log goes."""
+    out: Path = options.out
+    return out
+
+
+def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Run the pipeline."""
+    prompts = tuple(prompt.strip() for prompt in options.prompts.split(";") if prompt.strip())
+    if options.no_objects and prompts:
+        raise SettingsError("--no-objects leaves out what --prompts needs. Give only one of them.")
+    settings = PipelineSettings(
+        plan=PlanSettings(preset=options.preset, wants_objects=not options.no_objects),
+        camera_model=options.cameras,
+        prompts=prompts,
+    )
+    project = reconstruct(options.photos, options.out, settings, emit=emit, should_stop=should_stop)
+    found = (project.stage_record("objects") or {}).get("figures", {}).get("found", {})
+    report = project.path / "report" / "report.html"
+    emit(
+        Finished(
+            f"The scene lies in {project.path}, its report in {report}.",
+            {"project": str(project.path), "report": str(report), "objects": found},
+        )
+    )
+    return 0

@@ -1,0 +1,85 @@
+"""``render``: a picture of the scene from a photo's camera or a given one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..cameras.camera import Camera, CameraSet, PinholeCamera
+from ..errors import CameraError, SettingsError
+from ..events import Emit, Finished, StopCheck
+from ..project_folder import ProjectFolder
+
+__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+
+NAME = "render"
+HELP = "Render the scene or an object, in the pixels of the original photo after EXIF rotation."
+EXAMPLE = "python -m engine render scene --view IMG_3023.jpg --what rgb --out view.png"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add this command's arguments."""
+    parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
+    camera = parser.add_mutually_exclusive_group(required=True)
+    camera.add_argument("--view", metavar="PHOTO_NAME", help="a registered photo")
+    camera.add_argument("--camera", metavar="FILE.json", type=Path, help="width, height, fx, fy, cx, cy, viewmat (4x4)")
+    parser.add_argument("--object", help="name or id of an object: only it (mask: where it is visible)")
+    parser.add_argument("--what", choices=("rgb", "mask", "depth", "features", "instances"), default="rgb")
+    parser.add_argument("--click", metavar="x,y", help="with features or instances: the cosine-0.7 mask at that pixel")
+    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
+    parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
+
+
+def project_folder(options: argparse.Namespace) -> Path:
+    """Return where the log goes."""
+    path: Path = options.project
+    return path
+
+
+def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
+    """Write the picture."""
+    from ..cameras.lens import read_camera_json
+    from ..cameras.storage import read_camera_set
+    from ..gaussians.storage import load_gaussians
+    from ..objects.storage import load_membership, load_object
+    from ..pictures.render import render_view, write_png
+
+    out: Path = options.out
+    if out.exists() and not options.overwrite:
+        raise SettingsError(f"{out} exists already. Choose another name or add --overwrite.")
+    project = ProjectFolder.open_existing(options.project)
+    camera: Camera | PinholeCamera
+    if options.view is not None:
+        camera = _camera_of(read_camera_set(project.path / "cameras"), options.view)
+    else:
+        camera = read_camera_json(options.camera)
+    members = None
+    if options.object is not None:
+        record = load_object(project.path, options.object)
+        members = load_membership(project.path, record.id) >= record.threshold
+    picture = render_view(
+        load_gaussians(project.path / "gaussians"),
+        camera,
+        what=options.what,
+        members=members,
+        click=None if options.click is None else _pixel(options.click),
+    )
+    write_png(out, picture)
+    emit(Finished(f"Wrote {out}.", {"file": str(out)}))
+    return 0
+
+
+def _camera_of(camera_set: CameraSet, photo: str) -> Camera:
+    for camera in camera_set.cameras:
+        if camera.photo == photo:
+            return camera
+    names = ", ".join(camera.photo for camera in camera_set.cameras[:5])
+    raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {names}.")
+
+
+def _pixel(text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise SettingsError(f"--click must be x,y in pixels, got {text!r}.") from error
+    return x, y

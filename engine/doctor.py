@@ -1,0 +1,124 @@
+"""What this machine has and lacks for the engine."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import HeritageError
+
+__all__ = ["Check", "examine"]
+
+_REQUIRED_PACKAGES = {
+    "numpy": "numpy",
+    "torch": "torch",
+    "pycolmap": "pycolmap",
+    "onnxruntime": "onnxruntime",
+    "cv2": "opencv-contrib-python-headless",
+    "numba": "numba",
+    "scipy": "scipy",
+    "PIL": "pillow",
+    "tokenizers": "tokenizers",
+    "matplotlib": "matplotlib",
+    "tqdm": "tqdm",
+    "platformdirs": "platformdirs",
+}
+_MIN_FREE_GB = 2.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the examination.
+
+    Attributes
+    ----------
+    name : str
+    ok : bool
+    required : bool
+        Whether the engine cannot work without.
+    detail : str
+        What was found, or what to do.
+    """
+
+    name: str
+    ok: bool
+    required: bool
+    detail: str
+
+
+def examine() -> list[Check]:
+    """Return every check of this machine, in the order a person would read them."""
+    checks = [_python()]
+    checks += [_package(module, distribution) for module, distribution in _REQUIRED_PACKAGES.items()]
+    if all(check.ok for check in checks):
+        checks += [_gpu(), *_models()]
+    checks += [_heic(), _npm(), _disk(), _machine()]
+    return checks
+
+
+def _python() -> Check:
+    version = platform.python_version()
+    ok = sys.version_info >= (3, 11)
+    return Check("Python", ok, True, version if ok else f"{version}; 3.11 or newer is needed")
+
+
+def _package(module: str, distribution: str) -> Check:
+    try:
+        importlib.import_module(module)
+        return Check(distribution, True, True, importlib.metadata.version(distribution))
+    except ImportError as error:
+        return Check(distribution, False, True, f"missing ({error}); run `make setup` or choose another interpreter")
+
+
+def _gpu() -> Check:
+    import torch
+
+    if torch.cuda.is_available():
+        return Check(
+            "NVIDIA GPU", True, False, f"{torch.cuda.get_device_name()}; training uses the CPU in this version"
+        )
+    return Check("NVIDIA GPU", False, False, "none seen; training uses the CPU")
+
+
+def _models() -> list[Check]:
+    from .models.catalogue import CATALOGUE, locate
+
+    def check(name: str, find: Callable[[str], Path]) -> Check:
+        try:
+            return Check(f"model {name}", True, True, f"{find(name).stat().st_size / 1e6:.1f} MB")
+        except HeritageError as error:
+            return Check(f"model {name}", False, True, str(error))
+
+    return [check(name, locate) for name in CATALOGUE]
+
+
+def _heic() -> Check:
+    try:
+        importlib.import_module("pillow_heif")
+    except ImportError:
+        return Check("HEIC photos", False, False, "not readable; `pip install pillow-heif` adds them")
+    return Check("HEIC photos", True, False, "readable")
+
+
+def _npm() -> Check:
+    found = shutil.which("npm")
+    return Check("npm", found is not None, False, "found" if found else "missing; only needed to fetch the SAM weights")
+
+
+def _disk() -> Check:
+    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    return Check("disk space here", free >= _MIN_FREE_GB, False, f"{free:.1f} GB free")
+
+
+def _machine() -> Check:
+    detail = f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}"
+    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
+        detail += f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 1e9:.0f} GB memory"
+    return Check("machine", True, False, detail)

@@ -1,0 +1,157 @@
+"""The progress protocol: one JSON line per event, written by the engine, read by Blender, tests and people's scripts.
+
+Rooms get ``emit`` and ``should_stop`` as arguments and never print. A reader skips kinds it does not know.
+Standard library only: Blender imports this module too.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar
+
+__all__ = [
+    "PROTOCOL_VERSION",
+    "Emit",
+    "ErrorEvent",
+    "Event",
+    "Finished",
+    "Metric",
+    "Preview",
+    "Progress",
+    "StageFinished",
+    "StageStarted",
+    "StopCheck",
+    "Warned",
+    "from_json_line",
+    "ignore_events",
+    "never_stop",
+    "to_json_line",
+]
+
+PROTOCOL_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Event:
+    """Base of all events. ``time`` is seconds since the epoch."""
+
+    kind: ClassVar[str] = ""
+    time: float = field(default_factory=time.time, kw_only=True)
+
+
+@dataclass(frozen=True)
+class StageStarted(Event):
+    """A stage of the pipeline begins: ``photos``, ``cameras``, ``masks``, ``training``, ``objects``, ``report``..."""
+
+    kind: ClassVar[str] = "stage_started"
+    stage: str
+
+
+@dataclass(frozen=True)
+class StageFinished(Event):
+    """A stage ended. ``reused`` is true when its inputs had not changed and nothing was computed."""
+
+    kind: ClassVar[str] = "stage_finished"
+    stage: str
+    seconds: float
+    reused: bool = False
+
+
+@dataclass(frozen=True)
+class Progress(Event):
+    """``fraction`` of the stage is done, 0 to 1; ``seconds_left`` is for this stage, None when unknown."""
+
+    kind: ClassVar[str] = "progress"
+    stage: str
+    fraction: float
+    seconds_left: float | None = None
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Metric(Event):
+    """A measured number, e.g. ``psnr`` at a training step."""
+
+    kind: ClassVar[str] = "metric"
+    stage: str
+    name: str
+    value: float
+    step: int | None = None
+
+
+@dataclass(frozen=True)
+class Preview(Event):
+    """A picture worth showing now lies at ``path``."""
+
+    kind: ClassVar[str] = "preview"
+    stage: str
+    path: str
+
+
+@dataclass(frozen=True)
+class Warned(Event):
+    """Something the person should know and that does not stop the work."""
+
+    kind: ClassVar[str] = "warning"
+    message: str
+
+
+@dataclass(frozen=True)
+class ErrorEvent(Event):
+    """The work stopped. ``message`` is one sentence for the person; ``error`` the name of our exception type."""
+
+    kind: ClassVar[str] = "error"
+    message: str
+    error: str = "HeritageError"
+
+
+@dataclass(frozen=True)
+class Finished(Event):
+    """The command ended well. ``outputs`` maps a name to the path or value it left."""
+
+    kind: ClassVar[str] = "finished"
+    message: str = ""
+    outputs: dict[str, Any] = field(default_factory=dict)
+
+
+Emit = Callable[[Event], None]
+StopCheck = Callable[[], bool]
+
+_KINDS: dict[str, type[Event]] = {
+    cls.kind: cls for cls in (StageStarted, StageFinished, Progress, Metric, Preview, Warned, ErrorEvent, Finished)
+}
+
+
+def to_json_line(event: Event) -> str:
+    """Return `event` as one line of JSON without the newline."""
+    return json.dumps({"v": PROTOCOL_VERSION, "kind": event.kind, **asdict(event)}, ensure_ascii=False)
+
+
+def from_json_line(line: str) -> Event | None:
+    """Return the event on `line`, or None for a kind, version or half-written line this reader does not know."""
+    try:
+        data = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    if not isinstance(data, dict) or data.get("v") != PROTOCOL_VERSION:
+        return None
+    cls = _KINDS.get(data.get("kind", ""))
+    if cls is None:
+        return None
+    known = {f.name for f in fields(cls)}
+    try:
+        return cls(**{key: value for key, value in data.items() if key in known})
+    except TypeError:
+        return None
+
+
+def ignore_events(event: Event) -> None:
+    """An `Emit` for callers who do not care."""
+
+
+def never_stop() -> bool:
+    """A `StopCheck` that lets the work run to its end."""
+    return False

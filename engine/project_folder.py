@@ -1,0 +1,262 @@
+"""The job on disk: one folder that a killed run leaves in order and the next run continues.
+
+Every file is written under a temporary name and renamed; a stage counts as done only when its key (a hash of
+everything it read) stands in ``project.json``. One writer at a time. Standard library and NumPy only: Blender
+reads project folders too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from .errors import DiskError, FormatError, ProjectError
+
+__all__ = ["PROJECT_VERSION", "ProjectFolder", "atomic_write", "file_sha256", "stage_key", "write_json"]
+
+PROJECT_VERSION = 1
+_PROJECT_FILE = "project.json"
+_LOCK_FILE = "lock"
+_TEMPORARY_PREFIX = ".writing-"
+
+
+@contextlib.contextmanager
+def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
+    """Open a temporary file beside `path` that becomes `path` when the block ends without an error.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made when missing.
+    mode : {"wb", "w"}
+        Text is UTF-8.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full, read-only or unreachable. `path` is then as it was before.
+    """
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=_TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as error:
+        raise DiskError(
+            f"Could not write {path}: {error.strerror or error}. Free some space or choose another folder."
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write `data` to `path` as indented UTF-8 JSON, atomically."""
+    with atomic_write(path, "w") as stream:
+        json.dump(data, stream, indent=1, ensure_ascii=False)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, read in chunks."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while chunk := stream.read(1 << 20):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def stage_key(*parts: Any) -> str:
+    """Return one hash of `parts` (JSON values): settings and the keys of the stages before."""
+    text = json.dumps(parts, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class ProjectFolder:
+    """A project folder, see the module docstring.
+
+    Parameters
+    ----------
+    path : Path
+        The folder. `create` makes it, `open_existing` reads it.
+
+    Notes
+    -----
+    Layout: ``project.json``, ``photos/``, ``cameras/``, ``masks/``, ``gaussians/scene.ply`` and ``features.npy``,
+    ``checkpoints/``, ``objects/<id>/``, ``report/``, ``log.jsonl``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._data: dict[str, Any] = {"version": PROJECT_VERSION, "stages": {}}
+        self._lock: IO[str] | None = None
+
+    @classmethod
+    def create(cls, path: Path) -> ProjectFolder:
+        """Return the project at `path`, made new when there is none.
+
+        Raises
+        ------
+        ProjectError
+            When `path` is a folder with other things in it, or a file.
+        DiskError
+            When it cannot be written.
+        """
+        project = cls(path)
+        if (path / _PROJECT_FILE).exists():
+            project._read()
+            return project
+        if path.exists() and not path.is_dir():
+            raise ProjectError(f"{path} is a file. Choose a folder for the project.")
+        ours = (_LOCK_FILE, "log.jsonl")
+        if path.exists() and any(
+            entry.name not in ours and not entry.name.startswith(_TEMPORARY_PREFIX) for entry in path.iterdir()
+        ):
+            raise ProjectError(
+                f"{path} already holds files that are not a Gaussian Heritage project. Choose an empty or new folder."
+            )
+        project._write()
+        return project
+
+    @classmethod
+    def open_existing(cls, path: Path) -> ProjectFolder:
+        """Return the project at `path`.
+
+        Raises
+        ------
+        ProjectError
+            When there is none.
+        """
+        if not (path / _PROJECT_FILE).is_file():
+            raise ProjectError(f"{path} is not a Gaussian Heritage project (it has no {_PROJECT_FILE}).")
+        project = cls(path)
+        project._read()
+        return project
+
+    def _read(self) -> None:
+        file = self.path / _PROJECT_FILE
+        try:
+            data = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, json.JSONDecodeError) as error:
+            raise FormatError(f"{file} cannot be read: {error}. Move it away and run again.") from error
+        if not isinstance(data, dict) or data.get("version") != PROJECT_VERSION:
+            raise FormatError(f"{file} was written by another version of Gaussian Heritage. Use a new folder.")
+        self._data = data
+
+    def _write(self) -> None:
+        write_json(self.path / _PROJECT_FILE, self._data)
+
+    def __enter__(self) -> ProjectFolder:
+        """Take the folder for writing and clear what a killed run left half-written.
+
+        Raises
+        ------
+        ProjectError
+            When another job is writing here.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            # Held open until __exit__: the operating system frees the lock even after kill -9.
+            stream = (self.path / _LOCK_FILE).open("a+", encoding="utf-8")
+        except OSError as error:
+            raise DiskError(
+                f"{self.path} cannot be written: {error.strerror or error}. Choose another folder."
+            ) from error
+        if not _try_lock(stream):
+            stream.close()
+            raise ProjectError(
+                f"Another job is working in {self.path}. Wait for it, cancel it, or choose another folder."
+            )
+        self._lock = stream
+        for leftover in self.path.rglob(_TEMPORARY_PREFIX + "*"):
+            leftover.unlink(missing_ok=True)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the value stored in ``project.json`` under `name`."""
+        return self._data.get(name, default)
+
+    def put(self, name: str, value: Any) -> None:
+        """Store a JSON value in ``project.json`` under `name`."""
+        self._data[name] = value
+        self._write()
+
+    def stage_is_done(self, stage: str, key: str) -> bool:
+        """Return whether `stage` ended with exactly this `key`."""
+        return bool(self._data["stages"].get(stage, {}).get("key") == key)
+
+    def stage_record(self, stage: str) -> dict[str, Any] | None:
+        """Return what `finish_stage` stored: key, seconds and figures; None when the stage is not done."""
+        record: dict[str, Any] | None = self._data["stages"].get(stage)
+        return record
+
+    def finish_stage(
+        self, stage: str, key: str, *, wall_seconds: float, cpu_seconds: float, figures: dict[str, Any]
+    ) -> None:
+        """Record that `stage` is done with `key`; `figures` are JSON values for the report."""
+        self._data["stages"][stage] = {
+            "key": key,
+            "wall_seconds": wall_seconds,
+            "cpu_seconds": cpu_seconds,
+            "figures": figures,
+        }
+        self._write()
+
+    def forget_stages(self, stages: list[str]) -> None:
+        """Mark `stages` as not done."""
+        if any(stage in self._data["stages"] for stage in stages):
+            for stage in stages:
+                self._data["stages"].pop(stage, None)
+            self._write()
+
+
+def _lock_function() -> Callable[[IO[str]], None]:
+    try:
+        import fcntl
+    except ImportError:
+        import msvcrt
+
+        def lock_windows(stream: IO[str]) -> None:
+            stream.seek(0)
+            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+
+        return lock_windows
+
+    def lock_posix(stream: IO[str]) -> None:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    return lock_posix
+
+
+def _try_lock(stream: IO[str]) -> bool:
+    try:
+        _lock_function()(stream)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,122 @@
+"""Where events go: JSON lines for programs, a progress bar for people, and always the project's log."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from pathlib import Path
+from typing import Any
+
+from .events import ErrorEvent, Event, Finished, Metric, Progress, StageFinished, StageStarted, Warned, to_json_line
+
+__all__ = ["EventOutput"]
+
+
+class _LogLines(logging.Handler):
+    """Writes what libraries log into the project's log as lines of kind ``log``, which event readers skip."""
+
+    def __init__(self, output: EventOutput) -> None:
+        super().__init__(logging.INFO)
+        self._output = output
+
+    def emit(self, record: logging.LogRecord) -> None:
+        line = {
+            "v": 1,
+            "kind": "log",
+            "time": record.created,
+            "level": record.levelname,
+            "message": record.getMessage(),
+        }
+        self._output.write_log(json.dumps(line, ensure_ascii=False))
+
+
+class EventOutput:
+    """The one place that prints.
+
+    Parameters
+    ----------
+    json_lines : bool
+        Events on standard output as JSON lines; otherwise a progress bar and sentences on standard error.
+    log : Path or None
+        File that gets every event too, once its folder exists.
+    """
+
+    def __init__(self, *, json_lines: bool, log: Path | None) -> None:
+        self._json_lines = json_lines
+        self._log = log
+        self._bar: Any = None
+        self._handler = _LogLines(self)
+        logging.getLogger().addHandler(self._handler)
+
+    def close(self) -> None:
+        """Close the bar and stop listening to the libraries' logs."""
+        self._close_bar()
+        logging.getLogger().removeHandler(self._handler)
+
+    def write_log(self, line: str) -> None:
+        """Append `line` to the project's log, if there is a project by now."""
+        if self._log is None or not self._log.parent.is_dir():
+            return
+        try:
+            with self._log.open("a", encoding="utf-8") as stream:
+                stream.write(line + "\n")
+        except OSError:
+            # A full disk is reported by the work itself, in a sentence; its log must not hide that.
+            self._log = None
+
+    def __call__(self, event: Event) -> None:
+        line = to_json_line(event)
+        self.write_log(line)
+        if self._json_lines:
+            try:
+                print(line, flush=True)
+            except BrokenPipeError:
+                # The reader (Blender) went away; the job goes on and its log tells the rest.
+                self._json_lines = False
+                sys.stdout = sys.stderr
+        else:
+            self._tell(event)
+
+    def _tell(self, event: Event) -> None:
+        if isinstance(event, StageStarted):
+            self._close_bar()
+        elif isinstance(event, Progress):
+            self._progress(event)
+        elif isinstance(event, Metric) and self._bar is not None:
+            self._bar.set_postfix_str(f"{event.name} {event.value:.4g}")
+        elif isinstance(event, StageFinished):
+            self._close_bar()
+            how = "unchanged, kept" if event.reused else f"done in {event.seconds:.1f} s"
+            self._say(f"{event.stage}: {how}")
+        elif isinstance(event, Warned):
+            self._say(f"Note: {event.message}")
+        elif isinstance(event, ErrorEvent):
+            self._close_bar()
+            self._say(f"Error: {event.message}")
+        elif isinstance(event, Finished):
+            self._close_bar()
+            if event.message:
+                print(event.message)
+
+    def _progress(self, event: Progress) -> None:
+        from tqdm import tqdm
+
+        if self._bar is None:
+            self._bar = tqdm(
+                total=100, desc=event.stage, file=sys.stderr, bar_format="{desc:>9} {percentage:3.0f}%|{bar}| {postfix}"
+            )
+        self._bar.n = round(100 * event.fraction)
+        left = "" if event.seconds_left is None else f"{event.seconds_left:.0f} s left "
+        self._bar.set_postfix_str(left + event.message)
+
+    def _close_bar(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    def _say(self, sentence: str) -> None:
+        if self._bar is None:
+            print(sentence, file=sys.stderr)
+        else:
+            self._bar.write(sentence, file=sys.stderr)

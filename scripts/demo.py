@@ -1,0 +1,64 @@
+"""The main job from photos to separate objects, as a curator would do it in Blender: ``make demo``.
+
+Builds the extension, installs it into a Blender of its own (bpy from PyPI, no window) and works through its
+operators: import the photo folder, isolate every prompt, export, save, render. Standard library only.
+
+example: python scripts/demo.py --photos my/photos --prompts "vase;teapot"
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DEFAULT_PHOTOS = ROOT / "demo" / "museum_room" / "photos"
+DEFAULT_PROMPTS = "vase;teapot;obelisk;shield;mask;hourglass;goblet;drum"
+
+
+def main() -> int:
+    """Run the demo and return its exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--photos", type=Path, default=DEFAULT_PHOTOS, help="folder with photos (default: our museum room)"
+    )
+    parser.add_argument("--prompts", help=f'what to isolate (default for our photos: "{DEFAULT_PROMPTS}")')
+    parser.add_argument("--preset", default="standard", help="how much work (default: %(default)s)")
+    parser.add_argument("--out", type=Path, help="folder for the results (default: out/<name of the photos>)")
+    options = parser.parse_args()
+
+    photos = options.photos.resolve()
+    ours = photos == DEFAULT_PHOTOS
+    prompts = options.prompts if options.prompts is not None else (DEFAULT_PROMPTS if ours else "")
+    name = "museum_room" if ours else (photos.parent.name if photos.name == "photos" else photos.name)
+    out = (options.out or ROOT / "out" / name).resolve()
+    out.mkdir(parents=True, exist_ok=True)
+
+    engine = _python(ROOT / ".venv" / "engine")
+    blender = _python(ROOT / ".venv" / "blender-4.5")
+    for python in (engine, blender):
+        if not python.exists():
+            print(f"{python} is missing. Run `make setup` first.", file=sys.stderr)
+            return 1
+    zip_file = out / "gaussian_heritage.zip"
+    built = subprocess.run([blender, ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=False)
+    if built.returncode:
+        return built.returncode
+    environment = {
+        **os.environ,
+        "BLENDER_USER_RESOURCES": str(out / ".blender"),
+        "GAUSSIAN_HERITAGE_PYTHON": str(engine),
+    }
+    command = [blender, "-P", ROOT / "scripts" / "demo_in_blender.py", zip_file, photos, out, prompts, options.preset]
+    return subprocess.run([str(part) for part in command], env=environment, cwd=out, check=False).returncode
+
+
+def _python(environment: Path) -> Path:
+    return environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,64 @@
+"""Run tests/blender inside each Blender at hand, against the installed zip, the repository not on ``sys.path``.
+
+example: python scripts/run_blender_tests.py
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def main() -> int:
+    """Return 1 if a Blender's tests failed or Blender 4.5 is missing."""
+    executable = "Scripts/python.exe" if os.name == "nt" else "bin/python"
+    blenders = [(name, ROOT / ".venv" / name / executable) for name in ("blender-4.5", "blender-5.2")]
+    if not blenders[0][1].exists():
+        print("Blender 4.5 is missing. Run `make setup`.", file=sys.stderr)
+        return 1
+    failed = False
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        # The tests are copied out, so that nothing of the repository can be imported by accident.
+        shutil.copytree(ROOT / "tests" / "blender", folder / "tests", ignore=shutil.ignore_patterns("__pycache__"))
+        zip_file = folder / "gaussian_heritage.zip"
+        subprocess.run([blenders[0][1], ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
+        for label, python in blenders:
+            if not python.exists():
+                print(f"{label} is not here, left out.")
+                continue
+            print(f"{label}:", flush=True)
+            environment = {
+                **os.environ,
+                "GAUSSIAN_HERITAGE_ZIP": str(zip_file),
+                "GAUSSIAN_HERITAGE_PYTHON": str(ROOT / ".venv" / "engine" / executable),
+                "GAUSSIAN_HERITAGE_DEMO": str(ROOT / "demo"),
+            }
+            environment.pop("PYTHONPATH", None)
+            command = [
+                python,
+                "-P",
+                "-m",
+                "pytest",
+                "-p",
+                "no:cacheprovider",
+                "-q",
+                "-c",
+                folder / "tests" / "pytest.ini",
+                *sys.argv[1:],
+            ]
+            done = subprocess.run(
+                [str(part) for part in [*command, folder / "tests"]], cwd=folder, env=environment, check=False
+            )
+            failed = failed or done.returncode != 0
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,277 @@
+"""Make the environments this house works in, then fetch the model files: ``make setup``.
+
+Runs on any Python from 3.9 on, standard library only. Makes ``.venv/engine`` and ``.venv/blender-4.5`` with
+CPython 3.11, and ``.venv/blender-5.2`` where a CPython 3.13 is found. What is done is not done again.
+
+example: python scripts/setup_environments.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes.util
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from places import ROOT, environment_folder, python_of
+from pythons import find_python
+
+REQUIREMENTS = ROOT / "requirements"
+STAMP = "gaussian_heritage_setup.json"
+MIN_FREE_GB = {"cpu": 6.0, "cuda": 14.0}
+"""The three environments and the model files take 4.5 GB; CUDA builds of torch bring 5 GB more, and pip unpacks."""
+
+PYTORCH_INDEX = "https://download.pytorch.org/whl/"
+BLENDER_INDEX = "https://download.blender.org/pypi/"
+
+
+class SetupProblem(Exception):
+    """What is missing on this computer, in one sentence."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """One environment: its folder below ``.venv``, its Python, and what must import once it is made."""
+
+    name: str
+    python: tuple[int, int]
+    requirements: str
+    constraints: str
+    must_import: str
+    required: bool
+
+    def files(self) -> list[Path]:
+        """Return the files whose change makes the environment out of date."""
+        names = {self.requirements, self.constraints} | ({"engine.txt"} if self.name == "engine" else set())
+        return [REQUIREMENTS / name for name in sorted(names)]
+
+    def fingerprint(self, torch: str) -> str:
+        """Return the hash of everything the environment is made from."""
+        digest = hashlib.sha256(repr((self.python, torch if self.name == "engine" else "")).encode())
+        for file in self.files():
+            # Line ends differ between checkouts on Windows and elsewhere; the requirements do not.
+            digest.update(file.read_text(encoding="utf-8").encode())
+        return digest.hexdigest()
+
+    def is_ready(self, torch: str) -> bool:
+        """Return whether the environment was made from the requirement files as they are now."""
+        try:
+            stamp = json.loads((environment_folder(self.name) / STAMP).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+        return stamp == {"made_from": self.fingerprint(torch)} and python_of(self.name).exists()
+
+
+ENGINE_IMPORTS = "import torch, pycolmap, onnxruntime, cv2, numba, scipy, PIL, tokenizers, pytest"
+ENVIRONMENTS = (
+    Environment("engine", (3, 11), "engine-dev.txt", "constraints-engine.txt", ENGINE_IMPORTS, True),
+    Environment("blender-4.5", (3, 11), "blender-4.5.txt", "constraints-blender-4.5.txt", "import bpy, pytest", True),
+    Environment("blender-5.2", (3, 13), "blender-5.2.txt", "constraints-blender-5.2.txt", "import bpy, pytest", False),
+)
+
+
+def main() -> int:
+    """Make what is missing and return 0, or say in one sentence what this computer lacks and return 1."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--torch", choices=("auto", "cpu", "cuda"), default="auto", help="which build of torch")
+    parser.add_argument("--no-models", action="store_true", help="leave the model files out")
+    options = parser.parse_args()
+    try:
+        torch = ("cuda" if nvidia_driver() else "cpu") if options.torch == "auto" else options.torch
+        make_environments(torch)
+        if not options.no_models:
+            fetch_models()
+    except SetupProblem as problem:
+        print(f"\nSet-up stopped: {problem}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def make_environments(torch: str) -> None:
+    """Make every environment that is not ready."""
+    pythons = {}
+    for environment in ENVIRONMENTS:
+        if environment.is_ready(torch):
+            continue
+        python = find_python(environment.python)
+        if python:
+            pythons[environment] = python
+        elif environment.required:
+            wanted = ".".join(str(part) for part in environment.python)
+            raise SetupProblem(
+                f"no CPython {wanted} (64 bit, with venv and pip) was found; install it from python.org or your "
+                f"system's packages (Debian: python{wanted}-venv) and run `make setup` again."
+            )
+        elif not python_of(environment.name).exists():
+            print(f"{environment.name}: left out, since no CPython 3.13 was found; its tests will not run.")
+    if not pythons:
+        return
+    check_disk(torch)
+    check_npm()
+    for environment, python in pythons.items():
+        started = time.monotonic()
+        make(environment, python, torch)
+        print(f"{environment.name}: ready after {time.monotonic() - started:.0f} s", flush=True)
+
+
+def make(environment: Environment, python: Path, torch: str) -> None:
+    """Make one environment or bring it up to date; its stamp is written last, so a stopped run is taken up again."""
+    folder = environment_folder(environment.name)
+    log = folder.parent / f"{environment.name}.log"
+    (folder / STAMP).unlink(missing_ok=True)
+    if not works(python_of(environment.name), environment.python):
+        print(f"{environment.name}: a new environment from {python}", flush=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        run([python, "-m", "venv", folder], log, f"the environment {folder} could not be made")
+    constraints = ["--constraint", REQUIREMENTS / environment.constraints]
+    if environment.name == "engine":
+        index = torch_index(torch, constraints)
+        pip(environment, [*index, *constraints, pinned("torch")], log, f"torch ({torch})")
+    arguments = [*constraints, "--requirement", REQUIREMENTS / environment.requirements]
+    if environment.name != "engine":
+        arguments += bpy_index(environment, constraints)
+    pip(environment, arguments, log, environment.requirements)
+    run([python_of(environment.name), "-c", environment.must_import], log, f"a package of {folder} cannot be imported")
+    write_stamp(folder / STAMP, {"made_from": environment.fingerprint(torch)})
+
+
+def write_stamp(path: Path, stamp: dict[str, str]) -> None:
+    """Write the stamp in one step, so that a kill leaves none rather than half of one."""
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps(stamp), encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def torch_index(torch: str, constraints: list[object]) -> list[object]:
+    """Return the pip options that give the wanted build of torch.
+
+    Linux wheels of torch on PyPI bring gigabytes of CUDA, those for Windows have none, so both may need PyTorch's
+    own index. The configured index goes first where it gives a CPU build already (macOS, Windows, a mirror).
+    """
+    if torch == "cuda":
+        if sys.platform != "win32":
+            return []
+        return ["--index-url", PYTORCH_INDEX + "cu130", "--extra-index-url", "https://pypi.org/simple"]
+    planned = plan([*constraints, pinned("torch")])
+    if planned is not None and not any(name.startswith(("nvidia-", "triton", "cuda-")) for name in planned):
+        return []
+    own = ["--index-url", PYTORCH_INDEX + "cpu"]
+    if plan([*own, *constraints, "--no-deps", pinned("torch")]) is not None:
+        return [*own, "--extra-index-url", "https://pypi.org/simple"]
+    if planned is None:
+        raise SetupProblem(
+            f"neither pip's index nor {PYTORCH_INDEX}cpu offers {pinned('torch')}; check the network "
+            "(proxy, firewall) and run `make setup` again."
+        )
+    print(f"engine: {PYTORCH_INDEX}cpu cannot be reached, so the CUDA build is taken (about 5 GB more)", flush=True)
+    check_disk("cuda")
+    return []
+
+
+def bpy_index(environment: Environment, constraints: list[object]) -> list[object]:
+    """Return the pip options that find ``bpy``: none where the configured index has it, else Blender's own index."""
+    bpy = next(line for line in lines_of(environment.requirements) if line.startswith("bpy=="))
+    found = plan([*constraints, "--no-deps", bpy], python_of(environment.name)) is not None
+    return [] if found else ["--extra-index-url", BLENDER_INDEX]
+
+
+def plan(arguments: list[object], python: Path | None = None) -> list[str] | None:
+    """Return the names that ``pip install`` would install, None where it finds no way. Asks once, with a short wait."""
+    command = [python or python_of("engine"), "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
+    command += ["--report", "-", "--retries", "1", "--timeout", "20", *arguments]
+    answer = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    if answer.returncode:
+        return None
+    return [item["metadata"]["name"].lower() for item in json.loads(answer.stdout)["install"]]
+
+
+def pip(environment: Environment, arguments: list[object], log: Path, what: str) -> None:
+    """Install into an environment, showing each download."""
+    print(f"{environment.name}: installing {what} (details: {log})", flush=True)
+    command = [python_of(environment.name), "-m", "pip", "install", "--no-input", "--progress-bar", "off", *arguments]
+    run(command, log, "pip could not install the packages; check the network and the disk", show="Downloading ")
+
+
+def run(command: list[object], log: Path, problem: str, show: str = "\0") -> None:
+    """Run a command with its output in the log; raise `SetupProblem` with the last error line where it fails."""
+    last = ""
+    with log.open("a", encoding="utf-8") as record:
+        process = subprocess.Popen(
+            [str(part) for part in command],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            errors="replace",
+        )
+        assert process.stdout is not None
+        for line in process.stdout:
+            record.write(line)
+            if line.strip().startswith(show):
+                print("   ", line.strip(), flush=True)
+            if "ERROR" in line or "Error" in line or not last:
+                last = line.strip()
+    if process.wait():
+        raise SetupProblem(f"{problem}: {last} (all of it in {log}).")
+
+
+def fetch_models() -> None:
+    """Fetch the model files through the engine, which checks their hashes; done files are not fetched again."""
+    fetched = subprocess.run([python_of("engine"), "-m", "engine", "models", "fetch"], cwd=ROOT, check=False)
+    if fetched.returncode:
+        raise SetupProblem("the model files could not be fetched (see above); run `make setup` again.")
+
+
+def check_disk(torch: str) -> None:
+    """Raise `SetupProblem` where the disk is too full for what is to be installed."""
+    folder = environment_folder("engine")
+    while not folder.exists():
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free / 1e9
+    if free < MIN_FREE_GB[torch]:
+        raise SetupProblem(f"{folder} has {free:.1f} GB free and set-up needs {MIN_FREE_GB[torch]:.0f} GB; free some.")
+
+
+def check_npm() -> None:
+    """Raise `SetupProblem` where Node is missing: npm carries the mask model, and node judges our glTF in the tests."""
+    for program in ("node", "npm"):
+        if shutil.which(program) is None:
+            raise SetupProblem(f"`{program}` was not found; install Node 18 or newer (nodejs.org) and try again.")
+
+
+def nvidia_driver() -> bool:
+    """Return whether this computer has an NVIDIA driver."""
+    if sys.platform == "darwin":
+        return False
+    library = "nvcuda" if sys.platform == "win32" else "cuda"
+    return shutil.which("nvidia-smi") is not None or ctypes.util.find_library(library) is not None
+
+
+def works(python: Path, version: tuple[int, int]) -> bool:
+    """Return whether an environment's Python starts, has the version and has pip."""
+    if not python.exists():
+        return False
+    code = f"import sys, pip; sys.exit(sys.version_info[:2] != {version})"
+    return subprocess.run([str(python), "-c", code], capture_output=True, check=False).returncode == 0
+
+
+def pinned(name: str) -> str:
+    """Return the line of ``engine.txt`` that pins a package."""
+    return next(line for line in lines_of("engine.txt") if line.startswith(name + "=="))
+
+
+def lines_of(requirements: str) -> list[str]:
+    """Return the lines of a requirements file."""
+    return (REQUIREMENTS / requirements).read_text(encoding="utf-8").splitlines()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

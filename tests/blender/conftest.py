@@ -1,0 +1,43 @@
+"""Tests inside Blender (bpy from PyPI), against the installed zip; see scripts/run_blender_tests.py."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+# Blender reads its user folders when bpy is imported: an empty one, so that no add-on of the person is in the way.
+_RESOURCES = tempfile.mkdtemp(prefix="gaussian-heritage-blender-")
+os.environ["BLENDER_USER_RESOURCES"] = _RESOURCES
+atexit.register(shutil.rmtree, _RESOURCES, ignore_errors=True)
+
+import bpy  # noqa: E402
+
+MODULE = "bl_ext.user_default.gaussian_heritage"
+
+
+@pytest.fixture(scope="session")
+def zip_file() -> Path:
+    """The built extension."""
+    return Path(os.environ["GAUSSIAN_HERITAGE_ZIP"])
+
+
+@pytest.fixture(scope="session")
+def installed(zip_file: Path) -> str:
+    """Install and enable the extension as a person would; its module name."""
+    bpy.ops.extensions.package_install_files(filepath=str(zip_file), repo="user_default", enable_on_install=True)
+    assert MODULE in bpy.context.preferences.addons
+    return MODULE
+
+
+@pytest.fixture
+def blender(installed: str) -> Iterator[ModuleType]:
+    """An empty file with the extension enabled; gives bpy."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+    yield bpy

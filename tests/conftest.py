@@ -1,0 +1,27 @@
+"""What all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def data_folder() -> Path:
+    """The real photo sets; tests that need them are marked ``data`` and skipped where they are not."""
+    return Path(os.environ["GAUSSIAN_HERITAGE_DATA"])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip ``data`` tests where the real photo sets are not at hand, with the reason."""
+    folder = os.environ.get("GAUSSIAN_HERITAGE_DATA")
+    if folder and Path(folder).is_dir():
+        return
+    skip = pytest.mark.skip(reason="GAUSSIAN_HERITAGE_DATA does not name the folder of the real photo sets")
+    for item in items:
+        if "data" in item.keywords:
+            item.add_marker(skip)

@@ -1,0 +1,124 @@
+"""The command line: bad input gets one clear sentence, an exit code that is not 0, and nothing is lost."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from engine.cli import build_parser, main
+from engine.commands import COMMANDS
+
+
+def errors_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    return [line for line in lines if line["kind"] == "error"]
+
+
+def photo_folder(folder: Path, count: int) -> Path:
+    folder.mkdir()
+    for i in range(count):
+        Image.effect_noise((160, 120), 60 + i).save(folder / f"{i}.png")
+    return folder
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command.NAME)
+def test_every_help_has_an_example(command: object, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        build_parser().parse_args([command.NAME, "--help"])  # type: ignore[attr-defined]
+    assert stop.value.code == 0
+    assert "example: python -m engine" in capsys.readouterr().out
+
+
+def test_missing_photo_folder_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["reconstruct", str(tmp_path / "nowhere"), "--out", str(tmp_path / "p"), "--events"])
+    (error,) = errors_of(capsys)
+    assert code != 0
+    assert error["error"] == "PhotoError"
+    assert "nowhere" in error["message"]
+
+
+def test_folder_without_photos_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "photos").mkdir()
+    assert main(["reconstruct", str(tmp_path / "photos"), "--out", str(tmp_path / "p"), "--events"]) != 0
+    (error,) = errors_of(capsys)
+    assert error["error"] == "PhotoError"
+
+
+def test_two_photos_are_too_few(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photos = photo_folder(tmp_path / "photos", 2)
+    assert main(["reconstruct", str(photos), "--out", str(tmp_path / "p"), "--events"]) != 0
+    (error,) = errors_of(capsys)
+    assert error["error"] == "CameraError"
+
+
+def test_output_in_the_photo_folder_itself_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photos = photo_folder(tmp_path / "photos", 3)
+    assert main(["reconstruct", str(photos), "--out", str(photos), "--events"]) != 0
+    (error,) = errors_of(capsys)
+    assert "is the photo folder itself" in error["message"]
+    assert len(list(photos.iterdir())) == 3
+
+
+def test_output_that_cannot_be_written_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photos = photo_folder(tmp_path / "photos", 3)
+    (tmp_path / "file").write_text("")
+    assert main(["reconstruct", str(photos), "--out", str(tmp_path / "file" / "p"), "--events"]) != 0
+    (error,) = errors_of(capsys)
+    assert error["error"] == "DiskError"
+
+
+@pytest.mark.parametrize("command", ["segment", "render", "export", "report"])
+def test_project_that_is_none_is_said(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = {
+        "segment": ["--prompt", "vase"],
+        "render": ["--view", "a.jpg", "--out", str(tmp_path / "a.png")],
+        "export": ["--format", "ply", "--out", str(tmp_path / "a.ply")],
+        "report": [],
+    }[command]
+    assert main([command, str(tmp_path), *arguments, "--events"]) != 0
+    (error,) = errors_of(capsys)
+    assert "is not a Gaussian Heritage project" in error["message"]
+
+
+def test_export_never_overwrites_without_being_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "scene.ply"
+    out.write_text("precious")
+    assert main(["export", str(tmp_path), "--format", "ply", "--out", str(out), "--events"]) != 0
+    (error,) = errors_of(capsys)
+    assert "--overwrite" in error["message"]
+    assert out.read_text() == "precious"
+
+
+def test_prompts_without_objects_contradict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [
+        "reconstruct",
+        str(tmp_path),
+        "--out",
+        str(tmp_path / "p"),
+        "--no-objects",
+        "--prompts",
+        "vase",
+        "--events",
+    ]
+    assert main(arguments) == 2
+    (error,) = errors_of(capsys)
+    assert error["error"] == "SettingsError"
+
+
+def test_unforeseen_error_is_a_sentence_and_its_trace_in_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from engine.commands import reconstruct
+
+    def fail(*_: object) -> int:
+        raise RuntimeError("database or disk is full")
+
+    (tmp_path / "p").mkdir()
+    monkeypatch.setattr(reconstruct, "run", fail)
+    assert main(["reconstruct", str(tmp_path), "--out", str(tmp_path / "p"), "--events"]) == 1
+    (error,) = errors_of(capsys)
+    assert "database or disk is full" in error["message"]
+    assert "Traceback" in (tmp_path / "p" / "log.jsonl").read_text()

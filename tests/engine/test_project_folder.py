@@ -1,0 +1,97 @@
+"""The job on disk: nothing half-written, one writer, a killed run continues."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from engine.errors import DiskError, FormatError, ProjectError
+from engine.project_folder import ProjectFolder, atomic_write, stage_key, write_json
+
+
+def test_failing_rename_leaves_the_old_file_and_no_leftovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "a.json"
+    write_json(target, {"old": 1})
+
+    def refuse(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(DiskError, match=r"a\.json: No space left on device"):
+        write_json(target, {"new": 2})
+    assert json.loads(target.read_text()) == {"old": 1}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_error_while_writing_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="mine"), atomic_write(tmp_path / "x.bin") as stream:
+        stream.write(b"half")
+        raise ValueError("mine")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folder_with_other_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.docx").write_text("precious")
+    with pytest.raises(ProjectError, match="already holds files"):
+        ProjectFolder.create(tmp_path)
+    assert (tmp_path / "thesis.docx").read_text() == "precious"
+
+
+def test_file_instead_of_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ProjectError, match="is a file"):
+        ProjectFolder.create(tmp_path / "file")
+
+
+def test_unwritable_place_is_said_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DiskError, match="Could not write"):
+        ProjectFolder.create(tmp_path / "file" / "below")
+
+
+def test_missing_project_is_said(tmp_path: Path) -> None:
+    with pytest.raises(ProjectError, match=r"has no project\.json"):
+        ProjectFolder.open_existing(tmp_path)
+
+
+def test_damaged_project_file_is_said(tmp_path: Path) -> None:
+    (tmp_path / "project.json").write_text("{half")
+    with pytest.raises(FormatError, match="cannot be read"):
+        ProjectFolder.open_existing(tmp_path)
+
+
+def test_stage_counts_as_done_only_with_its_key(tmp_path: Path) -> None:
+    project = ProjectFolder.create(tmp_path / "p")
+    project.finish_stage("photos", stage_key("a"), wall_seconds=1.0, cpu_seconds=1.0, figures={"n_photos": 3})
+    again = ProjectFolder.open_existing(tmp_path / "p")
+    assert again.stage_is_done("photos", stage_key("a"))
+    assert not again.stage_is_done("photos", stage_key("b"))
+    again.forget_stages(["photos"])
+    assert not ProjectFolder.open_existing(tmp_path / "p").stage_is_done("photos", stage_key("a"))
+
+
+def test_second_job_on_one_folder_is_refused(tmp_path: Path) -> None:
+    first, second = ProjectFolder.create(tmp_path / "p"), ProjectFolder.create(tmp_path / "p")
+    with first, pytest.raises(ProjectError, match="Another job is working"), second:
+        pass
+    with second:
+        pass
+
+
+def test_killed_job_frees_its_lock_and_its_leftovers_are_cleared(tmp_path: Path) -> None:
+    folder = tmp_path / "p"
+    script = (
+        "import os, sys; from pathlib import Path; from engine.project_folder import ProjectFolder, atomic_write\n"
+        "folder = Path(sys.argv[1])\n"
+        "with ProjectFolder.create(folder), atomic_write(folder / 'masks' / 'a.npz') as stream:\n"
+        "    stream.write(b'half'); stream.flush(); os.kill(os.getpid(), 9)\n"
+    )
+    subprocess.run([sys.executable, "-c", script, str(folder)], cwd=Path(__file__).parents[2], check=False)
+    assert len(list((folder / "masks").iterdir())) == 1
+    with ProjectFolder.create(folder):
+        assert list((folder / "masks").iterdir()) == []

@@ -1,0 +1,89 @@
+"""House rules that a newcomer would otherwise have to be told."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
+MODULES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+
+
+def tracked_files() -> list[Path]:
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [ROOT / name for name in names.split("\0") if name and (ROOT / name).is_file()]
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_module_says_what_it_is_and_imports_relatively(module: Path) -> None:
+    tree = ast.parse(module.read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree), "a module opens with a docstring"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            assert not any(alias.name.split(".")[0] in PACKAGES for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            assert (node.module or "").split(".")[0] not in PACKAGES, "imports of ours are relative"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_room_lists_its_public_names(package: str) -> None:
+    for file in (ROOT / package).rglob("__init__.py"):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        names = {
+            target.id
+            for node in tree.body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        names |= {
+            node.target.id
+            for node in tree.body
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+        }
+        assert "__all__" in names, f"{file.relative_to(ROOT)} lists no __all__"
+
+
+def test_extension_entry_imports_only_inside_register() -> None:
+    tree = ast.parse((ROOT / "__init__.py").read_text())
+    assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in tree.body)
+
+
+def test_no_file_is_longer_than_two_things() -> None:
+    long = {str(path.relative_to(ROOT)): n for path in MODULES if (n := len(path.read_text().splitlines())) > 520}
+    assert long == {}
+
+
+def test_no_machine_path_is_committed() -> None:
+    pattern = re.compile(r"/(?:work|root|home/\w+)/(?!\.config)[\w.]")
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()[:80]}"
+        for path in tracked_files()
+        if path.suffix in {".py", ".md", ".toml", ".json", ".txt", ".in", ".html", ".svg", ".yaml"}
+        and path.name != "test_house.py"
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines()
+        if pattern.search(line)
+    ]
+    assert found == []
+
+
+def test_tracked_files_stay_small() -> None:
+    assert sum(path.stat().st_size for path in tracked_files()) < 50e6
+
+
+def test_default_photos_and_masks_stay_below_twelve_megabytes() -> None:
+    files = [
+        path
+        for path in (ROOT / "demo" / "museum_room").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    ]
+    assert sum(path.stat().st_size for path in files) <= 12e6
+    photos = {path.stem for path in (ROOT / "demo/museum_room/photos").glob("*.jpg")}
+    masks = {path.stem for path in (ROOT / "demo/museum_room/truth/masks").glob("*.png")}
+    assert photos == masks
+    assert len(photos) >= 40
