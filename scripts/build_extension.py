@@ -1,58 +1,84 @@
-"""Build the extension zip with Blender's own tool: ``make zip``.
+"""Build the extension's zip with Blender's own tool: ``make zip``.
 
-Runs in a Blender environment (bpy from PyPI). The zip holds the manifest, ``__init__.py``, LICENSE and the three packages.
-example: .venv/blender-4.5/bin/python scripts/build_extension.py --out dist/gaussian_heritage.zip
+``blender_ext.py`` travels inside ``bpy`` and does what ``blender --command extension build`` does: it checks
+``blender_manifest.toml``, then packs. Its result is looked through before it gets its name.
+
+example: python scripts/build_extension.py --out dist/gaussian_heritage.zip
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
-import shutil
+import os
 import subprocess
 import sys
-import tempfile
+import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-_FILES = ("blender_manifest.toml", "__init__.py", "LICENSE")
-_PACKAGES = ("gaussian_heritage_addon", "engine", "operators")
+from places import PACKAGES, ROOT, python_of
 
+MAX_BYTES = 3_000_000
+"""The extension is code; whatever makes it larger than this does not belong in it."""
 
-def blender_tool() -> Path:
-    """Return the path of Blender's extension command line inside the installed bpy."""
-    spec = importlib.util.find_spec("bpy")
-    if spec is None or spec.origin is None:
-        raise SystemExit("This Python has no bpy. Run `make setup` and use .venv/blender-4.5.")
-    (tool,) = Path(spec.origin).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
-    return tool
-
-
-def build(out: Path) -> None:
-    """Validate and build the zip at `out`; a failing build leaves an earlier zip as it was."""
-    with tempfile.TemporaryDirectory() as name:
-        source = Path(name) / "gaussian_heritage"
-        source.mkdir()
-        for file in _FILES:
-            shutil.copy2(ROOT / file, source / file)
-        for package in _PACKAGES:
-            shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
-        tool = [sys.executable, str(blender_tool())]
-        zip_file = Path(name) / "gaussian_heritage.zip"
-        subprocess.run([*tool, "validate", str(source)], check=True)
-        subprocess.run([*tool, "build", "--source-dir", str(source), "--output-filepath", str(zip_file)], check=True)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        shutil.move(zip_file, out)
+FILES = ("blender_manifest.toml", "__init__.py", "LICENSE")
 
 
 def main() -> int:
-    """Build and say where the zip lies."""
+    """Build the zip and return 0, or say what is wrong with it and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip")
-    out: Path = parser.parse_args().out
-    build(out)
-    print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
+    parser.add_argument("--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip", help="(default: %(default)s)")
+    out = parser.parse_args().out.resolve()
+    tool = find_tool()
+    if tool is None:
+        print(f"Blender's build tool is missing in {python_of('blender-4.5')}; run `make setup`.", file=sys.stderr)
+        return 1
+    out.parent.mkdir(parents=True, exist_ok=True)
+    unchecked = out.with_name(out.name + ".tmp.zip")
+    # `build` validates the manifest; `validate` on the zip then checks what a person would install.
+    build = ["build", "--source-dir", ROOT, "--output-filepath", unchecked]
+    for step in (build, ["validate", unchecked]):
+        command = [python_of("blender-4.5"), tool, *step]
+        done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+        if done.returncode:
+            print(f"Blender's tool refused to {step[0]} the extension:\n{done.stdout}{done.stderr}", file=sys.stderr)
+            return 1
+    problems = look_through(unchecked)
+    if problems:
+        print("\n".join(problems), file=sys.stderr)
+        unchecked.unlink()
+        return 1
+    os.replace(unchecked, out)
+    print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
     return 0
+
+
+def find_tool() -> Path | None:
+    """Return ``blender_ext.py`` of the 4.5 environment, found without importing ``bpy``."""
+    library = python_of("blender-4.5").parent.parent
+    return next(library.glob("**/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"), None)
+
+
+def look_through(zip_file: Path) -> list[str]:
+    """Return what is in the zip and should not be, or should be and is not, as sentences."""
+    with zipfile.ZipFile(zip_file) as archive:
+        names = archive.namelist()
+    problems = [f"{zip_file.name} lacks {name}." for name in FILES if name not in names]
+    problems += [f"{zip_file.name} lacks the package {name}." for name in PACKAGES if f"{name}/__init__.py" not in names]
+    problems += [
+        f"{name} is in the extension and should not be; exclude it in blender_manifest.toml." for name in names if not belongs(name)
+    ]
+    size = zip_file.stat().st_size
+    if size > MAX_BYTES:
+        problems.append(f"{zip_file.name} has {size} bytes, more than {MAX_BYTES}.")
+    return problems
+
+
+def belongs(name: str) -> bool:
+    """Return whether a path may be in the extension."""
+    parts = name.split("/")
+    if any(part.startswith(".") or part == "__pycache__" for part in parts):
+        return False
+    return name in FILES or (parts[0] in PACKAGES and not name.endswith((".pyc", ".pyo", ".so", ".pyd", ".zip")))
 
 
 if __name__ == "__main__":

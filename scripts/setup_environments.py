@@ -133,6 +133,7 @@ def make(environment: Environment, python: Path, torch: str) -> None:
         run([python, "-m", "venv", folder], log, f"the environment {folder} could not be made")
     constraints = ["--constraint", REQUIREMENTS / environment.constraints]
     if environment.name == "engine":
+        drop_other_torch(torch, log)
         index = torch_index(torch, constraints)
         pip(environment, [*index, *constraints, pinned("torch")], log, f"torch ({torch})")
     arguments = [*constraints, "--requirement", REQUIREMENTS / environment.requirements]
@@ -159,13 +160,14 @@ def torch_index(torch: str, constraints: list[object]) -> list[object]:
     if torch == "cuda":
         if sys.platform != "win32":
             return []
-        return ["--index-url", PYTORCH_INDEX + "cu130", "--extra-index-url", "https://pypi.org/simple"]
+        return ["--no-deps", "--index-url", PYTORCH_INDEX + "cu130"]
     planned = plan([*constraints, pinned("torch")])
     if planned is not None and not any(name.startswith(("nvidia-", "triton", "cuda-")) for name in planned):
         return []
-    own = ["--index-url", PYTORCH_INDEX + "cpu"]
-    if plan([*own, *constraints, "--no-deps", pinned("torch")]) is not None:
-        return [*own, "--extra-index-url", "https://pypi.org/simple"]
+    # Without dependencies: PyTorch's index has other versions of them than those tested here.
+    own: list[object] = ["--no-deps", "--index-url", PYTORCH_INDEX + "cpu"]
+    if plan([*own, pinned("torch")]) is not None:
+        return own
     if planned is None:
         raise SetupProblem(
             f"neither pip's index nor {PYTORCH_INDEX}cpu offers {pinned('torch')}; check the network "
@@ -174,6 +176,16 @@ def torch_index(torch: str, constraints: list[object]) -> list[object]:
     print(f"engine: {PYTORCH_INDEX}cpu cannot be reached, so the CUDA build is taken (about 5 GB more)", flush=True)
     check_disk("cuda")
     return []
+
+
+def drop_other_torch(torch: str, log: Path) -> None:
+    """Uninstall a torch of the other build: pip takes 2.13.0+cpu and 2.13.0+cu130 for the same version."""
+    ask = "import torch; print('cpu' if torch.version.cuda is None else 'cuda')"
+    python = python_of("engine")
+    answer = subprocess.run([str(python), "-c", ask], capture_output=True, text=True, check=False)
+    if answer.returncode == 0 and answer.stdout.strip() != torch:
+        print(f"engine: torch is built for {answer.stdout.strip()}, {torch} is wanted", flush=True)
+        run([python, "-m", "pip", "uninstall", "--yes", "torch"], log, "the other torch could not be removed")
 
 
 def bpy_index(environment: Environment, constraints: list[object]) -> list[object]:
