@@ -1,0 +1,306 @@
+"""Blending, backward: the gradient of every (tile, Gaussian) pair, in two sweeps over the list of each 4x4 block.
+
+With g = dL/dC of a pixel, front to back first, with no division to rebuild T, then back to front::
+
+    w_i = alpha_i T_i,   e_i = w_i (color_i . g)
+    R_i = dL/dT_final T_final + sum_{j > i} e_j              one scalar a pixel for any number of channels
+    dL/dcolor_i = sum over pixels of w_i g
+    s_i = alpha_i dL/dalpha_i = e_i - R_i alpha_i / (1 - alpha_i)           (zero where alpha was clamped)
+
+Summing R from the back keeps the gradients of Gaussians behind nearly opaque ones exact; subtracting from g . C_final
+in one sweep would leave them an error of the size of the whole. The sums over pixels of s times 1, u, v, u^2, u v, v^2
+are all that `projection_backward` needs for opacity, centre and covariance.
+
+Thresholds are tested on values computed by the very operations of `blend_forward`, so both passes agree bit by bit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .blend_forward import GEOMETRY, lane_x, lane_y
+from .jit import JIT
+from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
+from .simd import (
+    any_of,
+    exp2_nonpositive,
+    fma,
+    item,
+    load,
+    load_pixels4,
+    maximum,
+    minimum,
+    negative,
+    negative_abs,
+    put,
+    select,
+    splat,
+    store,
+    store_sums4,
+)
+from .tile_spans import TILE
+
+__all__ = ["MOMENTS", "blend_backward_range"]
+
+Float32 = NDArray[np.float32]
+f4 = np.float32
+
+MOMENTS = 8
+"""Floats before the colour gradients in a pair's row: sums of s, su, sv, suu, suv, svv and two zeros."""
+
+_ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
+
+
+@njit(**JIT)
+def _read_block(
+    image: Float32, corner: int, width: int, n_x: int, n_y: int, n_channels: int, planes: Float32, at: int
+) -> None:
+    """Copy a 4x4 block of flat `image` [H W n_channels] to ``planes[at:]``, a vector a channel.
+
+    Lanes beyond the picture (n_x or n_y below 4) and channels up to the next multiple of 4 keep their zeros.
+    """
+    row_step = np.int64(width) * n_channels
+    start = corner * n_channels
+    if n_x == 4 and n_y == 4:
+        whole = n_channels - n_channels % 4
+        for chunk in range(0, whole, 4):
+            load_pixels4(image, start + chunk, row_step, np.int64(n_channels), planes, np.int64(at + chunk * 16))
+        for k in range(whole, n_channels):
+            for y in range(4):
+                for x in range(4):
+                    put(planes, at + k * 16 + 4 * y + x, item(image, start + k + y * row_step + x * n_channels))
+        return
+    for y in range(n_y):
+        for x in range(n_x):
+            for k in range(n_channels):
+                put(planes, at + k * 16 + 4 * y + x, item(image, start + k + y * row_step + x * n_channels))
+
+
+@njit(**JIT)
+def _gather(
+    start: int,
+    n: int,
+    x0: int,
+    y0: int,
+    n_colors: int,
+    gaussians: NDArray[np.int32],
+    pixels: NDArray[np.float64],
+    roots: Float32,
+    opacities: Float32,
+    geometry: Float32,
+    color_rows: NDArray[np.int64],
+) -> None:
+    """Copy what a tile at pixel (x0, y0) needs of its `n` Gaussians to where it lies side by side."""
+    for j in range(n):
+        g = gaussians[start + j]
+        at = j * GEOMETRY
+        geometry[at] = f4(pixels[g, 0] - x0)
+        geometry[at + 1] = f4(pixels[g, 1] - y0)
+        geometry[at + 2] = roots[g, 0]
+        geometry[at + 3] = roots[g, 1]
+        geometry[at + 4] = roots[g, 2]
+        geometry[at + 5] = opacities[g]
+        color_rows[j] = np.int64(g) * n_colors
+
+
+@njit(**JIT)
+def _store_pairs(
+    start: int,
+    n: int,
+    pairs: NDArray[np.int32],
+    n_colors: int,
+    tile_chunks: int,
+    moments: Float32,
+    gradient: Float32,
+    weights: Float32,
+    entries: NDArray[np.int64],
+    n_entries: NDArray[np.int64],
+    pair_gradients: Float32,
+) -> None:
+    """Sum over the lanes and write the rows of a tile's pairs; the colours' gradients are summed over blocks here."""
+    zero = splat(f4(0.0))
+    for j in range(n):
+        row = np.int64(pairs[start + j]) * (MOMENTS + n_colors)
+        at = j * 96
+        store_sums4(
+            pair_gradients, row, load(moments, at), load(moments, at + 16), load(moments, at + 32),
+            load(moments, at + 48),
+        )  # fmt: skip
+        store_sums4(pair_gradients, row + 4, load(moments, at + 64), load(moments, at + 80), zero, zero)
+        for k in range(n_colors >> 2):
+            g0 = zero
+            g1 = zero
+            g2 = zero
+            g3 = zero
+            if (tile_chunks >> k) & 1 != 0:
+                for i in range(j * 32, j * 32 + 2 * n_entries[j], 2):
+                    weight = load(weights, item(entries, i))
+                    at = item(entries, i + 1) + k * 64
+                    g0 = fma(weight, load(gradient, at), g0)
+                    g1 = fma(weight, load(gradient, at + 16), g1)
+                    g2 = fma(weight, load(gradient, at + 32), g2)
+                    g3 = fma(weight, load(gradient, at + 48), g3)
+            store_sums4(pair_gradients, row + MOMENTS + 4 * k, g0, g1, g2, g3)
+
+
+@njit(**JIT)
+def blend_backward_range(
+    first: int,
+    step: int,
+    width: int,
+    height: int,
+    tile_start: NDArray[np.int64],
+    gaussians: NDArray[np.int32],
+    pairs: NDArray[np.int32],
+    pixels: NDArray[np.float64],
+    roots: Float32,
+    opacities: Float32,
+    colors: Float32,
+    n_colors: int,
+    n_channels: int,
+    masks: NDArray[np.uint16],
+    image_gradient: Float32,
+    transmittance_gradient: Float32,
+    pair_gradients: Float32,
+) -> int:
+    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of tiles `first`, `first` + `step`, ...
+
+    `transmittance_gradient` is flat [H W], or empty when it is zero everywhere. Returns how many blocks met an incoming
+    gradient that is not finite.
+    """
+    n_columns = (width + TILE - 1) // TILE
+    n_tiles = n_columns * ((height + TILE - 1) // TILE)
+    longest = 0
+    for t in range(first, n_tiles, step):
+        longest = max(longest, tile_start[t + 1] - tile_start[t])
+    block_length = n_colors * 16
+    gradient = np.empty(16 * block_length, np.float32)
+    by_transmittance = np.zeros(256, np.float32)
+    present = np.empty(n_colors // 4, np.int64)  # first channels of the fours that have a gradient in the block
+    geometry = np.empty(longest * GEOMETRY, np.float32)
+    color_rows = np.empty(longest, np.int64)
+    queue = np.empty(longest + 1, np.int64)
+    moments = np.empty(longest * 96, np.float32)
+    swept = np.empty(longest * 32, np.float32)  # of each Gaussian in a block: e, and alpha / (1 - alpha) or 0
+    weights = np.empty(longest * 256, np.float32)  # w of every Gaussian in the blocks it changes
+    entries = np.empty(longest * 32, np.int64)  # for each: where its weights are, and the block's gradient
+    n_entries = np.empty(longest, np.int64)
+    zero = splat(f4(0.0))
+    one = splat(f4(1.0))
+    n_bad = 0
+    for t in range(first, n_tiles, step):
+        x0 = (t % n_columns) * TILE
+        y0 = (t // n_columns) * TILE
+        start = tile_start[t]
+        n = tile_start[t + 1] - start
+        if n == 0:
+            continue
+        if x0 + TILE > width or y0 + TILE > height or n_channels % 4 != 0:
+            gradient[:] = f4(0.0)
+            by_transmittance[:] = f4(0.0)
+        _gather(start, n, x0, y0, n_colors, gaussians, pixels, roots, opacities, geometry, color_rows)
+        n_entries[:n] = 0
+        for k in range(6 * n):
+            store(moments, k * 16, zero)
+        tile_chunks = 0
+        n_weights = 0
+        for block in range(16):
+            left = x0 + 4 * (block % 4)
+            top = y0 + 4 * (block // 4)
+            n_x = min(4, width - left)
+            n_y = min(4, height - top)
+            if n_x <= 0 or n_y <= 0:
+                continue
+            corner = np.int64(top) * width + left
+            gradient_at = block * block_length
+            _read_block(image_gradient, corner, width, n_x, n_y, n_channels, gradient, gradient_at)
+            if transmittance_gradient.shape[0] > 0:
+                _read_block(transmittance_gradient, corner, width, n_x, n_y, 1, by_transmittance, block * 16)
+            rest = load(by_transmittance, block * 16)
+            active = any_of(rest != zero)
+            probe = rest
+            n_present = 0
+            for chunk in range(0, n_colors, 4):
+                at = gradient_at + chunk * 16
+                g0 = load(gradient, at)
+                g1 = load(gradient, at + 16)
+                g2 = load(gradient, at + 32)
+                g3 = load(gradient, at + 48)
+                if any_of((g0 != zero) | (g1 != zero) | (g2 != zero) | (g3 != zero)):
+                    present[n_present] = chunk
+                    n_present += 1
+                    tile_chunks |= 1 << (chunk >> 2)
+                    probe = probe + ((g0 + g1) + (g2 + g3))
+            if any_of((probe - probe) != zero):  # inf - inf and NaN differ from zero
+                n_bad += 1
+            if n_present == 0 and not active:
+                continue
+            n_queue = 0
+            for j in range(n):
+                put(queue, n_queue, j)
+                n_queue += int((item(masks, start + j) >> block) & 1)
+            px = lane_x() + f4(4 * (block % 4))
+            py = lane_y() + f4(4 * (block // 4))
+            t_now = one
+            for i in range(n_queue):
+                j = item(queue, i)
+                at = j * GEOMETRY
+                dx = px - item(geometry, at)
+                dy = py - item(geometry, at + 1)
+                u = fma(dx, splat(item(geometry, at + 2)), dy * item(geometry, at + 3))
+                v = dy * item(geometry, at + 4)
+                power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
+                raw = power * item(geometry, at + 5)
+                alpha = minimum(raw, splat(_ALPHA_MAX))
+                alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
+                t_next = fma(negative(alpha), t_now, t_now)
+                stop = t_next < _T_MIN
+                weight = select(stop, zero, alpha * t_now)
+                t_now = select(stop, negative_abs(t_now), t_next)
+                color_at = item(color_rows, j)
+                dot = zero
+                odd = zero
+                for c in range(n_present):
+                    k = item(present, c)
+                    at = gradient_at + k * 16
+                    k += color_at
+                    dot = fma(load(gradient, at), splat(item(colors, k)), dot)
+                    odd = fma(load(gradient, at + 16), splat(item(colors, k + 1)), odd)
+                    dot = fma(load(gradient, at + 32), splat(item(colors, k + 2)), dot)
+                    odd = fma(load(gradient, at + 48), splat(item(colors, k + 3)), odd)
+                store(swept, i * 32, weight * (dot + odd))
+                ratio = alpha / (one - alpha)
+                store(swept, i * 32 + 16, select((weight > zero) & (raw <= _ALPHA_MAX), ratio, zero))
+                store(weights, n_weights * 16, weight)
+                entry = item(n_entries, j)
+                put(n_entries, j, entry + 1)
+                put(entries, j * 32 + 2 * entry, n_weights * 16)
+                put(entries, j * 32 + 2 * entry + 1, gradient_at)
+                n_weights += 1
+            rest = rest * maximum(t_now, negative(t_now))
+            for i in range(n_queue - 1, -1, -1):
+                j = item(queue, i)
+                at = j * GEOMETRY
+                dx = px - item(geometry, at)
+                dy = py - item(geometry, at + 1)
+                u = fma(dx, splat(item(geometry, at + 2)), dy * item(geometry, at + 3))
+                v = dy * item(geometry, at + 4)
+                ratio = load(swept, i * 32 + 16)
+                e = load(swept, i * 32)
+                s = select(ratio > zero, fma(negative(rest), ratio, e), zero)
+                rest = rest + e
+                su = s * u
+                sv = s * v
+                at = j * 96
+                store(moments, at, load(moments, at) + s)
+                store(moments, at + 16, load(moments, at + 16) + su)
+                store(moments, at + 32, load(moments, at + 32) + sv)
+                store(moments, at + 48, fma(su, u, load(moments, at + 48)))
+                store(moments, at + 64, fma(su, v, load(moments, at + 64)))
+                store(moments, at + 80, fma(sv, v, load(moments, at + 80)))
+        _store_pairs(
+            start, n, pairs, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
+        )  # fmt: skip
+    return n_bad

@@ -1,0 +1,234 @@
+"""Blending, forward: tiles of 16x16 pixels as 16 blocks of 4x4, one block in the 16 lanes of a vector.
+
+Per pixel, front to back (Kerbl et al. 2023, eq. 3)::
+
+    alpha = min(0.99, opacity 2^-(u^2 + v^2)),  0 when below 1/255;     u = a dx + b dy,  v = c dy
+    C    += alpha T color;   T *= 1 - alpha;    the Gaussian that would make T < 1e-4 and all behind it are left out
+
+A lane that is finished holds -T. Every (tile, Gaussian) pair gets a 16-bit mask of the blocks it changes, found by a
+closest-point test before and corrected by what was blended after, so that the backward pass visits nothing else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .jit import JIT
+from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
+from .simd import (
+    all_bits,
+    any_of,
+    exp2_nonpositive,
+    fma,
+    item,
+    lanes,
+    load,
+    maximum,
+    minimum,
+    negative,
+    negative_abs,
+    put,
+    select,
+    splat,
+    store,
+    store_pixels4,
+)
+from .tile_spans import LIMIT_MARGIN, TILE
+
+__all__ = ["BATCH", "GEOMETRY", "blend_range", "lane_x", "lane_y"]
+
+Float32 = NDArray[np.float32]
+f4 = np.float32
+
+BATCH = 64
+"""Gaussians whose weights are kept before their colours are added; bounds the scratch memory of a block."""
+
+GEOMETRY = 6
+"""Floats of a Gaussian in a tile's scratch: x and y in the tile, a, b, c, opacity."""
+
+lane_x = lanes([i % 4 + 0.5 for i in range(16)])
+lane_y = lanes([i // 4 + 0.5 for i in range(16)])
+_block_x = lanes([4 * (b % 4) + 0.5 for b in range(16)])
+_block_y = lanes([4 * (b // 4) + 0.5 for b in range(16)])
+
+_ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
+
+
+@njit(**JIT)
+def _touched_blocks(x: float, y: float, a: float, b: float, c: float, limit: float) -> int:
+    """Return 16 bits: the blocks of pixel centres whose nearest point to (x, y) has u^2 + v^2 <= `limit`.
+
+    The nearest point lies on one of the block's sides that face the centre: each is minimised in closed form.
+    """
+    zero = splat(f4(0.0))
+    left = _block_x() - x
+    right = left + f4(3.0)
+    top = _block_y() - y
+    bottom = top + f4(3.0)
+    side_x = minimum(maximum(zero, left), right)
+    side_y = minimum(maximum(zero, top), bottom)
+    # x = side_x: (a x + b y)^2 + (c y)^2 is least at y = -a b x / (b^2 + c^2)
+    free_y = minimum(maximum(side_x * f4(-a * b / (b * b + c * c)), top), bottom)
+    u = fma(side_x, splat(a), free_y * b)
+    v = free_y * c
+    on_column = fma(u, u, v * v)
+    # y = side_y: least at x = -b y / a
+    free_x = minimum(maximum(side_y * f4(-b / a), left), right)
+    u = fma(free_x, splat(a), side_y * b)
+    v = side_y * c
+    on_row = fma(u, u, v * v)
+    return all_bits(minimum(on_column, on_row) <= limit)
+
+
+@njit(**JIT)
+def _write_block(image: Float32, corner: int, width: int, n_x: int, n_y: int, n_channels: int, planes: Float32) -> None:
+    """Copy `planes`, a vector a channel, to the n_x by n_y pixels at pixel `corner` of flat `image` [H W n_channels]."""
+    row_step = np.int64(width) * n_channels
+    start = corner * n_channels
+    if n_x == 4 and n_y == 4:
+        whole = n_channels - n_channels % 4
+        for chunk in range(0, whole, 4):
+            at = chunk * 16
+            store_pixels4(
+                image, start + chunk, row_step, np.int64(n_channels),
+                load(planes, at), load(planes, at + 16), load(planes, at + 32), load(planes, at + 48),
+            )  # fmt: skip
+        for k in range(whole, n_channels):
+            for y in range(4):
+                for x in range(4):
+                    put(image, start + k + y * row_step + x * n_channels, item(planes, k * 16 + 4 * y + x))
+        return
+    for y in range(n_y):
+        for x in range(n_x):
+            for k in range(n_channels):
+                put(image, start + k + y * row_step + x * n_channels, item(planes, k * 16 + 4 * y + x))
+
+
+@njit(**JIT)
+def blend_range(
+    first: int,
+    step: int,
+    width: int,
+    height: int,
+    tile_start: NDArray[np.int64],
+    gaussians: NDArray[np.int32],
+    pixels: NDArray[np.float64],
+    roots: Float32,
+    limits: Float32,
+    opacities: Float32,
+    colors: Float32,
+    n_colors: int,
+    n_channels: int,
+    image: Float32,
+    transmittance: Float32,
+    masks: NDArray[np.uint16],
+) -> None:
+    """Render tiles `first`, `first` + `step`, ... into flat `image` [H W n_channels] and `transmittance` [H W].
+
+    `colors` is flat [N n_colors], n_colors = n_channels rounded up to a multiple of 4. `masks` [M] is filled.
+    """
+    n_columns = (width + TILE - 1) // TILE
+    n_tiles = n_columns * ((height + TILE - 1) // TILE)
+    longest = 0
+    for t in range(first, n_tiles, step):
+        longest = max(longest, tile_start[t + 1] - tile_start[t])
+    geometry = np.empty(longest * GEOMETRY, np.float32)
+    queue = np.empty(longest + 1, np.int32)
+    rows = np.empty(BATCH, np.int64)
+    weights = np.empty(BATCH * 16, np.float32)
+    sums = np.empty(n_colors * 16, np.float32)
+    zero = splat(f4(0.0))
+    for t in range(first, n_tiles, step):
+        x0 = (t % n_columns) * TILE
+        y0 = (t // n_columns) * TILE
+        start = tile_start[t]
+        n = tile_start[t + 1] - start
+        for j in range(n):
+            g = gaussians[start + j]
+            at = j * GEOMETRY
+            x = f4(pixels[g, 0] - x0)
+            y = f4(pixels[g, 1] - y0)
+            geometry[at] = x
+            geometry[at + 1] = y
+            geometry[at + 2] = roots[g, 0]
+            geometry[at + 3] = roots[g, 1]
+            geometry[at + 4] = roots[g, 2]
+            geometry[at + 5] = opacities[g]
+            masks[start + j] = _touched_blocks(
+                x, y, roots[g, 0], roots[g, 1], roots[g, 2], f4(limits[g] + LIMIT_MARGIN)
+            )
+        for block in range(16):
+            block_x = 4 * (block % 4)
+            block_y = 4 * (block // 4)
+            if x0 + block_x >= width or y0 + block_y >= height:
+                bit = ~np.uint16(1 << block)
+                for j in range(n):
+                    masks[start + j] &= bit
+                continue
+            n_queue = 0
+            for j in range(n):
+                put(queue, n_queue, np.int32(j))
+                n_queue += int((item(masks, start + j) >> block) & 1)
+            px = lane_x() + f4(block_x)
+            py = lane_y() + f4(block_y)
+            for k in range(n_colors):
+                store(sums, k * 16, zero)
+            t_now = splat(f4(1.0))
+            i = 0
+            alive = True
+            while i < n_queue and alive:
+                n_batch = 0
+                while i < n_queue and n_batch < BATCH:
+                    j = int(item(queue, i))
+                    i += 1
+                    at = j * GEOMETRY
+                    dx = px - item(geometry, at)
+                    dy = py - item(geometry, at + 1)
+                    u = fma(dx, splat(item(geometry, at + 2)), dy * item(geometry, at + 3))
+                    v = dy * item(geometry, at + 4)
+                    power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
+                    alpha = minimum(power * item(geometry, at + 5), splat(_ALPHA_MAX))
+                    alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
+                    t_next = fma(negative(alpha), t_now, t_now)
+                    stop = t_next < _T_MIN
+                    weight = select(stop, zero, alpha * t_now)
+                    t_next = select(stop, negative_abs(t_now), t_next)
+                    store(weights, n_batch * 16, weight)
+                    put(rows, n_batch, np.int64(item(gaussians, start + j)) * n_colors)
+                    if any_of(t_next != t_now):
+                        n_batch += 1
+                    else:
+                        masks[start + j] &= ~np.uint16(1 << block)
+                    t_now = t_next
+                    if not any_of(t_now > zero):
+                        alive = False
+                        break
+                for chunk in range(0, n_colors, 4):
+                    sum_at = chunk * 16
+                    sum0 = load(sums, sum_at)
+                    sum1 = load(sums, sum_at + 16)
+                    sum2 = load(sums, sum_at + 32)
+                    sum3 = load(sums, sum_at + 48)
+                    for k in range(n_batch):
+                        weight = load(weights, k * 16)
+                        color_at = item(rows, k) + chunk
+                        sum0 = fma(weight, splat(item(colors, color_at)), sum0)
+                        sum1 = fma(weight, splat(item(colors, color_at + 1)), sum1)
+                        sum2 = fma(weight, splat(item(colors, color_at + 2)), sum2)
+                        sum3 = fma(weight, splat(item(colors, color_at + 3)), sum3)
+                    store(sums, sum_at, sum0)
+                    store(sums, sum_at + 16, sum1)
+                    store(sums, sum_at + 32, sum2)
+                    store(sums, sum_at + 48, sum3)
+            bit = ~np.uint16(1 << block)
+            while i < n_queue:
+                masks[start + queue[i]] &= bit
+                i += 1
+            n_x = min(4, width - x0 - block_x)
+            n_y = min(4, height - y0 - block_y)
+            corner = np.int64(y0 + block_y) * width + x0 + block_x
+            store(weights, 0, maximum(t_now, negative(t_now)))
+            _write_block(transmittance, corner, width, n_x, n_y, 1, weights)
+            _write_block(image, corner, width, n_x, n_y, n_channels, sums)

@@ -1,0 +1,191 @@
+"""The ``cpu`` backend: Numba kernels with explicit SIMD, wrapped in one autograd function. Any number of threads gives
+the same bits, because every tile and every Gaussian is computed alone and summed in a fixed order. Torch itself is kept
+out of the work: on a busy machine its OpenMP threads spin at every barrier and cost ten times what they save."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.autograd.function import once_differentiable
+
+from ..cameras.camera import PinholeCamera
+from ..errors import NumericalError
+from .api import CulledCounts, Raster, check_finite
+from .blend_backward import MOMENTS, blend_backward_range
+from .blend_forward import blend_range
+from .projection import (
+    CULLED_DEGENERATE,
+    CULLED_NEAR,
+    CULLED_OUTSIDE,
+    CULLED_TRANSPARENT,
+    VISIBLE,
+    Projected,
+    camera_numbers,
+    project_range,
+)
+from .projection_backward import project_backward_range
+from .settings import RasterSettings
+from .threads import run_ranges, split_ranges
+from .tiles import TileLists, make_tile_lists
+
+__all__ = ["rasterize_cpu"]
+
+Float32 = NDArray[np.float32]
+
+
+@dataclass
+class _View:
+    """What one picture needs besides its tensors; the forward pass fills the lower half."""
+
+    camera: PinholeCamera
+    sh_degree: int
+    settings: RasterSettings
+    projected: Projected | None = None
+    lists: TileLists | None = None
+    masks: NDArray[np.uint16] | None = None
+
+
+def _array(tensor: torch.Tensor) -> Float32:
+    """Return the values of a float32 tensor without a copy when it is contiguous."""
+    return tensor.detach().contiguous().numpy()
+
+
+class _Rasterize(torch.autograd.Function):
+    """Inputs means, quats, scales, opacities, sh [N, n_sh or 0, 3], channels [N, C or 0]; outputs image, transmittance."""
+
+    @staticmethod
+    def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        tensors, view = arguments[:-1], arguments[-1]
+        means, quats, scales, opacities, sh, channels = (_array(tensor) for tensor in tensors)
+        width, height = view.camera.width, view.camera.height
+        n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
+        n_colors = (n_channels + 3) // 4 * 4
+        n = len(means)
+        projected = Projected.empty(n, n_colors)
+        numbers = camera_numbers(view.camera, view.settings)
+        center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
+
+        def project(i: int, n_ranges: int) -> None:
+            project_range(
+                *split_ranges(n, i, n_ranges), means, quats, scales, opacities, sh, view.sh_degree, channels,
+                numbers, center, width, height, projected.state, projected.pixels, projected.roots,
+                projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
+            )  # fmt: skip
+
+        run_ranges(project, view.settings.threads)
+        lists = make_tile_lists(projected, width, height, view.settings.threads)
+        image = np.empty((height, width, n_channels), np.float32)
+        transmittance = np.empty((height, width), np.float32)
+        masks = np.empty(len(lists.gaussians), np.uint16)
+        flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
+        flat_colors = projected.colors.reshape(-1)
+
+        def blend(i: int, n_ranges: int) -> None:
+            blend_range(
+                i, n_ranges, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
+                projected.limits, opacities, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
+            )  # fmt: skip
+
+        run_ranges(blend, view.settings.threads)
+        view.projected, view.lists, view.masks = projected, lists, masks
+        ctx.view = view
+        ctx.set_materialize_grads(False)
+        ctx.save_for_backward(*tensors)
+        return torch.from_numpy(image), torch.from_numpy(transmittance)
+
+    @staticmethod
+    @once_differentiable
+    def backward(  # type: ignore[override]
+        ctx: Any, image_gradient: torch.Tensor | None, transmittance_gradient: torch.Tensor | None
+    ) -> Any:
+        view: _View = ctx.view
+        projected, lists, masks = view.projected, view.lists, view.masks
+        assert projected is not None and lists is not None and masks is not None
+        tensors = ctx.saved_tensors
+        means, quats, scales, opacities, sh, channels = (_array(tensor) for tensor in tensors)
+        width, height = view.camera.width, view.camera.height
+        n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
+        n_colors = projected.colors.shape[1]
+        pair_gradients = np.empty((len(lists.gaussians), MOMENTS + n_colors), np.float32)
+        if image_gradient is None:
+            image_gradient = torch.zeros(height, width, n_channels)
+        if transmittance_gradient is None:
+            transmittance_gradient = torch.empty(0)
+        flat_image_gradient = _array(image_gradient).reshape(-1)
+        flat_transmittance_gradient = _array(transmittance_gradient).reshape(-1)
+        flat_colors, flat_pairs = projected.colors.reshape(-1), pair_gradients.reshape(-1)
+        bad_blocks: list[int] = []
+
+        def blend_backward(i: int, n_ranges: int) -> None:
+            n_bad = blend_backward_range(
+                i, n_ranges, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
+                projected.roots, opacities, flat_colors, n_colors, n_channels, masks, flat_image_gradient,
+                flat_transmittance_gradient, flat_pairs,
+            )  # fmt: skip
+            bad_blocks.append(n_bad)
+
+        run_ranges(blend_backward, view.settings.threads)
+        if sum(bad_blocks):
+            raise NumericalError(
+                f"the gradient of the picture is not finite in {sum(bad_blocks)} blocks of 4x4 pixels; "
+                "look at the loss that made it."
+            )
+        outputs = [np.zeros(tensor.shape, np.float32) for tensor in tensors]
+        numbers = camera_numbers(view.camera, view.settings)
+        center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
+
+        def project_backward(i: int, n_ranges: int) -> None:
+            project_backward_range(
+                *split_ranges(len(means), i, n_ranges), projected.state, lists.pair_start, pair_gradients, means,
+                quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.roots, projected.colors,
+                channels.shape[1], *outputs,
+            )  # fmt: skip
+
+        run_ranges(project_backward, view.settings.threads)
+        gradients = [torch.from_numpy(output) for output in outputs]
+        for name, gradient in zip(("means", "quats", "scales", "opacities", "sh", "channels"), gradients, strict=True):
+            check_finite(f"gradient of {name}", gradient)
+        return (*gradients, None)
+
+
+def rasterize_cpu(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    sh: torch.Tensor | None,
+    channels: torch.Tensor | None,
+    camera: PinholeCamera,
+    sh_degree: int,
+    settings: RasterSettings,
+) -> Raster:
+    """Render as `engine.rasterizer.api.rasterize` describes; arguments are already checked.
+
+    Raises
+    ------
+    ValueError
+        For tensors that are not float32 on the CPU.
+    """
+    n = len(means)
+    sh = means.new_zeros(n, 0, 3) if sh is None else sh
+    channels = means.new_zeros(n, 0) if channels is None else channels
+    inputs = (means, quats, scales, opacities, sh, channels)
+    for tensor in inputs:
+        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
+            raise ValueError(f"the cpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
+    view = _View(camera, sh_degree, settings)
+    image, transmittance = _Rasterize.apply(*inputs, view)
+    assert view.projected is not None
+    counts = np.bincount(view.projected.state, minlength=5)
+    culled = CulledCounts(
+        near=int(counts[CULLED_NEAR]),
+        degenerate=int(counts[CULLED_DEGENERATE]),
+        transparent=int(counts[CULLED_TRANSPARENT]),
+        outside=int(counts[CULLED_OUTSIDE]),
+    )
+    visible = torch.from_numpy(view.projected.state == VISIBLE)
+    return Raster(image, transmittance, visible, torch.from_numpy(view.projected.radii), culled)

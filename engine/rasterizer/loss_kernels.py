@@ -1,0 +1,270 @@
+"""SSIM with an 11x11 Gaussian window (sigma 1.5, zero padding) and L1, with their gradient, in strips of rows.
+
+Wang et al. 2004. With blur G, a = G x, b = G y, s_xx = G x^2 - a^2, s_xy = G xy - a b and likewise s_yy::
+
+    SSIM = A1 A2 / (B1 B2);  A1 = 2 a b + C1, A2 = 2 s_xy + C2, B1 = a^2 + b^2 + C1, B2 = s_xx + s_yy + C2
+    dSSIM/dx = G p + 2 x G q + y G r    (G is symmetric)
+    q = -SSIM / B2,  r = 2 A1 / (B1 B2),  p = 2 b A2 / (B1 B2) - 2 a SSIM / B1 - 2 a q - b r
+
+Pictures are kept as planes, one a channel, of rows padded with 16 zeros on both sides and to a multiple of 16, with 5
+rows of zeros above and below. A plane of weights, zero outside of the picture, says how much each pixel counts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .jit import JIT
+from .simd import fma, load, select, splat, store
+
+__all__ = ["BORDER", "PAD", "STRIP", "fill_planes_range", "gradient_range", "similarity_range", "target_range"]
+
+Float32 = NDArray[np.float32]
+f4 = np.float32
+
+PAD = 16
+"""Zeros left and right of a row."""
+
+BORDER = 5
+"""Rows of zeros above and below; half of the window."""
+
+STRIP = 32
+"""Rows that are blurred together; the scratch memory of a strip fits the second-level cache."""
+
+_WINDOW = [math.exp(-((i - 5.0) ** 2) / 4.5) for i in range(11)]
+_K0, _K1, _K2, _K3, _K4, _K5 = (f4(_WINDOW[i] / sum(_WINDOW)) for i in range(6))
+_C1 = f4(0.01**2)
+_C2 = f4(0.03**2)
+
+
+@njit(**JIT)
+def _blur_at(source: Float32, at: int, step: int) -> object:
+    """Return the 11 taps around ``source[at:at + 16]``, `step` floats apart (1: along the row, row length: down)."""
+    total = load(source, at) * _K5
+    total = fma(load(source, at - step) + load(source, at + step), splat(_K4), total)
+    total = fma(load(source, at - 2 * step) + load(source, at + 2 * step), splat(_K3), total)
+    total = fma(load(source, at - 3 * step) + load(source, at + 3 * step), splat(_K2), total)
+    total = fma(load(source, at - 4 * step) + load(source, at + 4 * step), splat(_K1), total)
+    return fma(load(source, at - 5 * step) + load(source, at + 5 * step), splat(_K0), total)
+
+
+@njit(**JIT)
+def _blur_row(source: Float32, at: int, row: int, target: Float32, target_at: int) -> None:
+    """Blur a row of `row` floats (a multiple of 16) along itself."""
+    for i in range(0, row, 16):
+        store(target, target_at + i, _blur_at(source, at + i, 1))
+
+
+@njit(**JIT)
+def fill_planes_range(
+    first: int, step: int, pixels: Float32, pixel_step: int, weights: Float32, height: int, width: int, planes: Float32
+) -> None:
+    """Copy flat `pixels` (`pixel_step` floats apart, 3 used) into 3 padded `planes`, zero where the weight is zero."""
+    row = (width + 15) // 16 * 16 + 2 * PAD
+    plane = row * (height + 2 * BORDER)
+    zero = splat(f4(0.0))
+    for padded_y in range(first, height + 2 * BORDER, step):
+        y = padded_y - BORDER
+        for c in range(3):
+            at = c * plane + padded_y * row
+            if y < 0 or y >= height:
+                for i in range(0, row, 16):
+                    store(planes, at + i, zero)
+                continue
+            store(planes, at, zero)
+            store(planes, at + row - 2 * PAD, zero)
+            store(planes, at + row - PAD, zero)
+            source = np.int64(y) * width * pixel_step + c
+            for x in range(width):
+                if weights[y * (row - 2 * PAD) + x] > f4(0.0):
+                    planes[at + PAD + x] = pixels[source + x * pixel_step]
+                else:
+                    planes[at + PAD + x] = f4(0.0)
+
+
+@njit(**JIT)
+def target_range(
+    first: int, step: int, planes: Float32, height: int, width: int, means: Float32, variances: Float32
+) -> None:
+    """Fill `means` (b) and `variances` (s_yy) of strips `first`, `first` + `step`, ... of 3 padded planes y."""
+    inner = (width + 15) // 16 * 16
+    row = inner + 2 * PAD
+    plane = row * (height + 2 * BORDER)
+    n_strips = (height + STRIP - 1) // STRIP
+    squares = np.zeros(row, np.float32)
+    blurred = np.empty(2 * (STRIP + 2 * BORDER) * inner, np.float32)
+    for task in range(first, 3 * n_strips, step):
+        c = task // n_strips
+        top = (task - c * n_strips) * STRIP
+        n_rows = min(STRIP, height - top)
+        part = (STRIP + 2 * BORDER) * inner
+        for k in range(n_rows + 2 * BORDER):
+            at = c * plane + (top + k) * row
+            for i in range(PAD, PAD + inner, 16):
+                y = load(planes, at + i)
+                store(squares, i, y * y)
+            _blur_row(planes, at + PAD, inner, blurred, k * inner)
+            _blur_row(squares, PAD, inner, blurred, part + k * inner)
+        for k in range(n_rows):
+            at = c * plane + (top + BORDER + k) * row + PAD
+            middle = (k + BORDER) * inner
+            for i in range(0, inner, 16):
+                b = _blur_at(blurred, middle + i, inner)
+                store(means, at + i, b)
+                store(variances, at + i, _blur_at(blurred, part + middle + i, inner) - b * b)
+
+
+@njit(**JIT)
+def _clear_margins(maps: Float32, at: int, row: int) -> None:
+    """Zero the padding left and right of a row of a map."""
+    zero = splat(f4(0.0))
+    store(maps, at, zero)
+    store(maps, at + row - PAD, zero)
+
+
+@njit(**JIT)
+def similarity_range(
+    first: int,
+    step: int,
+    image: Float32,
+    target: Float32,
+    target_means: Float32,
+    target_variances: Float32,
+    weights: Float32,
+    height: int,
+    width: int,
+    maps: Float32,
+    totals: NDArray[np.float64],
+) -> None:
+    """Fill `totals` [3 n_strips, 2] with the weighted sums of SSIM and of |x - y|, and `maps` with weighted p, q, r.
+
+    `maps` holds 3 maps of 3 padded planes, one map after another.
+    """
+    inner = (width + 15) // 16 * 16
+    row = inner + 2 * PAD
+    plane = row * (height + 2 * BORDER)
+    n_strips = (height + STRIP - 1) // STRIP
+    squares = np.zeros(row, np.float32)
+    products = np.zeros(row, np.float32)
+    part = (STRIP + 2 * BORDER) * inner
+    blurred = np.empty(3 * part, np.float32)
+    lanes16 = np.empty(32, np.float32)
+    zero = splat(f4(0.0))
+    one = splat(f4(1.0))
+    two = f4(2.0)
+    for task in range(first, 3 * n_strips, step):
+        c = task // n_strips
+        strip = task - c * n_strips
+        top = strip * STRIP
+        n_rows = min(STRIP, height - top)
+        for k in range(n_rows + 2 * BORDER):
+            at = c * plane + (top + k) * row
+            for i in range(PAD, PAD + inner, 16):
+                x = load(image, at + i)
+                store(squares, i, x * x)
+                store(products, i, x * load(target, at + i))
+            _blur_row(image, at + PAD, inner, blurred, k * inner)
+            _blur_row(squares, PAD, inner, blurred, part + k * inner)
+            _blur_row(products, PAD, inner, blurred, 2 * part + k * inner)
+        total_similarity = 0.0
+        total_difference = 0.0
+        for k in range(n_rows):
+            row_at = c * plane + (top + BORDER + k) * row
+            for m in range(3):
+                _clear_margins(maps, 3 * m * plane + row_at, row)
+            middle = (k + BORDER) * inner
+            row_similarity = zero
+            row_difference = zero
+            for i in range(0, inner, 16):
+                at = row_at + PAD + i
+                weight = load(weights, (top + k) * inner + i)
+                a = _blur_at(blurred, middle + i, inner)
+                b = load(target_means, at)
+                s_xx = _blur_at(blurred, part + middle + i, inner) - a * a
+                s_xy = _blur_at(blurred, 2 * part + middle + i, inner) - a * b
+                numerator_1 = a * b * two + _C1
+                numerator_2 = s_xy * two + _C2
+                inverse_1 = one / (fma(a, a, b * b) + _C1)
+                inverse_2 = one / (s_xx + load(target_variances, at) + _C2)
+                inverse = inverse_1 * inverse_2
+                similarity = numerator_1 * numerator_2 * inverse
+                q = (zero - similarity) * inverse_2
+                r = numerator_1 * inverse * two
+                p = (b * numerator_2 * inverse - a * similarity * inverse_1 - a * q) * two - b * r
+                row_similarity = fma(similarity, weight, row_similarity)
+                store(maps, at, p * weight)
+                store(maps, at + 3 * plane, q * weight)
+                store(maps, at + 6 * plane, r * weight)
+                difference = load(image, at) - load(target, at)
+                difference = select(difference < zero, zero - difference, difference)
+                row_difference = fma(difference, weight, row_difference)
+            store(lanes16, 0, row_similarity)
+            store(lanes16, 16, row_difference)
+            for i in range(16):
+                total_similarity += lanes16[i]
+                total_difference += lanes16[16 + i]
+        totals[task, 0] = total_similarity
+        totals[task, 1] = total_difference
+        for m in range(3):
+            start = 3 * m * plane + c * plane
+            if strip == 0:
+                for i in range(0, BORDER * row, 16):
+                    store(maps, start + i, zero)
+            if strip == n_strips - 1:
+                for i in range((height + BORDER) * row, plane, 16):
+                    store(maps, start + i, zero)
+
+
+@njit(**JIT)
+def gradient_range(
+    first: int,
+    step: int,
+    image: Float32,
+    target: Float32,
+    weights: Float32,
+    maps: Float32,
+    height: int,
+    width: int,
+    of_similarity: float,
+    of_difference: float,
+    gradient: Float32,
+) -> None:
+    """Fill flat `gradient` [H W 3] with of_similarity dSSIM/dx + of_difference d|x - y|/dx, both weighted."""
+    inner = (width + 15) // 16 * 16
+    row = inner + 2 * PAD
+    plane = row * (height + 2 * BORDER)
+    n_strips = (height + STRIP - 1) // STRIP
+    part = (STRIP + 2 * BORDER) * inner
+    blurred = np.empty(3 * part, np.float32)
+    line = np.empty(inner, np.float32)
+    zero = splat(f4(0.0))
+    scale = splat(f4(of_similarity))
+    plus = splat(f4(of_difference))
+    minus = splat(f4(-of_difference))
+    for task in range(first, 3 * n_strips, step):
+        c = task // n_strips
+        top = (task - c * n_strips) * STRIP
+        n_rows = min(STRIP, height - top)
+        for k in range(n_rows + 2 * BORDER):
+            at = c * plane + (top + k) * row + PAD
+            for m in range(3):
+                _blur_row(maps, 3 * m * plane + at, inner, blurred, m * part + k * inner)
+        for k in range(n_rows):
+            at = c * plane + (top + BORDER + k) * row + PAD
+            middle = (k + BORDER) * inner
+            for i in range(0, inner, 16):
+                x = load(image, at + i)
+                y = load(target, at + i)
+                slope = _blur_at(blurred, middle + i, inner)
+                slope = fma((x + x), _blur_at(blurred, part + middle + i, inner), slope)
+                slope = fma(y, _blur_at(blurred, 2 * part + middle + i, inner), slope)
+                sign = select(x > y, plus, select(x < y, minus, zero))
+                weight = load(weights, (top + k) * inner + i)
+                store(line, i, select(weight > zero, fma(slope, scale, sign * weight), zero))
+            pixel = np.int64(top + k) * width * 3 + c
+            for x_at in range(width):
+                gradient[pixel + 3 * x_at] = line[x_at]

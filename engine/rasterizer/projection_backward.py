@@ -1,0 +1,218 @@
+"""From the gradients of pairs of a tile and a Gaussian to the gradients of means, quaternions, scales, opacity, colour.
+
+The moments S = sum s, s (U, V), s (U, V)(U, V)^T of `blend_backward`, with w = (U, V) = L d the whitened distance and
+Sigma^-1 = L^T L, give without cancellation (the derivative of ln alpha = ln opacity - |w|^2 / 2)::
+
+    dL/dopacity = S_1 / opacity,   dL/dcentre = L^T S_w,   dL/dSigma = L^T S_ww L / 2
+
+then through Sigma = M M^T + low_pass I, M = J W R S: dL/dM = 2 dL/dSigma M, and the product rule. The gradient of J
+is zero where the point of linearisation was held.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .blend_backward import MOMENTS
+from .jit import JIT
+from .projection import ROOT_SCALE, VISIBLE, rotation_matrix
+from .spherical_harmonics import sh_basis, sh_basis_gradient
+
+__all__ = ["project_backward_range"]
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+
+@njit(**JIT)
+def _quaternion_gradient(
+    w: float, x: float, y: float, z: float, norm: float, d: Float64
+) -> tuple[float, float, float, float]:
+    """Return dL/dq of a quaternion of length `norm` from dL/dR = `d` [3, 3]; wxyz is the unit quaternion."""
+    gw = 2.0 * (x * (d[2, 1] - d[1, 2]) + y * (d[0, 2] - d[2, 0]) + z * (d[1, 0] - d[0, 1]))
+    gx = 2.0 * (
+        -2.0 * x * (d[1, 1] + d[2, 2]) + y * (d[0, 1] + d[1, 0]) + z * (d[0, 2] + d[2, 0]) + w * (d[2, 1] - d[1, 2])
+    )
+    gy = 2.0 * (
+        x * (d[0, 1] + d[1, 0]) - 2.0 * y * (d[0, 0] + d[2, 2]) + z * (d[1, 2] + d[2, 1]) + w * (d[0, 2] - d[2, 0])
+    )
+    gz = 2.0 * (
+        x * (d[0, 2] + d[2, 0]) + y * (d[1, 2] + d[2, 1]) - 2.0 * z * (d[0, 0] + d[1, 1]) + w * (d[1, 0] - d[0, 1])
+    )
+    along = gw * w + gx * x + gy * y + gz * z
+    return (gw - along * w) / norm, (gx - along * x) / norm, (gy - along * y) / norm, (gz - along * z) / norm
+
+
+@njit(**JIT)
+def project_backward_range(
+    start: int,
+    stop: int,
+    state: NDArray[np.uint8],
+    pair_start: NDArray[np.int64],
+    pair_gradients: Float32,
+    means: Float32,
+    quats: Float32,
+    scales: Float32,
+    opacities: Float32,
+    sh: Float32,
+    sh_degree: int,
+    camera: Float64,
+    center: Float64,
+    roots: Float32,
+    colors: Float32,
+    n_channels: int,
+    means_gradient: Float32,
+    quats_gradient: Float32,
+    scales_gradient: Float32,
+    opacities_gradient: Float32,
+    sh_gradient: Float32,
+    channels_gradient: Float32,
+) -> None:
+    """Fill the gradients of the visible ones of Gaussians `start` to `stop`.
+
+    `pair_gradients` is [M, MOMENTS + n_colors]; a Gaussian's pairs are summed in their order, in float64.
+    """
+    row_length = pair_gradients.shape[1]
+    n_rgb = 3 if sh.shape[1] > 0 else 0
+    n_basis = (sh_degree + 1) * (sh_degree + 1)
+    total = np.empty(row_length, np.float64)
+    basis = np.empty(16, np.float64)
+    weights = np.empty(16, np.float64)
+    r = np.empty((3, 3), np.float64)
+    d = np.empty((3, 3), np.float64)
+    q = np.empty((2, 3), np.float64)
+    d_m = np.empty((2, 3), np.float64)
+    d_q = np.empty((2, 3), np.float64)
+    for g in range(start, stop):
+        if state[g] != VISIBLE:
+            continue
+        total[:] = 0.0
+        for pair in range(pair_start[g], pair_start[g + 1]):
+            for k in range(row_length):
+                total[k] += pair_gradients[pair, k]
+        for k in range(n_channels):
+            channels_gradient[g, k] = total[MOMENTS + n_rgb + k]
+        opacities_gradient[g] = total[0] / opacities[g]
+
+        # ellipse
+        a = roots[g, 0] / ROOT_SCALE
+        b = roots[g, 1] / ROOT_SCALE
+        c = roots[g, 2] / ROOT_SCALE
+        s_u = total[1] / ROOT_SCALE
+        s_v = total[2] / ROOT_SCALE
+        scale2 = ROOT_SCALE * ROOT_SCALE
+        s_uu = total[3] / scale2
+        s_uv = total[4] / scale2
+        s_vv = total[5] / scale2
+        d_px = a * s_u
+        d_py = b * s_u + c * s_v
+        # twice dL/dSigma
+        d_xx = a * a * s_uu
+        d_xy = a * (b * s_uu + c * s_uv)
+        d_yy = b * b * s_uu + 2.0 * b * c * s_uv + c * c * s_vv
+
+        # the projection once more
+        x0 = np.float64(means[g, 0])
+        y0 = np.float64(means[g, 1])
+        z0 = np.float64(means[g, 2])
+        x = camera[0] * x0 + camera[1] * y0 + camera[2] * z0 + camera[9]
+        y = camera[3] * x0 + camera[4] * y0 + camera[5] * z0 + camera[10]
+        z = camera[6] * x0 + camera[7] * y0 + camera[8] * z0 + camera[11]
+        qw = np.float64(quats[g, 0])
+        qx = np.float64(quats[g, 1])
+        qy = np.float64(quats[g, 2])
+        qz = np.float64(quats[g, 3])
+        norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+        qw /= norm
+        qx /= norm
+        qy /= norm
+        qz /= norm
+        rotation_matrix(qw, qx, qy, qz, r)
+        fx_z = camera[12] / z
+        fy_z = camera[13] / z
+        tan_x = min(max(x / z, camera[16]), camera[17])
+        tan_y = min(max(y / z, camera[18]), camera[19])
+        for k in range(3):
+            q[0, k] = fx_z * (camera[k] - tan_x * camera[6 + k])
+            q[1, k] = fy_z * (camera[3 + k] - tan_y * camera[6 + k])
+        # M = Q V, V = R S; d_m = 2 dL/dSigma M
+        for k in range(3):
+            s = np.float64(scales[g, k])
+            m0 = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
+            m1 = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
+            d_m[0, k] = d_xx * m0 + d_xy * m1
+            d_m[1, k] = d_xy * m0 + d_yy * m1
+        for k in range(3):
+            s = np.float64(scales[g, k])
+            along = 0.0
+            for j in range(3):
+                d_v = q[0, j] * d_m[0, k] + q[1, j] * d_m[1, k]
+                along += d_v * r[j, k]
+                d[j, k] = d_v * s
+            scales_gradient[g, k] = along
+        gw, gx, gy, gz = _quaternion_gradient(qw, qx, qy, qz, norm, d)
+        quats_gradient[g, 0] = gw
+        quats_gradient[g, 1] = gx
+        quats_gradient[g, 2] = gy
+        quats_gradient[g, 3] = gz
+        for j in range(3):
+            d_q[0, j] = 0.0
+            d_q[1, j] = 0.0
+            for k in range(3):
+                v = r[j, k] * scales[g, k]
+                d_q[0, j] += d_m[0, k] * v
+                d_q[1, j] += d_m[1, k] * v
+        # Q = J W with J = (fx/z, 0, -tan_x fx/z; 0, fy/z, -tan_y fy/z)
+        j00 = 0.0
+        j02 = 0.0
+        j11 = 0.0
+        j12 = 0.0
+        for j in range(3):
+            j00 += d_q[0, j] * camera[j]
+            j02 += d_q[0, j] * camera[6 + j]
+            j11 += d_q[1, j] * camera[3 + j]
+            j12 += d_q[1, j] * camera[6 + j]
+        d_x = d_px * fx_z
+        d_y = d_py * fy_z
+        d_z = -(d_x * x + d_y * y) / z
+        d_z -= (fx_z * (j00 - tan_x * j02) + fy_z * (j11 - tan_y * j12)) / z
+        if camera[16] <= x / z <= camera[17]:
+            d_x -= fx_z * j02 / z
+            d_z += fx_z * j02 * x / (z * z)
+        if camera[18] <= y / z <= camera[19]:
+            d_y -= fy_z * j12 / z
+            d_z += fy_z * j12 * y / (z * z)
+        d_x0 = camera[0] * d_x + camera[3] * d_y + camera[6] * d_z
+        d_y0 = camera[1] * d_x + camera[4] * d_y + camera[7] * d_z
+        d_z0 = camera[2] * d_x + camera[5] * d_y + camera[8] * d_z
+
+        # colour
+        if n_rgb > 0:
+            x = x0 - center[0]
+            y = y0 - center[1]
+            z = z0 - center[2]
+            k_inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-30)
+            x *= k_inverse
+            y *= k_inverse
+            z *= k_inverse
+            sh_basis(x, y, z, sh_degree, basis)
+            red = total[MOMENTS] if colors[g, 0] > 0.0 else 0.0
+            green = total[MOMENTS + 1] if colors[g, 1] > 0.0 else 0.0
+            blue = total[MOMENTS + 2] if colors[g, 2] > 0.0 else 0.0
+            for k in range(n_basis):
+                sh_gradient[g, k, 0] = basis[k] * red
+                sh_gradient[g, k, 1] = basis[k] * green
+                sh_gradient[g, k, 2] = basis[k] * blue
+                weights[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
+            gx, gy, gz = sh_basis_gradient(x, y, z, sh_degree, weights)
+            along = gx * x + gy * y + gz * z
+            d_x0 += (gx - along * x) * k_inverse
+            d_y0 += (gy - along * y) * k_inverse
+            d_z0 += (gz - along * z) * k_inverse
+        means_gradient[g, 0] = d_x0
+        means_gradient[g, 1] = d_y0
+        means_gradient[g, 2] = d_z0

@@ -1,0 +1,202 @@
+"""The judge: the rasterizer in plain torch, in whatever dtype its inputs have. Slow, readable, autograd does the rest."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from ..cameras.camera import PinholeCamera
+from .api import CulledCounts, Raster
+from .settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, T_MIN, RasterSettings
+
+__all__ = ["evaluate_sh", "rasterize_reference"]
+
+TILE = 32
+"""Pixels along the side of the squares that are rendered one after another, to bound memory."""
+
+
+def rasterize_reference(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    sh: torch.Tensor | None,
+    channels: torch.Tensor | None,
+    camera: PinholeCamera,
+    sh_degree: int,
+    settings: RasterSettings,
+) -> Raster:
+    """Render as `engine.rasterizer.api.rasterize` describes; arguments are already checked.
+
+    Per pixel, over Gaussians sorted by depth (Kerbl et al. 2023, eq. 3)::
+
+        alpha_i = min(0.99, o_i exp(-1/2 d^T Sigma_i^-1 d)),  0 when below 1/255
+        C = sum_i c_i alpha_i T_i,   T_i = prod_{j<i} (1 - alpha_j),   stop before T_{i+1} < 1e-4
+    """
+    dtype = means.dtype
+    width, height = camera.width, camera.height
+    viewmat = torch.tensor(camera.viewmat, dtype=dtype)
+    in_camera = means @ viewmat[:3, :3].T + viewmat[:3, 3]
+    depth = in_camera[:, 2]
+
+    near = ~(depth > settings.near)
+    quat_norm2 = (quats * quats).sum(dim=1)
+    no_direction = quat_norm2 < QUAT_NORM2_MIN
+    # Culled rows get harmless stand-ins, so that no infinity enters the graph.
+    safe = in_camera.where(~near[:, None], in_camera.new_tensor([0.0, 0.0, 1.0]))
+    unit_x = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
+    safe_quats = quats.where(~no_direction[:, None], unit_x)
+
+    pixel = _project_centres(safe, camera)
+    cov_xx, cov_xy, cov_yy, det = _project_covariances(safe, safe_quats, scales, viewmat[:3, :3], camera, settings)
+    degenerate = ~near & (no_direction | ~(det >= DET_MIN) | ~(torch.maximum(cov_xx, cov_yy) <= COV_MAX))
+    transparent = ~near & ~degenerate & (opacities < ALPHA_MIN)
+    safe_opacities = opacities.detach().clamp(min=ALPHA_MIN)
+    # alpha >= 1/255 inside of the ellipse d^T Sigma^-1 d <= limit, whose half extents are exact.
+    limit = 2.0 * torch.log(255.0 * safe_opacities).clamp(min=0.0)
+    extent = torch.sqrt(limit[:, None] * torch.stack([cov_xx, cov_yy], dim=1).detach())
+    low, high = pixel.detach() - extent, pixel.detach() + extent
+    size = pixel.new_tensor([width - 0.5, height - 0.5])
+    beside = ((high < 0.5) | (low > size)).any(dim=1)
+    outside = ~near & ~degenerate & ~transparent & beside
+    visible = ~(near | degenerate | transparent | outside)
+
+    colors = _colors(means, sh, channels, camera, sh_degree)
+    order = torch.argsort(depth.detach().float(), stable=True)
+    order = order[visible[order]]
+    image = means.new_zeros(height, width, colors.shape[1])
+    transmittance = means.new_ones(height, width)
+    for top in range(0, height, TILE):
+        for left in range(0, width, TILE):
+            bottom, right = min(top + TILE, height), min(left + TILE, width)
+            inside = (high[order, 0] >= left) & (low[order, 0] <= right)
+            inside &= (high[order, 1] >= top) & (low[order, 1] <= bottom)
+            index = order[inside]
+            ys, xs = torch.meshgrid(
+                torch.arange(top, bottom, dtype=dtype) + 0.5,
+                torch.arange(left, right, dtype=dtype) + 0.5,
+                indexing="ij",
+            )
+            dx = xs.reshape(-1, 1) - pixel[index, 0]
+            dy = ys.reshape(-1, 1) - pixel[index, 1]
+            square = cov_yy[index] * dx * dx - 2.0 * cov_xy[index] * dx * dy + cov_xx[index] * dy * dy
+            raw = opacities[index] * torch.exp(-0.5 * square / det[index])
+            alpha = raw.clamp(max=ALPHA_MAX)
+            alpha = alpha.where(alpha >= ALPHA_MIN, alpha.new_zeros(()))
+            with torch.no_grad():
+                alive = torch.cumprod(1.0 - alpha, dim=1) >= T_MIN
+            alpha = alpha * alive
+            after = torch.cumprod(1.0 - alpha, dim=1)
+            before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)[:, : after.shape[1]]
+            shape = (bottom - top, right - left)
+            image[top:bottom, left:right] = ((alpha * before) @ colors[index]).reshape(*shape, -1)
+            if len(index):
+                transmittance[top:bottom, left:right] = after[:, -1].reshape(shape)
+
+    with torch.no_grad():
+        middle = 0.5 * (cov_xx + cov_yy)
+        largest = middle + torch.sqrt(0.25 * (cov_xx - cov_yy) ** 2 + cov_xy**2)
+        radii = (3.0 * torch.sqrt(largest)).where(visible, largest.new_zeros(()))
+    counts = CulledCounts(int(near.sum()), int(degenerate.sum()), int(transparent.sum()), int(outside.sum()))
+    return Raster(image, transmittance, visible, radii, counts)
+
+
+def _project_centres(in_camera: torch.Tensor, camera: PinholeCamera) -> torch.Tensor:
+    """Return the pixels [N, 2] of points [N, 3] in front of the camera."""
+    x, y, z = in_camera.unbind(dim=1)
+    return torch.stack([camera.K[0, 0] * x / z + camera.K[0, 2], camera.K[1, 1] * y / z + camera.K[1, 2]], dim=1)
+
+
+def _project_covariances(
+    in_camera: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    rotation: torch.Tensor,
+    camera: PinholeCamera,
+    settings: RasterSettings,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Return the screen covariance's xx, xy, yy [N] and its determinant: Sigma' = M M^T + low_pass I, M = J W R S.
+
+    The affine approximation J of the projection is taken at a point at most 15 % of the picture outside of it,
+    measured from the picture's own borders (so that off-centre principal points are right); beyond, the point is
+    held and its gradient is zero. The determinant is a sum of squares (Cauchy-Binet), exact for needles.
+    """
+    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
+    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
+    x, y, z = in_camera.unbind(dim=1)
+    tan_x = (x / z).clamp(float((-margin_x - cx) / fx), float((camera.width + margin_x - cx) / fx))
+    tan_y = (y / z).clamp(float((-margin_y - cy) / fy), float((camera.height + margin_y - cy) / fy))
+    zero = torch.zeros_like(z)
+    jacobian = torch.stack(
+        [torch.stack([fx / z, zero, -fx * tan_x / z], dim=1), torch.stack([zero, fy / z, -fy * tan_y / z], dim=1)],
+        dim=1,
+    )
+    m = jacobian @ rotation @ _rotations(quats) @ torch.diag_embed(scales)
+    cov_xx = (m[:, 0] ** 2).sum(dim=1) + settings.low_pass
+    cov_yy = (m[:, 1] ** 2).sum(dim=1) + settings.low_pass
+    cov_xy = (m[:, 0] * m[:, 1]).sum(dim=1)
+    minors = torch.linalg.cross(m[:, 0], m[:, 1])
+    det = (minors**2).sum(dim=1) + settings.low_pass * (cov_xx + cov_yy - settings.low_pass)
+    return cov_xx, cov_xy, cov_yy, det
+
+
+def _rotations(quats: torch.Tensor) -> torch.Tensor:
+    """Return rotation matrices [N, 3, 3] of quaternions wxyz [N, 4] of any length."""
+    w, x, y, z = (quats / quats.norm(dim=1, keepdim=True)).unbind(dim=1)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
+
+
+def _colors(
+    means: torch.Tensor,
+    sh: torch.Tensor | None,
+    channels: torch.Tensor | None,
+    camera: PinholeCamera,
+    sh_degree: int,
+) -> torch.Tensor:
+    """Return what is blended, [N, K]: colours from `sh` and then `channels`."""
+    parts = []
+    if sh is not None:
+        direction = means - torch.tensor(camera.center, dtype=means.dtype)
+        norm = direction.norm(dim=1, keepdim=True).clamp(min=1e-30)
+        parts.append((0.5 + evaluate_sh(sh, direction / norm, sh_degree)).clamp(min=0.0))
+    if channels is not None:
+        parts.append(channels)
+    return torch.cat(parts, dim=1)
+
+
+def evaluate_sh(sh: torch.Tensor, directions: torch.Tensor, degree: int) -> torch.Tensor:
+    """Return sum_k sh[:, k] Y_k(direction), [N, 3], in the real basis and order of 3DGS, bands 0 to `degree`."""
+    x, y, z = directions.unbind(dim=1)
+    basis = [torch.full_like(x, 0.5 / math.sqrt(math.pi))]
+    if degree > 0:
+        c1 = math.sqrt(3.0 / (4.0 * math.pi))
+        basis += [-c1 * y, c1 * z, -c1 * x]
+    if degree > 1:
+        c2 = math.sqrt(15.0 / math.pi)
+        basis += [
+            0.5 * c2 * x * y,
+            -0.5 * c2 * y * z,
+            0.25 * math.sqrt(5.0 / math.pi) * (2 * z * z - x * x - y * y),
+            -0.5 * c2 * x * z,
+            0.25 * c2 * (x * x - y * y),
+        ]
+    if degree > 2:
+        c30 = math.sqrt(35.0 / (2.0 * math.pi))
+        c31 = math.sqrt(105.0 / math.pi)
+        c32 = math.sqrt(21.0 / (2.0 * math.pi))
+        basis += [
+            -0.25 * c30 * y * (3 * x * x - y * y),
+            0.5 * c31 * x * y * z,
+            -0.25 * c32 * y * (4 * z * z - x * x - y * y),
+            0.25 * math.sqrt(7.0 / math.pi) * z * (2 * z * z - 3 * x * x - 3 * y * y),
+            -0.25 * c32 * x * (4 * z * z - x * x - y * y),
+            0.25 * c31 * z * (x * x - y * y),
+            -0.25 * c30 * x * (x * x - 3 * y * y),
+        ]
+    return torch.einsum("nk,nkc->nc", torch.stack(basis, dim=1), sh[:, : len(basis)])
