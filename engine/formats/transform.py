@@ -1,0 +1,153 @@
+"""Moving Gaussians: centres, rotations, sizes and view-dependent colour together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import NumericalError
+from ..gaussians.gaussians import Gaussians
+from .spherical_harmonics import orthogonal_sh_matrix
+
+__all__ = ["logits_of", "quats_from_rotations", "rotations_from_quats", "transform_gaussians"]
+
+Float64 = NDArray[np.float64]
+
+_SIMILARITY_TOLERANCE = 1e-5
+"""How far from rotation times uniform scale: Blender hands out float32 matrices (1e-7 per product)."""
+
+
+def transform_gaussians(gaussians: Gaussians, matrix: Float64) -> Gaussians:
+    """Return the Gaussians moved by an affine map.
+
+    Parameters
+    ----------
+    gaussians : Gaussians
+        Left as they are.
+    matrix : array of shape [4, 4], float64
+        Usually a similarity (rotation, uniform scale, translation). A stretched or mirrored map is taken
+        too: each
+        Gaussian's ellipsoid is mapped exactly; its view-dependent colour turns with the nearest orthogonal
+        map, since a stretch has no exact counterpart in spherical harmonics.
+
+    Returns
+    -------
+    Gaussians
+        Features are carried along unchanged.
+
+    Raises
+    ------
+    NumericalError
+        When `matrix` is not finite or flattens space.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    linear = matrix[:3, :3]
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise NumericalError(
+            "The transform `matrix` must be 4x4 and finite. Reset the object's transform and try again."
+        )
+    singular = np.linalg.svd(linear, compute_uv=False)
+    if singular[2] <= 1e-12 * singular[0]:
+        raise NumericalError(
+            "The transform `matrix` flattens space. Give the object a scale other than 0 and try again."
+        )
+    left, _, right = np.linalg.svd(linear)
+    orthogonal = left @ right
+    if singular[0] - singular[2] <= _SIMILARITY_TOLERANCE * singular[0] and np.linalg.det(linear) > 0:
+        turn = quats_from_rotations(orthogonal[None])[0]
+        quats = _multiply_quats(turn, gaussians.quats)
+        log_scales = gaussians.log_scales + np.float32(np.log(singular).mean())
+    else:
+        quats, log_scales = _map_ellipsoids(gaussians, linear)
+    means = gaussians.means.astype(np.float64) @ linear.T + matrix[:3, 3]
+    return replace(
+        gaussians,
+        means=means.astype(np.float32),
+        quats=quats,
+        log_scales=log_scales,
+        sh=_map_sh(gaussians, orthogonal),
+    )
+
+
+def _map_sh(gaussians: Gaussians, orthogonal: Float64) -> NDArray[np.float32]:
+    count, bands = gaussians.sh.shape[:2]
+    if bands == 1 or count == 0 or np.array_equal(orthogonal, np.eye(3)):
+        return gaussians.sh
+    matrix = orthogonal_sh_matrix(orthogonal, gaussians.sh_degree).astype(np.float32)
+    # One matrix product over all Gaussians: the colour channels are interleaved, hence the Kronecker product.
+    flat = gaussians.sh.reshape(count, bands * 3) @ np.kron(matrix, np.eye(3, dtype=np.float32)).T
+    return flat.reshape(count, bands, 3)
+
+
+def _map_ellipsoids(gaussians: Gaussians, linear: Float64) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return quats and log-scales of ``A Sigma A^T`` from ``A R S``: its SVD keeps needles sharp."""
+    axes = linear @ rotations_from_quats(gaussians.quats) * np.exp(gaussians.log_scales.astype(np.float64))[:, None, :]
+    left, sizes, _ = np.linalg.svd(axes)
+    # A mirrored ellipsoid is the same ellipsoid: turning one own axis round makes a proper rotation.
+    left[:, :, 2] *= np.linalg.det(left)[:, None]
+    tiny = np.finfo(np.float32).tiny
+    return quats_from_rotations(left).astype(np.float32), np.log(np.maximum(sizes, tiny)).astype(np.float32)
+
+
+def _multiply_quats(left: Float64, right: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the wxyz products ``left * right[n]``; lengths of `right` are kept."""
+    w, x, y, z = left
+    table = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    product: NDArray[np.float32] = (right.astype(np.float64) @ table.T).astype(np.float32)
+    return product
+
+
+def rotations_from_quats(quats: NDArray[np.floating]) -> Float64:
+    """Return rotation matrices [N, 3, 3], float64, of wxyz quaternions [N, 4]; length 0 gives identity."""
+    quats = quats.astype(np.float64)
+    norms = np.linalg.norm(quats, axis=1, keepdims=True)
+    w, x, y, z = np.where(norms > 0, quats / np.where(norms > 0, norms, 1), (1.0, 0.0, 0.0, 0.0)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def quats_from_rotations(rotations: Float64) -> Float64:
+    """Return unit wxyz quaternions [N, 4], float64, w >= 0, of rotation matrices [N, 3, 3].
+
+    Notes
+    -----
+    The largest of the four components is taken from the diagonal and divides the rest, so nothing cancels at
+    half turns (Shepperd 1978).
+    """
+    r = np.asarray(rotations, dtype=np.float64)
+    d0, d1, d2 = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
+    squares = np.stack([1 + d0 + d1 + d2, 1 + d0 - d1 - d2, 1 - d0 + d1 - d2, 1 - d0 - d1 + d2], axis=1)
+    wx, wy, wz = r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]
+    xy, xz, yz = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]
+    candidates = np.stack(
+        [
+            np.stack([squares[:, 0], wx, wy, wz], axis=1),
+            np.stack([wx, squares[:, 1], xy, xz], axis=1),
+            np.stack([wy, xy, squares[:, 2], yz], axis=1),
+            np.stack([wz, xz, yz, squares[:, 3]], axis=1),
+        ],
+        axis=1,
+    )
+    quats = candidates[np.arange(len(r)), squares.argmax(axis=1)]
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    positive: Float64 = np.where(quats[:, :1] < 0, -quats, quats)
+    return positive
+
+
+def logits_of(opacities: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return logits of `opacities` in [0, 1], as float32.
+
+    Notes
+    -----
+    A float32 opacity of exactly 1 or 0 has an infinite logit. It is taken for the nearest float32 below 1
+    (logit 16.6) or the smallest normal number above 0 (logit -87.3): the opacity differs by less than its own
+    rounding.
+    """
+    clipped = np.clip(opacities.astype(np.float64), np.finfo(np.float32).tiny, 1 - 2.0**-24)
+    return (np.log(clipped) - np.log1p(-clipped)).astype(np.float32)

@@ -1,0 +1,79 @@
+"""The record of an object: catalogue number, title, rights and notes, in ``objects/<id>/record.json``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from ..errors import FormatError
+from ..project_folder import write_json
+
+__all__ = ["RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
+
+RECORD_VERSION = 1
+
+
+@dataclass(frozen=True)
+class MuseumRecord:
+    """What the museum says about an object; empty where nothing was said.
+
+    Attributes
+    ----------
+    catalogue_number : str
+        Accession or inventory number.
+    title : str
+        Name of the object.
+    rights : str
+        Credit line, licence or rights statement.
+    notes : str
+        Anything else.
+    """
+
+    catalogue_number: str = ""
+    title: str = ""
+    rights: str = ""
+    notes: str = ""
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the filled fields."""
+        return {name: value for name, value in asdict(self).items() if value}
+
+    def as_comments(self) -> list[str]:
+        """Return header comments for a PLY file, one for each filled field."""
+        return [f"{name} {value}" for name, value in self.as_dict().items()]
+
+
+def save_record(project: Path, object_id: str, record: MuseumRecord) -> None:
+    """Write the record of an object of the project folder `project`, atomically.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    write_json(_file(project, object_id), {"version": RECORD_VERSION, **asdict(record)})
+
+
+def load_record(project: Path, object_id: str) -> MuseumRecord:
+    """Return the record of an object, an empty one when nothing was written yet.
+
+    Raises
+    ------
+    FormatError
+        When the file cannot be read.
+    """
+    file = _file(project, object_id)
+    if not file.exists():
+        return MuseumRecord()
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        if data["version"] != RECORD_VERSION:
+            raise FormatError(f"{file} was written by another version of Gaussian Heritage. Move it away.")
+        return MuseumRecord(**{f.name: str(data.get(f.name, "")) for f in fields(MuseumRecord)})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"{file} cannot be read: {error}. Repair it or move it away.") from error
+
+
+def _file(project: Path, object_id: str) -> Path:
+    return project / "objects" / object_id / "record.json"

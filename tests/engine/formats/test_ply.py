@@ -1,0 +1,193 @@
+"""PLY: round trip, the byte layout others rely on, and sentences for files that are something else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import DiskError, FormatError, NumericalError
+from engine.formats.ply import read_ply, write_ply
+from engine.gaussians.gaussians import Gaussians
+
+RandomGaussians = Callable[..., Gaussians]
+
+
+# The sizes around a chunk are tried with one degree.
+@pytest.mark.parametrize(
+    ("count", "degree"), [(0, 3), (1, 0), (1, 1), (1, 2), (1, 3), (65_535, 1), (65_536, 1), (65_537, 1)]
+)
+def test_written_gaussians_are_read_back_bit_for_bit(
+    tmp_path: Path,
+    count: int,
+    degree: int,
+    random_gaussians: RandomGaussians,
+    assert_same_gaussians: Callable[..., None],
+) -> None:
+    gaussians = random_gaussians(count, degree=degree)
+    write_ply(tmp_path / "scene.ply", gaussians)
+    assert_same_gaussians(read_ply(tmp_path / "scene.ply"), gaussians)
+
+
+def test_layout_is_the_standard_one(tmp_path: Path) -> None:
+    # Each value encodes where it belongs: a mix-up of channels and coefficients cannot cancel.
+    sh = np.array([[[100 * channel + k for channel in range(3)] for k in range(4)]], dtype=np.float32)
+    one = Gaussians(
+        means=np.array([[1, 2, 3]], np.float32),
+        log_scales=np.array([[4, 5, 6]], np.float32),
+        quats=np.array([[7, 8, 9, 10]], np.float32),
+        opacity_logits=np.array([11], np.float32),
+        sh=sh,
+    )
+    path = tmp_path / "one.ply"
+    write_ply(path, one, comments=["CatalogueNumber\n1906.12"])
+    header, body = path.read_bytes().split(b"end_header\n")
+    names = [line.split()[2] for line in header.decode().splitlines() if line.startswith("property")]
+    assert "comment CatalogueNumber 1906.12" in header.decode().splitlines()
+    assert names == [
+        *["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"],
+        *(f"f_rest_{i}" for i in range(9)),
+        *["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"],
+    ]
+    rest = [1, 2, 3, 101, 102, 103, 201, 202, 203]
+    assert np.frombuffer(body, "<f4").tolist() == [
+        1,
+        2,
+        3,
+        0,
+        0,
+        0,
+        0,
+        100,
+        200,
+        *rest,
+        11,
+        4,
+        5,
+        6,
+        7,
+        8,
+        9,
+        10,
+    ]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_other_property_orders_types_and_extras_are_read(
+    tmp_path: Path, order: str, random_gaussians: RandomGaussians, assert_same_gaussians: Callable[..., None]
+) -> None:
+    gaussians = random_gaussians(17, degree=1)
+    rest = gaussians.sh[:, 1:].transpose(0, 2, 1).reshape(17, 9)
+    columns = {
+        "rot_3": gaussians.quats[:, 3], "rot_0": gaussians.quats[:, 0], "rot_1": gaussians.quats[:, 1],
+        "rot_2": gaussians.quats[:, 2], "object_id": np.arange(17), "opacity": gaussians.opacity_logits,
+        **{f"f_rest_{i}": rest[:, i] for i in reversed(range(9))},
+        **{f"f_dc_{i}": gaussians.sh[:, 0, i] for i in range(3)},
+        **{f"scale_{i}": gaussians.log_scales[:, i] for i in range(3)},
+        **{axis: gaussians.means[:, i] for i, axis in enumerate("xyz")},
+    }  # fmt: skip
+    kinds = {"object_id": ("uchar", "u1"), "x": ("double", "f8")}
+    dtype = np.dtype([(name, order + kinds.get(name, ("float", "f4"))[1]) for name in columns])
+    rows = np.zeros(17, dtype)
+    for name, values in columns.items():
+        rows[name] = values
+    lines = [
+        "ply",
+        f"format binary_{'little' if order == '<' else 'big'}_endian 1.0",
+        "comment made elsewhere",
+    ]
+    lines += ["element camera 2", "property float fov", "element vertex 17"]
+    lines += [f"property {kinds.get(name, ('float', 'f4'))[0]} {name}" for name in columns]
+    lines += ["element face 1", "property list uchar int vertex_indices", "end_header", ""]
+    (tmp_path / "other.ply").write_bytes("\n".join(lines).encode() + bytes(8) + rows.tobytes() + bytes(13))
+    assert_same_gaussians(read_ply(tmp_path / "other.ply"), gaussians)
+
+
+CLOUD = (
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+    b"property float x\nproperty float y\nproperty float z\nend_header\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (CLOUD + bytes(12), "is not a Gaussian PLY: it has no f_dc_0.*ordinary point cloud or mesh"),
+        (b"glTF whatever", "is not a PLY file"),
+        (b"", "is not a PLY file"),
+        (b"ply\nformat ascii 1.0\nelement vertex 0\nend_header\n", "is an ASCII PLY file"),
+        (b"ply\nformat binary_little_endian 1.0\n\nelement vertex 1\n", "header does not end"),
+        (b"ply\nelement vertex 1\nproperty float x\nend_header\n", "states no format"),
+        (CLOUD.replace(b"vertex 1", b"vertex one"), "header line that cannot be read: `element vertex one`"),
+        (CLOUD.replace(b"float x", b"half x"), "header line that cannot be read: `property half x`"),
+        (CLOUD.replace(b"float y", b"float x"), "header line that cannot be read"),
+        (CLOUD.replace(b"element vertex", b"element chunk"), "is a compressed Gaussian PLY"),
+        (CLOUD.replace(b"element vertex", b"element face"), "has no plain `vertex` element"),
+        (CLOUD.replace(b"float x", b"list uchar int x"), "has no plain `vertex` element"),
+    ],
+)
+def test_other_files_are_refused_with_a_reason(tmp_path: Path, content: bytes, sentence: str) -> None:
+    path = tmp_path / "file.ply"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=sentence) as caught:
+        read_ply(path)
+    assert str(path) in str(caught.value)
+
+
+def test_truncated_file_says_how_much_is_missing(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    path = tmp_path / "scene.ply"
+    write_ply(path, random_gaussians(10, degree=0))
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(FormatError, match="cut short: its header promises 10 Gaussians and 9 are there"):
+        read_ply(path)
+
+
+def test_incomplete_spherical_harmonics_are_refused(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    path = tmp_path / "scene.ply"
+    write_ply(path, random_gaussians(2, degree=1))
+    path.write_bytes(path.read_bytes().replace(b"f_rest_8", b"f_same_8"))
+    with pytest.raises(FormatError, match="has 8 `f_rest` properties"):
+        read_ply(path)
+
+
+def test_missing_file_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(DiskError, match=r"nowhere\.ply"):
+        read_ply(tmp_path / "nowhere.ply")
+
+
+def test_broken_gaussians_are_refused_or_skipped_on_request(
+    tmp_path: Path, random_gaussians: RandomGaussians, assert_same_gaussians: Callable[..., None]
+) -> None:
+    path = tmp_path / "scene.ply"
+    gaussians = random_gaussians(5, degree=0)
+    write_ply(path, gaussians)
+    data = bytearray(path.read_bytes())
+    data[-4:] = np.float32(np.nan).tobytes()
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match="1 of 5 Gaussians with values that are not finite"):
+        read_ply(path)
+    assert_same_gaussians(read_ply(path, skip_broken=True), gaussians[slice(4)])
+
+
+def test_values_that_are_not_finite_are_never_written(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    gaussians = random_gaussians(5, degree=0)
+    gaussians.log_scales[3, 1] = np.inf
+    with pytest.raises(NumericalError, match="1 of 15 values of `log_scales`"):
+        write_ply(tmp_path / "scene.ply", gaussians)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_infinite_opacity_logits_mean_opaque_and_clear(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    path = tmp_path / "scene.ply"
+    gaussians = random_gaussians(2, degree=0)
+    gaussians.opacity_logits[:] = 123.0, -123.0
+    write_ply(path, gaussians)
+    data = path.read_bytes()
+    for value, infinite in ((123.0, np.inf), (-123.0, -np.inf)):
+        data = data.replace(np.float32(value).tobytes(), np.float32(infinite).tobytes())
+    path.write_bytes(data)
+    back = read_ply(path)
+    assert np.isfinite(back.opacity_logits).all()
+    np.testing.assert_allclose(back.opacities, [1, 0], atol=6e-8)
