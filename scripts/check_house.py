@@ -1,64 +1,86 @@
 """The house rules that need to see the repository as one package: import contracts and types.
 
-Both tools look through a temporary link ``gaussian_heritage`` to the repository. example: python scripts/check_house.py
+Both tools look through a temporary link ``gaussian_heritage`` to the repository: with three separate roots, a
+relative import across them is invisible and a contract passes falsely.
+
+example: python scripts/check_house.py imports types
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-_CODE = ("engine", "gaussian_heritage_addon", "operators", "__init__.py")
+from places import PACKAGES, ROOT
+
+__all__ = ["check_imports", "check_types", "link_repository"]
+
+_CODE = (*PACKAGES, "__init__.py")
 
 
 def link_repository(folder: Path, repository: Path = ROOT) -> Path:
-    """Make ``folder/gaussian_heritage`` hold links to the packages of `repository` and return it."""
+    """Make ``folder/gaussian_heritage`` hold the packages of `repository` and return it.
+
+    Links where the system lets us make them, copies elsewhere (Windows without developer mode).
+    """
     package = folder / "gaussian_heritage"
     package.mkdir()
     for name in _CODE:
-        (package / name).symlink_to(repository / name)
+        try:
+            (package / name).symlink_to(repository / name, target_is_directory=(repository / name).is_dir())
+        except OSError:
+            copy_code(repository / name, package / name)
     return package
 
 
+def copy_code(source: Path, target: Path) -> None:
+    """Copy a package or a module, without what Python compiled from it."""
+    if source.is_dir():
+        shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
+    else:
+        shutil.copy(source, target)
+
+
 def check_imports(folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run the contracts of .importlinter over the package linked in `folder`."""
-    tool = Path(sys.executable).with_name("lint-imports")
-    return subprocess.run(
-        [tool, "--config", ROOT / ".importlinter", "--no-cache"],
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(folder)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    """Run the contracts of .importlinter over the package in `folder`."""
+    tool = Path(sys.executable).with_name("lint-imports.exe" if os.name == "nt" else "lint-imports")
+    return _run([tool, "--config", ROOT / ".importlinter", "--no-cache"], folder)
 
 
 def check_types(folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run mypy over the engine and the add-on in the package linked in `folder`."""
-    packages = ["-p", "gaussian_heritage.engine", "-p", "gaussian_heritage.gaussian_heritage_addon"]
-    cache = ROOT / ".mypy_cache"
+    """Run mypy over the three packages in `folder`."""
+    packages = [word for name in PACKAGES for word in ("-p", f"gaussian_heritage.{name}")]
+    options = ["--config-file", ROOT / "pyproject.toml", "--cache-dir", ROOT / ".mypy_cache"]
+    return _run([sys.executable, "-m", "mypy", *options, *packages, "-m", "gaussian_heritage"], folder)
+
+
+def _run(command: list[object], folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "mypy", "--config-file", ROOT / "pyproject.toml", "--cache-dir", cache, *packages],
+        [str(part) for part in command],
         cwd=folder,
+        # UTF-8: lint-imports draws its name with box characters, which a Windows code page cannot hold.
+        env={**os.environ, "PYTHONPATH": str(folder), "PYTHONUTF8": "1", "COLUMNS": "160"},
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         check=False,
     )
 
 
 def main() -> int:
-    """Run both checks and return 1 if one of them found something."""
+    """Run the checks that are named (all by default) and return 1 if one of them found something."""
+    checks = {"imports": check_imports, "types": check_types}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         link_repository(folder)
         failed = False
-        for check in (check_imports, check_types):
-            done = check(folder)
-            print(done.stdout + done.stderr, end="")
+        for wanted in sys.argv[1:] or list(checks):
+            done = checks[wanted](folder)
+            # Paths as a person can open them, not those below the link.
+            print((done.stdout + done.stderr).replace(f"gaussian_heritage{os.sep}", ""), end="", flush=True)
             failed = failed or done.returncode != 0
     return int(failed)
 

@@ -63,6 +63,6 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if options.format == "ply":
         write_ply(out, gaussians, comments=(f"title {title}", f"frame {frame}", "generator Gaussian Heritage"))
     else:
-        write_glb(out, gaussians, title=title, extras={"frame": frame})
+        write_glb(out, gaussians, name=title, extras={"frame": frame})
     emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}.", {"file": str(out), "n_gaussians": len(gaussians)}))
     return 0

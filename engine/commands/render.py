@@ -42,7 +42,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..cameras.storage import read_camera_set
     from ..gaussians.storage import load_gaussians
     from ..objects.storage import load_membership, load_object
-    from ..pictures.render import render_view, write_png
+    from ..pictures.png import write_png
+    from ..pictures.render import render_view
 
     out: Path = options.out
     if out.exists() and not options.overwrite:

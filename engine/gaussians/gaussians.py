@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,6 @@ class Gaussians:
 
     def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.integer] | slice) -> Gaussians:
         """Return the Gaussians picked by a mask, an index array or a slice."""
-        picked = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(
-            self, **{name: None if value is None else value[index] for name, value in picked.items()}
-        )
+        features = None if self.features is None else self.features[index]
+        picked = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "features"}
+        return Gaussians(**picked, features=features)

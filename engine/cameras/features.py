@@ -1,0 +1,240 @@
+"""SIFT features and verified matches of a photo set in a COLMAP database that a killed run leaves usable."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from ..errors import CameraError
+from ..events import StopCheck
+from ..photos.photo import PhotoSet
+from ..project_folder import stage_key, write_json
+from ..settings import to_dict
+from .colmap_calls import threads_for_colmap, wait_for
+from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
+from .settings import CameraSettings
+from .working_copies import WorkingCopy, plan_copies, write_copies
+
+__all__ = ["Workshop", "match_features"]
+
+_Report = Callable[[float, str], None]
+
+# Shares of the time of this module's work, measured on 32 photos.
+_COPIED, _DETECTED, _CHOSEN = 0.03, 0.58, 0.64
+
+_PHOTOS_AT_ONCE = 8
+_PAIRS_AT_ONCE = 64
+
+
+class Workshop:
+    """The folder a reconstruction is made in: copies of the photos, COLMAP's database, its models.
+
+    Parameters
+    ----------
+    folder : Path
+        Emptied when what lies there was made from other photos or with other settings; else continued.
+    photo_set : PhotoSet
+    settings : CameraSettings
+    """
+
+    def __init__(self, folder: Path, photo_set: PhotoSet, settings: CameraSettings) -> None:
+        self.images = folder / "images"
+        self.database = folder / "database.db"
+        self.sparse = folder / "sparse"
+        self.pairs = folder / "pairs.txt"
+        self.photo_set = photo_set
+        self.settings = settings
+        self.copies = plan_copies(photo_set, settings.max_side)
+        self._folder = folder
+        self._prepare()
+
+    def _prepare(self) -> None:
+        made_from = stage_key(
+            [[copy.name, copy.photo.sha256, copy.width, copy.height] for copy in self.copies],
+            to_dict(self.settings),
+            pycolmap.__version__,
+        )
+        note = self._folder / "made_from.json"
+        try:
+            same = json.loads(note.read_text(encoding="utf-8")) == made_from
+        except (OSError, ValueError):
+            same = False
+        if not same:
+            self.clear()
+            write_json(note, made_from)
+
+    def clear(self) -> None:
+        """Remove what this class keeps in the folder, and nothing else."""
+        (self._folder / "made_from.json").unlink(missing_ok=True)
+        for path in (self.images, self.sparse):
+            shutil.rmtree(path, ignore_errors=True)
+        for path in self._folder.glob("database.db*"):
+            path.unlink()
+        self.pairs.unlink(missing_ok=True)
+
+    def copy_of(self, name: str) -> WorkingCopy:
+        """Return the copy that COLMAP knows under `name`."""
+        return self.copies[int(Path(name).stem)]
+
+
+def match_features(workshop: Workshop, *, report: _Report, should_stop: StopCheck) -> None:
+    """Fill the workshop's database with features and verified matches; what lies there already is kept.
+
+    Parameters
+    ----------
+    workshop : Workshop
+    report : callable
+        Gets the fraction done of this function's work and a message.
+    should_stop : StopCheck
+        Asked five times a second.
+
+    Raises
+    ------
+    CameraError
+        When there is nothing to match in the photos, or COLMAP fails.
+    Cancelled, DiskError, PhotoError
+        See `write_copies` and `wait_for`.
+    """
+    write_copies(
+        workshop.copies,
+        workshop.photo_set.folder,
+        workshop.images,
+        report=lambda done: report(_COPIED * done, "copying the photos"),
+        should_stop=should_stop,
+    )
+    if not workshop.database.is_file():
+        _create_database(workshop)
+    _detect(workshop, report, should_stop)
+    pairs = _choose_pairs(workshop, report, should_stop)
+    _match(workshop, pairs, report, should_stop)
+
+
+def _create_database(workshop: Workshop) -> None:
+    """Enter photos and lenses under a temporary name, so that a database is either whole or not there."""
+    unfinished = workshop.database.with_name("database.db.new")
+    for leftover in workshop.database.parent.glob(unfinished.name + "*"):
+        leftover.unlink()
+    pycolmap.Database.open(unfinished).close()
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = workshop.settings.model
+    names = [copy.name for copy in workshop.copies]
+    # In the order of the photos and before anything runs on several threads: the ids must not depend on chance.
+    pycolmap.import_images(unfinished, workshop.images, pycolmap.CameraMode.PER_FOLDER, names, reader)
+    focal_of_group = {copy.name.split("/")[0]: copy.focal_px for copy in workshop.copies}
+    with pycolmap.Database.open(unfinished) as database:
+        for image in database.read_all_images():
+            focal = focal_of_group.pop(image.name.split("/")[0], None)
+            if focal is None:
+                continue
+            lens = database.read_camera(image.camera_id)
+            params = np.array(lens.params)
+            params[lens.focal_length_idxs()] = focal
+            lens.params = params
+            lens.has_prior_focal_length = True
+            database.update_camera(lens)
+    os.replace(unfinished, workshop.database)
+
+
+def _detect(workshop: Workshop, report: _Report, should_stop: StopCheck) -> None:
+    settings = workshop.settings
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = threads_for_colmap(settings.threads)
+    options.use_gpu = False
+    options.sift.max_num_features = settings.max_features
+    options.sift.first_octave = settings.first_octave
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = settings.model
+    names = [copy.name for copy in workshop.copies]
+
+    with pycolmap.Database.open(workshop.database) as database:
+        detected = {image.name for image in database.read_all_images() if database.exists_descriptors(image.image_id)}
+    # In batches, for progress: a look into the database while COLMAP writes it would disturb its locks.
+    missing = [name for name in names if name not in detected]
+    for start in range(0, len(missing), _PHOTOS_AT_ONCE):
+        batch = missing[start : start + _PHOTOS_AT_ONCE]
+        done = len(names) - len(missing) + start
+        report(_COPIED + (_DETECTED - _COPIED) * done / len(names), f"features in {done} of {len(names)} photos")
+        wait_for(
+            "looking for features in the photos",
+            lambda token, batch=batch: pycolmap.extract_features(
+                workshop.database,
+                workshop.images,
+                batch,
+                pycolmap.CameraMode.PER_FOLDER,
+                reader,
+                options,
+                pycolmap.Device.cpu,
+                token,
+            ),
+            report=_nothing,
+            should_stop=should_stop,
+        )
+
+
+def _nothing() -> None:
+    """Report nothing within a batch."""
+
+
+def _choose_pairs(workshop: Workshop, report: _Report, should_stop: StopCheck) -> list[Pair]:
+    """Return pairs of indices into ``workshop.copies``."""
+    count = len(workshop.copies)
+    if count <= workshop.settings.exhaustive_up_to:
+        return all_pairs(count)
+    descriptors = []
+    with pycolmap.Database.open(workshop.database) as database:
+        ids = {image.name: image.image_id for image in database.read_all_images()}
+        for copy in workshop.copies:
+            keypoints = database.read_keypoints(ids[copy.name])
+            # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]].
+            scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
+            data = np.asarray(database.read_descriptors(ids[copy.name]).data)
+            descriptors.append(largest_descriptors(scales, data.reshape(len(scales), -1), photos=count))
+    return promising_pairs(
+        descriptors,
+        neighbours=workshop.settings.neighbours,
+        report=lambda done: report(_DETECTED + (_CHOSEN - _DETECTED) * done, "choosing pairs of photos"),
+        should_stop=should_stop,
+    )
+
+
+def _match(workshop: Workshop, pairs: list[Pair], report: _Report, should_stop: StopCheck) -> None:
+    settings = workshop.settings
+    names = [copy.name for copy in workshop.copies]
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = threads_for_colmap(settings.threads)
+    matching.use_gpu = False
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = settings.seed
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = workshop.pairs
+    for start in range(0, len(pairs), _PAIRS_AT_ONCE):
+        batch = pairs[start : start + _PAIRS_AT_ONCE]
+        report(_CHOSEN + (1.0 - _CHOSEN) * start / len(pairs), f"{start} of {len(pairs)} pairs matched")
+        workshop.pairs.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in batch), encoding="ascii")
+        pycolmap.set_random_seed(settings.seed)
+        # Pairs that a killed run matched already are passed over by COLMAP.
+        wait_for(
+            "matching the photos",
+            lambda token: pycolmap.match_image_pairs(
+                workshop.database, matching, pairing, verification, pycolmap.Device.cpu, token
+            ),
+            report=_nothing,
+            should_stop=should_stop,
+        )
+    with pycolmap.Database.open(workshop.database) as database:
+        if database.num_inlier_matches() == 0:
+            few = database.num_keypoints() < 100 * len(names)
+            raise CameraError(
+                "No camera poses were found: "
+                + (
+                    "the photos show too little texture (or are blurred). Photograph the object with its surroundings, in sharp focus."
+                    if few
+                    else "no two photos show the same place. Take photos that overlap by two thirds, walking around the object."
+                )
+            )

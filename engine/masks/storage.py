@@ -1,0 +1,89 @@
+"""Label maps on disk: ``masks/<photo name>.npz``, the photo's folder structure kept."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import MaskError
+from ..project_folder import atomic_write
+
+__all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
+
+_VERSION = 1
+
+
+def label_map_path(folder: Path, photo: str) -> Path:
+    """Return where the label map of the photo called `photo` lies in the masks folder `folder`."""
+    # The photo's own suffix stays: a.jpg and a.png are two photos.
+    return folder / PurePosixPath(photo + ".npz")
+
+
+def write_label_map(path: Path, labels: NDArray[np.int32], *, recipe: str = "") -> None:
+    """Write a label map, atomically.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in ``.npz``; its folder is made when missing.
+    labels : array of shape [h, w], int32
+        0 unlabelled, ids from 1.
+    recipe : str
+        Hash of the photo and the settings it was made from; `read_recipe` gives it back.
+
+    Raises
+    ------
+    MaskError
+        When `labels` has another shape, another type or negative ids.
+    DiskError
+        When the file cannot be written.
+    """
+    if labels.ndim != 2 or not np.issubdtype(labels.dtype, np.integer) or (labels.size and labels.min() < 0):
+        raise MaskError(f"A label map is [h, w] of whole numbers from 0, got {labels.shape} {labels.dtype}.")
+    header = json.dumps({"version": _VERSION, "recipe": recipe})
+    with atomic_write(path) as stream:
+        np.savez_compressed(stream, labels=labels.astype(np.int32), header=np.array(header))
+
+
+def read_label_map(path: Path) -> NDArray[np.int32]:
+    """Return a label map, array of shape [h, w], int32.
+
+    Raises
+    ------
+    MaskError
+        When the file is missing, damaged or not a label map.
+    """
+    labels, _ = _read(path, wanted="labels")
+    if labels.ndim != 2 or labels.dtype != np.int32:
+        raise MaskError(f"{path} is not a label map of ours. Delete it and run again.")
+    return labels
+
+
+def read_recipe(path: Path) -> str | None:
+    """Return the recipe a label map was written with; None when there is no readable label map."""
+    if not path.is_file():
+        return None
+    try:
+        _, header = _read(path, wanted="header")
+    except MaskError:
+        return None
+    return str(header.get("recipe", ""))
+
+
+def _read(path: Path, *, wanted: str) -> tuple[NDArray[np.int32], dict[str, object]]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(str(archive["header"]))
+            if header["version"] != _VERSION:
+                raise MaskError(f"{path} was written by another version of Gaussian Heritage. Delete it and run again.")
+            labels = archive["labels"] if wanted == "labels" else np.zeros((0, 0), np.int32)
+    except FileNotFoundError as error:
+        raise MaskError(f"The label map {path} is missing. Run the masks stage again.") from error
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise MaskError(f"The label map {path} cannot be read ({error}). Delete it and run again.") from error
+    return labels, header

@@ -1,0 +1,51 @@
+"""The only door to onnxruntime: opens a model file on the CPU and turns its errors into ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import EnvironmentProblem, ModelFileError
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+__all__ = ["open_session"]
+
+
+def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSession:
+    """Return an open inference session on the CPU.
+
+    Parameters
+    ----------
+    path : Path
+        An ONNX file, as `models.catalogue.locate` gives it.
+    threads : int
+        Worker threads inside one operator, at least 1.
+
+    Raises
+    ------
+    ModelFileError
+        When the file is missing or is not an ONNX model.
+    EnvironmentProblem
+        When onnxruntime is not installed.
+    """
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise EnvironmentProblem("onnxruntime is not installed in the engine's environment. Set up the engine anew.") from error
+    if not path.is_file():
+        raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    # Idle workers must sleep: spinning ones take the cores from the rest of the engine between two calls.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 3
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own exceptions share no base but Exception
+        raise ModelFileError(
+            f"The model file {path} cannot be opened ({str(error).splitlines()[0]}). "
+            "Delete it and run: python -m engine models fetch"
+        ) from error

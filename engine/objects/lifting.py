@@ -1,0 +1,224 @@
+"""From a mask in one view to a membership for every Gaussian: the paper's way, and votes of many views."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import Cancelled
+from ..events import StopCheck
+from .selection import calibrated, connected_parts, inside_hull, mean_direction, within_quartiles
+from .settings import SegmentSettings
+from .views import View, Views, eroded, spread_cameras
+
+__all__ = ["Lifted", "complete", "lift", "refine_by_votes", "snap_to_segments"]
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_HALF = np.float32(0.5)
+_JUST_BELOW = np.nextafter(_HALF, np.float32(0))
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """A mask of one view, lifted to the Gaussians.
+
+    Attributes
+    ----------
+    direction : array of shape [D], float32
+        The prompt in feature space, a unit vector.
+    membership : array of shape [N], float32
+        In [0, 1]; 0.5 and above belongs.
+    seed_mass : array of shape [N], float32
+        Pixels of the seed mask that each Gaussian makes up.
+    """
+
+    direction: Float32
+    membership: Float32
+    seed_mass: Float32
+
+    @property
+    def members(self) -> Mask:
+        """Gaussians that belong, bool [N]."""
+        return self.membership >= _HALF
+
+
+def lift(
+    views: Views, view: View, mask: Mask, settings: SegmentSettings, *, start: Float32 | None = None
+) -> Lifted | None:
+    """Return the Gaussians whose feature is like the mask's and that hang together with what it shows.
+
+    Parameters
+    ----------
+    views : Views
+    view : View
+        Where the mask was drawn.
+    mask : bool array of shape [h, w]
+        In the frame of `view`.
+    settings : SegmentSettings
+    start : array of shape [D], optional
+        Unit vector to begin the mean with, e.g. the feature of the clicked pixel.
+
+    Returns
+    -------
+    Lifted or None
+        None when no Gaussian covers the mask, or none is like it. Not completed yet.
+    """
+    inner = eroded(mask, settings.erode_pixels) & view.covered
+    if not inner.any():
+        inner = mask & view.covered
+    direction = mean_direction(view.features[inner], start=start, cosine=settings.cosine)
+    if direction is None:
+        return None
+    membership = calibrated(views.directions @ direction, settings.cosine)
+    seed_mass = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
+    membership = _only_connected(views, membership, seed_mass)
+    if not (membership >= _HALF).any():
+        return None
+    return Lifted(direction, membership, seed_mass)
+
+
+def _only_connected(views: Views, membership: Float32, seed_mass: Float32) -> Float32:
+    """Return the membership with 0 for what is far from the part that the seed sees."""
+    members = np.flatnonzero(membership >= _HALF)
+    kept = members[connected_parts(views.scene.gaussians.means[members], seed_mass[members])]
+    if len(kept) == 0:
+        return np.zeros_like(membership)
+    means = views.scene.gaussians.means
+    low, high = means[kept].min(axis=0), means[kept].max(axis=0)
+    margin = 0.25 * (high - low)
+    # Beside the object the slider may reach out for what is nearly like it; elsewhere in the scene it must not.
+    nearby = ((means >= low - margin) & (means <= high + margin)).all(axis=1)
+    result = np.where(nearby, np.minimum(membership, _JUST_BELOW), np.float32(0))
+    result[kept] = membership[kept]
+    return result.astype(np.float32)
+
+
+def complete(views: Views, lifted: Lifted, settings: SegmentSettings, seen: Float32 | None = None) -> Float32:
+    """Return the membership with what lies inside of the object filled in at 0.5.
+
+    Parameters
+    ----------
+    views : Views
+    lifted : Lifted
+    settings : SegmentSettings
+        `completion` and `outlier_iqr`.
+    seen : array of shape [N], float32, optional
+        Pixels that each Gaussian makes up in the views that voted; needed for the ``guarded`` completion, which
+        leaves alone whatever is seen in at least one pixel.
+
+    Returns
+    -------
+    array of shape [N], float32
+    """
+    if settings.completion == "none":
+        return lifted.membership
+    means = views.scene.gaussians.means
+    corners = means[lifted.members]
+    if settings.outlier_iqr is not None:
+        corners = corners[within_quartiles(corners, settings.outlier_iqr)]
+    filled = inside_hull(corners, means)
+    if settings.completion == "guarded" and seen is not None:
+        filled &= seen < 1.0
+    return np.where(filled, np.maximum(lifted.membership, _HALF), lifted.membership)
+
+
+def refine_by_votes(
+    views: Views,
+    lifted: Lifted,
+    seed: tuple[View, Mask] | None,
+    label_maps: Mapping[str, NDArray[np.int32]],
+    settings: SegmentSettings,
+    *,
+    should_stop: StopCheck,
+) -> tuple[Lifted, Float32]:
+    """Let the masks of many views vote on every Gaussian.
+
+    In the first round, a view's mask are the pixels near the object whose rendered feature is like the prompt:
+    blending averages out the noise of single Gaussians. In further rounds it is where the members found so far are
+    more than half of a pixel. Either is snapped to the photo's SAM segments where there are some. A Gaussian's
+    membership becomes the part of its own pixels, weighted with its blending weights, that lies in the masks.
+
+    Parameters
+    ----------
+    views : Views
+    lifted : Lifted
+        What one view found.
+    seed : (View, bool array of shape [h, w]) or None
+        A mask the person gave; it stands as it is.
+    label_maps : mapping of str to int32 array
+        SAM label maps of photos by name, in the photo's frame at any resolution.
+    settings : SegmentSettings
+    should_stop : callable
+
+    Returns
+    -------
+    Lifted
+        Refined.
+    array of shape [N], float32
+        Pixels that each Gaussian makes up, over all voting views.
+
+    Notes
+    -----
+    The vote A_in / (A_in + A_out) is the optimum of a binary assignment of Gaussians to masks (FlashSplat, Shen et
+    al. 2024). The cosine enters as a prior worth one pixel, which decides for what no view sees.
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` says so.
+    """
+    prior = lifted.membership
+    inside = seen = np.zeros(len(prior), np.float32)
+    for number in range(settings.vote_rounds):
+        center = np.median(views.scene.gaussians.means[lifted.members], axis=0)
+        voters = spread_cameras(views.facing(center), settings.n_vote_views)
+        inside, seen = np.zeros(len(prior), np.float32), np.zeros(len(prior), np.float32)
+        for camera in voters:
+            if should_stop():
+                raise Cancelled("Stopped while looking at the object from all sides; no object was stored.")
+            view = views.of(camera)
+            if seed is not None and seed[0].camera.photo == camera.photo:
+                mask = seed[1]
+            else:
+                mask = _mask_in(views, view, lifted, cosine=settings.cosine if number == 0 else None)
+                if camera.photo in label_maps:
+                    mask = snap_to_segments(mask, view.labels_from_photo(label_maps[camera.photo]))
+            votes = views.scene.votes(view.frame, np.dstack([mask & view.within, view.within]).astype(np.float32))
+            inside += votes[:, 0]
+            seen += votes[:, 1]
+        membership = ((inside + prior) / (seen + 1.0)).astype(np.float32)
+        membership = _only_connected(views, membership, inside)
+        if not (membership >= _HALF).any():
+            break
+        lifted = Lifted(lifted.direction, membership, lifted.seed_mass)
+    return lifted, seen
+
+
+def _mask_in(views: Views, view: View, lifted: Lifted, *, cosine: float | None) -> Mask:
+    """Return where `view` shows the object, bool [h, w]: by its feature with a `cosine`, by its members without."""
+    if cosine is None:
+        return views.visible_share(view, lifted.members) > 0.5
+    # `lift` gave 0 to everything far from the object, which may have a like feature elsewhere in the scene.
+    nearby = views.visible_share(view, lifted.membership > 0) > 0.5
+    return view.like(lifted.direction, cosine) & nearby
+
+
+def snap_to_segments(mask: Mask, labels: NDArray[np.int32]) -> Mask:
+    """Return `mask` with the outline of the segments it fills: all of those it covers by more than half.
+
+    Pixels without a segment stay as they are. When that changes more than half of the mask, the segments do not
+    know the object and the mask is returned unchanged.
+    """
+    count = np.bincount(labels.ravel())
+    covered = np.bincount(labels.ravel(), weights=mask.ravel(), minlength=len(count))
+    filled = covered > 0.5 * count
+    snapped = np.where(labels > 0, filled[labels], mask)
+    union = np.logical_or(snapped, mask).sum()
+    if union == 0 or np.logical_and(snapped, mask).sum() < 0.5 * union:
+        return mask
+    return np.asarray(snapped)

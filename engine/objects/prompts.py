@@ -1,0 +1,233 @@
+"""What a person can ask for: a text, a click, a box or a mask, in pixels of the photo after EXIF rotation."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera, CameraSet
+from ..errors import MaskError, PromptError
+
+__all__ = [
+    "BoxPrompt",
+    "ClickPrompt",
+    "MaskPrompt",
+    "Prompt",
+    "TextPrompt",
+    "camera_of_prompt",
+    "describe_prompt",
+    "load_mask",
+    "parse_prompt",
+]
+
+
+@dataclass(frozen=True)
+class TextPrompt:
+    """Words for what is wanted, e.g. ``"vase"``.
+
+    Raises
+    ------
+    PromptError
+        For an empty text.
+    """
+
+    text: str
+
+    def __post_init__(self) -> None:
+        if not self.text.strip():
+            raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
+
+
+@dataclass(frozen=True)
+class ClickPrompt:
+    """A point in a photo; (0, 0) is the top left corner, x to the right, y down."""
+
+    photo: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class BoxPrompt:
+    """A box in a photo by two opposite corners; stored with x0 < x1 and y0 < y1.
+
+    Raises
+    ------
+    PromptError
+        For a box without area.
+    """
+
+    photo: str
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    def __post_init__(self) -> None:
+        left, right = sorted((self.x0, self.x1))
+        top, bottom = sorted((self.y0, self.y1))
+        if right - left < 1 or bottom - top < 1:
+            raise PromptError(f"The box {self.x0:g},{self.y0:g},{self.x1:g},{self.y1:g} is smaller than a pixel.")
+        for name, value in (("x0", left), ("y0", top), ("x1", right), ("y1", bottom)):
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True)
+class MaskPrompt:
+    """A picture of the photo's size, white where the object is."""
+
+    photo: str
+    mask: Path
+
+
+Prompt = TextPrompt | ClickPrompt | BoxPrompt | MaskPrompt
+
+
+def parse_prompt(
+    *, text: str | None = None, click: str | None = None, box: str | None = None, seed_mask: str | None = None
+) -> Prompt:
+    """Return the one prompt that is given, from the forms of the command line.
+
+    Parameters
+    ----------
+    text : str, optional
+        Words.
+    click : str, optional
+        ``PHOTO=x,y``.
+    box : str, optional
+        ``PHOTO=x0,y0,x1,y1``.
+    seed_mask : str, optional
+        ``PHOTO=MASK.png``.
+
+    Returns
+    -------
+    Prompt
+
+    Raises
+    ------
+    PromptError
+        When none or several are given, or one is not of its form.
+    """
+    if sum(value is not None for value in (text, click, box, seed_mask)) != 1:
+        raise PromptError("Give exactly one prompt: a text, a click, a box or a mask.")
+    if text is not None:
+        return TextPrompt(text)
+    if click is not None:
+        photo, (x, y) = _photo_and_numbers(click, 2, "PHOTO=x,y")
+        return ClickPrompt(photo, x, y)
+    if box is not None:
+        photo, (x0, y0, x1, y1) = _photo_and_numbers(box, 4, "PHOTO=x0,y0,x1,y1")
+        return BoxPrompt(photo, x0, y0, x1, y1)
+    assert seed_mask is not None
+    return _parse_mask(seed_mask)
+
+
+def _photo_and_numbers(text: str, count: int, form: str) -> tuple[str, list[float]]:
+    # The last "=" parts them: photo names may hold one, numbers never do.
+    photo, equals, rest = text.rpartition("=")
+    try:
+        numbers = [float(part) for part in rest.split(",")]
+    except ValueError:
+        numbers = []
+    if not equals or not photo or len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        raise PromptError(f"{text!r} is not of the form {form}, in pixels from the photo's top left corner.")
+    return photo, numbers
+
+
+def _parse_mask(text: str) -> MaskPrompt:
+    splits = [(text[:i], text[i + 1 :]) for i, letter in enumerate(text) if letter == "="]
+    splits = [(photo, mask) for photo, mask in splits if photo and mask]
+    if not splits:
+        raise PromptError(f"{text!r} is not of the form PHOTO=MASK.png.")
+    # Both names may hold an "=": the mask is the part that is a file.
+    photo, mask = next((split for split in splits if Path(split[1]).is_file()), splits[0])
+    return MaskPrompt(photo, Path(mask))
+
+
+def describe_prompt(prompt: Prompt) -> dict[str, str | float]:
+    """Return the prompt as JSON values, as ``object.json`` stores it."""
+    if isinstance(prompt, TextPrompt):
+        return {"kind": "text", "text": prompt.text}
+    if isinstance(prompt, ClickPrompt):
+        return {"kind": "click", "photo": prompt.photo, "x": prompt.x, "y": prompt.y}
+    if isinstance(prompt, BoxPrompt):
+        box = {"x0": prompt.x0, "y0": prompt.y0, "x1": prompt.x1, "y1": prompt.y1}
+        return {"kind": "box", "photo": prompt.photo, **box}
+    return {"kind": "mask", "photo": prompt.photo, "mask": prompt.mask.name}
+
+
+def camera_of_prompt(prompt: ClickPrompt | BoxPrompt | MaskPrompt, cameras: CameraSet) -> Camera:
+    """Return the camera of the photo the prompt points into.
+
+    Parameters
+    ----------
+    prompt : ClickPrompt, BoxPrompt or MaskPrompt
+    cameras : CameraSet
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    PromptError
+        When the photo is unknown (the nearest names are listed) or was not registered, or the click or box lies
+        outside of it.
+    """
+    camera = next((camera for camera in cameras.cameras if camera.photo == prompt.photo), None)
+    if camera is None:
+        raise PromptError(_unknown_photo(prompt.photo, [c.photo for c in cameras.cameras], cameras.unregistered))
+    size = f"{prompt.photo} is {camera.width} x {camera.height} pixels"
+    if isinstance(prompt, ClickPrompt) and not (0 <= prompt.x < camera.width and 0 <= prompt.y < camera.height):
+        raise PromptError(f"The click {prompt.x:g},{prompt.y:g} lies outside of the photo: {size}.")
+    if isinstance(prompt, BoxPrompt) and (
+        prompt.x1 <= 0 or prompt.y1 <= 0 or prompt.x0 >= camera.width or prompt.y0 >= camera.height
+    ):
+        corners = f"{prompt.x0:g},{prompt.y0:g},{prompt.x1:g},{prompt.y1:g}"
+        raise PromptError(f"The box {corners} lies outside of the photo: {size}.")
+    return camera
+
+
+def _unknown_photo(name: str, known: Sequence[str], unregistered: Sequence[str]) -> str:
+    if name in unregistered:
+        return f"{name} could not be placed among the other photos, so nothing can be picked in it. Use another photo."
+    lowered = {photo.lower(): photo for photo in known}
+    by_file = [photo for photo in known if Path(photo).name.lower() == Path(name).name.lower()]
+    near = by_file or [lowered[close] for close in difflib.get_close_matches(name.lower(), lowered, n=3, cutoff=0.4)]
+    if near:
+        return f"No photo is called {name!r}. Did you mean {' or '.join(near)}?"
+    return f"No photo is called {name!r}. Photos are called: {', '.join(known[:5])}."
+
+
+def load_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
+    """Return a mask picture as bool [camera.height, camera.width]; lighter than half is inside.
+
+    Raises
+    ------
+    MaskError
+        When the file cannot be read, has another size than the photo, or nothing in it is white.
+    """
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as picture:
+            wide = picture.mode.startswith("I")
+            values = np.asarray(picture if wide else picture.convert("L"))
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise MaskError(f"The mask {path} cannot be read: {error}. Save it as PNG.") from error
+    height, width = values.shape
+    if (width, height) != (camera.width, camera.height):
+        raise MaskError(
+            f"The mask {path} is {width} x {height} pixels, but {camera.photo} is {camera.width} x {camera.height}. "
+            "Draw it over the photo itself."
+        )
+    mask = values > (32767 if wide else 127)
+    if not mask.any():
+        raise MaskError(f"The mask {path} is empty: no pixel is lighter than half. Paint the object white.")
+    return mask

@@ -1,0 +1,220 @@
+"""From a prompt to masks in photos: given, by SAM from a click or box, or by a text detector in several views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..errors import Cancelled, PromptError
+from ..events import Emit, Progress, StopCheck
+from ..photos.pixels import load_pixels
+from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, camera_of_prompt, load_mask
+from .settings import SegmentSettings
+from .views import View, Views, spread_cameras
+
+if TYPE_CHECKING:
+    from ..grounding.detector import Detector
+    from ..masks.sam import Embedding, SegmentAnything
+
+__all__ = ["DetectorFactory", "SamFactory", "Seed", "find_seeds"]
+
+DetectorFactory = Callable[[], "Detector"]
+SamFactory = Callable[[], "SegmentAnything"]
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A mask in one view that may show what was asked for.
+
+    Attributes
+    ----------
+    view : View
+    mask : bool array of shape [h, w]
+        In the frame of `view`.
+    score : float
+        0 to 1: the detector's for a text, SAM's guess of its own mask for a click or box, 1 for a given mask.
+    start : array of shape [D], float32, or None
+        Feature of the clicked pixel.
+    given : bool
+        The person drew the mask; it is not to be improved.
+    """
+
+    view: View
+    mask: Mask
+    score: float
+    start: NDArray[np.float32] | None = None
+    given: bool = False
+
+
+class _Photos:
+    """Photos at the size the models see, each encoded by SAM at most once."""
+
+    def __init__(self, folder: Path, side: int, sam_factory: SamFactory) -> None:
+        self._folder, self._side, self._sam_factory = folder, side, sam_factory
+        self._sam: SegmentAnything | None = None
+        self._embeddings: dict[str, Embedding] = {}
+
+    def pixels(self, camera: Camera) -> NDArray[np.uint8]:
+        return load_pixels(self._folder / camera.photo, max_side=self._side)
+
+    def segment(
+        self,
+        camera: Camera,
+        pixels: NDArray[np.uint8],
+        *,
+        point: tuple[float, float] | None = None,
+        box: tuple[float, float, float, float] | None = None,
+    ) -> tuple[Mask, float]:
+        """Return SAM's mask and its guess of the IoU for a point or box in the pixels of `pixels`."""
+        if self._sam is None:
+            self._sam = self._sam_factory()
+        if camera.photo not in self._embeddings:
+            self._embeddings = {camera.photo: self._sam.encode(pixels)}
+        points = np.asarray([point] if point is not None else np.zeros((0, 2)), np.float32)
+        found = self._sam.predict(
+            self._embeddings[camera.photo],
+            points if len(points) else None,
+            np.ones(len(points), np.float32) if len(points) else None,
+            None if box is None else np.asarray(box, np.float32),
+        )
+        return found.mask, float(np.clip(found.iou, 0, 1))
+
+
+def find_seeds(
+    prompt: Prompt,
+    views: Views,
+    photo_folder: Path,
+    settings: SegmentSettings,
+    *,
+    detector_factory: DetectorFactory,
+    sam_factory: SamFactory,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> list[Seed]:
+    """Return masks that may show what `prompt` asks for, at least one.
+
+    Parameters
+    ----------
+    prompt : Prompt
+    views : Views
+    photo_folder : Path
+        Where the photos lie.
+    settings : SegmentSettings
+    detector_factory, sam_factory : callable
+        Called only when the prompt needs the model.
+    emit, should_stop
+        See `engine.events`.
+
+    Raises
+    ------
+    PromptError
+        When nothing was found; for a text outside of the detector's words with the nearest it knows.
+    MaskError
+        When a given mask cannot be used.
+    Cancelled
+        When `should_stop` says so.
+    """
+    photos = _Photos(photo_folder, settings.photo_side, sam_factory)
+    if isinstance(prompt, TextPrompt):
+        return _from_text(prompt, views, photos, settings, detector_factory, emit, should_stop)
+    camera = camera_of_prompt(prompt, views.cameras)
+    view = views.of(camera)
+    if isinstance(prompt, MaskPrompt):
+        seed = Seed(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True)
+    elif isinstance(prompt, ClickPrompt):
+        seed = _from_click(prompt, view, photos)
+    else:
+        seed = _from_box(prompt, view, photos)
+    if not seed.mask.any():
+        raise PromptError(f"Nothing was found at that place of {camera.photo}. Click on the middle of the object.")
+    return [seed]
+
+
+def _from_click(prompt: ClickPrompt, view: View, photos: _Photos) -> Seed:
+    camera = view.camera
+    pixels = photos.pixels(camera)
+    scale = pixels.shape[1] / camera.width
+    mask, score = photos.segment(camera, pixels, point=(prompt.x * scale, prompt.y * scale))
+    taken = view.from_photo(mask)
+    column, row = _pixel_of(view, prompt.x, prompt.y)
+    clicked = view.features[row, column] if view.covered[row, column] else None
+    # A single pixel may lie on a seam; it leads the mean only where the mask agrees with it.
+    if clicked is not None and taken.any():
+        alike = (view.features[taken] @ clicked >= 0.7).mean()
+        clicked = clicked if alike >= 0.5 else None
+    return Seed(view, taken, score, clicked)
+
+
+def _pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
+    """Return column and row of the view's frame that show a point of the photo."""
+    spot = np.zeros((view.camera.height, view.camera.width), np.uint8)
+    reach = max(2, round(1.5 * max(spot.shape) / max(view.frame.width, view.frame.height)))
+    cv2.circle(spot, (int(x), int(y)), reach, 1, thickness=-1)
+    rows, columns = np.nonzero(view.from_photo(spot > 0))
+    if len(rows) == 0:
+        raise PromptError(f"The click {x:g},{y:g} lies on the very rim of {view.camera.photo}. Click farther inside.")
+    return int(round(float(columns.mean()))), int(round(float(rows.mean())))
+
+
+def _from_box(prompt: BoxPrompt, view: View, photos: _Photos) -> Seed:
+    camera = view.camera
+    pixels = photos.pixels(camera)
+    scale = pixels.shape[1] / camera.width
+    left, right = np.clip([prompt.x0, prompt.x1], 0, camera.width)
+    top, bottom = np.clip([prompt.y0, prompt.y1], 0, camera.height)
+    box = (float(left * scale), float(top * scale), float(right * scale), float(bottom * scale))
+    mask, score = photos.segment(camera, pixels, box=box)
+    return Seed(view, view.from_photo(mask), score)
+
+
+def _from_text(
+    prompt: TextPrompt,
+    views: Views,
+    photos: _Photos,
+    settings: SegmentSettings,
+    detector_factory: DetectorFactory,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> list[Seed]:
+    detector = detector_factory()
+    check = detector.knows(prompt.text)
+    if not check.known:
+        raise PromptError(_outside_vocabulary(prompt.text, check.message, [word for word, _ in check.matches]))
+    seeds = []
+    cameras = spread_cameras(views.cameras.cameras, settings.n_text_views)
+    for number, camera in enumerate(cameras):
+        if should_stop():
+            raise Cancelled(f"Stopped while looking for {prompt.text!r}; no object was stored.")
+        pixels = photos.pixels(camera)
+        for found in detector.detect(pixels, prompt.text):
+            box = (float(found.box[0]), float(found.box[1]), float(found.box[2]), float(found.box[3]))
+            mask, _ = photos.segment(camera, pixels, box=box)
+            view = views.of(camera)
+            taken = view.from_photo(mask)
+            if taken.any():
+                seeds.append(Seed(view, taken, float(found.score)))
+        emit(Progress("objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r}"))
+    if not seeds:
+        raise PromptError(
+            f"{prompt.text!r} was not found in {len(cameras)} photos. Use another word, or click on the object instead."
+        )
+    return seeds
+
+
+def _outside_vocabulary(text: str, message: str, nearest: list[str]) -> str:
+    sentence = message or f"The detector does not know {text!r}."
+    missing = [word for word in nearest if word not in sentence]
+    if missing:
+        sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest[:5])}."
+    if "click" not in sentence.lower():
+        sentence += " You can click on the object instead."
+    return sentence

@@ -1,0 +1,88 @@
+"""Settings of object extraction, and its presets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ..settings import require
+
+__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "SegmentSettings"]
+
+
+@dataclass(frozen=True)
+class SegmentSettings:
+    """How a prompt becomes an object.
+
+    Attributes
+    ----------
+    cosine : float
+        A Gaussian (or pixel) belongs to the prompt when the cosine between its feature and the prompt's is at least
+        this; 0.7 in the paper.
+    n_text_views : int
+        Photos in which a text is looked for; spread over the poses.
+    photo_side : int
+        Longer side in pixels to which photos are reduced before the detector and SAM see them.
+    render_side : int
+        Longer side in pixels of the pictures rendered to read features and count votes.
+    erode_pixels : int
+        Pixels taken off the rim of a mask before its feature is read: features mix at silhouettes.
+    refinement : {"none", "votes"}
+        ``none``: the cosine decides, as in the paper. ``votes``: masks of several views vote on every Gaussian with
+        its blending weights.
+    n_vote_views : int
+        Views that vote, at most.
+    vote_rounds : int
+        Rounds of voting; each starts from the Gaussians the round before kept.
+    completion : {"none", "hull", "guarded"}
+        What is filled in: ``hull`` takes all Gaussians inside of the convex hull (paper); ``guarded`` only those
+        inside that no view sees.
+    outlier_iqr : float or None
+        Before the hull is drawn, Gaussians farther than this many interquartile ranges from the quartiles on any
+        axis are set aside (Gaussian Grouping: 1.0); None for no such filter.
+    same_object : float
+        Two finds are one object when their Gaussians overlap at least this much (intersection over the smaller).
+    relative_score : float
+        Of several different finds of one text, those that score at least this part of the best become objects.
+    max_objects : int
+        Objects made from one text, at most.
+    """
+
+    cosine: float = 0.7
+    n_text_views: int = 8
+    photo_side: int = 1024
+    render_side: int = 480
+    erode_pixels: int = 2
+    refinement: Literal["none", "votes"] = "none"
+    n_vote_views: int = 24
+    vote_rounds: int = 2
+    completion: Literal["none", "hull", "guarded"] = "hull"
+    outlier_iqr: float | None = 1.0
+    same_object: float = 0.4
+    relative_score: float = 0.5
+    max_objects: int = 8
+
+    def __post_init__(self) -> None:
+        require(self, "cosine", -1.0 < self.cosine < 1.0, "between -1 and 1")
+        require(self, "n_text_views", self.n_text_views >= 1, "at least 1")
+        require(self, "photo_side", self.photo_side >= 64, "at least 64")
+        require(self, "render_side", self.render_side >= 16, "at least 16")
+        require(self, "erode_pixels", self.erode_pixels >= 0, "at least 0")
+        require(self, "refinement", self.refinement in ("none", "votes"), "'none' or 'votes'")
+        require(self, "n_vote_views", self.n_vote_views >= 1, "at least 1")
+        require(self, "vote_rounds", self.vote_rounds >= 1, "at least 1")
+        require(self, "completion", self.completion in ("none", "hull", "guarded"), "'none', 'hull' or 'guarded'")
+        require(self, "outlier_iqr", self.outlier_iqr is None or self.outlier_iqr > 0, "above 0 or None")
+        require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
+        require(self, "relative_score", 0 <= self.relative_score <= 1, "between 0 and 1")
+        require(self, "max_objects", self.max_objects >= 1, "at least 1")
+
+
+PAPER = SegmentSettings()
+"""Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
+
+BETTER = replace(PAPER, refinement="votes", completion="guarded")
+"""Masks of up to 24 views vote on every Gaussian; only what no view sees is filled in."""
+
+PRESETS = {"paper": PAPER, "better": BETTER}
+DEFAULT_PRESET = "paper"

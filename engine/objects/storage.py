@@ -1,0 +1,238 @@
+"""Objects on disk: ``objects/<id>/`` with ``object.json``, ``membership.npy`` and previews of the seed masks."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import re
+import shutil
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError, ObjectError
+from ..project_folder import atomic_write, write_json
+
+__all__ = [
+    "OBJECT_VERSION",
+    "ObjectRecord",
+    "delete_object",
+    "list_objects",
+    "load_membership",
+    "load_object",
+    "new_id",
+    "new_name",
+    "save_object",
+]
+
+OBJECT_VERSION = 1
+_RECORD = "object.json"
+_MEMBERSHIP = "membership.npy"
+
+
+@dataclass(frozen=True)
+class ObjectRecord:
+    """An object of a scene.
+
+    Attributes
+    ----------
+    id : str
+        Folder name, safe in every file system, e.g. ``"vase-2"``.
+    name : str
+        As the person wrote it.
+    prompt : dict
+        What was asked for, see `engine.objects.prompts.describe_prompt`.
+    threshold : float
+        A Gaussian belongs to the object when its membership is at least this.
+    score : float
+        Confidence that this is what was asked for, 0 to 1: for a text the detector's score averaged over the views
+        that face the object, else SAM's own estimate (1 for a given mask).
+    fit : float
+        Intersection over union of the object, rendered in the seed's view, with the seed mask.
+    n_gaussians : int
+        Gaussians at `threshold`.
+    n_scene_gaussians : int
+        Gaussians of the scene the membership belongs to.
+    seeds : tuple of dict
+        Photos whose masks agreed on this object: ``photo``, ``score``.
+    settings : dict
+        Of the extraction.
+    seconds : float
+        Wall time of the extraction.
+    created : str
+        ISO 8601 time in UTC.
+    """
+
+    id: str
+    name: str
+    prompt: dict[str, Any]
+    threshold: float
+    score: float
+    fit: float
+    n_gaussians: int
+    n_scene_gaussians: int
+    seeds: tuple[dict[str, Any], ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+    created: str = ""
+
+
+def _folder(project: Path) -> Path:
+    return project / "objects"
+
+
+def new_id(name: str, taken: Sequence[str]) -> str:
+    """Return a folder name for `name` that no file system refuses and that is not in `taken`.
+
+    Letters and digits of every script are kept in lower case, the rest becomes one ``-``; a number is added when the
+    name is taken (compared without case: two ids never differ by case alone).
+    """
+    folded = unicodedata.normalize("NFC", unicodedata.normalize("NFKC", name).casefold())
+    slug = re.sub(r"[\W_]+", "-", folded, flags=re.UNICODE).strip("-")
+    # 60 letters of 3 bytes stay below every file system's 255 bytes.
+    slug = slug[:60].strip("-") or "object"
+    if re.fullmatch(r"con|prn|aux|nul|com\d|lpt\d", slug):
+        slug = f"object-{slug}"
+    return _numbered(slug, {other.casefold() for other in taken})
+
+
+def new_name(name: str, taken: Sequence[str]) -> str:
+    """Return `name`, with ``-2``, ``-3``... when an object is called so already."""
+    name = " ".join(name.split()) or "object"
+    return _numbered(name, set(taken))
+
+
+def _numbered(name: str, taken: set[str]) -> str:
+    if name.casefold() not in taken and name not in taken:
+        return name
+    number = 2
+    while f"{name}-{number}" in taken or f"{name}-{number}".casefold() in taken:
+        number += 1
+    return f"{name}-{number}"
+
+
+def save_object(
+    project: Path,
+    record: ObjectRecord,
+    membership: NDArray[np.float32],
+    previews: Sequence[tuple[str, NDArray[np.uint8]]] = (),
+) -> None:
+    """Write an object; it is listed only once all of it lies on the disk.
+
+    Parameters
+    ----------
+    project : Path
+        Project folder.
+    record : ObjectRecord
+    membership : array of shape [N], float32
+        In [0, 1], one for each Gaussian of the scene.
+    previews : sequence of (str, array of shape [H, W] or [H, W, 3], uint8)
+        File names without ending, and pictures.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full or read-only.
+    """
+    from PIL import Image
+
+    folder = _folder(project) / record.id
+    with atomic_write(folder / _MEMBERSHIP) as stream:
+        np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
+    for name, picture in previews:
+        with atomic_write(folder / f"{name}.png") as stream:
+            Image.fromarray(picture).save(stream, format="PNG")
+    write_json(folder / _RECORD, {"version": OBJECT_VERSION, **asdict(record)})
+
+
+def _read_record(file: Path) -> ObjectRecord:
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        if data.pop("version") != OBJECT_VERSION:
+            raise FormatError(f"{file} was written by another version of Gaussian Heritage. Isolate the object again.")
+        known = {f.name for f in fields(ObjectRecord)}
+        values = {key: value for key, value in data.items() if key in known}
+        values["seeds"] = tuple(values.get("seeds", ()))
+        return ObjectRecord(**values)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FormatError(f"{file} cannot be read: {error}. Delete its folder and isolate the object again.") from error
+
+
+def list_objects(project: Path) -> list[ObjectRecord]:
+    """Return the objects of the project folder `project`, oldest first.
+
+    Raises
+    ------
+    FormatError
+        When an ``object.json`` is damaged.
+    """
+    files = sorted(_folder(project).glob(f"*/{_RECORD}"))
+    return sorted((_read_record(file) for file in files), key=lambda record: (record.created, record.id))
+
+
+def load_object(project: Path, name: str) -> ObjectRecord:
+    """Return the object called `name`, or whose id is `name`.
+
+    Raises
+    ------
+    ObjectError
+        When there is none; the message lists the names there are.
+    """
+    records = list_objects(project)
+    for same in (
+        lambda record: record.id == name,
+        lambda record: record.name == name,
+        lambda record: record.name.casefold() == name.casefold(),
+    ):
+        found = next((record for record in records if same(record)), None)
+        if found is not None:
+            return found
+    if not records:
+        raise ObjectError(f"{project} has no objects yet. Isolate one with `segment` first.")
+    names = [record.name for record in records]
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f" Did you mean {near[0]!r}?" if near else ""
+    raise ObjectError(f"No object is called {name!r}.{hint} Known: {', '.join(names)}.")
+
+
+def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
+    """Return the membership of the object `object_id`, shape [N], float32, in [0, 1].
+
+    Raises
+    ------
+    ObjectError
+        When there is no such object.
+    FormatError
+        When its file is damaged.
+    """
+    file = _folder(project) / object_id / _MEMBERSHIP
+    if not file.is_file():
+        raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
+    try:
+        membership = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
+    if membership.ndim != 1 or not np.isfinite(membership).all():
+        raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
+    return membership.astype(np.float32)
+
+
+def delete_object(project: Path, name: str) -> ObjectRecord:
+    """Remove the object called `name` (or with that id) from the disk and return what it was.
+
+    Raises
+    ------
+    ObjectError
+        When there is none.
+    """
+    record = load_object(project, name)
+    folder = _folder(project) / record.id
+    # The record goes first: a removal that is interrupted must not leave an object without membership in the list.
+    (folder / _RECORD).unlink()
+    shutil.rmtree(folder)
+    return record

@@ -1,0 +1,152 @@
+"""The photos' cameras as places to look at the Gaussians from, each rendered once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera, CameraSet, PinholeCamera
+from ..cameras.lens import covering_pinhole, distort, project, undistort
+from ..errors import ObjectError
+from ..pictures.scene import Scene, normalized
+
+__all__ = ["View", "Views", "eroded", "spread_cameras"]
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class View:
+    """What one photo's camera sees of the features, in an undistorted frame that holds every pixel of the photo.
+
+    Attributes
+    ----------
+    camera : Camera
+    frame : PinholeCamera
+        Size [h, w].
+    features : array of shape [h, w, D], float32
+        Rendered, at unit length.
+    covered : bool array of shape [h, w]
+        Within the photo, and Gaussians cover more than half.
+    within : bool array of shape [h, w]
+        Pixels that the photo has.
+    """
+
+    camera: Camera
+    frame: PinholeCamera
+    features: Float32
+    covered: Mask
+    within: Mask
+
+    def from_photo(self, mask: Mask) -> Mask:
+        """Bring a mask from the photo (of any resolution) to the frame."""
+        taken = undistort(mask.astype(np.uint8), self.camera, self.frame, interpolation="nearest")
+        return np.asarray(taken > 0) & self.within
+
+    def labels_from_photo(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Bring a label map from the photo (of any resolution) to the frame; 0 beside the photo."""
+        taken = undistort(labels, self.camera, self.frame, interpolation="nearest")
+        return np.where(self.within, np.asarray(taken), 0).astype(np.int32)
+
+    def to_photo(self, mask: Mask) -> Mask:
+        """Bring a mask from the frame to the photo at full resolution."""
+        taken = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
+        return np.asarray(taken > 0.5)
+
+    def like(self, direction: Float32, cosine: float) -> Mask:
+        """Return the covered pixels whose feature has at least `cosine` to the unit vector `direction`."""
+        return (self.features @ direction >= cosine) & self.covered
+
+
+class Views:
+    """Views of one scene, rendered when first asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+    cameras : CameraSet
+    render_side : int
+        Longer side of the frames in pixels.
+
+    Raises
+    ------
+    ObjectError
+        When the scene has no features.
+    """
+
+    def __init__(self, scene: Scene, cameras: CameraSet, *, render_side: int) -> None:
+        if scene.gaussians.features is None:
+            raise ObjectError(
+                "This scene was trained without segmentation features, so no object can be isolated. "
+                "Reconstruct it again with objects wanted."
+            )
+        self.scene = scene
+        self.cameras = cameras
+        self.render_side = render_side
+        self._views: dict[str, View] = {}
+
+    @property
+    def directions(self) -> Float32:
+        """Features of the Gaussians at unit length, shape [N, D]."""
+        assert self.scene.gaussians.features is not None
+        return normalized(self.scene.gaussians.features)
+
+    def of(self, camera: Camera) -> View:
+        """Return the view of a photo."""
+        if camera.photo not in self._views:
+            frame = covering_pinhole(camera, max_side=self.render_side)
+            rendered = self.scene.render(frame, channels=self.scene.gaussians.features)
+            small = np.ones((max(1, camera.height // 8), max(1, camera.width // 8)), np.uint8)
+            within = np.asarray(undistort(small, camera, frame, interpolation="nearest")) > 0
+            covered = (rendered.alpha > 0.5) & within
+            self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
+        return self._views[camera.photo]
+
+    def visible_share(self, view: View, members: Mask) -> Float32:
+        """Return the share of each pixel of `view` that the members, bool [N], make up, occluded by the others."""
+        weights = np.asarray(members, np.float32)[:, None]
+        return self.scene.render(view.frame, channels=weights).channels[..., 0]
+
+    def facing(self, point: NDArray[np.floating]) -> list[Camera]:
+        """Return the cameras that have the world point [3] in their picture."""
+        facing = []
+        for camera in self.cameras.cameras:
+            pixels, depth = project(camera, np.asarray(point, np.float64)[None])
+            x, y = pixels[0]
+            if depth[0] > 0 and 0 <= x < camera.width and 0 <= y < camera.height:
+                facing.append(camera)
+        return facing
+
+
+def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
+    """Return `count` cameras that differ most in place and direction; all when there are fewer.
+
+    The first is the most central one; each further one is the farthest from those chosen, with positions in units of
+    their spread and view directions as unit vectors.
+    """
+    if len(cameras) <= count:
+        return list(cameras)
+    places = np.stack([camera.center for camera in cameras])
+    spread = float(np.linalg.norm(places - places.mean(axis=0), axis=1).mean()) or 1.0
+    poses = np.hstack([places / spread, np.stack([camera.viewmat[2, :3] for camera in cameras])])
+    chosen = [int(np.linalg.norm(poses - poses.mean(axis=0), axis=1).argmin())]
+    distance = np.linalg.norm(poses - poses[chosen[0]], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(poses - poses[chosen[-1]], axis=1))
+    return [cameras[i] for i in chosen]
+
+
+def eroded(mask: Mask, pixels: int) -> Mask:
+    """Return `mask` without `pixels` of rim, or with less taken off when nothing would be left."""
+    kernel = np.ones((3, 3), np.uint8)
+    for times in range(pixels, 0, -1):
+        smaller = cv2.erode(mask.astype(np.uint8), kernel, iterations=times, borderType=cv2.BORDER_REPLICATE) > 0
+        if smaller.any():
+            return np.asarray(smaller)
+    return mask

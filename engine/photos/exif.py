@@ -1,0 +1,98 @@
+"""What a photo's EXIF says about how it was held and through which lens."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+from PIL import Image
+
+__all__ = ["TURNS", "focal_in_pixels", "orientation_of"]
+
+_LOG = logging.getLogger(__name__)
+
+_ORIENTATION = 0x0112
+_EXIF_IFD = 0x8769
+_FOCAL_LENGTH = 0x920A
+_FOCAL_LENGTH_35MM = 0xA405
+_PIXEL_WIDTH, _PIXEL_HEIGHT = 0xA002, 0xA003
+_PLANE_X_RESOLUTION = 0xA20E
+_PLANE_UNIT = 0xA210
+_UNIT_IN_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+_FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+
+# From a wide fisheye to a 1,200 mm telephoto; outside of it the EXIF is wrong.
+_PLAUSIBLE_FOCAL = (0.2, 35.0)
+
+TURNS: dict[int, Image.Transpose] = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+"""EXIF orientation to the transpose that turns the stored pixels upright."""
+
+
+def _read(image: Image.Image) -> Image.Exif | None:
+    # Pillow raises many types on damaged EXIF; the pixels are good all the same, so the photo is used without it.
+    try:
+        exif = image.getexif()
+        exif.get_ifd(_EXIF_IFD)
+    except (SyntaxError, ValueError, TypeError, KeyError, OSError, IndexError, ArithmeticError) as error:
+        _LOG.warning("damaged EXIF is ignored: %s", error)
+        return None
+    return exif
+
+
+def orientation_of(image: Image.Image) -> int:
+    """Return the EXIF orientation 1 to 8 that is still to be applied to `image`, whose pixels must be loaded.
+
+    Notes
+    -----
+    Pillow turns TIFF, and pillow-heif HEIC, on loading and then reports 1.
+    """
+    exif = _read(image)
+    value = exif.get(_ORIENTATION, 1) if exif is not None else 1
+    return value if value in TURNS else 1
+
+
+def focal_in_pixels(image: Image.Image) -> float | None:
+    """Return the focal length in pixels of `image` from its EXIF, None when it does not say.
+
+    Notes
+    -----
+    ``FocalLengthIn35mmFilm`` f goes by the diagonal (CIPA DCG-001): f * diagonal in pixels / 43.27 mm, for the whole
+    sensor; a cropped photo gives a wrong value, which bundle adjustment refines. Else ``FocalLength`` times
+    ``FocalPlaneXResolution``, which counts pixels of the sensor and is scaled by this picture's longest side over the
+    longest side in EXIF.
+    """
+    exif = _read(image)
+    if exif is None:
+        return None
+    tags = exif.get_ifd(_EXIF_IFD)
+    width, height = image.size
+    focal = _number(tags.get(_FOCAL_LENGTH_35MM)) * math.hypot(width, height) / _FILM_DIAGONAL_MM
+    if not focal > 0.0:
+        millimetres = _number(tags.get(_FOCAL_LENGTH))
+        per_unit = _number(tags.get(_PLANE_X_RESOLUTION))
+        unit = _UNIT_IN_MM.get(int(_number(tags.get(_PLANE_UNIT, 2))), 25.4)
+        recorded = max(_number(tags.get(_PIXEL_WIDTH)), _number(tags.get(_PIXEL_HEIGHT)))
+        scale = max(width, height) / recorded if recorded > 0.0 else 1.0
+        focal = millimetres * per_unit / unit * scale
+    longest = max(width, height)
+    if not _PLAUSIBLE_FOCAL[0] * longest <= focal <= _PLAUSIBLE_FOCAL[1] * longest:
+        return None
+    return float(focal)
+
+
+def _number(value: Any) -> float:
+    """Return an EXIF value as a float, 0 for what is missing, not a number or 0/0."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return 0.0
+    return number if math.isfinite(number) else 0.0

@@ -1,0 +1,55 @@
+"""A `PhotoSet` as a JSON file and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from ..errors import FormatError
+from ..project_folder import write_json
+from .photo import Photo, PhotoSet, RejectedPhoto
+
+__all__ = ["read_photo_set", "write_photo_set"]
+
+_VERSION = 1
+
+
+def write_photo_set(path: Path, photo_set: PhotoSet) -> None:
+    """Write `photo_set` to the JSON file `path`, atomically.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    write_json(
+        path,
+        {
+            "version": _VERSION,
+            "folder": str(photo_set.folder),
+            "photos": [asdict(photo) for photo in photo_set.photos],
+            "rejected": [asdict(photo) for photo in photo_set.rejected],
+        },
+    )
+
+
+def read_photo_set(path: Path) -> PhotoSet:
+    """Return the `PhotoSet` that `write_photo_set` left at `path`.
+
+    Raises
+    ------
+    FormatError
+        When the file is missing, damaged or from another version.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        if data["version"] != _VERSION:
+            raise FormatError(f"{path} was written by another version of Gaussian Heritage. Run the photos stage again.")
+        return PhotoSet(
+            folder=Path(data["folder"]),
+            photos=tuple(Photo(**photo) for photo in data["photos"]),
+            rejected=tuple(RejectedPhoto(**photo) for photo in data["rejected"]),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FormatError(f"{path} is not a photo list of ours: {error}. Run the photos stage again.") from error

@@ -1,0 +1,37 @@
+"""Pictures as PNG files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..project_folder import atomic_write
+
+__all__ = ["write_png"]
+
+
+def write_png(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16], *, description: str = "") -> None:
+    """Write a picture, atomically.
+
+    Parameters
+    ----------
+    path : Path
+    picture : array of shape [H, W] or [H, W, 3], uint8, or [H, W], uint16
+    description : str
+        Stored in the file's ``Description`` text.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    info = PngInfo()
+    if description:
+        info.add_itxt("Description", description)
+    with atomic_write(path) as stream:
+        Image.fromarray(np.ascontiguousarray(picture)).save(stream, format="PNG", pnginfo=info)

@@ -1,0 +1,230 @@
+"""Pictures of a scene in the pixels of the photo after EXIF rotation, or of a given pinhole camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera, PinholeCamera
+from ..errors import ObjectError, SettingsError
+from ..gaussians.gaussians import Gaussians
+from .clusters import cluster_colors, find_clusters, principal_colors
+from .png import write_png
+from .scene import Backend, Scene, normalized
+
+__all__ = ["DEPTH_STEPS_PER_UNIT", "INSTANCE_COSINE", "Subject", "click_mask", "render_view", "write_png"]
+
+DEPTH_STEPS_PER_UNIT = 1000
+"""Grey values of a depth picture to one unit of the normalised world; 0 is "nothing there", 65535 "farther"."""
+
+INSTANCE_COSINE = 0.7
+"""Pixels whose features have at least this cosine are one instance (Dahaghin et al. 2024)."""
+
+_FEATURE_SIDE = 1600
+"""Features are blended at most at this size and brought to the photo's after colouring: 16 channels need memory."""
+
+Subject = Literal["rgb", "mask", "depth", "features", "instances"]
+Float32 = NDArray[np.float32]
+
+
+def render_view(
+    gaussians: Gaussians,
+    camera: Camera | PinholeCamera,
+    *,
+    what: Subject = "rgb",
+    members: NDArray[np.bool_] | None = None,
+    click: tuple[float, float] | None = None,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    backend: Backend = "cpu",
+) -> NDArray[Any]:
+    """Return a picture of the scene or of one object.
+
+    Parameters
+    ----------
+    gaussians : Gaussians
+    camera : Camera or PinholeCamera
+        With a photo's camera the picture has the photo's size and lens distortion.
+    what : {"rgb", "mask", "depth", "features", "instances"}
+        ``rgb``: colours; of the object alone when `members` is given. ``mask``: where `members` is what one sees,
+        occluded by the rest of the scene. ``depth``: mean depth of what is seen, in steps of
+        1 / `DEPTH_STEPS_PER_UNIT`. ``features``: first three principal axes of the features. ``instances``: one
+        colour for each group of like features, black where none fits.
+    members : bool array of shape [N], optional
+        Gaussians of one object.
+    click : (float, float), optional
+        With ``features`` or ``instances``: pixel of the picture; white is what has a like feature.
+    background : sequence of 3 floats
+        sRGB in [0, 1] behind ``rgb``.
+    backend : {"cpu", "reference"}
+
+    Returns
+    -------
+    array of shape [H, W, 3], uint8, for ``rgb``, ``features`` and ``instances``; [H, W], uint8 (0 or 255), for
+    ``mask`` and with a click; [H, W], uint16, for ``depth``.
+
+    Raises
+    ------
+    SettingsError
+        For a mask without object, a click outside of the picture or with another `what`.
+    ObjectError
+        When features are needed and the scene was trained without, or `members` belongs to another scene.
+    """
+    if members is not None and len(members) != len(gaussians):
+        raise ObjectError(
+            f"The object was made for {len(members)} Gaussians, but the scene has {len(gaussians)}. Isolate it again."
+        )
+    if what in ("features", "instances") and gaussians.features is None:
+        raise ObjectError("This scene was trained without segmentation features. Reconstruct it with objects wanted.")
+    if click is not None and what not in ("features", "instances"):
+        raise SettingsError(f"--click goes with `features` or `instances`, not with `{what}`.")
+    if what == "mask":
+        if members is None:
+            raise SettingsError("A mask shows an object: say which one with --object.")
+        return _binary(_visible_part(Scene(gaussians, backend=backend), _frame(camera), members), camera)
+    shown = gaussians if members is None else gaussians[members]
+    if what == "rgb":
+        return _rgb(shown, camera, background, backend)
+    if what == "depth":
+        return _depth(shown, camera, backend)
+    if click is not None:
+        return click_mask(shown, camera, click, backend=backend)
+    # The groups are those of the whole scene, so that an object alone keeps its colour.
+    return _feature_picture(shown, gaussians, camera, what, backend)
+
+
+def click_mask(
+    gaussians: Gaussians,
+    camera: Camera | PinholeCamera,
+    click: tuple[float, float],
+    *,
+    backend: Backend = "cpu",
+) -> NDArray[np.uint8]:
+    """Return where features are like the one at a pixel, white on black.
+
+    Parameters
+    ----------
+    gaussians : Gaussians
+        With features.
+    camera : Camera or PinholeCamera
+    click : (float, float)
+        x, y in pixels of the picture, (0, 0) its top left corner.
+    backend : {"cpu", "reference"}
+
+    Returns
+    -------
+    array of shape [H, W], uint8
+        255 where the cosine is at least `INSTANCE_COSINE` and more than half is covered; all 0 when nothing is at
+        the pixel.
+
+    Raises
+    ------
+    SettingsError
+        When the pixel lies outside of the picture.
+    """
+    x, y = click
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise SettingsError(
+            f"The click {x:g},{y:g} lies outside of the picture, {camera.width} x {camera.height} pixels."
+        )
+    frame = _frame(camera, max_side=_FEATURE_SIDE)
+    rendered = Scene(gaussians, backend=backend).render(frame, channels=gaussians.features)
+    unit = normalized(rendered.channels)
+    column, row = _pixel_in_frame(click, frame, camera)
+    like = unit @ unit[row, column] >= INSTANCE_COSINE
+    covered = rendered.alpha > 0.5
+    if not covered[row, column]:
+        like[:] = False
+    return _binary((like & covered).astype(np.float32), camera, frame)
+
+
+def _frame(camera: Camera | PinholeCamera, *, max_side: int | None = None) -> PinholeCamera:
+    if isinstance(camera, PinholeCamera):
+        return camera
+    from ..cameras.lens import covering_pinhole
+
+    return covering_pinhole(camera, max_side=max_side)
+
+
+def _to_photo(picture: Float32, frame: PinholeCamera, camera: Camera | PinholeCamera) -> Float32:
+    """Bring `picture` from `frame` to the pixels of the photo."""
+    if isinstance(camera, PinholeCamera):
+        return picture
+    from ..cameras.lens import distort
+
+    return np.asarray(distort(picture, frame, camera, interpolation="linear"), np.float32)
+
+
+def _pixel_in_frame(
+    click: tuple[float, float], frame: PinholeCamera, camera: Camera | PinholeCamera
+) -> tuple[int, int]:
+    """Return column and row of `frame` that show the pixel of the photo."""
+    x, y = int(click[0]), int(click[1])
+    if isinstance(camera, PinholeCamera):
+        return x, y
+    rows, columns = np.mgrid[: frame.height, : frame.width].astype(np.float32)
+    where = _to_photo(np.stack([columns, rows], axis=-1), frame, camera)[y, x]
+    column, row = np.rint(where).astype(int)
+    return int(np.clip(column, 0, frame.width - 1)), int(np.clip(row, 0, frame.height - 1))
+
+
+def _uint8(values: Float32) -> NDArray[np.uint8]:
+    return np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
+
+
+def _binary(share: Float32, camera: Camera | PinholeCamera, frame: PinholeCamera | None = None) -> NDArray[np.uint8]:
+    picture = _to_photo(share, frame or _frame(camera), camera)
+    return np.where(picture > 0.5, np.uint8(255), np.uint8(0))
+
+
+def _visible_part(scene: Scene, frame: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
+    """Return the share of each pixel that the members make up, with all Gaussians occluding, shape [H, W]."""
+    return scene.render(frame, channels=members[:, None].astype(np.float32)).channels[..., 0]
+
+
+def _rgb(
+    gaussians: Gaussians, camera: Camera | PinholeCamera, background: Sequence[float], backend: Backend
+) -> NDArray[np.uint8]:
+    frame = _frame(camera)
+    rendered = Scene(gaussians, backend=backend).render(frame, color=True)
+    behind = np.asarray(background, np.float32)
+    return _uint8(_to_photo(rendered.channels + (1 - rendered.alpha[..., None]) * behind, frame, camera))
+
+
+def _depth(gaussians: Gaussians, camera: Camera | PinholeCamera, backend: Backend) -> NDArray[np.uint16]:
+    frame = _frame(camera)
+    scene = Scene(gaussians, backend=backend)
+    rendered = scene.render(frame, channels=scene.depth_of(frame)[:, None])
+    # Both are brought to the photo before the division: depths must not be mixed with "nothing there".
+    blended, alpha = _to_photo(np.dstack([rendered.channels, rendered.alpha]), frame, camera).transpose(2, 0, 1)
+    covered = alpha > 0.5
+    depth = np.divide(blended, alpha, out=np.zeros_like(blended), where=covered)
+    steps = np.rint(np.clip(depth * DEPTH_STEPS_PER_UNIT, 1, 65535))
+    return np.where(covered, steps, 0).astype(np.uint16)
+
+
+def _feature_picture(
+    shown: Gaussians,
+    whole: Gaussians,
+    camera: Camera | PinholeCamera,
+    what: Literal["features", "instances"],
+    backend: Backend,
+) -> NDArray[np.uint8]:
+    assert whole.features is not None
+    frame = _frame(camera, max_side=_FEATURE_SIDE)
+    rendered = Scene(shown, backend=backend).render(frame, channels=shown.features)
+    unit = normalized(rendered.channels)
+    if what == "features":
+        basis, low, high = principal_colors(whole.features, whole.opacities)
+        colors = np.clip((unit @ basis - low) / (high - low), 0, 1) * rendered.alpha[..., None]
+    else:
+        centers = find_clusters(whole.features, whole.opacities, cosine=INSTANCE_COSINE)
+        colors = np.zeros((*unit.shape[:2], 3), np.float32)
+        if len(centers):
+            likeness = unit @ centers.T
+            best = likeness.argmax(axis=-1)
+            fits = (likeness.max(axis=-1) >= INSTANCE_COSINE) & (rendered.alpha > 0.5)
+            colors[fits] = cluster_colors(len(centers))[best[fits]]
+    return _uint8(_to_photo(colors, frame, camera))

@@ -1,0 +1,137 @@
+"""A scene that is looked at often: rendered into arrays, and asked which Gaussians a set of pixels shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..cameras.camera import PinholeCamera
+from ..gaussians.gaussians import Gaussians
+from ..rasterizer.api import rasterize
+
+__all__ = ["Backend", "Rendered", "Scene", "normalized"]
+
+Backend = Literal["cpu", "reference"]
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """What a pinhole camera sees.
+
+    Attributes
+    ----------
+    channels : array of shape [H, W, C], float32
+        Blended colour (sRGB, 3 channels, when asked for) and then the channels that were given; no background.
+    alpha : array of shape [H, W], float32
+        How much is covered, 0 to 1.
+    """
+
+    channels: Float32
+    alpha: Float32
+
+
+def normalized(vectors: NDArray[np.floating]) -> Float32:
+    """Return `vectors` [..., D] at unit length; those of no length stay zero."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors, dtype=np.float32), where=lengths > 1e-12)
+
+
+class Scene:
+    """Gaussians ready to be rendered many times without training.
+
+    Parameters
+    ----------
+    gaussians : Gaussians
+    backend : {"cpu", "reference"}
+        Implementation of the rasterizer.
+    """
+
+    def __init__(self, gaussians: Gaussians, *, backend: Backend = "cpu") -> None:
+        self.gaussians = gaussians
+        self.backend: Backend = backend
+        self._means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
+        self._quats = torch.from_numpy(np.ascontiguousarray(gaussians.quats))
+        self._scales = torch.from_numpy(np.ascontiguousarray(gaussians.scales))
+        self._opacities = torch.from_numpy(np.ascontiguousarray(gaussians.opacities))
+        self._sh = torch.from_numpy(np.ascontiguousarray(gaussians.sh))
+
+    def __len__(self) -> int:
+        return len(self.gaussians)
+
+    def render(
+        self, camera: PinholeCamera, *, color: bool = False, channels: NDArray[np.floating] | None = None
+    ) -> Rendered:
+        """Return what `camera` sees.
+
+        Parameters
+        ----------
+        camera : PinholeCamera
+        color : bool
+            Blend the spherical harmonics into the first three channels.
+        channels : array of shape [N, C], optional
+            Further values to blend.
+
+        Returns
+        -------
+        Rendered
+        """
+        n_channels = 3 * color + (0 if channels is None else channels.shape[1])
+        if len(self) == 0:
+            empty = np.zeros((camera.height, camera.width, n_channels), np.float32)
+            return Rendered(empty, empty[..., 0].copy())
+        with torch.no_grad():
+            raster = rasterize(
+                self._means,
+                self._quats,
+                self._scales,
+                self._opacities,
+                camera=camera,
+                sh=self._sh if color else None,
+                channels=None if channels is None else torch.from_numpy(np.ascontiguousarray(channels, np.float32)),
+                backend=self.backend,
+            )
+        return Rendered(raster.image.numpy(), 1.0 - raster.transmittance.numpy())
+
+    def depth_of(self, camera: PinholeCamera) -> Float32:
+        """Return the depth of every centre along the view axis of `camera`, shape [N], world units."""
+        return (self.gaussians.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]).astype(np.float32)
+
+    def votes(self, camera: PinholeCamera, weights: NDArray[np.floating]) -> Float32:
+        """Return how much of each weighted set of pixels every Gaussian makes up.
+
+        Parameters
+        ----------
+        camera : PinholeCamera
+        weights : array of shape [H, W, C], float
+            C sets of pixels, e.g. a mask and its complement.
+
+        Returns
+        -------
+        array of shape [N, C], float32
+            sum over pixels p of w_pg * weights[p], w_pg the blending weight alpha * transmittance.
+
+        Notes
+        -----
+        A picture C_p = sum_g w_pg c_g is linear in the channels c, so the gradient of sum_p weights_p C_p with
+        respect to c_g is exactly the vote; one backward pass of the rasterizer counts all sets at once.
+        """
+        channels = torch.zeros(len(self), weights.shape[2], requires_grad=True)
+        if len(self) == 0:
+            return channels.detach().numpy()
+        raster = rasterize(
+            self._means,
+            self._quats,
+            self._scales,
+            self._opacities,
+            camera=camera,
+            channels=channels,
+            backend=self.backend,
+        )
+        raster.image.backward(torch.from_numpy(np.ascontiguousarray(weights, np.float32)))
+        assert channels.grad is not None
+        return channels.grad.numpy()

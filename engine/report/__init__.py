@@ -1,0 +1,3 @@
+"""A finished project folder comes in; a report that a curator can read goes out."""
+
+__all__: list[str] = []

@@ -1,0 +1,139 @@
+"""Writes the report of a project: ``report/report.json`` and ``report/report.html``."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..cameras.camera import Camera
+from ..errors import PhotoError
+from ..gaussians.gaussians import Gaussians
+from ..objects.storage import load_membership
+from ..pictures.scene import Backend
+from ..project_folder import ProjectFolder, atomic_write, write_json
+from .facts import collect_facts
+from .page import Pictures, page
+from .views import PhotoPair, measure_feature_agreement, orbit_pictures, photo_pair
+
+__all__ = ["build_report"]
+
+log = logging.getLogger(__name__)
+
+_MOST_PAIRS = 3
+
+
+def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
+    """Write the report of what was done so far and return the page's path.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        Held for writing; stages that are not done or were left out are left out of the report too.
+    backend : {"cpu", "reference"}
+        Renders the pictures.
+
+    Returns
+    -------
+    Path
+        ``report/report.html``, one file with all its pictures; ``report.json`` lies beside it.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    HeritageError
+        When a part of the project is damaged.
+    """
+    facts = collect_facts(project)
+    pictures = Pictures()
+    if project.stage_record("training") is not None:
+        from ..cameras.storage import read_camera_set
+        from ..gaussians.storage import load_gaussians
+
+        gaussians = load_gaussians(project.path / "gaussians")
+        cameras = {camera.photo: camera for camera in read_camera_set(project.path / "cameras").cameras}
+        training = facts["training"]
+        if not training.get("feature_agreement"):
+            training["feature_agreement"] = _feature_agreement(project, cameras, training, gaussians, backend)
+        pictures = Pictures(
+            held_out=_held_out_pairs(project, cameras, training, gaussians, backend),
+            objects=_object_pictures(project, cameras, facts, gaussians, backend),
+        )
+    folder = project.path / "report"
+    write_json(folder / "report.json", _plain(facts))
+    path = folder / "report.html"
+    with atomic_write(path, "w") as stream:
+        stream.write(page(facts, pictures))
+    return path
+
+
+def _held_out_pairs(
+    project: ProjectFolder,
+    cameras: Mapping[str, Camera],
+    training: Mapping[str, Any],
+    gaussians: Gaussians,
+    backend: Backend,
+) -> dict[str, PhotoPair]:
+    names = [name for name in training.get("held_out") or training.get("measured_photos") or () if name in cameras]
+    # Evenly over those there are: neighbours in order look alike.
+    picked = [
+        names[i] for i in sorted({round(i) for i in np.linspace(0, len(names) - 1, min(len(names), _MOST_PAIRS))})
+    ]
+    folder = Path(str(project.get("photo_folder", "")))
+    pairs = {}
+    for name in picked:
+        try:
+            pairs[name] = photo_pair(folder, cameras[name], gaussians, backend=backend)
+        except PhotoError as error:
+            log.warning("The report shows no picture of %s: %s", name, error)
+    return pairs
+
+
+def _object_pictures(
+    project: ProjectFolder,
+    cameras: Mapping[str, Camera],
+    facts: Mapping[str, Any],
+    gaussians: Gaussians,
+    backend: Backend,
+) -> dict[str, list[Any]]:
+    pictures = {}
+    for record in facts["objects"]:
+        membership = load_membership(project.path, record["id"])
+        if len(membership) != len(gaussians):
+            log.warning("The report shows no picture of %s: it belongs to an earlier training.", record["name"])
+            continue
+        members = membership >= record["threshold"]
+        pictures[record["id"]] = orbit_pictures(gaussians, members, list(cameras.values()), backend=backend)
+    return pictures
+
+
+def _feature_agreement(
+    project: ProjectFolder,
+    cameras: Mapping[str, Camera],
+    training: Mapping[str, Any],
+    gaussians: Gaussians,
+    backend: Backend,
+) -> dict[str, float] | None:
+    from ..masks.storage import label_map_path, read_label_map
+
+    files = {
+        name: label_map_path(project.path / "masks", name) for name in training.get("held_out") or () if name in cameras
+    }
+    views = [(cameras[name], read_label_map(file)) for name, file in files.items() if file.is_file()]
+    return measure_feature_agreement(gaussians, views, backend=backend)
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` with None for numbers that are not finite: strict JSON has none."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,156 @@
+"""Pictures of the report: held-out photos beside their renders, and objects from several sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera, PinholeCamera
+from ..cameras.lens import training_pinhole, undistort
+from ..evaluation.mask_metrics import feature_agreement
+from ..gaussians.gaussians import Gaussians
+from ..pictures.render import render_view
+from ..pictures.scene import Backend, Scene
+
+__all__ = ["PhotoPair", "measure_feature_agreement", "orbit_cameras", "orbit_pictures", "photo_pair"]
+
+PAPER_WHITE = (0.965, 0.957, 0.937)
+"""Behind objects: the page's own colour."""
+
+_PAIR_SIDE = 760
+_ORBIT_SIDE = 360
+_FIELD_OF_VIEW = np.radians(35.0)
+_ELEVATION = np.radians(18.0)
+
+
+@dataclass(frozen=True)
+class PhotoPair:
+    """A photo and the scene from the same camera, both without lens distortion, uint8 [H, W, 3]."""
+
+    photo: NDArray[np.uint8]
+    render: NDArray[np.uint8]
+
+
+def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: Backend = "cpu") -> PhotoPair:
+    """Return a photo beside its render.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the photos lie.
+    camera : Camera
+    gaussians : Gaussians
+    backend : {"cpu", "reference"}
+
+    Raises
+    ------
+    PhotoError
+        When the photo cannot be read any more.
+    """
+    from ..photos.pixels import load_pixels
+
+    frame = training_pinhole(camera, max_side=_PAIR_SIDE)
+    pixels = load_pixels(folder / camera.photo, max_side=2 * _PAIR_SIDE)
+    photo = np.asarray(undistort(pixels, camera, frame, interpolation="linear"), np.uint8)
+    return PhotoPair(photo, render_view(gaussians, frame, backend=backend))
+
+
+def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, count: int = 4) -> list[PinholeCamera]:
+    """Return cameras around an object on the sides from which it was photographed.
+
+    Parameters
+    ----------
+    points : array of shape [M, 3], float
+        Centres of the object's Gaussians, at least one; world units, Z up.
+    cameras : sequence of Camera
+        Of the photos. All around the object when they were, else spread over 140 degrees about their mean direction.
+    count : int
+
+    Returns
+    -------
+    list of PinholeCamera
+    """
+    low, high = np.percentile(points, [2, 98], axis=0)
+    center = (low + high) / 2
+    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
+    distance = 1.25 * radius / np.sin(_FIELD_OF_VIEW / 2)
+    sides = np.array([camera.center[:2] - center[:2] for camera in cameras]).reshape(-1, 2)
+    lengths = np.linalg.norm(sides, axis=1, keepdims=True)
+    mean = (sides / np.maximum(lengths, 1e-9)).mean(axis=0) if len(sides) else np.zeros(2)
+    front = float(np.arctan2(mean[1], mean[0])) if np.linalg.norm(mean) > 1e-6 else 0.0
+    if np.linalg.norm(mean) < 0.3:
+        angles = front + 2 * np.pi * np.arange(count) / count
+    else:
+        angles = front + np.radians(np.linspace(-70, 70, count))
+    focal = _ORBIT_SIDE / 2 / np.tan(_FIELD_OF_VIEW / 2)
+    K = np.array([[focal, 0, _ORBIT_SIDE / 2], [0, focal, _ORBIT_SIDE / 2], [0, 0, 1.0]])
+    return [PinholeCamera(_look_at(center, distance, angle), K, _ORBIT_SIDE, _ORBIT_SIDE) for angle in angles]
+
+
+def _look_at(center: NDArray[np.floating], distance: float, angle: float) -> NDArray[np.float64]:
+    """Return the world-to-camera matrix that looks at `center` from above at `angle` about Z."""
+    away = np.array([np.cos(angle) * np.cos(_ELEVATION), np.sin(angle) * np.cos(_ELEVATION), np.sin(_ELEVATION)])
+    forward = -away
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = rotation
+    viewmat[:3, 3] = -rotation @ (center + distance * away)
+    return viewmat
+
+
+def orbit_pictures(
+    gaussians: Gaussians, members: NDArray[np.bool_], cameras: Sequence[Camera], *, backend: Backend = "cpu"
+) -> list[NDArray[np.uint8]]:
+    """Return the object alone from several sides, each uint8 [H, W, 3]; none when it has no Gaussians."""
+    if not members.any():
+        return []
+    return [
+        render_view(gaussians, camera, members=members, background=PAPER_WHITE, backend=backend)
+        for camera in orbit_cameras(gaussians.means[members], cameras)
+    ]
+
+
+def measure_feature_agreement(
+    gaussians: Gaussians,
+    views: Sequence[tuple[Camera, NDArray[np.int32]]],
+    *,
+    backend: Backend = "cpu",
+    seed: int = 0,
+) -> dict[str, float] | None:
+    """Return how well features give back SAM segments of photos, and what random features reach.
+
+    Parameters
+    ----------
+    gaussians : Gaussians
+    views : sequence of (Camera, int32 array of shape [h, w])
+        Held-out photos with their label maps.
+    backend : {"cpu", "reference"}
+    seed : int
+        Of the random features.
+
+    Returns
+    -------
+    dict with ``trained`` and ``untrained``, mean IoU of the segments, or None without features or label maps.
+    """
+    if gaussians.features is None:
+        return None
+    random = np.random.default_rng(seed).normal(size=gaussians.features.shape).astype(np.float32)
+    scene = Scene(gaussians, backend=backend)
+    scores: dict[str, list[float]] = {"trained": [], "untrained": []}
+    for camera, labels in views:
+        frame = training_pinhole(camera, max_side=480)
+        segments = np.asarray(undistort(labels, camera, frame, interpolation="nearest"), np.int32)
+        for name, features in (("trained", gaussians.features), ("untrained", random)):
+            rendered = scene.render(frame, channels=features)
+            score = feature_agreement(rendered.channels, segments, alpha=rendered.alpha)
+            if np.isfinite(score):
+                scores[name].append(score)
+    if not scores["trained"]:
+        return None
+    return {name: float(np.mean(values)) for name, values in scores.items()}

@@ -1,0 +1,159 @@
+"""A training run on disk, written atomically, from which a killed or cancelled run goes on exactly where it was.
+
+Random draws depend on the step alone (`schedule.Schedule.generator`), so parameters, moments, the step and the cached
+neighbours are the whole state.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..gaussians.gaussians import Gaussians
+from ..project_folder import atomic_write
+from ..rasterizer.adam import AdamState
+from ..settings import to_dict
+from .held_out import CurvePoint
+from .parameters import NAMES, Parameters
+from .settings import TrainingSettings
+from .views import TrainingView
+
+__all__ = ["CHECKPOINT_FILE", "RunState", "read_checkpoint", "run_key", "write_checkpoint"]
+
+CHECKPOINT_FILE = "training.npz"
+_VERSION = 1
+_NOT_PART_OF_THE_RESULT = ("checkpoint_interval", "preview_seconds")
+
+
+@dataclass
+class RunState:
+    """Everything a training run changes.
+
+    Attributes
+    ----------
+    parameters : Parameters
+    exposure : tensor of shape [n_train, 3], float32
+        Logarithm of the brightness factor of each training photo.
+    exposure_moments : AdamState
+    step : int
+        Finished steps.
+    neighbours : int tensor of shape [N, k] or None
+        Cache for L_reg.
+    neighbours_step : int
+        Step it was made at.
+    curve : list of CurvePoint
+    guards : Counter
+        How often each numerical guard fired.
+    wall_seconds, cpu_seconds : float
+        Spent so far.
+    """
+
+    parameters: Parameters
+    exposure: torch.Tensor
+    exposure_moments: AdamState
+    step: int = 0
+    neighbours: torch.Tensor | None = None
+    neighbours_step: int = 0
+    curve: list[CurvePoint] = field(default_factory=list)
+    guards: Counter[str] = field(default_factory=Counter)
+    wall_seconds: float = 0.0
+    cpu_seconds: float = 0.0
+
+
+def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> str:
+    """Return a hash of everything the result depends on; a checkpoint with another key is not continued."""
+    values = {name: v for name, v in to_dict(settings).items() if name not in _NOT_PART_OF_THE_RESULT}
+    digest = hashlib.sha256(json.dumps([_VERSION, values], sort_keys=True).encode())
+    for array in (start.means, start.log_scales, start.quats, start.opacity_logits, start.sh, start.features):
+        if array is not None:
+            digest.update(np.ascontiguousarray(array).tobytes())
+    for view in views:
+        digest.update(f"{view.photo}|{view.held_out}|".encode())
+        parts: tuple[NDArray[Any] | None, ...] = (view.pixels, view.labels, view.pinhole.K, view.pinhole.viewmat)
+        for part in parts:
+            digest.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
+    return digest.hexdigest()
+
+
+def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
+    """Write `state` into `folder`, replacing the checkpoint before it.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written; the checkpoint before it is then still whole.
+    """
+    arrays = {f"value.{name}": value.detach().numpy() for name, value in state.parameters.values.items()}
+    moments = {**state.parameters.moments, "exposure": state.exposure_moments}
+    for name, moment in moments.items():
+        arrays[f"first.{name}"] = moment.mean.numpy()
+        arrays[f"second.{name}"] = moment.square.numpy()
+    arrays["exposure"] = state.exposure.detach().numpy()
+    if state.neighbours is not None:
+        arrays["neighbours"] = state.neighbours.numpy()
+    record = {
+        "version": _VERSION,
+        "key": key,
+        "step": state.step,
+        "adam_steps": {name: moment.step for name, moment in moments.items()},
+        "neighbours_step": state.neighbours_step,
+        "curve": [asdict(point) for point in state.curve],
+        "guards": dict(state.guards),
+        "wall_seconds": state.wall_seconds,
+        "cpu_seconds": state.cpu_seconds,
+    }
+    arrays["record"] = np.array(json.dumps(record))
+    with atomic_write(folder / CHECKPOINT_FILE) as stream:
+        np.savez(stream, **arrays)
+
+
+def read_checkpoint(folder: Path, key: str) -> RunState | None:
+    """Return the state stored in `folder`; None when there is none, it is damaged, or it belongs to another run."""
+    path = folder / CHECKPOINT_FILE
+    if not path.is_file():
+        return None
+    try:
+        # Opened here: NumPy leaves a file it finds damaged open.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            record = json.loads(str(stored["record"]))
+            if record["key"] != key:
+                return None
+            return _state_from(dict(stored), record)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunState:
+    steps = record["adam_steps"]
+
+    def moments(name: str) -> AdamState:
+        return AdamState(
+            torch.from_numpy(arrays[f"first.{name}"]), torch.from_numpy(arrays[f"second.{name}"]), int(steps[name])
+        )
+
+    names = [name for name in NAMES if f"value.{name}" in arrays]
+    neighbours = arrays.get("neighbours")
+    return RunState(
+        parameters=Parameters(
+            {name: torch.from_numpy(arrays[f"value.{name}"]) for name in names}, {n: moments(n) for n in names}
+        ),
+        exposure=torch.from_numpy(arrays["exposure"]),
+        exposure_moments=moments("exposure"),
+        step=int(record["step"]),
+        neighbours=None if neighbours is None else torch.from_numpy(neighbours),
+        neighbours_step=int(record["neighbours_step"]),
+        curve=[CurvePoint(**point) for point in record["curve"]],
+        guards=Counter(record["guards"]),
+        wall_seconds=float(record["wall_seconds"]),
+        cpu_seconds=float(record["cpu_seconds"]),
+    )

@@ -1,0 +1,230 @@
+"""A fixed budget of Gaussians: dead ones are moved onto living ones, new ones grow from them, all wander a little.
+
+Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo" (NeurIPS), written from the formulas.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+
+from .parameters import Parameters, render
+from .settings import TrainingSettings
+from .views import Level
+
+__all__ = ["copy_correction", "error_votes", "grow", "grow_where_wrong", "position_noise", "relocate"]
+
+_MOST_COPIES = 51
+_LOGIT_LIMIT = 1e-6
+_SPLIT_SHIFT = 0.7
+
+
+def copy_correction(
+    opacities: torch.Tensor, scales: torch.Tensor, n_copies: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return opacity and scales for each of n coincident copies that look like the one Gaussian they replace.
+
+    Parameters
+    ----------
+    opacities : tensor of shape [M]
+        Of the Gaussian, in (0, 1).
+    scales : tensor of shape [M, 3]
+        Linear.
+    n_copies : int tensor of shape [M]
+        1 to 51; more are treated as 51.
+
+    Returns
+    -------
+    opacities : tensor of shape [M]
+        ``o' = 1 - (1 - o)^(1/n)``
+    scales : tensor of shape [M, 3]
+        ``s' = s o / sum_{i=1..n} sum_{k=0..i-1} C(i-1, k) (-1)^k o'^(k+1) / sqrt(k+1)``
+
+    Notes
+    -----
+    The double sum alternates; in float64 and for n <= 51 it is exact to 1e-6 wherever o' < 0.5, which n >= 2 and
+    o <= 0.99 keep to but for n = 2..6. Equation 9 of the paper.
+    """
+    n = n_copies.clamp(1, _MOST_COPIES)
+    o = opacities.double()
+    new = -torch.expm1(torch.log1p(-o) / n)
+    # sum_{i=1..n} C(i-1, k) = C(n, k+1): the double sum is a single one.
+    total = torch.zeros_like(o)
+    for k in range(int(n.max()) if len(n) else 0):
+        binomial = _BINOMIALS[n, k + 1]
+        total += binomial * (-1) ** k * new ** (k + 1) / math.sqrt(k + 1)
+    return new.to(opacities.dtype), (scales.double() * (o / total)[:, None]).to(scales.dtype)
+
+
+_BINOMIALS = torch.tensor(
+    [[float(math.comb(n, k)) for k in range(_MOST_COPIES + 1)] for n in range(_MOST_COPIES + 1)], dtype=torch.float64
+)
+
+
+def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Generator) -> int:
+    """Move each Gaussian of opacity below `min_opacity` onto a living one, drawn by opacity; return how many moved.
+
+    The picture stays the same to first order (`copy_correction`). With nobody alive nothing is moved.
+    """
+    opacities = parameters.values["opacity_logits"].detach().sigmoid()
+    dead = (opacities <= min_opacity).nonzero()[:, 0]
+    alive = (opacities > min_opacity).nonzero()[:, 0]
+    if len(dead) == 0 or len(alive) == 0:
+        return 0
+    chosen = alive[_draw(opacities[alive], len(dead), generator)]
+    _share(parameters, chosen)
+    parameters.overwrite(dead, parameters.copies(chosen))
+    return len(dead)
+
+
+def grow(parameters: Parameters, n_new: int, *, generator: torch.Generator) -> None:
+    """Add `n_new` Gaussians as copies of living ones, drawn by opacity; the picture stays the same to first order."""
+    if n_new <= 0:
+        return
+    opacities = parameters.values["opacity_logits"].detach().sigmoid()
+    chosen = _draw(opacities, n_new, generator)
+    _share(parameters, chosen)
+    parameters.append(parameters.copies(chosen))
+
+
+def error_votes(
+    parameters: Parameters, levels: Sequence[Level], settings: TrainingSettings, *, sh_degree: int
+) -> torch.Tensor:
+    """Return how much of the pictures' error each Gaussian is part of, shape [N].
+
+    v_g = sum over pixels of w_g |image - photo|, with w_g its blending weight: the gradient of the error with respect
+    to an extra channel, since a picture is linear in its channels.
+    """
+    values = {name: value.detach() for name, value in parameters.values.items()}
+    votes = torch.zeros(len(parameters), 1, requires_grad=True)
+    with torch.enable_grad():
+        for level in levels:
+            raster = render(values, level.camera, settings, sh_degree=sh_degree, extra=votes)
+            photo = torch.from_numpy(level.pixels).float().div_(255.0)
+            error = (raster.image[..., :3].detach() - photo).abs().mean(dim=2)
+            (raster.image[..., 3] * error).sum().backward()  # type: ignore[no-untyped-call]
+    assert votes.grad is not None
+    return votes.grad[:, 0]
+
+
+def grow_where_wrong(
+    parameters: Parameters, votes: torch.Tensor, n_new: int, *, min_opacity: float, generator: torch.Generator
+) -> int:
+    """Split Gaussians drawn by `votes` into two, using dead rows first and adding `n_new`; return how many were dead.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Changed in place.
+    votes : tensor of shape [N]
+        From `error_votes`.
+    n_new : int
+        Gaussians to add.
+    min_opacity : float
+        Gaussians below it are dead.
+    generator : torch.Generator
+
+    Notes
+    -----
+    A Gaussian of longest scale s becomes two at +-0.7 s along that axis, of scale sqrt(1 - 0.7^2) s and opacity
+    o / (2 sqrt(1 - 0.7^2)): position, covariance and mass of the pair are those of the one. Copies at one place, as in
+    the paper, get the same gradients and take hundreds of steps to part.
+    """
+    dead = (parameters.values["opacity_logits"].detach().sigmoid() <= min_opacity).nonzero()[:, 0]
+    weights = votes.clamp_min(0.0).clone()
+    weights[dead] = 0.0
+    n_wanted = min(len(dead) + n_new, int((weights > 0).sum()))
+    if n_wanted == 0:
+        return 0
+    # Exponential races: the n smallest of E / w are a draw without replacement by w.
+    race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
+    chosen = (race / weights.double()).topk(n_wanted, largest=False).indices
+    children = _split(parameters, chosen)
+    dead = dead[:n_wanted]
+    parameters.overwrite(dead, {name: value[: len(dead)] for name, value in children.items()})
+    parameters.append({name: value[len(dead) :] for name, value in children.items()})
+    return len(dead)
+
+
+def _split(parameters: Parameters, rows: torch.Tensor) -> dict[str, torch.Tensor]:
+    """Turn each of `rows` into one half of itself and return the other halves."""
+    other = parameters.copies(rows)
+    longest = other["log_scales"].argmax(dim=1)
+    index = torch.arange(len(rows))
+    axis = _rotation_matrices(other["quats"])[index, :, longest]
+    shift = axis * (_SPLIT_SHIFT * other["log_scales"][index, longest].exp())[:, None]
+    narrower = math.sqrt(1.0 - _SPLIT_SHIFT**2)
+    log_scales = other["log_scales"].clone()
+    log_scales[index, longest] += math.log(narrower)
+    logits = (other["opacity_logits"].sigmoid() / (2.0 * narrower)).logit(_LOGIT_LIMIT)
+    other = {**other, "log_scales": log_scales, "opacity_logits": logits}
+    parameters.overwrite(rows, {**other, "means": other["means"] - shift})
+    return {**other, "means": other["means"] + shift}
+
+
+def _draw(weights: torch.Tensor, n: int, generator: torch.Generator) -> torch.Tensor:
+    """Return `n` indices drawn with replacement by `weights`; float64 since multinomial refuses 2^24 and more rows."""
+    edges = weights.double().cumsum(0)
+    points = torch.rand(n, dtype=torch.float64, generator=generator) * edges[-1]
+    return torch.searchsorted(edges, points, right=True).clamp_max(len(weights) - 1)
+
+
+def _share(parameters: Parameters, chosen: torch.Tensor) -> None:
+    """Give every distinct Gaussian in `chosen` the opacity and scales of one of its future copies, itself included."""
+    rows, times = chosen.unique(return_counts=True)
+    opacities, scales = copy_correction(
+        parameters.values["opacity_logits"].detach()[rows].sigmoid().clamp(_LOGIT_LIMIT, 1 - _LOGIT_LIMIT),
+        parameters.values["log_scales"].detach()[rows].exp(),
+        times + 1,
+    )
+    new = {"opacity_logits": opacities.logit(_LOGIT_LIMIT), "log_scales": scales.log()}
+    parameters.overwrite(rows, new)
+
+
+def position_noise(
+    parameters: Parameters, *, learning_rate: float, extent: float, strength: float, generator: torch.Generator
+) -> None:
+    """Move the centres of nearly transparent Gaussians at random, along and within their own shape.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Changed in place.
+    learning_rate : float
+        Of the positions, per extent.
+    extent : float
+        Of the scene, world units; makes the walk the same for a scene in other units.
+    strength : float
+        5e5 in the paper.
+    generator : torch.Generator
+
+    Notes
+    -----
+    ``means += lr strength s(100 (0.005 - o)) (Sigma / extent) eta`` with eta ~ N(0, I) and s the logistic function:
+    solid Gaussians stay where they are.
+    """
+    values = {name: value.detach() for name, value in parameters.values.items()}
+    opacities = values["opacity_logits"].sigmoid()
+    # Above opacity 0.2 the factor is below 4e-9: those rows are left out, most rows that is.
+    rows = (opacities < 0.2).nonzero()[:, 0]
+    eta = torch.randn(len(rows), 3, generator=generator)
+    amount = learning_rate * strength / extent * torch.sigmoid(100.0 * (0.005 - opacities[rows]))
+    rotation = _rotation_matrices(values["quats"][rows])
+    variances = values["log_scales"][rows].mul(2.0).exp()
+    local = variances * (rotation.transpose(1, 2) @ eta[:, :, None])[:, :, 0]
+    values["means"][rows] += amount[:, None] * (rotation @ local[:, :, None])[:, :, 0]
+
+
+def _rotation_matrices(quats: torch.Tensor) -> torch.Tensor:
+    """Return rotation matrices [M, 3, 3] of quaternions wxyz [M, 4] of any length."""
+    w, x, y, z = torch.nn.functional.normalize(quats, dim=1).unbind(1)
+    return torch.stack(
+        [
+            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
+            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
+        ],
+        dim=1,
+    ).reshape(-1, 3, 3)  # fmt: skip

@@ -1,0 +1,126 @@
+"""What keeps values finite while training, and the counts of how often it had to."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+
+import torch
+
+from ..errors import NumericalError
+from .parameters import Parameters
+
+__all__ = ["backward", "check_result", "hold_in_bounds", "step_finite_rows"]
+
+_SMALLEST_SCALE = 1e-5
+"""Per extent."""
+_LARGEST_SCALE = 2.0
+_LARGEST_ASPECT = 50.0
+_LARGEST_LOGIT = 13.8
+"""Opacity stays between 1e-6 and 1 - 1e-6."""
+_FARTHEST = 100.0
+"""Per extent, from the mean camera: what lies beyond shows no parallax and costs float32 its digits."""
+_MOST_FAILED_STEPS = 20
+
+_ADVICE = "Lower the learning rates or check the photos and cameras, then run again; the last checkpoint is kept."
+
+
+def backward(loss: torch.Tensor, guards: Counter[str]) -> bool:
+    """Back-propagate `loss`; return False (and count it) when the rasterizer refused gradients that are not finite.
+
+    Raises
+    ------
+    NumericalError
+        When the loss is not finite, or after 20 refused steps in all.
+    """
+    if not bool(torch.isfinite(loss)):
+        raise NumericalError(f"The training loss is not finite. {_ADVICE}")
+    try:
+        loss.backward()  # type: ignore[no-untyped-call]
+    except NumericalError:
+        guards["refused_steps"] += 1
+        if guards["refused_steps"] > _MOST_FAILED_STEPS:
+            raise
+        return False
+    return True
+
+
+def step_finite_rows(parameters: Parameters, update: Callable[[], None], guards: Counter[str]) -> None:
+    """Run `update`, but leave each Gaussian as it is, moments included, whose gradient is not finite; count those."""
+    broken = _rows_not_finite(parameters)
+    if broken is None:
+        update()
+        return
+    guards["gaussians_not_updated"] += len(broken)
+    values = {name: value.detach()[broken] for name, value in parameters.values.items()}
+    moments = {name: (s.mean[broken], s.square[broken]) for name, s in parameters.moments.items()}
+    for value in parameters.values.values():
+        if value.grad is not None:
+            value.grad[broken] = 0.0
+    update()
+    for name, value in parameters.values.items():
+        value.detach()[broken] = values[name]
+        parameters.moments[name].mean[broken], parameters.moments[name].square[broken] = moments[name]
+
+
+def _rows_not_finite(parameters: Parameters) -> torch.Tensor | None:
+    """Return the rows with a gradient that is not finite, None when there are none."""
+    grads = [value.grad for value in parameters.values.values() if value.grad is not None]
+    # A sum over everything is finite only if all entries are: one pass in the usual case.
+    if math.isfinite(sum(float(grad.sum(dtype=torch.float64)) for grad in grads)):
+        return None
+    broken = torch.zeros(len(parameters), dtype=torch.bool)
+    for grad in grads:
+        broken |= ~torch.isfinite(grad).reshape(len(grad), -1).all(dim=1)
+    rows = broken.nonzero()[:, 0]
+    return rows if len(rows) else None
+
+
+def hold_in_bounds(parameters: Parameters, center: torch.Tensor, extent: float, guards: Counter[str]) -> None:
+    """Clamp scales, aspect (1:50), opacities and positions to where float32 works; count the Gaussians concerned.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Changed in place.
+    center : tensor of shape [3]
+        Mean camera position.
+    extent : float
+        Of the scene, world units.
+    guards : Counter
+        Gets ``clamped_scales``, ``clamped_opacities``, ``clamped_positions``.
+    """
+    log_scales = parameters.values["log_scales"].detach()
+    longest = log_scales.amax(dim=1, keepdim=True).clamp_max(math.log(_LARGEST_SCALE * extent))
+    shortest = (longest - math.log(_LARGEST_ASPECT)).clamp_min(math.log(_SMALLEST_SCALE * extent))
+    held = torch.minimum(torch.maximum(log_scales, shortest), torch.maximum(longest, shortest))
+    guards["clamped_scales"] += int((held != log_scales).any(dim=1).sum())
+    log_scales.copy_(held)
+
+    logits = parameters.values["opacity_logits"].detach()
+    guards["clamped_opacities"] += int((logits.abs() > _LARGEST_LOGIT).sum())
+    logits.clamp_(-_LARGEST_LOGIT, _LARGEST_LOGIT)
+
+    means = parameters.values["means"].detach()
+    limit = _FARTHEST * extent
+    far = ((means - center).abs() > limit).any(dim=1)
+    if bool(far.any()):
+        guards["clamped_positions"] += int(far.sum())
+        means[far] = center + (means[far] - center).clamp(-limit, limit)
+
+    quats = parameters.values["quats"].detach()
+    norms = quats.norm(dim=1, keepdim=True)
+    lost = norms[:, 0] < 1e-6
+    if bool(lost.any()):
+        guards["reset_rotations"] += int(lost.sum())
+        quats[lost] = torch.tensor([1.0, 0.0, 0.0, 0.0])
+        norms = quats.norm(dim=1, keepdim=True)
+    quats.div_(norms)
+
+
+def check_result(parameters: Parameters) -> None:
+    """Raise `NumericalError` unless every value of every Gaussian is finite."""
+    for name, value in parameters.values.items():
+        if not bool(torch.isfinite(value).all()):
+            raise NumericalError(f"`{name}` is not finite after training. {_ADVICE}")

@@ -1,0 +1,138 @@
+"""Error against run time: the photos never trained on, measured at log-spaced steps; and the preview picture."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from PIL import Image
+
+from ..project_folder import atomic_write
+from ..rasterizer.loss import ssim
+from .parameters import render
+from .settings import TrainingSettings
+from .views import Level
+
+__all__ = ["Clock", "CurvePoint", "Quality", "image_quality", "measure", "render_picture", "write_picture"]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How far a picture is from a photo: PSNR in dB, SSIM, mean absolute difference with values in [0, 1]."""
+
+    psnr: float
+    ssim: float
+    l1: float
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """One measurement of a training run.
+
+    Attributes
+    ----------
+    step : int
+        Finished training steps.
+    wall_seconds, cpu_seconds : float
+        Spent on training until then, over all resumed runs; the measurements themselves are not counted.
+    psnr : float
+        Mean over the measured photos, dB.
+    ssim, l1 : float
+        Means over the measured photos.
+    n_gaussians : int
+    """
+
+    step: int
+    wall_seconds: float
+    cpu_seconds: float
+    psnr: float
+    ssim: float
+    l1: float
+    n_gaussians: int
+
+
+class Clock(AbstractContextManager["Clock"]):
+    """Wall and CPU seconds spent inside its ``with`` blocks.
+
+    Parameters
+    ----------
+    wall, cpu : float
+        Seconds to start from.
+    """
+
+    def __init__(self, wall: float = 0.0, cpu: float = 0.0) -> None:
+        self._spent = [wall, cpu]
+        self._started: tuple[float, float] | None = None
+
+    def __enter__(self) -> Clock:
+        self._started = (time.perf_counter(), time.process_time())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._spent = [self.wall, self.cpu]
+        self._started = None
+
+    @property
+    def wall(self) -> float:
+        """Wall seconds so far."""
+        return self._spent[0] + (time.perf_counter() - self._started[0] if self._started else 0.0)
+
+    @property
+    def cpu(self) -> float:
+        """CPU seconds of this process so far."""
+        return self._spent[1] + (time.process_time() - self._started[1] if self._started else 0.0)
+
+
+def image_quality(image: torch.Tensor, pixels: NDArray[np.uint8]) -> Quality:
+    """Return PSNR, SSIM and L1 of `image` against a photo.
+
+    Parameters
+    ----------
+    image : tensor of shape [H, W, 3], float32
+        Clamped to [0, 1].
+    pixels : array of shape [H, W, 3], uint8
+    """
+    image = image.clamp(0.0, 1.0)
+    target = torch.from_numpy(pixels).float().div_(255.0)
+    difference = (image - target).double()
+    squared = float(difference.square().mean())
+    psnr = math.inf if squared == 0 else -10.0 * math.log10(squared)
+    return Quality(psnr, ssim(image, target), float(difference.abs().mean()))
+
+
+def render_picture(
+    values: dict[str, torch.Tensor], level: Level, settings: TrainingSettings, *, sh_degree: int
+) -> torch.Tensor:
+    """Return the picture of the Gaussians over black from the camera of `level`, [h, w, 3] in [0, 1], no gradients."""
+    with torch.no_grad():
+        return render(values, level.camera, settings, sh_degree=sh_degree).image[..., :3].clamp(0.0, 1.0)
+
+
+def measure(
+    values: dict[str, torch.Tensor], levels: Sequence[Level], settings: TrainingSettings, *, sh_degree: int
+) -> Quality:
+    """Return the mean quality over the photos in `levels`."""
+    found = [
+        image_quality(render_picture(values, level, settings, sh_degree=sh_degree), level.pixels) for level in levels
+    ]
+    return Quality(
+        float(np.mean([q.psnr for q in found])),
+        float(np.mean([q.ssim for q in found])),
+        float(np.mean([q.l1 for q in found])),
+    )
+
+
+def write_picture(path: Path, image: torch.Tensor) -> None:
+    """Write `image` [h, w, 3] in [0, 1] as an 8-bit PNG, atomically."""
+    with atomic_write(path) as stream:
+        Image.fromarray((image * 255.0).round().to(torch.uint8).numpy()).save(stream, format="PNG")

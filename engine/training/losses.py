@@ -1,0 +1,271 @@
+"""The losses on features: contrastive clustering over segments, smoothness in space, agreement along a ray.
+
+L = L_rendering + lambda_clustering L_CC + L_reg (Dahaghin et al. 2024); L_rendering is in ``rasterizer.loss``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+__all__ = [
+    "LabelledPixels",
+    "clustering_loss",
+    "labelled_pixels",
+    "nearest_neighbours",
+    "neighbour_regulariser",
+    "paper_regulariser",
+    "ray_disagreement",
+]
+
+_N_NEIGHBOURS = 6
+_N_ANCHORS = 1000
+_N_FAR = 5
+_FAR_TRIES = 16
+_PAPER_SUBSET = 300_000
+
+
+@dataclass(frozen=True)
+class LabelledPixels:
+    """The pixels of one picture that lie in a segment of enough pixels.
+
+    Attributes
+    ----------
+    index : array of shape [P], int32
+        Pixel number, row by row.
+    cluster : array of shape [P], int32
+        Segment of each, 0 to n_p - 1.
+    counts : tensor of shape [n_p], float32
+        Pixels of each segment.
+    """
+
+    index: NDArray[np.int32]
+    cluster: NDArray[np.int32]
+    counts: torch.Tensor
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+
+def labelled_pixels(labels: NDArray[np.int32], *, min_pixels: int) -> LabelledPixels | None:
+    """Return the pixels of `labels` [h, w] in segments of more than `min_pixels`; None when there are not two segments.
+
+    One segment alone has nothing to be told apart from: its loss is constant.
+    """
+    ids, inverse, counts = np.unique(labels.ravel(), return_inverse=True, return_counts=True)
+    kept = (ids > 0) & (counts > min_pixels)
+    if kept.sum() < 2:
+        return None
+    renumbered = np.where(kept, np.cumsum(kept) - 1, -1)[inverse.ravel()]
+    index = np.flatnonzero(renumbered >= 0)
+    return LabelledPixels(
+        index.astype(np.int32),
+        renumbered[index].astype(np.int32),
+        torch.from_numpy(counts[kept].astype(np.float32)),
+    )
+
+
+def clustering_loss(
+    features: torch.Tensor,
+    labelled: LabelledPixels,
+    *,
+    n_samples: int = 0,
+    generator: torch.Generator | None = None,
+) -> torch.Tensor:
+    """Return L_CC of one picture: a sum over its labelled pixels, divided by the number of segments.
+
+    Parameters
+    ----------
+    features : tensor of shape [h, w, F]
+        Rendered features, blended like colour, without background.
+    labelled : LabelledPixels
+    n_samples : int
+        Random pixels to evaluate on, 0 for all. The value is then an estimate: the sampled sum times P / S.
+    generator : torch.Generator, optional
+        Of the sample.
+
+    Returns
+    -------
+    tensor, scalar
+
+    Notes
+    -----
+    With f normalised per pixel, fbar_i the mean of segment i (not normalised again) and n_i its pixels::
+
+        phi_i = clip(10 sum_j |f_ij - fbar_i| / (n_i ln(n_i + 100)), 0.1, 1), no gradient
+        l_ij  = -log( exp(f_ij . fbar_i / phi_i) / sum_k exp(f_ij . fbar_k / phi_k) )
+        L_CC  = 1/n_p sum_i sum_j l_ij
+
+    Of a sample, phi is estimated from the sampled distances and the true n_i.
+
+    References
+    ----------
+    Dahaghin et al. 2024, the contrastive clustering loss; Silva et al. 2024 (arXiv 2404.12784).
+    """
+    index = torch.from_numpy(labelled.index)
+    cluster = torch.from_numpy(labelled.cluster)
+    weight = 1.0
+    if 0 < n_samples < len(labelled):
+        sample = torch.randint(len(labelled), (n_samples,), generator=generator)
+        weight = len(labelled) / n_samples
+        index, cluster = index[sample], cluster[sample]
+    cluster = cluster.long()
+    f = features.reshape(-1, features.shape[-1])[index.long()]
+    f = f / (f.norm(dim=1, keepdim=True) + 1e-9)
+    n_clusters = len(labelled.counts)
+    one_hot_sum = torch.zeros(n_clusters, f.shape[1], dtype=f.dtype).index_add(0, cluster, f)
+    sampled = torch.bincount(cluster, minlength=n_clusters)
+    means = one_hot_sum / sampled.clamp_min(1).to(f.dtype)[:, None]
+    phi = _temperatures(f.detach(), means.detach(), cluster, sampled, labelled.counts.to(f.dtype))
+    # A segment the sample missed has no mean to be compared with.
+    logits = (f @ means.T / (phi + 1e-6)).masked_fill(sampled == 0, -torch.inf)
+    loss = torch.logsumexp(logits, dim=1) - logits.gather(1, cluster[:, None])[:, 0]
+    return loss.sum() * (weight / n_clusters)
+
+
+def _temperatures(
+    f: torch.Tensor, means: torch.Tensor, cluster: torch.Tensor, sampled: torch.Tensor, counts: torch.Tensor
+) -> torch.Tensor:
+    distance = (f - means[cluster]).norm(dim=1)
+    mean_distance = torch.zeros_like(counts).index_add(0, cluster, distance) / sampled.clamp_min(1).to(f.dtype)
+    return (10.0 * mean_distance / torch.log(counts + 100.0)).clamp(0.1, 1.0)
+
+
+def nearest_neighbours(means: torch.Tensor, k: int = _N_NEIGHBOURS) -> torch.Tensor:
+    """Return the `k` nearest other Gaussians of each, shape [N, k], int32; with N <= k all others, repeated.
+
+    Parameters
+    ----------
+    means : tensor of shape [N, 3]
+        Centres, N at least 2.
+    k : int
+    """
+    points = means.detach().cpu().numpy()
+    available = min(k, len(points) - 1)
+    _, index = cKDTree(points).query(points, k=available + 1)
+    # Among coincident points the tree may list another one first: drop the point itself wherever it stands.
+    own = index == np.arange(len(points))[:, None]
+    own[~own.any(axis=1), -1] = True
+    others = index[~own].reshape(len(points), available)
+    return torch.from_numpy(np.resize(others.T, (k, len(points))).T.astype(np.int32).copy())
+
+
+def neighbour_regulariser(
+    features: torch.Tensor,
+    means: torch.Tensor,
+    neighbours: torch.Tensor,
+    *,
+    far: float,
+    lambda_pull: float,
+    lambda_push: float,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """Return L_reg with true neighbours and random Gaussians far away.
+
+    Parameters
+    ----------
+    features : tensor of shape [N, F]
+        Per Gaussian.
+    means : tensor of shape [N, 3]
+        Centres; no gradient flows to them.
+    neighbours : tensor of shape [N, k], int
+        From `nearest_neighbours`.
+    far : float
+        Gaussians farther apart than this are pushed apart, world units.
+    lambda_pull, lambda_push : float
+        Weights.
+    generator : torch.Generator
+        Draws 1,000 anchors and, for each, 16 candidates, of which the first 5 that are far count.
+
+    Returns
+    -------
+    tensor, scalar
+
+    Notes
+    -----
+    ``lambda_pull s(1 - mean cos(near)) + lambda_push s(mean cos(far))`` with s the logistic function. The published
+    form (`paper_regulariser`) counts a Gaussian as its own neighbour and pushes the same few outliers for every anchor.
+    """
+    n = len(features)
+    anchors = torch.randint(n, (min(_N_ANCHORS, n),), generator=generator)
+    unit = torch.nn.functional.normalize(features, dim=1, eps=1e-9)
+    near = (unit[anchors, None] * unit[neighbours[anchors].long()]).sum(dim=2)
+    loss = lambda_pull * torch.sigmoid(1.0 - near.mean())
+    tries = torch.randint(n, (len(anchors), _FAR_TRIES), generator=generator)
+    places = means.detach()
+    is_far = (places[anchors, None] - places[tries]).norm(dim=2) > far
+    is_far &= is_far.cumsum(dim=1) <= _N_FAR
+    if bool(is_far.any()):
+        row, column = is_far.nonzero(as_tuple=True)
+        distant = (unit[anchors[row]] * unit[tries[row, column]]).sum(dim=1)
+        loss = loss + lambda_push * torch.sigmoid(distant.mean())
+    return loss
+
+
+def paper_regulariser(
+    features: torch.Tensor,
+    means: torch.Tensor,
+    *,
+    lambda_pull: float,
+    lambda_push: float,
+    generator: torch.Generator,
+    n_near: int = 2,
+    n_far: int = 5,
+) -> torch.Tensor:
+    """Return L_reg as in the released code of Dahaghin et al. 2024.
+
+    Parameters
+    ----------
+    features : tensor of shape [N, F]
+    means : tensor of shape [N, 3]
+        Centres; no gradient flows to them.
+    lambda_pull, lambda_push : float
+        Weights.
+    generator : torch.Generator
+        Draws the 300,000 Gaussians and the 1,000 anchors.
+    n_near, n_far : int
+        Nearest (the anchor itself is one of them) and farthest Gaussians per anchor.
+
+    Returns
+    -------
+    tensor, scalar
+    """
+    n = len(features)
+    subset = torch.randperm(n, generator=generator)[:_PAPER_SUBSET]
+    anchors = torch.randperm(len(subset), generator=generator)[:_N_ANCHORS]
+    places = means.detach()[subset]
+    unit = torch.nn.functional.normalize(features[subset], dim=1, eps=1e-9)
+    distances = torch.cdist(places[anchors], places)
+    near = distances.topk(min(n_near, len(subset)), largest=False).indices
+    distant = distances.topk(min(n_far, len(subset))).indices
+    near_cosine = (unit[anchors, None] * unit[near]).sum(dim=2).mean()
+    far_cosine = (unit[anchors, None] * unit[distant]).sum(dim=2).mean()
+    return lambda_pull * torch.sigmoid(1.0 - near_cosine) + lambda_push * torch.sigmoid(far_cosine)
+
+
+def ray_disagreement(features: torch.Tensor, transmittance: torch.Tensor) -> torch.Tensor:
+    """Return the mean variance of unit features along the rays of a picture.
+
+    Parameters
+    ----------
+    features : tensor of shape [h, w, F]
+        Blend F = sum_g w_g f_g of features with |f_g| = 1.
+    transmittance : tensor of shape [h, w]
+        1 - A with A = sum_g w_g.
+
+    Returns
+    -------
+    tensor, scalar
+        Mean of A^2 - |F|^2 = sum_gh w_g w_h (1 - f_g . f_h), which is 0 exactly where all features of a ray agree.
+
+    Notes
+    -----
+    The variance regulariser of OpenSplat3D (CVPRW 2025) without its second rendering: for unit features the blend of
+    squares is A itself.
+    """
+    cover = 1.0 - transmittance
+    return (cover.square() - features.square().sum(dim=2)).mean()

@@ -1,0 +1,216 @@
+"""Settings of training and the named presets. Standard library only: the command line and Blender read them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ..settings import require
+
+__all__ = ["PAPER_PIXELS", "PRESETS", "TrainingSettings"]
+
+PAPER_PIXELS = 980 * 735
+"""Size of the paper's pictures, for which its numbers of pixels and sums over pixels are meant."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How Gaussians are trained. Learning rates are Adam's; "extent" is the radius of the cameras' positions.
+
+    Attributes
+    ----------
+    steps : int
+        Training steps, one photo each.
+    max_gaussians : int
+        Budget: growth stops here.
+    start_opacity : float
+        Opacity of every Gaussian at the start.
+    background : float
+        Part of the budget that starts far behind what the cameras look at, where sparse points are rare.
+    sh_degree : int
+        Bands of view-dependent colour, 0 to 3.
+    sh_interval : int
+        Steps after which one more band is used.
+    max_side : int
+        Longest side of the training pictures, pixels.
+    coarse_levels : int
+        Times the pictures are halved at the start.
+    coarse_until : float
+        Part of the steps spent below full size, shared evenly by the coarse levels.
+    lr_means, lr_means_end : float
+        Position rate at the first and last step, per extent; exponential in between.
+    lr_scales, lr_quats, lr_opacity, lr_sh, lr_sh_rest, lr_features : float
+        Rates of the other parameters; `lr_sh` is for band 0, `lr_sh_rest` for the higher ones.
+    lr_end : float
+        All rates but the position's end at this part of themselves; exponential over the second half of the steps.
+    lambda_dssim : float
+        Share of 1 - SSIM in the photometric loss, 0 to 1.
+    exposure : bool
+        Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras on automatic.
+    lr_exposure : float
+        Its rate.
+    features : bool
+        Train segmentation features where photos have labels.
+    feature_init : {"unit", "paper"}
+        ``unit``: features are normalised before they are blended. ``paper``: blended as they are.
+    feature_gradient : {"joint", "until_grown", "detached"}
+        Whether L_CC moves the geometry too: always (the paper), until growth ends, or never.
+    lambda_clustering : float
+        Weight of L_CC, a sum over pixels and a mean over clusters (about 1e-6); for pictures of 980 x 735 pixels, of
+        other sizes the sum is scaled to that.
+    clustering_interval : int
+        Steps between two evaluations of L_CC.
+    clustering_pixels : int
+        Random labelled pixels of a picture that L_CC is evaluated on; 0 for all.
+    min_segment_pixels : int
+        Smaller segments are left out of L_CC; counted at 980 x 735 pixels and scaled to the picture.
+    lambda_pull, lambda_push : float
+        Weights of the two parts of L_reg.
+    regularisation_interval : int
+        Steps between two evaluations of L_reg.
+    regularisation : {"neighbours", "paper"}
+        ``neighbours``: 6 true neighbours and random Gaussians far away. ``paper``: the 2 nearest, the Gaussian itself
+        among them, and the 5 farthest.
+    lambda_ray : float
+        Weight of the disagreement of features along a ray; needs ``feature_init="unit"``.
+    growth : {"error", "opacity"}
+        ``error``: Gaussians in whose pixels the error is large are split. ``opacity``: copies of any, as published
+        (Kheradmand et al. 2024).
+    grow_from, grow_until : float
+        Parts of the steps between which Gaussians are relocated and added.
+    grow_interval : int
+        Steps between two relocations.
+    grow_factor : float
+        The number of Gaussians is multiplied by at least this at each, up to the budget; with ``growth="error"`` by
+        more where the budget would not be reached half-way.
+    min_opacity : float
+        Gaussians below it are dead and relocated.
+    lambda_opacity, lambda_scale : float
+        Weights of the mean opacity and the mean scale (per extent) in the loss.
+    noise : float
+        Strength of the random walk of nearly transparent Gaussians.
+    held_out_every : int
+        Every n-th photo is never trained on, 0 for none.
+    curve_points : int
+        Measurements on the held-out photos, spaced evenly in the logarithm of the step.
+    checkpoint_interval : int
+        Steps between two checkpoints.
+    preview_seconds : float
+        Time between two preview pictures.
+    seed : int
+        Of every random draw.
+    backend : {"cpu", "reference"}
+        Which rasterizer.
+    """
+
+    steps: int = 3000
+    max_gaussians: int = 40_000
+    start_opacity: float = 0.5
+    background: float = 0.05
+    sh_degree: int = 1
+    sh_interval: int = 1000
+    max_side: int = 640
+    coarse_levels: int = 2
+    coarse_until: float = 0.4
+    lr_means: float = 1.6e-3
+    lr_means_end: float = 1.6e-5
+    lr_scales: float = 0.02
+    lr_quats: float = 0.005
+    lr_opacity: float = 0.05
+    lr_sh: float = 0.015
+    lr_sh_rest: float = 0.00075
+    lr_features: float = 0.01
+    lr_end: float = 0.2
+    lambda_dssim: float = 0.2
+    exposure: bool = False
+    lr_exposure: float = 0.002
+    features: bool = True
+    feature_init: Literal["unit", "paper"] = "unit"
+    feature_gradient: Literal["joint", "until_grown", "detached"] = "joint"
+    lambda_clustering: float = 1e-6
+    clustering_interval: int = 5
+    clustering_pixels: int = 16_384
+    min_segment_pixels: int = 100
+    lambda_pull: float = 0.05
+    lambda_push: float = 0.15
+    regularisation_interval: int = 10
+    regularisation: Literal["neighbours", "paper"] = "neighbours"
+    lambda_ray: float = 0.01
+    growth: Literal["error", "opacity"] = "error"
+    grow_from: float = 0.03
+    grow_until: float = 0.8
+    grow_interval: int = 30
+    grow_factor: float = 1.05
+    min_opacity: float = 0.005
+    lambda_opacity: float = 0.001
+    lambda_scale: float = 0.01
+    noise: float = 5e5
+    held_out_every: int = 8
+    curve_points: int = 12
+    checkpoint_interval: int = 500
+    preview_seconds: float = 30.0
+    seed: int = 0
+    backend: Literal["cpu", "reference"] = "cpu"
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "max_gaussians", "sh_interval", "clustering_interval", "regularisation_interval",
+                     "grow_interval", "checkpoint_interval", "curve_points"):  # fmt: skip
+            require(self, name, getattr(self, name) >= 1, "at least 1")
+        for name in ("clustering_pixels", "min_segment_pixels", "held_out_every", "coarse_levels"):
+            require(self, name, getattr(self, name) >= 0, "at least 0")
+        for name in ("lr_means", "lr_means_end", "lr_scales", "lr_quats", "lr_opacity", "lr_sh", "lr_sh_rest",
+                     "lr_features", "lr_exposure", "preview_seconds"):  # fmt: skip
+            require(self, name, getattr(self, name) > 0, "greater than 0")
+        for name in ("lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray", "lambda_opacity",
+                     "lambda_scale", "noise"):  # fmt: skip
+            require(self, name, getattr(self, name) >= 0, "at least 0")
+        for name in ("coarse_until", "lambda_dssim", "grow_from", "grow_until"):
+            require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
+        require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
+        require(self, "background", 0 <= self.background <= 0.5, "between 0 and 0.5")
+        require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
+        require(self, "max_side", self.max_side >= 16, "at least 16 pixels")
+        require(self, "coarse_levels", self.coarse_levels <= 5, "at most 5")
+        require(self, "lr_end", 0 < self.lr_end <= 1, "greater than 0 and at most 1")
+        require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")
+        require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
+        require(self, "min_opacity", 0 < self.min_opacity < 0.5, "between 0 and 0.5")
+        require(self, "held_out_every", self.held_out_every != 1, "0 or at least 2: something must be trained on")
+        choices = {
+            "feature_init": ("unit", "paper"),
+            "feature_gradient": ("joint", "until_grown", "detached"),
+            "regularisation": ("neighbours", "paper"),
+            "growth": ("error", "opacity"),
+            "backend": ("cpu", "reference"),
+        }
+        for name, allowed in choices.items():
+            require(self, name, getattr(self, name) in allowed, "one of " + ", ".join(allowed))
+        ray_fits = self.lambda_ray == 0 or self.feature_init == "unit"
+        require(self, "lambda_ray", ray_fits, 'zero when `feature_init` is "paper"')
+
+
+_STANDARD = TrainingSettings()
+
+PRESETS: dict[str, TrainingSettings] = {
+    "test": replace(
+        _STANDARD, steps=60, max_gaussians=400, sh_degree=0, max_side=64, coarse_levels=1, curve_points=3,
+        grow_interval=10, checkpoint_interval=20, clustering_interval=2, clustering_pixels=1024,
+        regularisation_interval=4,
+    ),
+    "preview": replace(_STANDARD, steps=600, max_gaussians=15_000, max_side=400, sh_degree=0),
+    "standard": _STANDARD,
+    "best": replace(
+        _STANDARD, steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2, grow_interval=100,
+        lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
+    ),
+    "paper": replace(
+        _STANDARD, steps=30_000, max_gaussians=1_000_000, start_opacity=0.1, background=0.0, lambda_opacity=0.01,
+        max_side=980, sh_degree=3, coarse_levels=0,
+        lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001, lr_opacity=0.05, lr_sh=0.0025,
+        lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, feature_init="paper", feature_gradient="joint",
+        clustering_interval=50, clustering_pixels=0, regularisation="paper", regularisation_interval=100,
+        lambda_ray=0.0, growth="opacity", grow_from=500 / 30_000, grow_until=25_000 / 30_000, grow_interval=100,
+    ),
+}  # fmt: skip
+"""``test``: seconds, for tests. ``preview``: a first look. ``standard``: a few minutes on two cores. ``best``: an hour.
+``paper``: the published losses and rates (Dahaghin et al. 2024) on a fixed budget (Kheradmand et al. 2024)."""

@@ -1,0 +1,308 @@
+"""The training loop: Gaussians to start from and photos in, trained Gaussians and their error curve out."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..errors import Cancelled, TrainingError
+from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
+from ..gaussians.gaussians import Gaussians
+from ..rasterizer.adam import AdamState, adam_step
+from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
+from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
+from .guards import backward, check_result, hold_in_bounds, step_finite_rows
+from .held_out import Clock, CurvePoint, measure, render_picture, write_picture
+from .parameters import Parameters
+from .schedule import Schedule
+from .settings import TrainingSettings
+from .step import step_loss
+from .views import Level, TrainingView, ViewPyramid, scene_extent
+
+__all__ = ["PREVIEW_FILE", "TrainingResult", "train"]
+
+STAGE = "training"
+PREVIEW_FILE = "preview.png"
+_SECONDS_BETWEEN_EVENTS = 1.0
+_MOST_MEASURED = 8
+_VIEWS_THAT_VOTE = 3
+_RELOCATE, _GROW, _NOISE = 3, 4, 5
+"""Purposes of random draws."""
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What training hands on.
+
+    Attributes
+    ----------
+    gaussians : Gaussians
+        With features as they are blended: normalised, unless ``feature_init="paper"``.
+    curve : tuple of CurvePoint
+        Error on held-out photos against run time.
+    figures : dict
+        JSON values: steps, Gaussians, seconds, final errors, which photos were measured, guards that fired.
+    """
+
+    gaussians: Gaussians
+    curve: tuple[CurvePoint, ...]
+    figures: dict[str, Any]
+
+
+def train(
+    start: Gaussians,
+    views: Sequence[TrainingView],
+    settings: TrainingSettings,
+    *,
+    checkpoints: Path,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> TrainingResult:
+    """Train Gaussians until they look like the photos from the photos' cameras.
+
+    Minimises L_rendering + lambda_clustering L_CC + L_reg (Dahaghin et al. 2024) with Adam, one photo a step. Pictures
+    are composited over black: what no photo decides stays empty.
+
+    Parameters
+    ----------
+    start : Gaussians
+        See `gaussians.initialise`; with features when ``settings.features`` and any view has labels.
+    views : sequence of TrainingView
+        Held-out ones are only measured on.
+    settings : TrainingSettings
+    checkpoints : Path
+        Folder for the checkpoint, from which an interrupted run with the same inputs goes on, and the preview picture.
+    emit : Emit
+        Gets Progress, Metric (``loss``, ``psnr``, ``gaussians``), Preview, Warned.
+    should_stop : StopCheck
+        Asked each step.
+
+    Returns
+    -------
+    TrainingResult
+
+    Raises
+    ------
+    TrainingError
+        When there is nothing to train from or on.
+    Cancelled
+        When asked to stop; a checkpoint has been written.
+    NumericalError
+        When the loss or the result is not finite.
+    DiskError
+        When a checkpoint cannot be written.
+
+    Notes
+    -----
+    A resumed run gives the same Gaussians, bit for bit, as an uninterrupted one on the same computer.
+    """
+    with _one_torch_thread():
+        run = _Run(start, views, settings, checkpoints, emit)
+        if run.state.step:
+            emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
+        while run.state.step < settings.steps:
+            if should_stop():
+                run.write_checkpoint()
+                raise Cancelled("Training was cancelled; the next run continues from where it stopped.")
+            run.step()
+            run.report()
+        check_result(run.state.parameters)
+        return run.result()
+
+
+@contextlib.contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Keep torch's own small operations on one thread.
+
+    The rasterizer, loss and Adam have their own threads. Torch's, which wait for each other by spinning, made the small
+    operations 30 to 300 times slower on a machine that does anything else.
+    """
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+class _Run:
+    """One training run: what does not change, and `state`, which does and is what a checkpoint holds."""
+
+    def __init__(
+        self, start: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings, checkpoints: Path, emit: Emit
+    ) -> None:
+        training = [view for view in views if not view.held_out]
+        held_out = [view for view in views if view.held_out]
+        if len(start) == 0:
+            raise TrainingError("There are no Gaussians to start from. Take more photos that overlap, then run again.")
+        self.settings, self.checkpoints, self.emit = settings, checkpoints, emit
+        self.pyramid = ViewPyramid(training, settings)  # Refuses to be empty.
+        self.measured_on = "held-out photos" if held_out else "training photos"
+        self.measured = ViewPyramid(_spread(held_out or training, _MOST_MEASURED), settings)
+        self.extent = scene_extent([view.pinhole for view in training])
+        self.center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)
+        labelled = [i for i, view in enumerate(training) if settings.features and view.labels is not None]
+        self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled)
+        self.key = run_key(start, views, settings)
+        self.state = read_checkpoint(checkpoints, self.key) or _begin(start, training, settings)
+        self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
+        self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
+        self._loss = float("nan")
+        self._reported = self._previewed = time.monotonic()
+        if not held_out:
+            emit(Warned("There are too few photos to hold any out; errors are measured on the training photos."))
+
+    def step(self) -> None:
+        """Do one training step."""
+        state, settings, schedule = self.state, self.settings, self.schedule
+        with self.clock:
+            view = schedule.view(state.step)
+            halvings = schedule.halvings(state.step)
+            level = self.pyramid.level(view, halvings)
+            state.parameters.track()
+            state.exposure.requires_grad_(settings.exposure).grad = None
+            loss = step_loss(state, level, view, schedule, settings, self.extent)
+            if backward(loss, state.guards):
+                step_finite_rows(state.parameters, self._update, state.guards)
+            with torch.no_grad():
+                self._explore()
+                hold_in_bounds(state.parameters, self.center, self.extent, state.guards)
+            state.step += 1
+            self._loss = loss.item()
+            if schedule.halvings(state.step) != halvings:
+                self.pyramid.forget(schedule.halvings(state.step))
+
+    def _update(self) -> None:
+        state = self.state
+        state.parameters.step(self.schedule.learning_rates(state.step))
+        if state.exposure.grad is not None:
+            exposure = state.exposure.detach()
+            adam_step([(exposure, state.exposure.grad, self.settings.lr_exposure)], [state.exposure_moments])
+            # Brightness common to all photos belongs to the Gaussians.
+            exposure -= exposure.mean(dim=0)
+
+    def _explore(self) -> None:
+        """Relocate and add Gaussians when it is time; let the nearly transparent ones wander until growth ends."""
+        state, settings, schedule = self.state, self.settings, self.schedule
+        if schedule.grows(state.step):
+            n = len(state.parameters)
+            n_new = schedule.gaussians_after_growth(state.step, n) - n
+            if settings.growth == "error":
+                self._grow_where_wrong(n_new)
+            else:
+                moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
+                relocate(state.parameters, min_opacity=settings.min_opacity, generator=moves)
+                grow(state.parameters, n_new, generator=additions)
+        if settings.noise > 0 and not schedule.growth_ended(state.step):
+            position_noise(
+                state.parameters,
+                learning_rate=schedule.means_rate(state.step),
+                extent=self.extent,
+                strength=settings.noise,
+                generator=schedule.generator(state.step, _NOISE),
+            )
+
+    def _grow_where_wrong(self, n_new: int) -> None:
+        state, settings, schedule = self.state, self.settings, self.schedule
+        generator = schedule.generator(state.step, _GROW)
+        views = torch.randint(len(self.pyramid.views), (_VIEWS_THAT_VOTE,), generator=generator).tolist()
+        levels = [self.pyramid.level(view, schedule.halvings(state.step)) for view in views]
+        votes = error_votes(state.parameters, levels, settings, sh_degree=schedule.sh_degree(state.step))
+        grow_where_wrong(state.parameters, votes, n_new, min_opacity=settings.min_opacity, generator=generator)
+
+    def report(self) -> None:
+        """Measure, show, save and tell, each when it is due."""
+        state, now = self.state, time.monotonic()
+        if state.step in self.schedule.curve_steps:
+            self._measure()
+        if now - self._previewed >= self.settings.preview_seconds or state.step == self.settings.steps:
+            self._previewed = now
+            self._preview()
+        if state.step % self.settings.checkpoint_interval == 0 or state.step == self.settings.steps:
+            self.write_checkpoint()
+        if now - self._reported >= _SECONDS_BETWEEN_EVENTS or state.step == self.settings.steps:
+            self._reported = now
+            self.emit(Metric(STAGE, "loss", self._loss, state.step))
+            self.emit(Metric(STAGE, "gaussians", float(len(state.parameters)), state.step))
+            done = self.schedule.done(state.step)
+            spent = (self.clock.wall - self._first_wall) / (done - self._first_done)
+            self.emit(Progress(STAGE, done, spent * (1.0 - done), f"step {state.step} of {self.settings.steps}"))
+
+    def _levels(self) -> list[Level]:
+        return [self.measured.level(index, 0) for index in range(len(self.measured.views))]
+
+    def _measure(self) -> None:
+        state = self.state
+        quality = measure(
+            state.parameters.values, self._levels(), self.settings, sh_degree=self.schedule.sh_degree(state.step - 1)
+        )
+        state.curve.append(
+            CurvePoint(
+                state.step, self.clock.wall, self.clock.cpu, quality.psnr, quality.ssim, quality.l1,
+                len(state.parameters),
+            )
+        )  # fmt: skip
+        self.emit(Metric(STAGE, "psnr", quality.psnr, state.step))
+
+    def _preview(self) -> None:
+        level = self.measured.level(len(self.measured.views) // 2, 0)
+        degree = self.schedule.sh_degree(self.state.step - 1)
+        path = self.checkpoints / PREVIEW_FILE
+        write_picture(path, render_picture(self.state.parameters.values, level, self.settings, sh_degree=degree))
+        self.emit(Preview(STAGE, str(path)))
+
+    def write_checkpoint(self) -> None:
+        """Save the state as it is now."""
+        self.state.wall_seconds, self.state.cpu_seconds = self.clock.wall, self.clock.cpu
+        write_checkpoint(self.checkpoints, self.key, self.state)
+
+    def result(self) -> TrainingResult:
+        """Return what was trained, measured and guarded against."""
+        state, last = self.state, self.state.curve[-1]
+        figures = {
+            "steps": state.step,
+            "n_gaussians": len(state.parameters),
+            "wall_seconds": last.wall_seconds,
+            "cpu_seconds": last.cpu_seconds,
+            "psnr": last.psnr,
+            "ssim": last.ssim,
+            "l1": last.l1,
+            "measured_on": self.measured_on,
+            "measured_photos": [view.photo for view in self.measured.views],
+            "background": "black",
+            "sh_degree": self.schedule.sh_degree(state.step - 1),
+            "features": "features" in state.parameters.values,
+            "guards": dict(state.guards),
+            "curve": [asdict(point) for point in state.curve],
+        }
+        if self.settings.exposure:
+            figures["exposure"] = {
+                view.photo: [round(float(gain), 4) for gain in row.exp()]
+                for view, row in zip(self.pyramid.views, state.exposure.detach(), strict=True)
+            }
+        unit = self.settings.feature_init == "unit"
+        return TrainingResult(state.parameters.to_gaussians(unit_features=unit), tuple(state.curve), figures)
+
+
+def _begin(start: Gaussians, training: Sequence[TrainingView], settings: TrainingSettings) -> RunState:
+    features = settings.features and any(view.labels is not None for view in training)
+    exposure = torch.zeros(len(training), 3)
+    return RunState(
+        Parameters.from_gaussians(start, sh_degree=settings.sh_degree, features=features),
+        exposure,
+        AdamState.zeros_like(exposure),
+    )
+
+
+def _spread(views: Sequence[TrainingView], most: int) -> list[TrainingView]:
+    """Return at most `most` of the views, evenly spread."""
+    if len(views) <= most:
+        return list(views)
+    return [views[index] for index in np.linspace(0, len(views) - 1, most).round().astype(int)]

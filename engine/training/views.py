@@ -1,0 +1,179 @@
+"""What training reads of each photo: pinhole picture, camera, labels; at full size and halved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import CameraSet, PinholeCamera
+from ..errors import TrainingError
+from ..events import StopCheck, never_stop
+from ..rasterizer.loss import Target
+from .losses import LabelledPixels, labelled_pixels
+from .settings import PAPER_PIXELS, TrainingSettings
+
+__all__ = ["Level", "TrainingView", "ViewPyramid", "is_held_out", "load_views", "scene_extent"]
+
+_TARGET_BYTES = 36
+_MOST_TARGET_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One photo as training sees it.
+
+    Attributes
+    ----------
+    photo : str
+        Name of the photo.
+    pinhole : PinholeCamera
+        Camera of `pixels`.
+    pixels : array of shape [h, w, 3], uint8, sRGB
+        The photo without distortion, no blank border.
+    labels : array of shape [h, w], int32, or None
+        SAM segments in the same frame, 0 for none.
+    held_out : bool
+        Never trained on.
+    """
+
+    photo: str
+    pinhole: PinholeCamera
+    pixels: NDArray[np.uint8]
+    labels: NDArray[np.int32] | None
+    held_out: bool
+
+
+def is_held_out(index: int, every: int) -> bool:
+    """Return whether photo number `index` (by name) is held out: the middle one of each `every`."""
+    return every > 0 and index % every == every // 2
+
+
+def load_views(
+    photo_folder: Path,
+    camera_set: CameraSet,
+    masks: Mapping[str, Path],
+    settings: TrainingSettings,
+    *,
+    should_stop: StopCheck = never_stop,
+) -> list[TrainingView]:
+    """Return the training views of all registered photos: undistorted, at most ``settings.max_side`` wide and high.
+
+    Parameters
+    ----------
+    photo_folder : Path
+        Where the photos lie.
+    camera_set : CameraSet
+        Cameras of the registered photos.
+    masks : mapping of str to Path
+        Label maps of the masks room by photo name; photos without one are trained on without labels.
+    settings : TrainingSettings
+    should_stop : StopCheck
+        Asked per photo.
+
+    Returns
+    -------
+    list of TrainingView
+
+    Raises
+    ------
+    Cancelled
+        When asked to stop.
+    """
+    from ..cameras.lens import training_pinhole, undistort
+    from ..errors import Cancelled
+    from ..masks.storage import read_label_map
+    from ..photos.pixels import load_pixels
+
+    views = []
+    for index, camera in enumerate(camera_set.cameras):
+        if should_stop():
+            raise Cancelled("Stopped while the photos were loaded for training.")
+        pinhole = training_pinhole(camera, max_side=settings.max_side)
+        # Twice the target size is all that resampling needs; a 48-megapixel photo would cost half a second each.
+        source = load_pixels(photo_folder / camera.photo, max_side=2 * max(pinhole.width, pinhole.height))
+        pixels = undistort(source, camera, pinhole, interpolation="linear")
+        labels = None
+        if settings.features and camera.photo in masks:
+            labels = undistort(read_label_map(masks[camera.photo]), camera, pinhole, interpolation="nearest")
+        views.append(TrainingView(camera.photo, pinhole, pixels, labels, is_held_out(index, settings.held_out_every)))
+    return views
+
+
+def scene_extent(cameras: Sequence[PinholeCamera]) -> float:
+    """Return 1.1 times the largest distance from the mean camera (Kerbl et al. 2023); 1 for a single camera."""
+    centers = np.stack([camera.center for camera in cameras])
+    radius = 1.1 * float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
+    return radius if radius > 1e-3 else 1.0
+
+
+@dataclass(frozen=True)
+class Level:
+    """A view at one resolution.
+
+    Attributes
+    ----------
+    camera : PinholeCamera
+    pixels : array of shape [h, w, 3], uint8, sRGB
+    prepared : Target or None
+        The photo made ready for the loss, None where keeping it would take too much memory.
+    labelled : LabelledPixels or None
+    """
+
+    camera: PinholeCamera
+    pixels: NDArray[np.uint8]
+    prepared: Target | None
+    labelled: LabelledPixels | None
+
+    @property
+    def target(self) -> Target:
+        """The photo ready for the loss."""
+        return self.prepared or Target(self.pixels)
+
+
+@dataclass
+class ViewPyramid:
+    """The views at every level; a level of a view is made when it is first asked for."""
+
+    views: Sequence[TrainingView]
+    settings: TrainingSettings
+    _keep_targets: bool = field(init=False)
+    _levels: dict[tuple[int, int], Level] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.views:
+            raise TrainingError("There is no photo to train on. Add photos and run again.")
+        pixels = sum(view.pixels.shape[0] * view.pixels.shape[1] for view in self.views)
+        self._keep_targets = pixels * _TARGET_BYTES <= _MOST_TARGET_BYTES
+
+    def level(self, view: int, halvings: int) -> Level:
+        """Return view number `view` halved `halvings` times."""
+        key = (view, halvings)
+        if key not in self._levels:
+            self._levels[key] = _make_level(self.views[view], halvings, self.settings, keep_target=self._keep_targets)
+        return self._levels[key]
+
+    def forget(self, halvings: int) -> None:
+        """Free the levels that are halved more often than `halvings` times."""
+        self._levels = {key: level for key, level in self._levels.items() if key[1] <= halvings}
+
+
+def _make_level(view: TrainingView, halvings: int, settings: TrainingSettings, *, keep_target: bool) -> Level:
+    pinhole, pixels, labels = view.pinhole, view.pixels, view.labels
+    if halvings:
+        width, height = (max(8, round(side / 2**halvings)) for side in (pinhole.width, pinhole.height))
+        factors = np.array([width / pinhole.width, height / pinhole.height, 1.0])
+        pinhole = PinholeCamera(pinhole.viewmat, pinhole.K * factors[:, None], width, height)
+        pixels = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        if labels is not None:
+            labels = np.asarray(cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST_EXACT))
+    labelled = None
+    if labels is not None and settings.features and not view.held_out:
+        min_pixels = max(8, round(settings.min_segment_pixels * labels.size / PAPER_PIXELS))
+        labelled = labelled_pixels(labels, min_pixels=min_pixels)
+    pixels = np.ascontiguousarray(pixels)
+    return Level(pinhole, pixels, Target(pixels) if keep_target else None, labelled)

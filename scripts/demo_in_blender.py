@@ -1,0 +1,69 @@
+"""The Blender half of the demo: everything through the extension's own operators. Started by scripts/demo.py.
+
+Arguments: extension zip, photo folder, folder for the results, prompts separated by ``;``, preset.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import bpy
+
+MODULE = "bl_ext.user_default.gaussian_heritage"
+
+
+def main() -> int:
+    """Photos in; .blend with collections, PLY, GLB, picture and report out."""
+    zip_file, photos, out, prompts, preset = sys.argv[1:6]
+    folder = Path(out)
+    project = folder / "project"
+    started = time.monotonic()
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=True)
+    bpy.context.preferences.addons[MODULE].preferences.engine_python = os.environ["GAUSSIAN_HERITAGE_PYTHON"]
+    print(f"Working in {project}; follow it with: tail -f {project / 'log.jsonl'}", flush=True)
+    try:
+        bpy.ops.heritage.import_photo_folder(directory=photos, project=str(project), prompts=prompts, preset=preset)
+        files = _export(folder / "exported")
+    except RuntimeError as error:
+        print(f"The demo stopped. {str(error).strip()} Run the same command again to continue.", file=sys.stderr)
+        return 1
+    scene_file, picture = folder / "scene.blend", folder / "scene.png"
+    _render(picture)
+    bpy.ops.wm.save_as_mainfile(filepath=str(scene_file))
+
+    print(f"\nDone in {(time.monotonic() - started) / 60:.1f} minutes.")
+    print(f"  Blender scene   {scene_file}")
+    print(f"  its picture     {picture}")
+    for file in files:
+        print(f"  exported        {file}")
+    print(f"  report          {project / 'report' / 'report.html'}")
+    stages = json.loads((project / "project.json").read_text(encoding="utf-8"))["stages"]
+    for prompt, why in stages.get("objects", {}).get("figures", {}).get("refused", {}).items():
+        print(f"  not isolated    {prompt}: {why}")
+    return 0
+
+
+def _export(folder: Path) -> list[Path]:
+    """Write the whole scene, and every object if there are any, as PLY and GLB."""
+    folder.mkdir(exist_ok=True)
+    has_objects = any(obj.heritage.role == "OBJECT" for obj in bpy.context.scene.objects)
+    for scope in ("SCENE", "ALL") if has_objects else ("SCENE",):
+        for file_format in ("PLY", "GLB"):
+            bpy.ops.heritage.export_objects(directory=str(folder), format=file_format, scope=scope, overwrite=True)
+    return sorted(folder.iterdir())
+
+
+def _render(picture: Path) -> None:
+    scene = bpy.context.scene
+    scene.render.filepath = str(picture)
+    scene.render.resolution_percentage = 100
+    bpy.ops.render.render(write_still=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
