@@ -1,12 +1,21 @@
 # Two commands do everything: `make demo` and `make test`. `make help` lists the rest.
-PYTHON ?= python3.11
-ENGINE := .venv/engine/bin/python
-BLENDER := .venv/blender-4.5/bin/python
+# Set-up starts with any Python from 3.9 on and finds the ones it needs.
+ifeq ($(OS),Windows_NT)
+PYTHON ?= py
+BIN := Scripts/python.exe
+else
+PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3)
+BIN := bin/python
+endif
+VENVS := $(or $(GAUSSIAN_HERITAGE_VENVS),.venv)
+ENGINE := $(VENVS)/engine/$(BIN)
+BLENDER := $(VENVS)/blender-4.5/$(BIN)
 PHOTOS ?=
 PROMPTS ?=
 PRESET ?= standard
 
-.PHONY: help setup demo test lint house engine-tests blender-tests zip clean
+.NOTPARALLEL:
+.PHONY: help setup demo test lint house types engine-tests blender-tests zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -26,6 +35,9 @@ lint: ## format and lint
 house: ## import contracts and types
 	$(ENGINE) scripts/check_house.py
 
+types: ## the types alone
+	$(ENGINE) scripts/check_house.py types
+
 engine-tests: ## everything that needs no Blender
 	$(ENGINE) -m pytest -q -m "not gpu" --ignore=tests/blender tests
 
@@ -36,4 +48,4 @@ zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
 clean: ## remove results and caches, keep the environments
-	rm -rf out dist build .mypy_cache .ruff_cache .pytest_cache
+	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

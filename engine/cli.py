@@ -104,5 +104,5 @@ def _as_ours(error: Exception, project: Path | None) -> HeritageError:
         )
     if isinstance(error, MemoryError):
         return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
-    where = f" Details are in {project / 'log.jsonl'}." if project and project.is_dir() else ""
+    where = f" Details are in {project / 'log.jsonl'}." if project and (project / "log.jsonl").exists() else ""
     return HeritageError(f"Something unforeseen went wrong: {type(error).__name__}: {error}.{where}")

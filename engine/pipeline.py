@@ -310,7 +310,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
 
     def work() -> dict[str, Any]:
         from .errors import PromptError
-        from .grounding.offline_vocabulary import OfflineVocabulary
+        from .grounding.default import load_default_detector
         from .masks.sam import load_default_sam
         from .objects.prompts import TextPrompt
         from .objects.segment import segment_project
@@ -324,7 +324,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     TextPrompt(prompt),
                     prompt,
                     settings.segment,
-                    detector_factory=OfflineVocabulary,
+                    detector_factory=load_default_detector,
                     sam_factory=load_default_sam,
                     emit=run.emit,
                     should_stop=run.should_stop,

@@ -19,10 +19,10 @@ from typing import IO, Any
 
 from .errors import DiskError, FormatError, ProjectError
 
-__all__ = ["PROJECT_VERSION", "ProjectFolder", "atomic_write", "file_sha256", "stage_key", "write_json"]
+__all__ = ["PROJECT_FILE", "PROJECT_VERSION", "ProjectFolder", "atomic_write", "file_sha256", "stage_key", "write_json"]
 
 PROJECT_VERSION = 1
-_PROJECT_FILE = "project.json"
+PROJECT_FILE = "project.json"
 _LOCK_FILE = "lock"
 _TEMPORARY_PREFIX = ".writing-"
 
@@ -122,7 +122,7 @@ class ProjectFolder:
             When it cannot be written.
         """
         project = cls(path)
-        if (path / _PROJECT_FILE).exists():
+        if (path / PROJECT_FILE).exists():
             project._read()
             return project
         if path.exists() and not path.is_dir():
@@ -146,14 +146,14 @@ class ProjectFolder:
         ProjectError
             When there is none.
         """
-        if not (path / _PROJECT_FILE).is_file():
-            raise ProjectError(f"{path} is not a Gaussian Heritage project (it has no {_PROJECT_FILE}).")
+        if not (path / PROJECT_FILE).is_file():
+            raise ProjectError(f"{path} is not a Gaussian Heritage project (it has no {PROJECT_FILE}).")
         project = cls(path)
         project._read()
         return project
 
     def _read(self) -> None:
-        file = self.path / _PROJECT_FILE
+        file = self.path / PROJECT_FILE
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, json.JSONDecodeError) as error:
@@ -163,7 +163,7 @@ class ProjectFolder:
         self._data = data
 
     def _write(self) -> None:
-        write_json(self.path / _PROJECT_FILE, self._data)
+        write_json(self.path / PROJECT_FILE, self._data)
 
     def __enter__(self) -> ProjectFolder:
         """Take the folder for writing and clear what a killed run left half-written.

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .events import ErrorEvent, Event, Finished, Metric, Progress, StageFinished, StageStarted, Warned, to_json_line
+from .project_folder import PROJECT_FILE
 
 __all__ = ["EventOutput"]
 
@@ -39,7 +40,7 @@ class EventOutput:
     json_lines : bool
         Events on standard output as JSON lines; otherwise a progress bar and sentences on standard error.
     log : Path or None
-        File that gets every event too, once its folder exists.
+        File that gets every event too, once its folder is a project.
     """
 
     def __init__(self, *, json_lines: bool, log: Path | None) -> None:
@@ -56,7 +57,7 @@ class EventOutput:
 
     def write_log(self, line: str) -> None:
         """Append `line` to the project's log, if there is a project by now."""
-        if self._log is None or not self._log.parent.is_dir():
+        if self._log is None or not (self._log.parent / PROJECT_FILE).is_file():
             return
         try:
             with self._log.open("a", encoding="utf-8") as stream:

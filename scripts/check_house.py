@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from places import PACKAGES, ROOT
+from places import PACKAGES, ROOT, python_of
 
 __all__ = ["check_imports", "check_types", "link_repository"]
 
@@ -47,7 +47,7 @@ def copy_code(source: Path, target: Path) -> None:
 
 def check_imports(folder: Path) -> subprocess.CompletedProcess[str]:
     """Run the contracts of .importlinter over the package in `folder`."""
-    tool = Path(sys.executable).with_name("lint-imports.exe" if os.name == "nt" else "lint-imports")
+    tool = python_of("engine").with_name("lint-imports.exe" if os.name == "nt" else "lint-imports")
     return _run([tool, "--config", ROOT / ".importlinter", "--no-cache"], folder)
 
 
@@ -55,7 +55,7 @@ def check_types(folder: Path) -> subprocess.CompletedProcess[str]:
     """Run mypy over the three packages in `folder`."""
     packages = [word for name in PACKAGES for word in ("-p", f"gaussian_heritage.{name}")]
     options = ["--config-file", ROOT / "pyproject.toml", "--cache-dir", ROOT / ".mypy_cache"]
-    return _run([sys.executable, "-m", "mypy", *options, *packages, "-m", "gaussian_heritage"], folder)
+    return _run([python_of("engine"), "-m", "mypy", *options, *packages, "-m", "gaussian_heritage"], folder)
 
 
 def _run(command: list[object], folder: Path) -> subprocess.CompletedProcess[str]:

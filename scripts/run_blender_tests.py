@@ -12,13 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from places import ROOT, blender_environments, python_of
 
 
 def main() -> int:
     """Return 1 if a Blender's tests failed or Blender 4.5 is missing."""
-    executable = "Scripts/python.exe" if os.name == "nt" else "bin/python"
-    blenders = [(name, ROOT / ".venv" / name / executable) for name in ("blender-4.5", "blender-5.2")]
+    blenders = [(name, python_of(name)) for name in blender_environments()]
     if not blenders[0][1].exists():
         print("Blender 4.5 is missing. Run `make setup`.", file=sys.stderr)
         return 1
@@ -30,14 +29,11 @@ def main() -> int:
         zip_file = folder / "gaussian_heritage.zip"
         subprocess.run([blenders[0][1], ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
         for label, python in blenders:
-            if not python.exists():
-                print(f"{label} is not here, left out.")
-                continue
             print(f"{label}:", flush=True)
             environment = {
                 **os.environ,
                 "GAUSSIAN_HERITAGE_ZIP": str(zip_file),
-                "GAUSSIAN_HERITAGE_PYTHON": str(ROOT / ".venv" / "engine" / executable),
+                "GAUSSIAN_HERITAGE_PYTHON": str(python_of("engine")),
                 "GAUSSIAN_HERITAGE_DEMO": str(ROOT / "demo"),
             }
             environment.pop("PYTHONPATH", None)

@@ -36,9 +36,9 @@ Interpolation = Literal["linear", "nearest"]
 _TRAINING_REACH = np.tan(np.radians(60.0))
 _COVERING_REACH = np.tan(np.radians(75.0))
 _BORDER_SAMPLES = 257
-# The photo's maps are computed on every 8th pixel and interpolated: a photo's distortion bends by less than
+# The photo's maps are computed on every 4th pixel and interpolated: a photo's distortion bends by less than
 # 0.01 pixel within that.
-_MAP_STEP = 8
+_MAP_STEP = 4
 
 
 def training_pinhole(camera: Camera, *, max_side: int) -> PinholeCamera:
@@ -191,7 +191,7 @@ def project(camera: Camera, points: NDArray[np.floating[Any]]) -> tuple[Float64,
     pixels = np.full((len(local), 2), np.nan)
     front = depth > 0.0
     if front.any():
-        pixels[front] = _to_photo(_lens(camera), local[front])
+        pixels[front] = _to_photo(_lens_key(camera), local[front])
     return pixels, depth
 
 
@@ -273,25 +273,53 @@ def _bad_lens(camera: Camera) -> str:
     return f"The lens of {camera.photo} ({camera.model} {camera.params}) cannot be undistorted: its parameters make no sense."
 
 
-def _to_photo(lens: pycolmap.Camera, local: Float64) -> Float64:
-    """Return pixels [N, 2] of points [N, 3] in the camera's frame, NaN where the lens model folds back."""
-    pixels = lens.img_from_cam(local)
-    # One way and back again: beyond its turning point a distortion polynomial leads to another direction.
-    back = lens.cam_from_img(np.nan_to_num(pixels, nan=-1e9))
+def _to_photo(lens_key: _LensKey, local: Float64) -> Float64:
+    """Return pixels [N, 2] of points [N, 3] in front of the camera, NaN beyond the lens model's turning point."""
+    pixels: Float64 = _lens_of(*lens_key).img_from_cam(np.ascontiguousarray(local))
     directions = local[:, :2] / local[:, 2:]
-    with np.errstate(invalid="ignore", over="ignore"):
-        # To a tenth of a pixel where directions are spread out, and more tolerant far off the axis.
-        close = np.linalg.norm(back - directions, axis=1) <= 1e-4 * (1.0 + np.square(directions).sum(axis=1))
-    pixels[~close] = np.nan
+    angles, reaches = _turning_points(lens_key)
+    reach = np.interp(np.arctan2(directions[:, 1], directions[:, 0]), angles, reaches)
+    pixels[np.linalg.norm(directions, axis=1) > reach] = np.nan
     return pixels
+
+
+def _from_photo(lens_key: _LensKey, pixels: Float64) -> Float64:
+    """Return the directions [N, 2] of pixels [N, 2], NaN where the lens model has none in front of the camera."""
+    directions: Float64 = _lens_of(*lens_key).cam_from_img(pixels)
+    there = np.nan_to_num(np.concatenate([directions, np.ones((len(directions), 1))], axis=1))
+    # Beyond 90 degrees a fisheye model gives the opposite direction; only the way back tells.
+    with np.errstate(invalid="ignore"):
+        true = np.linalg.norm(_to_photo(lens_key, there) - pixels, axis=1) < 0.1
+    directions[~true] = np.nan
+    return directions
+
+
+@functools.lru_cache(maxsize=256)
+def _turning_points(lens_key: _LensKey) -> tuple[Float64, Float64]:
+    """Return angles [A] around the optical axis and how far off it [A] the lens model still leads outwards.
+
+    A distortion polynomial turns back at some distance; what lies beyond would appear inside the picture again. The
+    distance is found by walking outwards in steps of 0.1 degrees, up to 89 degrees off the axis.
+    """
+    lens = _lens_of(*lens_key)
+    angles = np.linspace(-np.pi, np.pi, 65)
+    distances = np.tan(np.radians(np.linspace(0.0, 89.0, 891)))
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None] * distances[:, None]
+    local = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], axis=2)
+    pixels = lens.img_from_cam(local.reshape(-1, 3)).reshape(*directions.shape)
+    off_axis = np.linalg.norm(pixels - pixels[:, :1], axis=2)
+    with np.errstate(invalid="ignore"):
+        outwards = np.diff(off_axis, axis=1) > 0.0
+    steps = np.where(outwards.all(axis=1), outwards.shape[1], np.argmin(outwards, axis=1))
+    return angles, distances[steps]
 
 
 def _border(camera: Camera, reach: float) -> tuple[Float64, Float64, Float64, Float64]:
     """Return x along the left, y along the top, x along the right, y along the bottom border of the photo.
 
-    Border points that no direction leads to (beyond the turning point, or at 90 degrees and more) count as `reach`.
+    Border points that no direction leads to (beyond the turning point, or at 90 degrees and more) are left out; a
+    border without any other points lies at `reach`.
     """
-    lens = _lens(camera)
     w, h = float(camera.width), float(camera.height)
     along = np.linspace(0.0, 1.0, _BORDER_SAMPLES)
     zeros, ones = np.zeros_like(along), np.ones_like(along)
@@ -302,8 +330,9 @@ def _border(camera: Camera, reach: float) -> tuple[Float64, Float64, Float64, Fl
         (ones, along, 0, reach),
         (along, ones, 1, reach),
     ):
-        values = lens.cam_from_img(np.stack([x * w, y * h], axis=1))[:, axis]
-        sides.append(np.where(np.isfinite(values), values, beyond))
+        values = _from_photo(_lens_key(camera), np.stack([x * w, y * h], axis=1))[:, axis]
+        values = values[np.isfinite(values)]
+        sides.append(values if len(values) else np.array([beyond]))
     return sides[0], sides[1], sides[2], sides[3]
 
 
@@ -314,7 +343,7 @@ def _inside_photo(camera: Camera, box: list[float]) -> bool:
     border = np.concatenate(
         [np.stack(pair, axis=1) for pair in ((x, y * 0 + box[1]), (x, y * 0 + box[3]), (x * 0 + box[0], y), (x * 0 + box[2], y))]
     )
-    pixels = _to_photo(_lens(camera), np.concatenate([border, np.ones((len(border), 1))], axis=1))
+    pixels = _to_photo(_lens_key(camera), np.concatenate([border, np.ones((len(border), 1))], axis=1))
     slack = 1e-3
     return bool(
         (pixels[:, 0] >= -slack).all()
@@ -346,22 +375,20 @@ def _frame(camera: Camera, box: list[float], max_side: int | None, whole: np.ufu
 @functools.lru_cache(maxsize=4)
 def _photo_positions(lens_key: _LensKey, pinhole_key: _PinholeKey) -> tuple[Float64, Float64]:
     """Return for each pixel of the pinhole picture its x and y [H, W] in the photo, NaN where there is none."""
-    lens = _lens_of(*lens_key)
     fx, fy, cx, cy, width, height = pinhole_key
     x, y = np.meshgrid((np.arange(width) + 0.5 - cx) / fx, (np.arange(height) + 0.5 - cy) / fy)
-    pixels = _to_photo(lens, np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)).reshape(height, width, 2)
+    pixels = _to_photo(lens_key, np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)).reshape(height, width, 2)
     return pixels[..., 0], pixels[..., 1]
 
 
 @functools.lru_cache(maxsize=2)
 def _pinhole_positions(lens_key: _LensKey, pinhole_key: _PinholeKey) -> tuple[Float64, Float64]:
     """Return for each pixel of the photo its x and y [H, W] in the pinhole picture, NaN where there is none."""
-    lens = _lens_of(*lens_key)
     _, photo_width, photo_height, _ = lens_key
     fx, fy, cx, cy, _, _ = pinhole_key
     columns, rows = (_MAP_STEP * np.arange(-(-side // _MAP_STEP) + 1, dtype=np.float64) for side in (photo_width, photo_height))
     x, y = np.meshgrid(columns + 0.5, rows + 0.5)
-    directions = lens.cam_from_img(np.stack([x.ravel(), y.ravel()], axis=1)).reshape(len(rows), len(columns), 2)
+    directions = _from_photo(lens_key, np.stack([x.ravel(), y.ravel()], axis=1)).reshape(len(rows), len(columns), 2)
     coarse = directions * (fx, fy) + (cx, cy)
     return _finer(coarse[..., 0], photo_width, photo_height), _finer(coarse[..., 1], photo_width, photo_height)
 

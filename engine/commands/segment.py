@@ -41,7 +41,7 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Isolate the object and store it in the project."""
-    from ..grounding.offline_vocabulary import OfflineVocabulary
+    from ..grounding.default import load_default_detector
     from ..masks.sam import load_default_sam
     from ..objects.segment import segment_project
 
@@ -52,7 +52,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             prompt,
             options.name or options.prompt or "object",
             PRESETS[options.preset],
-            detector_factory=OfflineVocabulary,
+            detector_factory=load_default_detector,
             sam_factory=load_default_sam,
             emit=emit,
             should_stop=should_stop,

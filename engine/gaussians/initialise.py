@@ -43,7 +43,6 @@ def gaussians_from_points(
     seed: int,
     max_gaussians: int,
     cameras: Sequence[PinholeCamera] = (),
-    background: int = 0,
     opacity: float = 0.3,
     feature_init: FeatureInit = "unit",
     emit: Emit = ignore_events,
@@ -65,9 +64,7 @@ def gaussians_from_points(
     max_gaussians : int
         Of more points, this many are drawn at random.
     cameras : sequence of PinholeCamera
-        Where to look for a scene when there are few points or none, and for the background.
-    background : int
-        Gaussians to add far behind what the cameras look at, where sparse points are rare: sky, walls, street.
+        Where to look for a scene when there are few points or none.
     opacity : float
         Of every Gaussian, 0.1 to 0.5 works.
     feature_init : {"unit", "paper"}
@@ -93,10 +90,6 @@ def gaussians_from_points(
         places, tints = places[kept], tints[kept]
     elif len(places) < min(_FEWEST_POINTS, max_gaussians):
         places, tints = _thickened(places, tints, min(_FEWEST_POINTS, max_gaussians), cameras, rng, emit)
-    n_far = min(background, max_gaussians - len(places)) if cameras else 0
-    if n_far > 0:
-        places = np.concatenate([places, points_in_view(cameras, n_far, rng, nearest=2.2, farthest=30.0)])
-        tints = np.concatenate([tints, np.full((n_far, 3), 127.5)])
     n = len(places)
     sh = np.zeros((n, (sh_degree + 1) ** 2, 3), np.float32)
     sh[:, 0] = (tints / 255.0 - 0.5) / SH_C0
@@ -135,13 +128,10 @@ def points_in_view(
     cameras: Sequence[PinholeCamera],
     n: int,
     rng: np.random.Generator,
-    *,
-    nearest: float = 0.3,
-    farthest: float = 2.5,
 ) -> Float64:
     """Return `n` random points inside the cameras' view, shape [n, 3].
 
-    Depths run from `nearest` to `farthest` times the distance between a camera and the point that all cameras look at
+    Depths run from 0.3 to 2.5 times the distance between a camera and the point that all cameras look at
     best, evenly in 1 / depth, which is how finely a camera sees depth.
     """
     focus = _focus(cameras)
@@ -150,7 +140,7 @@ def points_in_view(
     for index, camera in enumerate(cameras):
         mine = np.flatnonzero(chosen == index)
         distance = max(float(np.linalg.norm(camera.center - focus)), 1e-3)
-        depth = 1.0 / rng.uniform(1.0 / (farthest * distance), 1.0 / (nearest * distance), size=len(mine))
+        depth = 1.0 / rng.uniform(1.0 / (2.5 * distance), 1.0 / (0.3 * distance), size=len(mine))
         pixels = rng.random((len(mine), 2)) * (camera.width, camera.height)
         rays = np.column_stack([(pixels - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]], np.ones(len(mine))])
         points[mine] = (rays * depth[:, None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]

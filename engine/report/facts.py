@@ -7,6 +7,7 @@ import os
 import platform
 from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import PurePath
 from typing import Any
 
 from .. import __version__
@@ -51,7 +52,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         training["step_ms"] = _step_ms(training)
     return {
         "version": REPORT_VERSION,
-        "title": project.path.resolve().name,
+        "title": _title(project),
         "stages": [
             {"stage": stage, "wall_seconds": record["wall_seconds"], "cpu_seconds": record["cpu_seconds"]}
             for stage, record in records.items()
@@ -76,6 +77,13 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
             "cores": _cores(),
         },
     }
+
+
+def _title(project: ProjectFolder) -> str:
+    """Return the photo folder's name, or that of the project where photos lie in a folder called just that."""
+    photos = PurePath(str(project.get("photo_folder") or ""))
+    generic = ("", "photos", "images", "pictures", "fotos", "dcim")
+    return photos.name if photos.name.lower() not in generic else project.path.resolve().name
 
 
 def _without_settings(record: dict[str, Any]) -> dict[str, Any]:

@@ -89,7 +89,7 @@ def _head(facts: dict[str, Any]) -> str:
     tiles = [
         ("photos used", _count(cameras.get("n_registered"))),
         ("Gaussians", _count(training.get("n_gaussians") or last.get("n_gaussians"))),
-        ("objects", _count(len(facts["objects"]))),
+        ("object" if len(facts["objects"]) == 1 else "objects", _count(len(facts["objects"]))),
         (
             "PSNR on held-out photos" if training.get("held_out") else "PSNR",
             _number(last.get("psnr"), "{:.1f} dB"),
@@ -143,7 +143,7 @@ def _held_out(facts: dict[str, Any], pictures: Pictures) -> str:
     )
     kept = facts["training"].get("held_out")
     text = (
-        "These photos were never trained on, so the right-hand pictures are what the scene knows by itself."
+        "These photos were never trained on, so the second of each pair is what the scene knows by itself."
         if kept
         else "The photos were too few to spare one; these were trained on."
     )

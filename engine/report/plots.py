@@ -28,6 +28,7 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     points = [point for point in curve if _finite(point, "wall_seconds") and float(point["wall_seconds"]) > 0]
     if len(points) < 2:
@@ -55,6 +56,9 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
         axes.set_title(title, fontsize=9, color=_INK, loc="left")
         axes.set_xlabel("seconds", fontsize=8, color=_INK)
         axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.grid(alpha=0.25, linewidth=0.6)
         axes.tick_params(labelsize=8, colors=_INK)
         axes.spines[["top", "right"]].set_visible(False)

@@ -26,7 +26,7 @@ class TrainingSettings:
     start_opacity : float
         Opacity of every Gaussian at the start.
     background : float
-        Part of the budget that starts far behind what the cameras look at, where sparse points are rare.
+        Part of the budget that starts where the photos show no sparse point: plain walls, sky.
     sh_degree : int
         Bands of view-dependent colour, 0 to 3.
     sh_interval : int
@@ -106,12 +106,12 @@ class TrainingSettings:
     steps: int = 3000
     max_gaussians: int = 40_000
     start_opacity: float = 0.5
-    background: float = 0.05
+    background: float = 0.1
     sh_degree: int = 1
     sh_interval: int = 1000
     max_side: int = 640
     coarse_levels: int = 2
-    coarse_until: float = 0.4
+    coarse_until: float = 0.5
     lr_means: float = 1.6e-3
     lr_means_end: float = 1.6e-5
     lr_scales: float = 0.02
@@ -142,8 +142,8 @@ class TrainingSettings:
     grow_interval: int = 30
     grow_factor: float = 1.05
     min_opacity: float = 0.005
-    lambda_opacity: float = 0.001
-    lambda_scale: float = 0.01
+    lambda_opacity: float = 0.0
+    lambda_scale: float = 0.002
     noise: float = 5e5
     held_out_every: int = 8
     curve_points: int = 12
@@ -205,7 +205,7 @@ PRESETS: dict[str, TrainingSettings] = {
     ),
     "paper": replace(
         _STANDARD, steps=30_000, max_gaussians=1_000_000, start_opacity=0.1, background=0.0, lambda_opacity=0.01,
-        max_side=980, sh_degree=3, coarse_levels=0,
+        lambda_scale=0.01, max_side=980, sh_degree=3, coarse_levels=0,
         lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001, lr_opacity=0.05, lr_sh=0.0025,
         lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, feature_init="paper", feature_gradient="joint",
         clustering_interval=50, clustering_pixels=0, regularisation="paper", regularisation_interval=100,

@@ -61,8 +61,10 @@ def step_loss(
     if settings.exposure:
         image = image * state.exposure[view].exp()
     loss = photometric_loss(image, level.target, lambda_dssim=settings.lambda_dssim)
-    loss = loss + settings.lambda_opacity * values["opacity_logits"].sigmoid().mean()
-    loss = loss + settings.lambda_scale / extent * values["log_scales"].exp().mean()
+    if settings.lambda_opacity > 0:
+        loss = loss + settings.lambda_opacity * values["opacity_logits"].sigmoid().mean()
+    if settings.lambda_scale > 0:
+        loss = loss + settings.lambda_scale / extent * values["log_scales"].exp().mean()
     if joint:
         loss = loss + _feature_loss(raster, raster.image[..., 3:], level, schedule, settings, step)
     elif clusters:

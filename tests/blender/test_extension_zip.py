@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import subprocess
 import sys
 import zipfile
@@ -17,11 +18,12 @@ def test_zip_holds_only_what_it_should(zip_file: Path) -> None:
     names = [name for name in zipfile.ZipFile(zip_file).namelist() if not name.endswith("/")]
     assert {Path(name).parts[0] for name in names} == ALLOWED_TOP
     assert not [name for name in names if "__pycache__" in name or name.endswith((".pyc", ".onnx", ".blend"))]
+    assert not [name for name in names if any(part.startswith(".") or part == "tests" for part in Path(name).parts)]
     assert zip_file.stat().st_size <= 3e6
 
 
 def test_zip_validates_with_blenders_own_tool(zip_file: Path) -> None:
-    (tool,) = Path(bpy.__file__).parent.glob("*/scripts/addons_core/bl_pkg/cli/blender_ext.py")
+    tool = Path(bpy.utils.system_resource("SCRIPTS")) / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
     done = subprocess.run(
         [sys.executable, str(tool), "validate", str(zip_file)], capture_output=True, text=True, check=False
     )
@@ -29,8 +31,10 @@ def test_zip_validates_with_blenders_own_tool(zip_file: Path) -> None:
 
 
 def test_repository_is_not_importable_here() -> None:
+    """Else a relative import that is wrong in the zip could be answered by the repository."""
     assert importlib.util.find_spec("engine") is None
     assert importlib.util.find_spec("operators") is None
+    assert not [folder for folder in sys.path if (Path(folder) / "blender_manifest.toml").exists()]
 
 
 def test_extension_installs_disables_and_enables_again(installed: str) -> None:
@@ -44,5 +48,8 @@ def test_extension_installs_disables_and_enables_again(installed: str) -> None:
 
 def test_nothing_heavy_enters_blenders_process(installed: str) -> None:
     importlib.import_module(installed)
-    heavy = {"torch", "pycolmap", "onnxruntime", "cv2", "numba"}
+    for file in importlib.import_module(installed).__path__:
+        for module in sorted(Path(file).glob("operators/*.py")):
+            importlib.import_module(f"{installed}.operators.{module.stem}".removesuffix(".__init__"))
+    heavy = {"torch", "pycolmap", "onnxruntime", "cv2", "numba", "scipy", "PIL"}
     assert heavy & set(sys.modules) == set()

@@ -10,6 +10,7 @@ from PIL import Image
 
 from engine.cli import build_parser, main
 from engine.commands import COMMANDS
+from engine.project_folder import ProjectFolder
 
 
 def errors_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
@@ -20,7 +21,7 @@ def errors_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
 def photo_folder(folder: Path, count: int) -> Path:
     folder.mkdir()
     for i in range(count):
-        Image.effect_noise((160, 120), 60 + i).save(folder / f"{i}.png")
+        Image.effect_noise((320, 240), 60 + i).save(folder / f"{i}.png")
     return folder
 
 
@@ -116,7 +117,7 @@ def test_unforeseen_error_is_a_sentence_and_its_trace_in_the_log(
     def fail(*_: object) -> int:
         raise RuntimeError("database or disk is full")
 
-    (tmp_path / "p").mkdir()
+    ProjectFolder.create(tmp_path / "p")
     monkeypatch.setattr(reconstruct, "run", fail)
     assert main(["reconstruct", str(tmp_path), "--out", str(tmp_path / "p"), "--events"]) == 1
     (error,) = errors_of(capsys)

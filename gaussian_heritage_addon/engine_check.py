@@ -1,0 +1,35 @@
+"""Asking the engine's Python what it has and lacks (``python -m engine doctor``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..engine.errors import EnvironmentProblem
+from .engine_process import engine_command
+from .jobs import Job
+from .preferences import current_environment, current_python, user_folder
+
+__all__ = ["check_engine"]
+
+
+def check_engine() -> tuple[Path, list[str], list[str]]:
+    """Return the interpreter, one line for each check, and the names of what is required and missing.
+
+    Raises
+    ------
+    HeritageError
+        When there is no interpreter, or the engine does not start in it.
+    """
+    python = current_python()
+    state = Job.start(
+        engine_command(python, "doctor"),
+        user_folder("jobs") / "doctor",
+        kind="doctor",
+        subject=str(python),
+        environment=current_environment(),
+    ).wait()
+    checks = state.outputs.get("checks")
+    if checks is None:
+        raise EnvironmentProblem(f"The engine does not start with {python}. {state.error}")
+    missing = [check["name"] for check in checks if check["required"] and not check["ok"]]
+    return python, state.message.splitlines(), missing

@@ -1,0 +1,258 @@
+"""An engine process: started, watched without waiting, stopped, and found again after Blender was closed. No bpy.
+
+A job has a folder with ``job.json`` (what runs), ``events.jsonl`` (the engine's standard output) and ``errors.txt``.
+It writes to files, not pipes, and in a session of its own, so it goes on when Blender ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..engine import events
+from ..engine.errors import DiskError, ProjectError
+from ..engine.project_folder import write_json
+
+__all__ = ["Job", "JobState"]
+
+_JOB, _EVENTS, _ERRORS = "job.json", "events.jsonl", "errors.txt"
+
+
+@dataclass
+class JobState:
+    """What is known of a job; the same object is brought up to date by every `Job.poll`.
+
+    Attributes
+    ----------
+    running : bool
+        The process is alive.
+    stage : str
+        Name of the stage at work.
+    fraction : float
+        Of the stage, 0 to 1.
+    seconds_left : float or None
+        For the stage.
+    message : str
+        Last thing said.
+    preview : str
+        Path of the newest picture; empty before the first.
+    metrics : dict
+        Last value of each metric, e.g. ``psnr``.
+    warnings : list of str
+    error : str
+        One sentence when the job failed or was cancelled, else empty.
+    finished : bool
+        The job ended well.
+    outputs : dict
+        What it left, see `engine.events.Finished`.
+    """
+
+    running: bool = True
+    stage: str = ""
+    fraction: float = 0.0
+    seconds_left: float | None = None
+    message: str = ""
+    preview: str = ""
+    metrics: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    error: str = ""
+    finished: bool = False
+    outputs: dict[str, Any] = field(default_factory=dict)
+
+    def take(self, event: events.Event) -> None:
+        """Bring the state up to date with `event`."""
+        match event:
+            case events.StageStarted():
+                self.stage, self.fraction, self.seconds_left, self.message = event.stage, 0.0, None, ""
+            case events.Progress():
+                self.stage, self.fraction = event.stage, min(max(event.fraction, 0.0), 1.0)
+                self.seconds_left, self.message = event.seconds_left, event.message or self.message
+            case events.StageFinished():
+                self.fraction, self.seconds_left = 1.0, 0.0
+            case events.Metric():
+                self.metrics[event.name] = event.value
+            case events.Preview():
+                self.preview = event.path
+            case events.Warned():
+                self.warnings.append(event.message)
+            case events.ErrorEvent():
+                self.error = event.message
+            case events.Finished():
+                self.finished, self.message, self.outputs = True, event.message, event.outputs
+
+
+class Job:
+    """One engine process. Make it with `start` or `attach`.
+
+    Attributes
+    ----------
+    folder : Path
+        The job's own folder.
+    kind : str
+        What it is for; the add-on's follow-up goes by it.
+    subject : str
+        What it works on: the project folder.
+    """
+
+    def __init__(self, folder: Path, record: Mapping[str, Any], process: subprocess.Popen[bytes] | None) -> None:
+        self.folder = folder
+        self.kind: str = record["kind"]
+        self.subject: str = record["subject"]
+        self._pid: int = record["pid"]
+        self._command: list[str] = record["command"]
+        self._process = process
+        self._state = JobState()
+        self._offset = 0
+        self._kill_at: float | None = None
+
+    @classmethod
+    def start(
+        cls, command: Sequence[str], folder: Path, *, kind: str, subject: str, environment: Mapping[str, str]
+    ) -> Job:
+        """Start `command` and return at once.
+
+        Parameters
+        ----------
+        command : sequence of str
+            Writes event lines to its standard output.
+        folder : Path
+            For the job's files; those of an earlier job are replaced.
+        kind, subject : str
+            See the class.
+        environment : mapping
+            Of the process.
+
+        Raises
+        ------
+        ProjectError
+            When the folder's earlier job is still running.
+        DiskError
+            When the folder cannot be written, or the command cannot be started.
+        """
+        before = cls.attach(folder)
+        if before is not None and before.poll().running:
+            raise ProjectError(f"A job is still working on {before.subject}. Wait for it or cancel it first.")
+        own_group: dict[str, Any] = {"start_new_session": True}
+        if sys.platform == "win32":
+            own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / _JOB).unlink(missing_ok=True)
+            with (folder / _EVENTS).open("wb") as output, (folder / _ERRORS).open("wb") as errors:
+                process = subprocess.Popen(
+                    list(command),
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=errors,
+                    env=dict(environment),
+                    cwd=folder,
+                    **own_group,
+                )
+        except OSError as error:
+            raise DiskError(
+                f"{command[0]} could not be started in {folder}: {error.strerror or error}. Check both paths."
+            ) from error
+        record = {"kind": kind, "subject": subject, "pid": process.pid, "command": list(command)}
+        write_json(folder / _JOB, record)
+        return cls(folder, record, process)
+
+    @classmethod
+    def attach(cls, folder: Path) -> Job | None:
+        """Return the job whose files lie in `folder`, running or ended; None when there is none."""
+        try:
+            record = json.loads((folder / _JOB).read_text(encoding="utf-8"))
+            return cls(folder, record, None)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def poll(self) -> JobState:
+        """Read what is new, without waiting, and return the state.
+
+        Notes
+        -----
+        A cancelled job that outlives its patience is killed here.
+        """
+        if not self._state.running:
+            return self._state
+        alive = self._is_alive()
+        # Asked before reading: what a process wrote before it ended is then surely read.
+        self._read_events()
+        if alive and self._kill_at is not None and time.monotonic() > self._kill_at:
+            self._signal(kill=True)
+            self._kill_at = None
+        if not alive:
+            self._state.running = False
+            if not self._state.finished and not self._state.error:
+                self._state.error = self._last_words()
+            self._state.finished = self._state.finished and not self._state.error
+        return self._state
+
+    def cancel(self, patience: float = 10.0) -> None:
+        """Ask the job to stop, and have `poll` kill it after `patience` seconds."""
+        if self.poll().running:
+            self._signal(kill=False)
+            self._kill_at = time.monotonic() + patience
+
+    def wait(self, interval: float = 0.05) -> JobState:
+        """Poll until the job ended; for background use only."""
+        while self.poll().running:
+            time.sleep(interval)
+        return self._state
+
+    def _read_events(self) -> None:
+        try:
+            with (self.folder / _EVENTS).open("rb") as stream:
+                stream.seek(self._offset)
+                data = stream.read()
+        except OSError:
+            return  # The next poll tries again; a job whose folder vanished ends with its process.
+        complete = data.rfind(b"\n") + 1
+        self._offset += complete
+        for line in data[:complete].decode("utf-8", "replace").splitlines():
+            event = events.from_json_line(line)
+            if event is not None:
+                self._state.take(event)
+
+    def _last_words(self) -> str:
+        """Return a sentence for a process that ended without a last event: killed, crashed, or not our engine."""
+        code = f" (exit code {self._process.returncode})" if self._process is not None else ""
+        try:
+            lines = (self.folder / _ERRORS).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        except OSError:
+            lines = []
+        said = f" Its last words: {lines[-1].strip()}" if lines else ""
+        return f"The engine ended early{code}.{said} What was done is kept; details are in {self.folder / _ERRORS}."
+
+    def _is_alive(self) -> bool:
+        if self._process is not None:
+            return self._process.poll() is None
+        return _command_of(self._pid, self._command)
+
+    def _signal(self, *, kill: bool) -> None:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            if sys.platform == "win32":
+                os.kill(self._pid, signal.SIGTERM if kill else signal.CTRL_BREAK_EVENT)
+            else:
+                # The whole group: a stage may have started helpers of its own.
+                os.killpg(self._pid, signal.SIGKILL if kill else signal.SIGINT)
+
+
+def _command_of(pid: int, command: Sequence[str]) -> bool:
+    """Return whether process `pid`, which may have been given to another program since, still runs `command`."""
+    if sys.platform == "win32":
+        listing = ["tasklist", "/FI", f"PID eq {pid}", "/NH"]
+        wanted = str(pid)
+    else:
+        listing = ["ps", "-ww", "-o", "stat=,args=", "-p", str(pid)]
+        wanted = " ".join(command[1:])
+    output = subprocess.run(listing, capture_output=True, text=True, errors="replace", check=False).stdout
+    return wanted in output and not output.lstrip().startswith("Z")

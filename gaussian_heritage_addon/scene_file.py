@@ -1,0 +1,146 @@
+"""A project folder as a Blender scene: the splats, the cameras, and a collection for each object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..engine.cameras.storage import read_camera_set
+from ..engine.formats import read_ply
+from ..engine.records import load_record
+from .cameras import add_cameras, look_through
+from .project import ProjectObject, list_objects, load_membership, scene_file
+from .properties import apply_blending, heritage_objects, show_parts
+from .splats import SplatScene
+
+__all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles"]
+
+_LOOSEST = 0.05
+"""Lowest membership whose Gaussians are copied: the slider goes no further down."""
+
+
+def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken: bool = False) -> SplatScene:
+    """Import the Gaussian PLY `file` into `scene` as an object called `name`."""
+    gaussians = read_ply(file, skip_broken=skip_broken)
+    splats = SplatScene.create(name, gaussians, scene.collection)
+    splats.object.heritage.role = "SCENE"
+    # The mesh may be edited; memberships belong to the scene as it was read.
+    splats.object["heritage_count"] = len(gaussians)
+    apply_blending(scene)
+    show_parts(scene)
+    return splats
+
+
+def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = True) -> SplatScene:
+    """Bring the project folder into `scene`: splats, cameras, and its objects.
+
+    Parameters
+    ----------
+    scene : Scene
+    project : Path
+    with_cameras : bool
+        Add the cameras of the photos; the first becomes the scene's when it has none.
+
+    Raises
+    ------
+    HeritageError
+        When the project has no finished scene, or a file of it cannot be read.
+    """
+    file = scene_file(project)
+    objects = list_objects(project)
+    camera_file = project / "cameras"
+    camera_set = read_camera_set(camera_file) if with_cameras and (camera_file / "cameras.json").is_file() else None
+    splats = add_splat_file(scene, file, _title(project))
+    splats.object.heritage.project = str(project)
+    scene.heritage.project = str(project)
+    if camera_set is not None:
+        collection = _new_collection(scene.collection, f"{_title(project)} Cameras")
+        add_cameras(camera_set.cameras, collection)
+        collection.hide_viewport = True
+        if scene.camera is None and camera_set.cameras:
+            look_through(scene, "")
+    prepare_cycles(scene)
+    add_objects(scene, project, [item.id for item in objects])
+    return splats
+
+
+def _title(project: Path) -> str:
+    return project.name.removesuffix("_heritage") or project.name
+
+
+def _new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
+    collection = bpy.data.collections.new(name)
+    parent.children.link(collection)
+    return collection
+
+
+def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> list[SplatScene]:
+    """Give each object of the project in `ids` a collection with its own splats; those in the scene already stay.
+
+    Notes
+    -----
+    The rows are copied once from the scene's splats, edits included; the slider then only changes which of them are
+    drawn and exported.
+    """
+    present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if _of(obj, project)}
+    wanted = [item for item in list_objects(project) if item.id in set(ids) - present]
+    if not wanted:
+        return []
+    whole = next((obj for obj in heritage_objects(scene, "SCENE") if _of(obj, project)), None)
+    if whole is None:
+        whole = add_splat_file(scene, scene_file(project), _title(project)).object
+        whole.heritage.project = str(project)
+    added = [_add_object(scene, project, item, whole) for item in wanted]
+    apply_blending(scene)
+    show_parts(scene)
+    return added
+
+
+def _of(obj: bpy.types.Object, project: Path) -> bool:
+    return Path(obj.heritage.project) == project
+
+
+def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
+    source = SplatScene.of(whole)
+    index = source.index
+    membership = load_membership(project, item.id, whole["heritage_count"])
+    # Hand-made Gaussians (-1) belong to no object.
+    own = np.where(index >= 0, membership[index], 0.0).astype(np.float32)
+    kept = own >= min(_LOOSEST, item.threshold)
+    collection = _new_collection(scene.collection, item.name)
+    splats = SplatScene.create(
+        item.name, source.local_gaussians()[kept], collection, index=index[kept], membership=own[kept]
+    )
+    obj = splats.object
+    obj.matrix_world = whole.matrix_world
+    _fill_properties(obj, collection, project, item)
+    return splats
+
+
+def _fill_properties(
+    obj: bpy.types.Object, collection: bpy.types.Collection, project: Path, item: ProjectObject
+) -> None:
+    said, record = obj.heritage, load_record(project, item.id)
+    said.is_loading = True
+    said.role, said.project, said.object_id = "OBJECT", str(project), item.id
+    said.prompt, said.score, said.threshold = item.prompt, item.score, item.threshold
+    for name, value in record.as_dict().items():
+        setattr(said, name, value)
+    said.is_loading = False
+    collection["heritage_object_id"] = item.id
+    collection["heritage_prompt"] = item.prompt
+    collection["heritage_score"] = item.score
+
+
+def prepare_cycles(scene: bpy.types.Scene) -> None:
+    """Set Cycles so that it draws splats: hundreds of clear surfaces lie behind each other."""
+    scene.render.engine = "CYCLES"
+    scene.cycles.transparent_max_bounces = 1024
+    # Ending faint paths by chance would add noise to a picture that has none.
+    scene.cycles.min_transparent_bounces = 1024
+    scene.cycles.use_denoising = False
+    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.samples = 8

@@ -1,0 +1,149 @@
+"""The geometry nodes that draw a mesh of Gaussians: a shape for each, coloured as the active camera sees it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .node_math import Formula, connect, named_attribute, new_node, scale_vector, separate_xyz, vector
+from .splat_material import COLOR_ATTRIBUTE
+from .splat_shapes import Cut, add_cards, add_ellipsoids
+
+__all__ = ["DISPLAY", "AS_TRAINED", "PIXEL", "THRESHOLD", "add_display", "set_display_input"]
+
+DISPLAY = "Gaussian Splats"
+"""Name of the modifier."""
+THRESHOLD = "Threshold"
+AS_TRAINED = "Blend as Trained"
+PIXEL = "Pixel Size"
+_SH_C0 = 0.28209479177387814
+
+
+def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
+    """Add the modifier that draws `obj`, a mesh with the attributes of `splats`."""
+    modifier = obj.modifiers.new(DISPLAY, "NODES")
+    modifier.node_group = _display_group(sh_degree)
+
+
+def set_display_input(obj: bpy.types.Object, name: str, value: float | bool) -> None:
+    """Set an input of the display modifier of `obj`; nothing when the person removed it."""
+    modifier = obj.modifiers.get(DISPLAY)
+    if modifier is None or modifier.node_group is None:
+        return
+    identifier = next(i.identifier for i in modifier.node_group.interface.items_tree if i.name == name)
+    if bpy.app.version >= (5, 2, 0):
+        getattr(modifier.properties.inputs, identifier).value = value
+    else:
+        modifier[identifier] = value
+    obj.update_tag()
+
+
+def _display_group(sh_degree: int) -> bpy.types.NodeTree:
+    name = f"{DISPLAY} {sh_degree}"
+    tree = bpy.data.node_groups.get(name)
+    if tree is not None:
+        return tree
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    tree.is_modifier = True
+    for in_out in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    threshold = tree.interface.new_socket(THRESHOLD, in_out="INPUT", socket_type="NodeSocketFloat")
+    threshold.description = "Gaussians whose membership in the object is lower are left out"
+    trained = tree.interface.new_socket(AS_TRAINED, in_out="INPUT", socket_type="NodeSocketBool")
+    trained.description = "Blend sRGB values, as the scene was trained; needs the view transform Raw"
+    pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type="NodeSocketFloat")
+    pixel.description = "Of a pixel at distance 1: renders are widened by as much as in training; 0 for not at all"
+    _build(tree, sh_degree)
+    return tree
+
+
+def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
+    given = tree.nodes.new("NodeGroupInput").outputs
+    base = named_attribute(tree, "radiance:base", "FLOAT_COLOR")
+    opacity = Formula(tree, new_node(tree, "FunctionNodeSeparateColor", Color=base).outputs["Alpha"])
+    color = _srgb_color(tree, base, sh_degree)
+    stored = tree.nodes.new("FunctionNodeCombineColor")
+    as_trained = Formula(tree, given[AS_TRAINED])
+    for socket, channel in zip(stored.inputs, separate_xyz(tree, color), strict=False):
+        positive = channel.maximum(0.0)
+        linear = _linear_from_srgb(positive)
+        connect(tree, socket, linear + as_trained * (positive - linear))
+    connect(tree, stored.inputs["Alpha"], opacity)
+    with_color = new_node(
+        tree,
+        "GeometryNodeStoreNamedAttribute",
+        {"data_type": "FLOAT_COLOR", "domain": "POINT"},
+        Geometry=given["Geometry"],
+        Name=COLOR_ATTRIBUTE,
+        Value=stored.outputs[0],
+    )
+    membership = Formula(tree, named_attribute(tree, "membership", "FLOAT"))
+    belongs = Formula(tree, 1.0) - (membership < Formula(tree, given[THRESHOLD]))
+    points = new_node(tree, "GeometryNodeMeshToPoints", Mesh=with_color.outputs["Geometry"])
+    cut = Cut(
+        points=points.outputs["Points"],
+        # A Gaussian fainter than the cut-off has nothing to draw.
+        drawn=belongs * (opacity > 1.0 / 255.0),
+        radius=((opacity * 255.0).maximum(1.0).log() * 2.0).sqrt(),
+    )
+    by_purpose = new_node(
+        tree,
+        "GeometryNodeSwitch",
+        {"input_type": "GEOMETRY"},
+        Switch=tree.nodes.new("GeometryNodeIsViewport").outputs[0],
+        **{"True": add_ellipsoids(tree, cut), "False": add_cards(tree, cut, Formula(tree, given[PIXEL]))},
+    )
+    output = tree.nodes.new("NodeGroupOutput")
+    tree.links.new(by_purpose.outputs[0], output.inputs["Geometry"])
+
+
+def _srgb_color(tree: bpy.types.NodeTree, base: Any, sh_degree: int) -> Any:
+    """Return ``0.5 + sum_k basis_k(direction from the camera) sh_k`` as a vector."""
+    total = scale_vector(tree, base, Formula(tree, _SH_C0))
+    if sh_degree > 0:
+        camera = new_node(
+            tree,
+            "GeometryNodeObjectInfo",
+            {"transform_space": "RELATIVE"},
+            Object=tree.nodes.new("GeometryNodeInputActiveCamera").outputs[0],
+        )
+        position = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
+        direction = vector(tree, "NORMALIZE", vector(tree, "SUBTRACT", position, camera.outputs["Location"]))
+        for index, basis in enumerate(_sh_basis(separate_xyz(tree, direction), sh_degree)):
+            coefficient = named_attribute(tree, f"radiance:sh_{index}", "FLOAT_VECTOR")
+            total = vector(tree, "ADD", total, scale_vector(tree, coefficient, basis))
+    return vector(tree, "ADD", total, (0.5, 0.5, 0.5))
+
+
+def _sh_basis(direction: Any, degree: int) -> list[Formula]:
+    """The functions of `engine.formats.spherical_harmonics.sh_basis` without the first, as nodes."""
+    x, y, z = direction
+    basis = [y * -0.4886025119029199, z * 0.4886025119029199, x * -0.4886025119029199]
+    if degree >= 2:
+        xx, yy, zz = x * x, y * y, z * z
+        basis += [
+            x * y * 1.0925484305920792,
+            y * z * -1.0925484305920792,
+            (zz * 2.0 - xx - yy) * 0.31539156525252005,
+            x * z * -1.0925484305920792,
+            (xx - yy) * 0.5462742152960396,
+        ]
+    if degree >= 3:
+        basis += [
+            y * (xx * 3.0 - yy) * -0.5900435899266435,
+            x * y * z * 2.890611442640554,
+            y * (zz * 4.0 - xx - yy) * -0.4570457994644658,
+            z * (zz * 2.0 - xx * 3.0 - yy * 3.0) * 0.3731763325901154,
+            x * (zz * 4.0 - xx - yy) * -0.4570457994644658,
+            z * (xx - yy) * 1.445305721320277,
+            x * (xx - yy * 3.0) * -0.5900435899266435,
+        ]
+    return basis
+
+
+def _linear_from_srgb(srgb: Formula) -> Formula:
+    """The sRGB decoding of IEC 61966-2-1, continued above 1."""
+    dark = srgb < 0.04045
+    low, high = srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4
+    return high + dark * (low - high)

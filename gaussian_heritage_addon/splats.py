@@ -1,0 +1,209 @@
+"""A splat scene in Blender: a mesh of vertices that carries Gaussians, and the way back to them.
+
+Attribute names are those of Blender 5.3's own splats, so that its tools recognise them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.errors import ObjectError
+from ..engine.formats.transform import logits_of, transform_gaussians
+from ..engine.gaussians.gaussians import Gaussians
+from .splat_nodes import add_display
+
+__all__ = ["SplatScene"]
+
+Float32 = NDArray[np.float32]
+
+# FLOAT4 came with Blender 5.2; before, FLOAT_COLOR holds the same four floats, negative ones too.
+_BASE_TYPE = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
+_ELEMENT = {"FLOAT4": "vector", "FLOAT_COLOR": "color", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}
+_WIDTH = {"FLOAT4": 4, "FLOAT_COLOR": 4, "FLOAT_VECTOR": 3, "QUATERNION": 4}
+
+
+@dataclass(frozen=True)
+class SplatScene:
+    """Gaussians as a Blender object.
+
+    Attributes
+    ----------
+    name : str
+        Of the object: Blender keeps names unique, and a kept reference would break on undo.
+    """
+
+    name: str
+
+    @classmethod
+    def create(
+        cls,
+        name: str,
+        gaussians: Gaussians,
+        collection: bpy.types.Collection,
+        *,
+        index: NDArray[np.integer] | None = None,
+        membership: Float32 | None = None,
+    ) -> SplatScene:
+        """Make an object of `gaussians` in `collection`.
+
+        Parameters
+        ----------
+        name : str
+            Wished for; Blender adds a number when it is taken.
+        gaussians : Gaussians
+            In the object's own frame.
+        collection : Collection
+        index : array of shape [N], int, optional
+            Row of each Gaussian in the project's scene; 0..N-1 by default.
+        membership : array of shape [N], float32, optional
+            In the object, for the threshold.
+        """
+        count = len(gaussians)
+        mesh = bpy.data.meshes.new(name)
+        mesh.vertices.add(count)
+        mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
+        quats = gaussians.quats.astype(np.float64)
+        lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+        quats = np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
+        _write(mesh, "rotation", "QUATERNION", quats)
+        _write(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
+        base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
+        _write(mesh, "radiance:base", _BASE_TYPE, base)
+        for k in range(1, gaussians.sh.shape[1]):
+            _write(mesh, f"radiance:sh_{k - 1}", "FLOAT_VECTOR", gaussians.sh[:, k])
+        rows = np.arange(count) if index is None else index
+        mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", rows.astype(np.int32))
+        if membership is not None:
+            attribute = mesh.attributes.new("membership", "FLOAT", "POINT")
+            attribute.data.foreach_set("value", membership.astype(np.float32))
+        obj = bpy.data.objects.new(name, mesh)
+        collection.objects.link(obj)
+        add_display(obj, gaussians.sh_degree)
+        return cls(obj.name)
+
+    @classmethod
+    def of(cls, obj: bpy.types.Object) -> SplatScene:
+        """Return `obj` as a splat scene.
+
+        Raises
+        ------
+        ObjectError
+            When it carries no Gaussians.
+        """
+        scene = cls(obj.name)
+        if not cls.is_splats(obj):
+            raise ObjectError(f"{obj.name} carries no Gaussians. Select an imported Gaussian scene or object.")
+        return scene
+
+    @staticmethod
+    def is_splats(obj: bpy.types.Object | None) -> bool:
+        """Return whether `obj` carries Gaussians."""
+        if obj is None or obj.type != "MESH":
+            return False
+        return all(name in obj.data.attributes for name in ("rotation", "scale", "radiance:base"))
+
+    @property
+    def object(self) -> bpy.types.Object:
+        """The Blender object.
+
+        Raises
+        ------
+        ObjectError
+            When it was deleted or renamed.
+        """
+        obj = bpy.data.objects.get(self.name)
+        if obj is None:
+            raise ObjectError(f"The object {self.name} is no longer in this file. Import it again.")
+        return obj
+
+    @property
+    def index(self) -> NDArray[np.int32]:
+        """Row of each Gaussian in the project's scene, shape [N]; hand-made ones have -1."""
+        with self._mesh() as mesh:
+            attribute = mesh.attributes.get("gaussian_index")
+            values = np.full(len(mesh.vertices), -1, dtype=np.int32)
+            if attribute is not None:
+                attribute.data.foreach_get("value", values)
+        return values
+
+    @property
+    def membership(self) -> Float32 | None:
+        """Membership of each Gaussian in the object, shape [N]; None for a whole scene."""
+        with self._mesh() as mesh:
+            attribute = mesh.attributes.get("membership")
+            if attribute is None:
+                return None
+            values = np.zeros(len(mesh.vertices), dtype=np.float32)
+            attribute.data.foreach_get("value", values)
+        return values
+
+    def local_gaussians(self) -> Gaussians:
+        """Return all Gaussians in the object's own frame, as they are after edits in Edit Mode."""
+        with self._mesh() as mesh:
+            base = _read(mesh, "radiance:base")
+            bands = 0
+            while f"radiance:sh_{bands}" in mesh.attributes:
+                bands += 1
+            sh = np.empty((len(base), 1 + bands, 3), dtype=np.float32)
+            sh[:, 0] = base[:, :3]
+            for k in range(bands):
+                sh[:, k + 1] = _read(mesh, f"radiance:sh_{k}")
+            scale = _read(mesh, "scale")
+            return Gaussians(
+                means=_read(mesh, "position"),
+                log_scales=np.log(np.maximum(scale, np.finfo(np.float32).tiny)),
+                quats=_read(mesh, "rotation"),
+                opacity_logits=logits_of(base[:, 3]),
+                sh=sh,
+            )
+
+    def gaussians(self, threshold: float | None = None) -> Gaussians:
+        """Return the Gaussians in world space: positions, rotations, sizes and view-dependent colour transformed.
+
+        Parameters
+        ----------
+        threshold : float, optional
+            Leave out Gaussians with a lower membership.
+        """
+        gaussians = self.local_gaussians()
+        membership = self.membership
+        if threshold is not None and membership is not None:
+            gaussians = gaussians[membership >= np.float32(threshold)]
+        return transform_gaussians(gaussians, np.array(self.object.matrix_world, dtype=np.float64))
+
+    @contextlib.contextmanager
+    def _mesh(self) -> Iterator[bpy.types.Mesh]:
+        """Give the mesh; in Edit Mode, where Blender keeps attributes out of reach, a copy of its present state."""
+        obj = self.object
+        if obj.mode != "EDIT":
+            yield obj.data
+            return
+        obj.update_from_editmode()
+        copy = obj.data.copy()
+        try:
+            yield copy
+        finally:
+            bpy.data.meshes.remove(copy)
+
+
+def _flat(values: NDArray[np.floating]) -> Float32:
+    return np.ascontiguousarray(values, dtype=np.float32).ravel()
+
+
+def _write(mesh: bpy.types.Mesh, name: str, data_type: str, values: NDArray[np.floating]) -> None:
+    mesh.attributes.new(name, data_type, "POINT").data.foreach_set(_ELEMENT[data_type], _flat(values))
+
+
+def _read(mesh: bpy.types.Mesh, name: str) -> Float32:
+    attribute = mesh.attributes[name]
+    if attribute.data_type not in _ELEMENT or attribute.domain != "POINT":
+        raise ObjectError(f"The attribute {name} of {mesh.name} has been changed to another type. Import it again.")
+    values = np.zeros((len(mesh.vertices), _WIDTH[attribute.data_type]), dtype=np.float32)
+    attribute.data.foreach_get(_ELEMENT[attribute.data_type], values.ravel())
+    return values

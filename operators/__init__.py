@@ -1,0 +1,54 @@
+"""One file per thing a curator does."""
+
+import bpy
+
+from . import (
+    cancel_job,
+    check_engine,
+    export_objects,
+    import_photos,
+    import_ply,
+    isolate,
+    look_through_photo,
+    open_project,
+)
+
+__all__ = ["CLASSES", "register", "unregister"]
+
+_MODULES = (
+    import_photos,
+    import_ply,
+    open_project,
+    isolate,
+    export_objects,
+    look_through_photo,
+    check_engine,
+    cancel_job,
+)
+CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
+
+
+def _import_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
+    menu.layout.operator("heritage.import_photo_folder", text="Photo Folder as Gaussian Scene")
+    menu.layout.operator("heritage.import_gaussian_ply", text="Gaussian Scene (.ply)")
+    menu.layout.operator("heritage.open_project", text="Gaussian Heritage Project")
+
+
+def _export_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
+    menu.layout.operator("heritage.export_objects", text="Gaussian Objects (.ply/.glb)")
+
+
+def register() -> None:
+    """Add the operators to Blender and its File menu."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_import.append(_import_menu)
+    bpy.types.TOPBAR_MT_file_export.append(_export_menu)
+
+
+def unregister() -> None:
+    """Take them away again."""
+    bpy.types.TOPBAR_MT_file_export.remove(_export_menu)
+    bpy.types.TOPBAR_MT_file_import.remove(_import_menu)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,29 @@
+"""Stop the running job; what it has done is kept."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..engine.errors import HeritageError
+from ..gaussian_heritage_addon import job_runner
+
+__all__ = ["CLASSES"]
+
+
+class HERITAGE_OT_cancel_job(bpy.types.Operator):
+    """Stop the running job; the same import continues it later"""
+
+    bl_idname = "heritage.cancel_job"
+    bl_label = "Cancel"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Ask the job to stop."""
+        try:
+            job_runner.cancel()
+        except HeritageError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = [HERITAGE_OT_cancel_job]

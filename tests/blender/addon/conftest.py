@@ -1,0 +1,112 @@
+"""Seeded Gaussians, a project folder and an engine stand-in, built with the installed extension's own code."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import stat
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+Part = Callable[[str], ModuleType]
+
+
+@pytest.fixture
+def part(blender: ModuleType, installed: str) -> Part:
+    """``part("engine.formats")``: a module of the installed extension."""
+    return lambda name: importlib.import_module(f"{installed}.{name}")
+
+
+@pytest.fixture
+def random_gaussians(part: Part) -> Callable[..., Any]:
+    """``random_gaussians(count, degree=3, seed=0)``."""
+    gaussians_type = part("engine.gaussians.gaussians").Gaussians
+
+    def make(count: int, *, degree: int = 3, seed: int = 0) -> Any:
+        rng = np.random.default_rng(seed)
+
+        def normal(*shape: int) -> np.ndarray:
+            return rng.standard_normal(shape).astype(np.float32)
+
+        bands = np.arange(1, (degree + 1) ** 2 + 1)[None, :, None] ** -0.5
+        return gaussians_type(
+            means=0.5 * normal(count, 3),
+            log_scales=np.float32(np.log(0.08)) + 0.7 * normal(count, 3),
+            quats=normal(count, 4),
+            opacity_logits=2 * normal(count) + 1,
+            sh=(0.5 * bands * normal(count, (degree + 1) ** 2, 3)).astype(np.float32),
+        )
+
+    return make
+
+
+@pytest.fixture
+def camera(part: Part) -> Any:
+    """An oblique camera at (0.3, -3, 1) with uneven focal lengths and an off-centre principal point."""
+    eye = np.array([0.3, -3.0, 1.0])
+    forward = -eye / np.linalg.norm(eye)
+    right = np.cross(forward, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = [right, np.cross(forward, right), forward]
+    viewmat[:3, 3] = -viewmat[:3, :3] @ eye
+    return part("engine.cameras.camera").Camera(
+        "a b/view 1.jpg", 128, 96, "PINHOLE", (170.0, 160.0, 68.0, 44.0), viewmat
+    )
+
+
+@pytest.fixture
+def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_path: Path) -> Any:
+    """A finished project with 100 Gaussians, one camera and the object ``vase`` of rows 0..39."""
+    folder = tmp_path / "müseum room_heritage"
+    gaussians = random_gaussians(100, degree=1)
+    part("engine.formats").write_ply(folder / "gaussians" / "scene.ply", gaussians)
+    camera_set = part("engine.cameras.camera").CameraSet(
+        cameras=(camera,),
+        unregistered=(),
+        points=np.zeros((1, 3), np.float32),
+        point_colors=np.zeros((1, 3), np.uint8),
+        reprojection_error=0.5,
+        original_from_world=np.eye(4),
+        poses_given=False,
+    )
+    part("engine.cameras.storage").write_camera_set(folder / "cameras", camera_set)
+    write_object(folder, "vase", "Vase", np.r_[np.linspace(0.2, 1, 40), np.zeros(60)].astype(np.float32))
+    return SimpleNamespace(folder=folder, gaussians=gaussians)
+
+
+def write_object(project: Path, object_id: str, name: str, membership: np.ndarray) -> None:
+    """Write an object as the engine does."""
+    folder = project / "objects" / object_id
+    folder.mkdir(parents=True)
+    np.save(folder / "membership.npy", membership)
+    record = {"version": 1, "id": object_id, "name": name, "prompt": {"text": name}, "score": 0.8, "threshold": 0.5}
+    (folder / "object.json").write_text(json.dumps(record))
+
+
+@pytest.fixture
+def engine_stand_in(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """``engine_stand_in(text)``: a program chosen as the engine's Python that runs `text` and keeps its arguments."""
+
+    def make(text: str) -> Path:
+        arguments = tmp_path / "arguments.json"
+        program = tmp_path / "engine python"
+        program.write_text(
+            f"#!{sys.executable}\nimport json, sys\nimport numpy as np\nfrom pathlib import Path\n"
+            f"Path({str(arguments)!r}).write_text(json.dumps(sys.argv[1:]))\n"
+            "def say(kind, **fields): print(json.dumps({'v': 1, 'kind': kind, 'time': 0.0, **fields}), flush=True)\n"
+            + text
+        )
+        program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        bpy.context.preferences.addons[installed].preferences.engine_python = str(program)
+        return arguments
+
+    yield make
+    bpy.context.preferences.addons[installed].preferences.engine_python = ""

@@ -1,0 +1,122 @@
+"""A Gaussian PLY comes in and goes out again; what was done to the object in Blender is in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix, Quaternion
+
+Part = Callable[[str], ModuleType]
+RandomGaussians = Callable[..., Any]
+
+
+def import_ply(path: Path, **options: Any) -> bpy.types.Object:
+    assert bpy.ops.heritage.import_gaussian_ply(filepath=str(path), **options) == {"FINISHED"}
+    return next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+
+
+def export(folder: Path, **options: Any) -> None:
+    assert bpy.ops.heritage.export_objects(directory=str(folder), **options) == {"FINISHED"}
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_untouched_scene_comes_back_the_same(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, degree: int
+) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(50, degree=degree)
+    formats.write_ply(tmp_path / "scene.ply", gaussians)
+    import_ply(tmp_path / "scene.ply")
+    export(tmp_path / "out", scope="SCENE")
+    back = formats.read_ply(tmp_path / "out" / "scene.ply")
+    np.testing.assert_array_equal(back.means, gaussians.means)
+    np.testing.assert_array_equal(back.sh, gaussians.sh)
+    # Blender keeps linear scales and opacities in float32: one rounding each way.
+    np.testing.assert_allclose(back.log_scales, gaussians.log_scales, atol=5e-7)
+    np.testing.assert_allclose(back.opacities, gaussians.opacities, atol=1e-7)
+    unit = gaussians.quats / np.linalg.norm(gaussians.quats, axis=1, keepdims=True)
+    np.testing.assert_allclose(back.quats, unit, atol=1e-6)
+
+
+def test_attributes_have_the_names_and_types_of_blenders_own_splats(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path
+) -> None:
+    gaussians = random_gaussians(5, degree=1)
+    part("engine.formats").write_ply(tmp_path / "scene.ply", gaussians)
+    attributes = import_ply(tmp_path / "scene.ply").data.attributes
+    base = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
+    expected = {"rotation": "QUATERNION", "scale": "FLOAT_VECTOR", "radiance:base": base, "gaussian_index": "INT"}
+    expected |= {f"radiance:sh_{k}": "FLOAT_VECTOR" for k in range(3)}
+    assert {name: attributes[name].data_type for name in expected} == expected
+    np.testing.assert_allclose(tuple(attributes["scale"].data[2].vector), gaussians.scales[2], rtol=1e-6)
+    np.testing.assert_allclose(tuple(attributes["radiance:sh_2"].data[4].vector), gaussians.sh[4, 3], rtol=1e-6)
+
+
+@pytest.mark.parametrize("file_format", ["PLY", "GLB"])
+def test_placement_in_blender_is_in_the_file(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, file_format: str
+) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(20)
+    formats.write_ply(tmp_path / "scene.ply", gaussians)
+    matrix = Matrix.LocRotScale((1, 2, 3), Quaternion((0.2, -0.5, 0.7, 0.3)).normalized(), (2, 2, 2))
+    import_ply(tmp_path / "scene.ply").matrix_world = matrix
+    bpy.context.view_layer.update()
+    export(tmp_path, scope="SCENE", format=file_format, overwrite=True)
+    read = formats.read_ply if file_format == "PLY" else formats.read_glb
+    back = read(tmp_path / f"scene.{file_format.lower()}")
+    expected = formats.transform_gaussians(gaussians, np.array(matrix))
+    np.testing.assert_allclose(back.means, expected.means, atol=2e-6)
+    np.testing.assert_allclose(back.sh, expected.sh, atol=3e-6)
+    np.testing.assert_allclose(back.log_scales, expected.log_scales, atol=2e-6)
+
+
+def test_vertices_deleted_in_blender_are_gone(part: Part, random_gaussians: RandomGaussians, tmp_path: Path) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(10)
+    formats.write_ply(tmp_path / "scene.ply", gaussians)
+    obj = import_ply(tmp_path / "scene.ply")
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="DESELECT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    obj.data.vertices[3].select = True
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.delete(type="VERT")
+    export(tmp_path / "out", scope="SCENE")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    back = formats.read_ply(tmp_path / "out" / "scene.ply")
+    np.testing.assert_array_equal(back.means, np.delete(gaussians.means, 3, axis=0))
+    np.testing.assert_array_equal(back.sh, np.delete(gaussians.sh, 3, axis=0))
+
+
+def test_existing_files_are_replaced_only_on_request(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path
+) -> None:
+    path = tmp_path / "scene.ply"
+    part("engine.formats").write_ply(path, random_gaussians(3))
+    before = path.read_bytes()
+    import_ply(path)
+    with pytest.raises(RuntimeError, match=r"already holds scene\.ply"):
+        bpy.ops.heritage.export_objects(directory=str(tmp_path), scope="SCENE")
+    assert path.read_bytes() == before
+    export(tmp_path, scope="SCENE", overwrite=True)
+    assert b"generator Gaussian Heritage" in path.read_bytes()
+
+
+def test_ordinary_point_cloud_is_refused_in_plain_words(blender: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "cloud.ply").write_bytes(
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+        b"property float x\nproperty float y\nproperty float z\nend_header\n" + bytes(12)
+    )
+    with pytest.raises(RuntimeError, match="looks like an ordinary point cloud"):
+        bpy.ops.heritage.import_gaussian_ply(filepath=str(tmp_path / "cloud.ply"))
+    assert len(bpy.data.objects) == 0
+
+
+def test_nothing_to_export_is_a_sentence(blender: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="nothing to export"):
+        bpy.ops.heritage.export_objects(directory=str(tmp_path))

@@ -1,0 +1,58 @@
+"""The whole path on a few real photos, through the operators a curator presses."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+VIEWS = (6, 7, 8, 9, 10, 11, 24, 25, 26, 27)
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten neighbouring photos of the museum room, and one that is broken."""
+    source = Path(os.environ["GAUSSIAN_HERITAGE_DEMO"]) / "museum_room" / "photos"
+    folder = tmp_path_factory.mktemp("a walk") / "Fotos für morgen"
+    folder.mkdir()
+    for view in VIEWS:
+        shutil.copy(source / f"view_{view:02}.jpg", folder)
+    (folder / "broken.jpg").write_bytes(b"\xff\xd8\xff\xe0 not a photo")
+    return folder
+
+
+@pytest.mark.slow
+def test_photos_become_a_scene_an_object_and_files(blender: ModuleType, photos: Path, tmp_path: Path) -> None:
+    project = tmp_path / "project"
+    blender.ops.heritage.import_photo_folder(directory=str(photos), project=str(project), preset="test")
+    scene = blender.context.scene
+    (splats,) = [obj for obj in scene.objects if obj.heritage.role == "SCENE"]
+    assert len(splats.data.vertices) > 200
+
+    stored = json.loads((project / "project.json").read_text())
+    assert stored["stages"]["cameras"]["figures"]["n_registered"] >= 8
+    assert [photo["name"] for photo in stored["stages"]["photos"]["figures"]["rejected"]] == ["broken.jpg"]
+    assert (project / "report" / "report.html").stat().st_size > 10_000
+
+    blender.ops.heritage.isolate(photo="view_08.jpg", x=330.0, y=400.0, name="teapot")
+    (teapot,) = [obj for obj in scene.objects if obj.heritage.role == "OBJECT"]
+    assert 0 < len(teapot.data.vertices) < len(splats.data.vertices)
+    assert "teapot" in blender.data.collections
+
+    exported = tmp_path / "exported"
+    exported.mkdir()
+    for file_format in ("PLY", "GLB"):
+        blender.ops.heritage.export_objects(directory=str(exported), format=file_format, scope="ALL")
+    assert sorted(file.suffix for file in exported.iterdir() if file.stem == "teapot") == [".glb", ".ply"]
+    with pytest.raises(RuntimeError, match="teapot"):
+        blender.ops.heritage.export_objects(directory=str(exported), format="PLY", scope="ALL")
+
+    with pytest.raises(RuntimeError, match="flux capacitor"):
+        blender.ops.heritage.isolate(prompt="flux capacitor")
+    centre = np.mean([vertex.co for vertex in teapot.data.vertices], axis=0)
+    assert np.isfinite(centre).all()

@@ -1,0 +1,96 @@
+"""A SAM and a detector that know the blob scene's truth, and a trained project of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from engine.cameras.storage import write_camera_set
+from engine.gaussians.storage import save_gaussians
+from engine.project_folder import ProjectFolder
+from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
+
+
+@dataclass(frozen=True)
+class FakePrediction:
+    mask: np.ndarray
+    iou: float
+    low_res_logits: np.ndarray
+
+
+class FakeSam:
+    """Gives the true part at a point, or the one whose own box is most like the given one."""
+
+    def __init__(self, scene: BlobScene) -> None:
+        self.scene = scene
+        self.n_encoded = 0
+
+    def encode(self, pixels: np.ndarray) -> str:
+        self.n_encoded += 1
+        return next(name for name, photo in self.scene.pixels.items() if np.array_equal(photo, pixels))
+
+    def predict(self, embedding, points, labels, box, mask_prompt=None) -> FakePrediction:  # type: ignore[no-untyped-def]
+        truth = self.scene.labels[embedding]
+        if points is not None:
+            x, y = points[0]
+            mask = truth == truth[int(y), int(x)]
+        else:
+            mask = min((truth == part for part in np.unique(truth)[1:]), key=lambda m: np.abs(box_of(m) - box).sum())
+        return FakePrediction(mask, 0.9, np.zeros((256, 256), np.float32))
+
+
+def box_of(mask: np.ndarray) -> np.ndarray:
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1], float)
+
+
+@dataclass(frozen=True)
+class FakeDetection:
+    box: np.ndarray
+    score: float
+    label: str
+
+
+@dataclass(frozen=True)
+class FakeCheck:
+    known: bool
+    matches: list[tuple[str, float]]
+    message: str
+
+
+class FakeDetector:
+    """Finds parts by their names in `PART_NAMES`; in `wrong` photos it is louder and takes the floor's middle ball."""
+
+    def __init__(self, scene: BlobScene, *, wrong: tuple[str, ...] = ()) -> None:
+        self.scene, self.wrong = scene, wrong
+
+    def knows(self, prompt: str) -> FakeCheck:
+        known = prompt in {*PART_NAMES.values(), "ghost"}
+        return FakeCheck(known, [("red ball", 0.4), ("blue ball", 0.3)], "" if known else f"{prompt!r} is not known.")
+
+    def detect(self, pixels: np.ndarray, prompt: str) -> list[FakeDetection]:
+        photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
+        found = []
+        for part, name in PART_NAMES.items():
+            mask = self.scene.labels[photo] == part
+            mistaken = photo in self.wrong and name != prompt and prompt != "ghost"
+            if mask.sum() > 30 and (name == prompt or mistaken):
+                found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.7, name))
+        return found
+
+
+def trained_project(scene: BlobScene, folder: Path, *, features: bool = True) -> ProjectFolder:
+    """Write a project as if `scene` had been trained, photos beside it."""
+    photos = scene.write_photos(folder / "photos")
+    project = ProjectFolder.create(folder / "project")
+    project.put("photo_folder", str(photos))
+    gaussians = scene.gaussians
+    if not features:
+        from dataclasses import replace
+
+        gaussians = replace(gaussians, features=None)
+    save_gaussians(project.path / "gaussians", gaussians)
+    write_camera_set(project.path / "cameras", scene.cameras)
+    return project

@@ -1,0 +1,217 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.errors import Cancelled, MaskError, ObjectError, PromptError
+from engine.events import Event, Progress, ignore_events, never_stop
+from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
+from engine.objects.segment import FoundObject, find_objects, segment_project
+from engine.objects.settings import BETTER, PAPER, SegmentSettings
+from engine.objects.storage import list_objects, load_membership
+from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
+from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene, make_scene
+
+SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
+SMALL_BETTER = replace(SMALL, refinement=BETTER.refinement, completion=BETTER.completion)
+
+
+def not_needed() -> object:
+    raise AssertionError("this prompt needs no such model")
+
+
+@pytest.fixture
+def find(blobs: BlobScene, tmp_path: Path) -> Callable[..., list[FoundObject]]:
+    """``find(prompt, settings=SMALL, scene=blobs, ...)`` with the fakes."""
+
+    def ask(
+        prompt: Prompt, *, settings: SegmentSettings = SMALL, scene: BlobScene = blobs, **given: object
+    ) -> list[FoundObject]:
+        arguments: dict[str, object] = {
+            "label_maps": {},
+            "detector_factory": lambda: FakeDetector(scene),
+            "sam_factory": lambda: FakeSam(scene),
+            "emit": ignore_events,
+            "should_stop": never_stop,
+        }
+        photos = scene.write_photos(tmp_path / "photos")
+        return find_objects(scene.gaussians, scene.cameras, photos, prompt, settings, **{**arguments, **given})  # type: ignore[arg-type]
+
+    return ask
+
+
+def overlap(found: FoundObject, scene: BlobScene, part: int) -> float:
+    members, truth = found.membership >= 0.5, scene.part == part
+    return float((members & truth).sum() / (members | truth).sum())
+
+
+@pytest.mark.parametrize("settings", [SMALL, SMALL_BETTER], ids=["paper", "better"])
+@pytest.mark.parametrize("part", [RED, TWIN, BLUE])
+def test_click_isolates_the_object_under_it(find, blobs: BlobScene, settings: SegmentSettings, part: int) -> None:
+    x, y = blobs.center_of(part, "view_1.png")
+    (found,) = find(ClickPrompt("view_1.png", x, y), settings=settings, detector_factory=not_needed)
+    assert overlap(found, blobs, part) > 0.95
+    assert found.fit > 0.9 and found.score == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_click_works_on_other_scenes_too(find, seed: int) -> None:
+    scene = make_scene(seed=seed)
+    x, y = scene.center_of(BLUE, "view_5.png")
+    (found,) = find(ClickPrompt("view_5.png", x, y), scene=scene)
+    assert overlap(found, scene, BLUE) > 0.95
+
+
+def test_box_isolates_the_object_in_it(find, blobs: BlobScene) -> None:
+    box = box_of(blobs.labels["view_2.png"] == BLUE)
+    (found,) = find(BoxPrompt("view_2.png", *box), detector_factory=not_needed)
+    assert overlap(found, blobs, BLUE) > 0.95
+
+
+def test_given_mask_needs_no_model(find, blobs: BlobScene, tmp_path: Path) -> None:
+    mask = tmp_path / "mask.png"
+    Image.fromarray(((blobs.labels["view_4.png"] == BLUE) * 255).astype(np.uint8)).save(mask)
+    for settings in (SMALL, SMALL_BETTER):
+        (found,) = find(
+            MaskPrompt("view_4.png", mask), settings=settings, sam_factory=not_needed, detector_factory=not_needed
+        )
+        assert overlap(found, blobs, BLUE) > 0.95 and found.score == 1.0
+
+
+def test_text_gives_each_of_two_equal_objects(find, blobs: BlobScene) -> None:
+    found = find(TextPrompt("red ball"))
+    assert len(found) == 2
+    best = [max((RED, TWIN), key=lambda part, f=f: overlap(f, blobs, part)) for f in found]
+    assert sorted(best) == [RED, TWIN]
+    assert all(overlap(f, blobs, part) > 0.95 for f, part in zip(found, best, strict=True))
+
+
+def test_one_loud_mistake_loses_against_views_that_agree(find, blobs: BlobScene) -> None:
+    found = find(TextPrompt("blue ball"), detector_factory=lambda: FakeDetector(blobs, wrong=("view_3.png",)))
+    assert len(found) == 1 and overlap(found[0], blobs, BLUE) > 0.95
+
+
+def test_objects_that_share_a_feature_are_told_apart_by_place(find, blobs: BlobScene) -> None:
+    features = blobs.gaussians.features.copy()
+    features[blobs.part == TWIN] = features[blobs.part == RED]
+    scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
+    x, y = scene.center_of(RED, "view_1.png")
+    (found,) = find(ClickPrompt("view_1.png", x, y), scene=scene)
+    assert overlap(found, scene, RED) > 0.9
+    assert len(find(TextPrompt("red ball"), scene=scene)) == 2
+
+
+def test_votes_clean_what_noisy_features_leave(find, blobs: BlobScene) -> None:
+    rng = np.random.default_rng(8)
+    features = blobs.gaussians.features + 0.3 * rng.normal(size=blobs.gaussians.features.shape)
+    scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features.astype(np.float32)))
+    x, y = scene.center_of(BLUE, "view_1.png")
+    prompt = ClickPrompt("view_1.png", x, y)
+    (paper,), (better,) = find(prompt, scene=scene), find(prompt, scene=scene, settings=SMALL_BETTER)
+    assert overlap(better, scene, BLUE) > overlap(paper, scene, BLUE)
+
+
+def test_membership_is_in_0_to_1_and_tightens_monotonically(find, blobs: BlobScene) -> None:
+    x, y = blobs.center_of(BLUE, "view_1.png")
+    for settings in (SMALL, SMALL_BETTER):
+        (found,) = find(ClickPrompt("view_1.png", x, y), settings=settings)
+        assert found.membership.dtype == np.float32 and found.membership.shape == (len(blobs.gaussians),)
+        assert found.membership.min() >= 0 and found.membership.max() <= 1
+
+
+def test_text_outside_of_the_vocabulary_names_the_nearest_words(find) -> None:
+    with pytest.raises(PromptError, match=r"'astrolabe' is not known\. .*red ball, blue ball.* click"):
+        find(TextPrompt("astrolabe"), sam_factory=not_needed)
+
+
+def test_known_word_that_is_nowhere_says_how_many_photos_were_searched(find) -> None:
+    with pytest.raises(PromptError, match="'ghost' was not found in 8 photos"):
+        find(TextPrompt("ghost"), sam_factory=not_needed)
+
+
+def test_click_into_empty_air_finds_nothing(find) -> None:
+    with pytest.raises(PromptError, match="No Gaussian"):
+        find(ClickPrompt("view_0.png", 2, 2), settings=replace(SMALL, erode_pixels=0), sam_factory=EmptyAirSam)
+
+
+class EmptyAirSam:
+    """Takes a few pixels in the corner for an object."""
+
+    def encode(self, pixels: np.ndarray) -> np.ndarray:
+        return pixels
+
+    def predict(self, embedding, points, labels, box, mask_prompt=None):  # type: ignore[no-untyped-def]
+        from tests.engine.objects.fakes import FakePrediction
+
+        mask = np.zeros(embedding.shape[:2], bool)
+        mask[:4, :4] = True
+        return FakePrediction(mask, 0.5, np.zeros((256, 256), np.float32))
+
+
+def test_scene_without_features_says_what_to_do(find, blobs: BlobScene) -> None:
+    scene = replace(blobs, gaussians=replace(blobs.gaussians, features=None))
+    with pytest.raises(ObjectError, match="without segmentation features"):
+        find(ClickPrompt("view_0.png", 2, 2), scene=scene)
+
+
+def test_cancel_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
+    project = trained_project(blobs, tmp_path)
+    with pytest.raises(Cancelled):
+        segment(project, TextPrompt("red ball"), "ball", blobs, should_stop=lambda: True)
+    assert list_objects(project.path) == []
+
+
+def segment(project, prompt, name, scene, *, settings=SMALL, emit=ignore_events, should_stop=never_stop):  # type: ignore[no-untyped-def]
+    return segment_project(
+        project,
+        prompt,
+        name,
+        settings,
+        detector_factory=lambda: FakeDetector(scene),
+        sam_factory=lambda: FakeSam(scene),
+        emit=emit,
+        should_stop=should_stop,
+    )
+
+
+def test_each_match_is_stored_under_its_own_name(blobs: BlobScene, tmp_path: Path) -> None:
+    project = trained_project(blobs, tmp_path)
+    events: list[Event] = []
+    records = segment(project, TextPrompt("red ball"), "Ball / rot", blobs, emit=events.append)
+    assert [record.name for record in records] == ["Ball / rot", "Ball / rot-2"]
+    assert [record.id for record in records] == ["ball-rot", "ball-rot-2"]
+    again = segment(project, TextPrompt("blue ball"), "Ball / rot", blobs)
+    assert [record.id for record in again] == ["ball-rot-3"]
+    assert [record.id for record in list_objects(project.path)] == ["ball-rot", "ball-rot-2", "ball-rot-3"]
+    for record in [*records, *again]:
+        membership = load_membership(project.path, record.id)
+        assert (membership >= record.threshold).sum() == record.n_gaussians > 0
+        assert 0 < record.score <= 1
+    fractions = [event.fraction for event in events if isinstance(event, Progress)]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+def test_seed_mask_of_the_wrong_size_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
+    project = trained_project(blobs, tmp_path)
+    Image.new("L", (10, 10), 255).save(tmp_path / "mask.png")
+    with pytest.raises(MaskError, match="10 x 10"):
+        segment(project, MaskPrompt("view_0.png", tmp_path / "mask.png"), "ball", blobs)
+    assert list_objects(project.path) == []
+
+
+def test_votes_use_the_projects_label_maps(blobs: BlobScene, tmp_path: Path) -> None:
+    from engine.masks.storage import label_map_path, write_label_map
+
+    project = trained_project(blobs, tmp_path)
+    for photo, labels in blobs.labels.items():
+        write_label_map(label_map_path(project.path / "masks", photo), labels)
+    x, y = blobs.center_of(RED, "view_1.png")
+    (record,) = segment(project, ClickPrompt("view_1.png", x, y), "ball", blobs, settings=SMALL_BETTER)
+    members = load_membership(project.path, record.id) >= 0.5
+    truth = blobs.part == RED
+    assert (members & truth).sum() / (members | truth).sum() > 0.95

@@ -1,0 +1,109 @@
+"""A tiny scene that is known exactly: a red and a blue ball on a speckled floor, rendered as 64x48 photos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+
+from engine.cameras.camera import PinholeCamera
+from engine.gaussians.gaussians import Gaussians
+from engine.gaussians.initialise import gaussians_from_points
+from engine.rasterizer.api import rasterize
+from engine.training.views import TrainingView, is_held_out
+
+WIDTH, HEIGHT, N_VIEWS = 64, 48, 12
+
+
+@dataclass(frozen=True)
+class Scene:
+    truth: Gaussians
+    part: np.ndarray
+    """0 floor, 1 red ball, 2 blue ball; per Gaussian of `truth`."""
+    views: list[TrainingView]
+    start: Gaussians
+
+
+def camera_at(angle: float, *, width: int = WIDTH, height: int = HEIGHT) -> PinholeCamera:
+    """A camera 2.5 away and 1 up that looks at the origin; Z is up."""
+    center = np.array([2.5 * np.cos(angle), 2.5 * np.sin(angle), 1.0])
+    forward = -center / np.linalg.norm(center)
+    right = np.cross(forward, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    viewmat[:3, 3] = -viewmat[:3, :3] @ center
+    focal = 0.9 * width
+    return PinholeCamera(viewmat, np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]), width, height)
+
+
+def make_truth() -> tuple[Gaussians, np.ndarray]:
+    rng = np.random.default_rng(7)
+
+    def ball(center: list[float], n: int) -> np.ndarray:
+        direction = rng.normal(size=(n, 3))
+        return np.array(center) + 0.3 * direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+    floor = np.column_stack([rng.uniform(-1.2, 1.2, (400, 2)), np.full(400, -0.32)])
+    means = np.concatenate([floor, ball([-0.5, 0, 0], 150), ball([0.5, 0, 0], 150)])
+    part = np.repeat([0, 1, 2], [400, 150, 150])
+    colors = np.array([[0.6, 0.6, 0.5], [0.8, 0.15, 0.1], [0.1, 0.2, 0.8]])[part]
+    colors = np.clip(colors + rng.normal(0, 0.1, colors.shape), 0.02, 0.98)
+    truth = Gaussians(
+        means=means.astype(np.float32),
+        log_scales=np.full((len(means), 3), np.log(0.07), np.float32),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (len(means), 1)),
+        opacity_logits=np.full(len(means), 2.0, np.float32),
+        sh=((colors - 0.5) / 0.28209479).astype(np.float32)[:, None],
+    )
+    return truth, part
+
+
+def render_numpy(gaussians: Gaussians, camera: PinholeCamera, channels: np.ndarray | None = None) -> np.ndarray:
+    """The picture [h, w, 3] of `gaussians`, or of `channels` [N, C] blended with them."""
+    to = torch.from_numpy
+    raster = rasterize(
+        to(gaussians.means),
+        to(gaussians.quats),
+        to(gaussians.scales),
+        to(gaussians.opacities),
+        camera=camera,
+        sh=to(gaussians.sh) if channels is None else None,
+        channels=None if channels is None else to(channels.astype(np.float32)),
+    )
+    return raster.image.numpy()
+
+
+def photograph(truth: Gaussians, part: np.ndarray, camera: PinholeCamera) -> tuple[np.ndarray, np.ndarray]:
+    """The photo and its segments: the part that covers each pixel most, 0 where nothing covers by half."""
+    pixels = (render_numpy(truth, camera).clip(0, 1) * 255).round().astype(np.uint8)
+    cover = render_numpy(truth, camera, np.eye(3)[part])
+    labels = np.where(cover.sum(axis=2) > 0.5, cover.argmax(axis=2) + 1, 0)
+    return pixels, labels.astype(np.int32)
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    return make_scene()
+
+
+def make_scene() -> Scene:
+    truth, part = make_truth()
+    rng = np.random.default_rng(3)
+    views = []
+    for index in range(N_VIEWS):
+        camera = camera_at(2 * np.pi * index / N_VIEWS)
+        pixels, labels = photograph(truth, part, camera)
+        views.append(TrainingView(f"{index:02d}.jpg", camera, pixels, labels, is_held_out(index, 8)))
+    chosen = rng.choice(len(truth), 200, replace=False)
+    start = gaussians_from_points(
+        truth.means[chosen] + rng.normal(0, 0.03, (200, 3)),
+        np.full((200, 3), 128, np.uint8),
+        sh_degree=0,
+        feature_dim=16,
+        seed=0,
+        max_gaussians=300,
+    )
+    return Scene(truth, part, views, start)

@@ -1,0 +1,143 @@
+"""Moving and splitting Gaussians: the picture stays what it was, the budget is kept, moments start anew."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+
+from engine.training.densify import (
+    copy_correction,
+    error_votes,
+    grow,
+    grow_where_wrong,
+    position_noise,
+    relocate,
+)
+from engine.training.held_out import render_picture
+from engine.training.parameters import Parameters
+from engine.training.settings import PRESETS
+from engine.training.views import ViewPyramid
+
+from .conftest import Scene
+
+SETTINGS = PRESETS["test"]
+
+
+def trainable(scene: Scene) -> Parameters:
+    parameters = Parameters.from_gaussians(scene.truth, sh_degree=0, features=False)
+    for moments in parameters.moments.values():
+        moments.mean.fill_(1.0)
+        moments.square.fill_(1.0)
+    return parameters
+
+
+def picture(parameters: Parameters, scene: Scene, view: int = 0) -> torch.Tensor:
+    level = ViewPyramid(scene.views, SETTINGS).level(view, 0)
+    return render_picture(parameters.values, level, SETTINGS, sh_degree=0)
+
+
+def generator() -> torch.Generator:
+    return torch.Generator().manual_seed(0)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 20, 51])
+@pytest.mark.parametrize("opacity", [0.006, 0.3, 0.9, 0.99])
+def test_copies_follow_the_published_formula(n: int, opacity: float) -> None:
+    new = 1 - (1 - opacity) ** (1 / n)
+    # The double sum in exact rational arithmetic; square roots to 30 digits.
+    exact = Fraction(new)
+    total = Fraction(0)
+    for i in range(1, n + 1):
+        for k in range(i):
+            root = Fraction(math.isqrt((k + 1) * 10**60), 10**30)
+            total += math.comb(i - 1, k) * (-1) ** k * exact ** (k + 1) / root
+    opacities, scales = copy_correction(
+        torch.tensor([opacity], dtype=torch.float64), torch.ones(1, 3, dtype=torch.float64), torch.tensor([n])
+    )
+    assert opacities.item() == pytest.approx(new, rel=1e-12)
+    assert scales[0, 0].item() == pytest.approx(opacity / float(total), rel=1e-6)
+
+
+def test_relocating_dead_gaussians_leaves_the_picture_as_it_was(scene: Scene) -> None:
+    parameters = trainable(scene)
+    with torch.no_grad():
+        parameters.values["opacity_logits"][:60] = -9.0
+    before = picture(parameters, scene)
+    assert relocate(parameters, min_opacity=0.005, generator=generator()) == 60
+    after = picture(parameters, scene)
+    assert len(parameters) == len(scene.truth)
+    assert (parameters.values["opacity_logits"].sigmoid() > 0.005).all()
+    # Equal to first order only: 0.35/255 measured, 46 % of the relocated being copies of opaque Gaussians.
+    assert (after - before).abs().mean() < 1.5 / 255
+    # Without the correction of opacity and scale it is several times that.
+    assert (after - before).abs().mean() < 0.5 * _change_without_correction(scene)
+
+
+def _change_without_correction(scene: Scene) -> float:
+    parameters = trainable(scene)
+    with torch.no_grad():
+        parameters.values["opacity_logits"][:60] = -9.0
+    before = picture(parameters, scene)
+    chosen = torch.randint(60, len(parameters), (60,), generator=generator())
+    parameters.overwrite(torch.arange(60), parameters.copies(chosen))
+    return float((picture(parameters, scene) - before).abs().mean())
+
+
+def test_growing_copies_leaves_the_picture_as_it_was_and_forgets_moments(scene: Scene) -> None:
+    parameters = trainable(scene)
+    before = picture(parameters, scene)
+    grow(parameters, 35, generator=generator())
+    assert len(parameters) == len(scene.truth) + 35
+    assert (picture(parameters, scene) - before).abs().mean() < 1.0 / 255
+    for moments in parameters.moments.values():
+        assert not moments.mean[-35:].any()
+        assert int((moments.mean.reshape(len(parameters), -1) == 0).all(dim=1).sum()) > 35
+
+
+def test_splitting_leaves_the_picture_nearly_as_it_was(scene: Scene) -> None:
+    parameters = trainable(scene)
+    with torch.no_grad():
+        parameters.values["opacity_logits"][:10] = -9.0
+        parameters.values["log_scales"][:, 1] += 0.5
+    before = picture(parameters, scene)
+    moved = grow_where_wrong(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
+    assert moved == 10
+    assert len(parameters) == len(scene.truth) + 25
+    assert (picture(parameters, scene) - before).abs().mean() < 1.0 / 255
+
+
+def test_gaussians_in_wrong_pixels_get_the_votes(scene: Scene) -> None:
+    parameters = trainable(scene)
+    with torch.no_grad():
+        parameters.values["sh_dc"][scene.part == 1] *= -1.0
+    levels = [ViewPyramid(scene.views, SETTINGS).level(view, 0) for view in (0, 3, 6, 9)]
+    votes = error_votes(parameters, levels, SETTINGS, sh_degree=0).numpy()
+    assert votes[scene.part == 1].mean() > 5 * votes[scene.part == 2].mean()
+    assert (votes >= 0).all()
+
+
+def test_nobody_alive_moves_nothing(scene: Scene) -> None:
+    parameters = trainable(scene)
+    with torch.no_grad():
+        parameters.values["opacity_logits"].fill_(-9.0)
+    assert relocate(parameters, min_opacity=0.005, generator=generator()) == 0
+    votes = torch.ones(len(parameters))
+    assert grow_where_wrong(parameters, votes, 5, min_opacity=0.005, generator=generator()) == 0
+    assert len(parameters) == len(scene.truth)
+
+
+def test_only_transparent_gaussians_wander_and_along_their_own_shape(scene: Scene) -> None:
+    parameters = trainable(scene)
+    with torch.no_grad():
+        parameters.values["opacity_logits"][:200] = -7.0
+        parameters.values["log_scales"][:, 2] = -9.0
+    before = parameters.values["means"].clone()
+    position_noise(parameters, learning_rate=1e-4, extent=2.5, strength=5e5, generator=generator())
+    moved = (parameters.values["means"] - before).numpy()
+    assert not moved[200:].any()
+    # Quaternions are the identity here: the thin axis is z.
+    assert np.abs(moved[:200, :2]).mean() > 100 * np.abs(moved[:200, 2]).mean() > 0

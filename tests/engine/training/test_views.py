@@ -1,0 +1,111 @@
+"""Photos as training sees them: undistorted, small enough, with their segments in the same frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.cameras.camera import Camera, CameraSet
+from engine.errors import Cancelled, TrainingError
+from engine.events import ignore_events
+from engine.masks.storage import write_label_map
+from engine.training.settings import PRESETS
+from engine.training.start import start_gaussians
+from engine.training.views import ViewPyramid, is_held_out, load_views, scene_extent
+
+from .conftest import Scene
+
+SETTINGS = replace(PRESETS["test"], max_side=60, held_out_every=3)
+
+
+def project(folder: Path, n: int = 4) -> tuple[CameraSet, dict[str, Path]]:
+    """`n` photos 120x80 with a white square on black, and a label map of half that size for the first two."""
+    pixels = np.zeros((80, 120, 3), np.uint8)
+    pixels[20:60, 40:80] = 255
+    cameras, masks = [], {}
+    for index in range(n):
+        name = f"{index}.png"
+        Image.fromarray(pixels).save(folder / name)
+        viewmat = np.eye(4)
+        viewmat[0, 3] = index
+        cameras.append(Camera(name, 120, 80, "SIMPLE_RADIAL", (100.0, 60.0, 40.0, 0.02), viewmat))
+        if index < 2:
+            masks[name] = folder / f"{index}.npz"
+            write_label_map(masks[name], (pixels[::2, ::2, 0] > 0).astype(np.int32) * 7)
+    points = np.random.default_rng(0).normal(size=(700, 3)).astype(np.float32)
+    colors = np.zeros((700, 3), np.uint8)
+    return CameraSet(tuple(cameras), (), points, colors, 0.5, np.eye(4), False), masks
+
+
+def test_pictures_and_segments_share_one_small_frame(tmp_path: Path) -> None:
+    camera_set, masks = project(tmp_path)
+    views = load_views(tmp_path, camera_set, masks, SETTINGS)
+    assert [view.held_out for view in views] == [False, True, False, False]
+    assert [view.labels is not None for view in views] == [True, True, False, False]
+    for view in views:
+        height, width = view.pixels.shape[:2]
+        assert (view.pinhole.width, view.pinhole.height) == (width, height)
+        assert max(width, height) <= 60
+    square = views[0].pixels[..., 0] > 127
+    assert views[0].labels is not None
+    agreement = (square & (views[0].labels == 7)).sum() / (square | (views[0].labels == 7)).sum()
+    assert agreement > 0.85
+
+
+def test_segments_are_not_read_when_no_features_are_wanted(tmp_path: Path) -> None:
+    camera_set, masks = project(tmp_path)
+    views = load_views(tmp_path, camera_set, masks, replace(SETTINGS, features=False))
+    assert all(view.labels is None for view in views)
+
+
+def test_loading_stops_when_asked(tmp_path: Path) -> None:
+    camera_set, masks = project(tmp_path)
+    with pytest.raises(Cancelled):
+        load_views(tmp_path, camera_set, masks, SETTINGS, should_stop=lambda: True)
+
+
+def test_start_covers_points_and_background_within_the_budget(tmp_path: Path) -> None:
+    camera_set, masks = project(tmp_path)
+    views = load_views(tmp_path, camera_set, masks, SETTINGS)
+    start = start_gaussians(camera_set, views, replace(SETTINGS, max_gaussians=1000), emit=ignore_events)
+    assert len(start) == 750
+    assert start.features is not None
+    tight = start_gaussians(camera_set, views, replace(SETTINGS, max_gaussians=600), emit=ignore_events)
+    assert len(tight) == 600
+
+
+def test_a_halved_view_shows_the_same_point_at_half_the_pixel(scene: Scene) -> None:
+    pyramid = ViewPyramid(scene.views, SETTINGS)
+    full, half = pyramid.level(0, 0), pyramid.level(0, 1)
+    assert half.pixels.shape == (24, 32, 3)
+    point = full.camera.viewmat[:3, :3] @ [0.3, -0.2, 0.1] + full.camera.viewmat[:3, 3]
+    pixels = [(level.camera.K @ point)[:2] / point[2] for level in (full, half)]
+    assert np.allclose(pixels[0], 2 * pixels[1])
+    assert np.allclose(half.pixels.mean(), full.pixels.mean(), atol=1)
+
+
+def test_held_out_photos_give_no_segments_to_learn_from(scene: Scene) -> None:
+    held_out = next(index for index, view in enumerate(scene.views) if view.held_out)
+    pyramid = ViewPyramid(scene.views, PRESETS["test"])
+    assert pyramid.level(held_out, 0).labelled is None
+    assert pyramid.level(0, 0).labelled is not None
+
+
+def test_every_nth_photo_is_held_out() -> None:
+    assert [index for index in range(20) if is_held_out(index, 8)] == [4, 12]
+    assert not any(is_held_out(index, 0) for index in range(20))
+
+
+def test_extent_is_the_radius_of_the_cameras(scene: Scene) -> None:
+    pinholes = [view.pinhole for view in scene.views]
+    assert scene_extent(pinholes) == pytest.approx(1.1 * 2.5)
+    assert scene_extent(pinholes[:1]) == 1.0
+
+
+def test_no_photos_are_an_error() -> None:
+    with pytest.raises(TrainingError, match="photo"):
+        ViewPyramid([], SETTINGS)

@@ -1,0 +1,98 @@
+"""What is imported is declared, what is declared is pinned, and ``pip install .`` gives the engine alone."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+REQUIREMENTS = ROOT / "requirements"
+DISTRIBUTIONS = {"PIL": "pillow", "cv2": "opencv-contrib-python-headless", "pillow_heif": "pillow-heif"}
+# llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
+NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
+ENVIRONMENTS = {"engine-dev": "engine", "engine": "engine", "blender-4.5": "blender-4.5", "blender-5.2": "blender-5.2"}
+
+
+def pins(name: str) -> dict[str, str]:
+    """The packages and versions of a file in requirements/."""
+    lines = (REQUIREMENTS / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    pairs = [line.partition("==") for line in lines if line and not line.startswith(("#", "-r "))]
+    assert all(equals for _, equals, _ in pairs), f"{name}.txt holds a package without a version"
+    return {re.sub(r"[-_.]+", "-", package).lower(): version for package, _, version in pairs}
+
+
+def imported(folder: Path) -> set[str]:
+    """The distributions that the modules below a folder import from outside."""
+    found = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                found.add(node.module.split(".")[0])
+    found -= sys.stdlib_module_names
+    return {DISTRIBUTIONS.get(name, name) for name in found}
+
+
+def test_everything_the_engine_imports_is_declared() -> None:
+    assert imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) == set()
+
+
+def test_everything_declared_is_imported() -> None:
+    assert set(pins("engine")) - imported(ROOT / "engine") == set()
+
+
+def test_scripts_start_before_any_environment() -> None:
+    ours = {path.stem for path in (ROOT / "scripts").glob("*.py")}
+    in_blender = {"bpy", "mathutils", "numpy", "bl_ext", "addon_utils"}
+    assert imported(ROOT / "scripts") - ours - in_blender == set()
+
+
+@pytest.mark.parametrize(("name", "constraints"), ENVIRONMENTS.items())
+def test_pins_and_tested_set_agree(name: str, constraints: str) -> None:
+    tested = pins(f"constraints-{constraints}")
+    assert {package: tested.get(package) for package in pins(name)} == pins(name)
+
+
+def test_both_versions_are_one() -> None:
+    manifest = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
+    init = (ROOT / "engine" / "__init__.py").read_text(encoding="utf-8")
+    version = re.search(r'^version = "(.+)"$', manifest, re.MULTILINE)
+    assert version is not None
+    assert f'__version__ = "{version[1]}"' in init
+
+
+def test_pip_install_gives_the_engine_alone(tmp_path: Path) -> None:
+    """The wheel is built from a copy, since setuptools leaves its traces in the folder it builds."""
+    copy = tmp_path / "copy"
+    names = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split("\0")
+    for name in names:
+        if name.startswith(("demo/", "docs/")) or not (ROOT / name).is_file():
+            continue
+        (copy / name).parent.mkdir(parents=True, exist_ok=True)
+        (copy / name).write_bytes((ROOT / name).read_bytes())
+    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-w", tmp_path, copy]
+    done = subprocess.run([str(part) for part in build], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        inside = {name for name in archive.namelist() if ".dist-info/" not in name}
+        metadata = next(archive.read(name).decode() for name in archive.namelist() if name.endswith("METADATA"))
+    assert {name.split("/")[0] for name in inside} == {"engine"}
+    there = {
+        name for name in names if name.startswith("engine/") and "__pycache__" not in name and (ROOT / name).is_file()
+    }
+    assert inside == there
+    assert f"Requires-Dist: torch=={pins('engine')['torch']}" in metadata
