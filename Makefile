@@ -36,7 +36,7 @@ house: ## import contracts and types
 	$(ENGINE) scripts/check_house.py
 
 types: ## the types alone
-	$(ENGINE) scripts/check_house.py types
+	$(ENGINE) scripts/check_house.py types scripts
 
 engine-tests: ## everything that needs no Blender
 	$(ENGINE) -m pytest -q -m "not gpu" --ignore=tests/blender tests

@@ -252,9 +252,8 @@ def _training(
     key = stage_key([record and record["key"] for record in earlier], asdict(plan), to_dict(training))
 
     def work() -> dict[str, Any]:
-        from .gaussians.gaussians import FEATURE_DIM
-        from .gaussians.initialise import gaussians_from_points
         from .gaussians.storage import save_gaussians
+        from .training.start import start_gaussians
         from .training.train import train
         from .training.views import load_views
 
@@ -264,14 +263,7 @@ def _training(
             if old.name != key[:12]:
                 shutil.rmtree(old)
         views = load_views(photo_set.folder, camera_set, masks, training, should_stop=run.should_stop)
-        start = gaussians_from_points(
-            camera_set.points,
-            camera_set.point_colors,
-            sh_degree=training.sh_degree,
-            feature_dim=FEATURE_DIM if training.features else None,
-            seed=training.seed,
-            max_gaussians=training.max_gaussians,
-        )
+        start = start_gaussians(camera_set, views, training, emit=run.emit)
         result = train(
             start, views, training, checkpoints=checkpoints / key[:12], emit=run.emit, should_stop=run.should_stop
         )

@@ -18,6 +18,8 @@ from .splats import SplatScene
 
 __all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles"]
 
+_LONGEST_SIDE = 1280
+"""Of a first render: a photo's own size would take Cycles long."""
 _LOOSEST = 0.05
 """Lowest membership whose Gaussians are copied: the slider goes no further down."""
 
@@ -44,6 +46,11 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     with_cameras : bool
         Add the cameras of the photos; the first becomes the scene's when it has none.
 
+    Returns
+    -------
+    SplatScene
+        The whole scene, blended as trained when these are the first splats here.
+
     Raises
     ------
     HeritageError
@@ -53,6 +60,9 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     objects = list_objects(project)
     camera_file = project / "cameras"
     camera_set = read_camera_set(camera_file) if with_cameras and (camera_file / "cameras.json").is_file() else None
+    if not heritage_objects(scene):
+        # Else the person has chosen already.
+        scene.heritage.blending = "TRAINED"
     splats = add_splat_file(scene, file, _title(project))
     splats.object.heritage.project = str(project)
     scene.heritage.project = str(project)
@@ -61,7 +71,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         add_cameras(camera_set.cameras, collection)
         collection.hide_viewport = True
         if scene.camera is None and camera_set.cameras:
-            look_through(scene, "")
+            look_through(scene, "", _LONGEST_SIDE)
     prepare_cycles(scene)
     add_objects(scene, project, [item.id for item in objects])
     return splats
@@ -136,11 +146,19 @@ def _fill_properties(
 
 
 def prepare_cycles(scene: bpy.types.Scene) -> None:
-    """Set Cycles so that it draws splats: hundreds of clear surfaces lie behind each other."""
+    """Set Cycles so that it draws splats as the engine does: one ray through the middle of each pixel.
+
+    Notes
+    -----
+    Splats need no more samples; raise them (and the filter's width) when other objects join the scene. A ray ends after
+    256 Gaussians: on a real scene (90,000 Gaussians) that changes a pixel by 10/255 at most and by 0.004/255 on average
+    against 1,024, in 40 % of the time.
+    """
     scene.render.engine = "CYCLES"
-    scene.cycles.transparent_max_bounces = 1024
+    cycles = scene.cycles
+    cycles.transparent_max_bounces = 256
     # Ending faint paths by chance would add noise to a picture that has none.
-    scene.cycles.min_transparent_bounces = 1024
-    scene.cycles.use_denoising = False
-    scene.cycles.use_adaptive_sampling = False
-    scene.cycles.samples = 8
+    cycles.min_transparent_bounces = 256
+    cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
+    cycles.use_denoising = cycles.use_adaptive_sampling = False
+    cycles.samples = 1

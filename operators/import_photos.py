@@ -13,6 +13,10 @@ from ..gaussian_heritage_addon.project import default_project_folder
 __all__ = ["CLASSES"]
 
 
+def _presets(operator: bpy.types.Operator, context: bpy.types.Context, typed: str) -> list[str]:
+    return ["preview", "standard", "best"]
+
+
 class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     """Turn a folder of photos into a Gaussian scene; an earlier run is continued"""
 
@@ -34,14 +38,12 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         description="COLMAP model or transforms.json to use instead of estimating the cameras",
         subtype="FILE_PATH",
     )
-    preset: bpy.props.EnumProperty(  # type: ignore[valid-type]
+    # Text, not a fixed list: the engine knows its presets and says so when a name is wrong.
+    preset: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Preset",
-        items=[
-            ("preview", "Preview", "A first look"),
-            ("standard", "Standard", "The best picture for the time"),
-            ("best", "Best", "Takes longer"),
-        ],
+        description="How much work: preview, standard or best",
         default="standard",
+        search=_presets,
     )
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]

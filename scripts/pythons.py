@@ -36,8 +36,8 @@ def _candidates(major: int, minor: int) -> Iterator[list[str]]:
             if found:
                 yield [found]
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv")
-    for folder in (pyenv / "versions", pyenv / "pyenv-win" / "versions"):
-        for installed in sorted(folder.glob(f"{major}.{minor}.*")):
+    for versions in (pyenv / "versions", pyenv / "pyenv-win" / "versions"):
+        for installed in sorted(versions.glob(f"{major}.{minor}.*")):
             for python in (installed / "bin" / name, installed / "python.exe"):
                 if python.exists():
                     yield [str(python)]

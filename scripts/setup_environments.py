@@ -112,6 +112,7 @@ def make_environments(torch: str) -> None:
         elif not python_of(environment.name).exists():
             print(f"{environment.name}: left out, since no CPython 3.13 was found; its tests will not run.")
     if not pythons:
+        print("The environments are ready.", flush=True)
         return
     check_disk(torch)
     check_npm()

@@ -1,3 +1,3 @@
-"""The cameras room: a `PhotoSet` comes in, a `CameraSet` (lens and pose per photo, sparse points, an upright world) goes out."""
+"""The cameras room: a `PhotoSet` comes in, a `CameraSet` (lens and pose per photo, points, upright world) goes out."""
 
 __all__: list[str] = []

@@ -94,5 +94,7 @@ def _raise_in_our_words(what: str, error: Exception) -> None:
     text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
     _LOG.error("pycolmap failed while %s: %s", what, error)
     if "disk is full" in text or "No space left" in text or "disk I/O" in text:
-        raise DiskError(f"The disk is full or unreachable: it failed while {what}. Free some space and run again.") from error
+        raise DiskError(
+            f"The disk is full or unreachable: it failed while {what}. Free some space and run again."
+        ) from error
     raise CameraError(f"COLMAP failed while {what}: {text}") from error

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pycolmap
 
 from ..errors import CameraError
 from ..events import StopCheck
-from ..photos.photo import PhotoSet
+from ..photos.photo import Photo, PhotoSet
 from ..project_folder import stage_key, write_json
 from ..settings import to_dict
+from .camera import Camera
 from .colmap_calls import threads_for_colmap, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings
@@ -41,22 +44,38 @@ class Workshop:
         Emptied when what lies there was made from other photos or with other settings; else continued.
     photo_set : PhotoSet
     settings : CameraSettings
+    lenses : mapping of photo name to Camera, optional
+        Known lenses. By default photos of equal size and EXIF focal length share one that is yet to be found.
     """
 
-    def __init__(self, folder: Path, photo_set: PhotoSet, settings: CameraSettings) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        photo_set: PhotoSet,
+        settings: CameraSettings,
+        lenses: Mapping[str, Camera] | None = None,
+    ) -> None:
         self.images = folder / "images"
         self.database = folder / "database.db"
         self.sparse = folder / "sparse"
         self.pairs = folder / "pairs.txt"
         self.photo_set = photo_set
         self.settings = settings
-        self.copies = plan_copies(photo_set, settings.max_side)
+        self.lenses = lenses or {}
+        self.copies = plan_copies(photo_set, settings.max_side, self._lens_of)
         self._folder = folder
         self._prepare()
+
+    def _lens_of(self, photo: Photo) -> tuple[Any, ...]:
+        known = self.lenses.get(photo.name)
+        if known is not None:
+            return photo.width, photo.height, known.model, known.params
+        return photo.width, photo.height, None if photo.focal_px is None else round(photo.focal_px, 1)
 
     def _prepare(self) -> None:
         made_from = stage_key(
             [[copy.name, copy.photo.sha256, copy.width, copy.height] for copy in self.copies],
+            [self._lens_of(copy.photo) for copy in self.copies],
             to_dict(self.settings),
             pycolmap.__version__,
         )
@@ -126,19 +145,32 @@ def _create_database(workshop: Workshop) -> None:
     names = [copy.name for copy in workshop.copies]
     # In the order of the photos and before anything runs on several threads: the ids must not depend on chance.
     pycolmap.import_images(unfinished, workshop.images, pycolmap.CameraMode.PER_FOLDER, names, reader)
-    focal_of_group = {copy.name.split("/")[0]: copy.focal_px for copy in workshop.copies}
+    first_of_group: dict[str, WorkingCopy] = {}
+    for copy in workshop.copies:
+        first_of_group.setdefault(copy.name.split("/")[0], copy)
     with pycolmap.Database.open(unfinished) as database:
         for image in database.read_all_images():
-            focal = focal_of_group.pop(image.name.split("/")[0], None)
-            if focal is None:
-                continue
-            lens = database.read_camera(image.camera_id)
-            params = np.array(lens.params)
-            params[lens.focal_length_idxs()] = focal
-            lens.params = params
-            lens.has_prior_focal_length = True
-            database.update_camera(lens)
+            first = first_of_group.pop(image.name.split("/")[0], None)
+            if first is not None:
+                database.update_camera(_lens(database.read_camera(image.camera_id), first, workshop))
     os.replace(unfinished, workshop.database)
+
+
+def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workshop: Workshop) -> pycolmap.Camera:
+    """Return the lens of a group for the database: the known one, or COLMAP's `guess` with the focal length of EXIF."""
+    known = workshop.lenses.get(copy.photo.name)
+    if known is not None:
+        lens = pycolmap.Camera(model=known.model, width=known.width, height=known.height, params=list(known.params))
+        lens.rescale(copy.width, copy.height)
+        lens.camera_id = guess.camera_id
+        lens.has_prior_focal_length = True
+        return lens
+    if copy.focal_px is not None:
+        params = np.array(guess.params)
+        params[guess.focal_length_idxs()] = copy.focal_px
+        guess.params = params
+        guess.has_prior_focal_length = True
+    return guess
 
 
 def _detect(workshop: Workshop, report: _Report, should_stop: StopCheck) -> None:
@@ -162,19 +194,29 @@ def _detect(workshop: Workshop, report: _Report, should_stop: StopCheck) -> None
         report(_COPIED + (_DETECTED - _COPIED) * done / len(names), f"features in {done} of {len(names)} photos")
         wait_for(
             "looking for features in the photos",
-            lambda token, batch=batch: pycolmap.extract_features(
-                workshop.database,
-                workshop.images,
-                batch,
-                pycolmap.CameraMode.PER_FOLDER,
-                reader,
-                options,
-                pycolmap.Device.cpu,
-                token,
-            ),
+            functools.partial(_extract, workshop, batch, reader, options),
             report=_nothing,
             should_stop=should_stop,
         )
+
+
+def _extract(
+    workshop: Workshop,
+    names: list[str],
+    reader: pycolmap.ImageReaderOptions,
+    options: pycolmap.FeatureExtractionOptions,
+    token: pycolmap.CancellationToken,
+) -> None:
+    pycolmap.extract_features(
+        workshop.database,
+        workshop.images,
+        names,
+        pycolmap.CameraMode.PER_FOLDER,
+        reader,
+        options,
+        pycolmap.Device.cpu,
+        token,
+    )
 
 
 def _nothing() -> None:
@@ -228,13 +270,15 @@ def _match(workshop: Workshop, pairs: list[Pair], report: _Report, should_stop: 
             should_stop=should_stop,
         )
     with pycolmap.Database.open(workshop.database) as database:
-        if database.num_inlier_matches() == 0:
-            few = database.num_keypoints() < 100 * len(names)
-            raise CameraError(
-                "No camera poses were found: "
-                + (
-                    "the photos show too little texture (or are blurred). Photograph the object with its surroundings, in sharp focus."
-                    if few
-                    else "no two photos show the same place. Take photos that overlap by two thirds, walking around the object."
-                )
-            )
+        if database.num_inlier_matches() > 0:
+            return
+        few = database.num_keypoints() < 100 * len(names)
+    if few:
+        raise CameraError(
+            "No camera poses were found: the photos show too little texture or are blurred. Photograph the object with "
+            "its surroundings, in focus."
+        )
+    raise CameraError(
+        "No camera poses were found: no two photos show the same place. Take photos that overlap by two thirds, all "
+        "around the object."
+    )

@@ -270,7 +270,7 @@ def _focals(camera: Camera) -> tuple[float, float]:
 
 
 def _bad_lens(camera: Camera) -> str:
-    return f"The lens of {camera.photo} ({camera.model} {camera.params}) cannot be undistorted: its parameters make no sense."
+    return f"The lens of {camera.photo} ({camera.model} {camera.params}) makes no sense and cannot be undistorted."
 
 
 def _to_photo(lens_key: _LensKey, local: Float64) -> Float64:
@@ -340,9 +340,9 @@ def _inside_photo(camera: Camera, box: list[float]) -> bool:
     """Return whether every direction on the border of `box` (left, top, right, bottom) falls into the photo."""
     along = np.linspace(0.0, 1.0, _BORDER_SAMPLES)
     x, y = box[0] + along * (box[2] - box[0]), box[1] + along * (box[3] - box[1])
-    border = np.concatenate(
-        [np.stack(pair, axis=1) for pair in ((x, y * 0 + box[1]), (x, y * 0 + box[3]), (x * 0 + box[0], y), (x * 0 + box[2], y))]
-    )
+    sides = [(x, np.full_like(x, edge)) for edge in (box[1], box[3])]
+    sides += [(np.full_like(y, edge), y) for edge in (box[0], box[2])]
+    border = np.concatenate([np.stack(side, axis=1) for side in sides])
     pixels = _to_photo(_lens_key(camera), np.concatenate([border, np.ones((len(border), 1))], axis=1))
     slack = 1e-3
     return bool(
@@ -386,7 +386,9 @@ def _pinhole_positions(lens_key: _LensKey, pinhole_key: _PinholeKey) -> tuple[Fl
     """Return for each pixel of the photo its x and y [H, W] in the pinhole picture, NaN where there is none."""
     _, photo_width, photo_height, _ = lens_key
     fx, fy, cx, cy, _, _ = pinhole_key
-    columns, rows = (_MAP_STEP * np.arange(-(-side // _MAP_STEP) + 1, dtype=np.float64) for side in (photo_width, photo_height))
+    # One step beyond the last pixel, so that every pixel lies between two.
+    columns = np.arange(0, photo_width + _MAP_STEP, _MAP_STEP, dtype=np.float64)
+    rows = np.arange(0, photo_height + _MAP_STEP, _MAP_STEP, dtype=np.float64)
     x, y = np.meshgrid(columns + 0.5, rows + 0.5)
     directions = _from_photo(lens_key, np.stack([x.ravel(), y.ravel()], axis=1)).reshape(len(rows), len(columns), 2)
     coarse = directions * (fx, fy) + (cx, cy)
@@ -409,9 +411,7 @@ def _averaged_down(image: NDArray[Pixels], density: float) -> NDArray[Pixels]:
     if density <= 1.2:
         return image
     size = (max(1, round(image.shape[1] / density)), max(1, round(image.shape[0] / density)))
-    smaller = np.stack(
-        [cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in _planes(image)], axis=-1
-    )
+    smaller = np.stack([cv2.resize(plane, size, interpolation=cv2.INTER_AREA) for plane in _planes(image)], axis=-1)
     return smaller.reshape(size[1], size[0], *image.shape[2:])
 
 
@@ -434,7 +434,8 @@ def _sample(image: NDArray[Pixels], x: Float64, y: Float64, interpolation: Inter
     elif interpolation == "linear":
         map_x, map_y = (x - 0.5).astype(np.float32), (y - 0.5).astype(np.float32)
         planes = [
-            cv2.remap(plane, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in _planes(image)
+            cv2.remap(plane, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for plane in _planes(image)
         ]
         sampled = np.stack(planes, axis=-1).reshape(*x.shape, *image.shape[2:])
     else:

@@ -29,10 +29,10 @@ def original_from_world(viewmats: Sequence[Float64], points: Float64) -> Float64
     Returns
     -------
     array of shape [4, 4], float64
-        ``[[s R, t], [0, 1]]``: right-handed, the world's Z up. Origin: the point closest to all optical axes (robustly),
-        when the axes cross in front of nine cameras in ten, else the median of the points. Scale: the median distance
-        of the cameras from the origin is 1, so an object that fills the photos measures about 0.5 to 1, however far
-        its background reaches (all cameras in one place: the median distance of the points).
+        ``[[s R, t], [0, 1]]``: right-handed, the world's Z up. Origin: the point closest to all optical axes
+        (robustly), when the axes cross in front of nine cameras in ten, else the median of the points. Scale: the
+        median distance of the cameras from the origin is 1, so an object that fills the photos measures about 0.5 to
+        1, however far its background reaches (all cameras in one place: the median distance of the points).
 
     Notes
     -----

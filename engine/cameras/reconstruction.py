@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .camera import Camera, CameraSet
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
-__all__ = ["camera_in_photo", "camera_set", "points_of", "viewmat_of"]
+__all__ = ["camera_in_photo", "camera_set", "is_scaled", "points_of", "viewmat_of"]
 
 Float64 = NDArray[np.float64]
 
@@ -27,11 +27,17 @@ def viewmat_of(image: pycolmap.Image) -> Float64:
 
 
 def camera_in_photo(photo: str, lens: pycolmap.Camera, width: int, height: int, viewmat: Float64) -> Camera:
-    """Return a `Camera` whose parameters are in pixels of the photo (`width` x `height`), not of the copy `lens` is of."""
+    """Return a `Camera` with the parameters of `lens`, which is for a copy, in pixels of the photo itself."""
     scaled = copy.deepcopy(lens)
     if (scaled.width, scaled.height) != (width, height):
         scaled.rescale(width, height)
     return Camera(photo, width, height, scaled.model_name, tuple(float(value) for value in scaled.params), viewmat)
+
+
+def is_scaled(size: tuple[float, float], photo: tuple[float, float]) -> bool:
+    """Return whether a picture of `size` can be the `photo` (width, height) at another scale, its sides rounded."""
+    (w, h), (width, height) = size, photo
+    return abs(w * height - h * width) <= 0.5 * (max(w, width) + max(h, height)) + 1.0
 
 
 def points_of(reconstruction: pycolmap.Reconstruction) -> tuple[Float64, NDArray[np.uint8]]:

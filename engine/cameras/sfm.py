@@ -2,6 +2,9 @@
 
 The folder holds copies of the photos, a COLMAP database and the models. A run that was killed or cancelled at any
 moment is continued: copies, features and matched pairs are kept, mapping starts again.
+
+Measured on `sakharov_statue32` (32 photos of 728 x 1092, default settings): 32 of 32 placed, 6,469 points, 0.28 px,
+61 s of CPU: 39 features, 2 choosing 201 of 496 pairs, 15 matching, 5 mapping (on one core); 34 s on two idle cores.
 """
 
 from __future__ import annotations
@@ -79,14 +82,12 @@ def estimate_cameras(
     count = len(photo_set.photos)
     if count < 3:
         raise CameraError(
-            f"Camera poses cannot be found from {count} photo{'s' if count != 1 else ''}: at least 3 that overlap are needed, "
-            "and 20 to 60 around an object work well."
+            f"Camera poses cannot be found from {count} photo{'s' if count != 1 else ''}: at least 3 that overlap are "
+            "needed, and 20 to 60 around an object work well."
         )
     progress = _ProgressReporter(emit)
     workshop = Workshop(folder, photo_set, settings)
-    match_features(
-        workshop, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop
-    )
+    match_features(workshop, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
     models = _map(workshop, progress, should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
@@ -129,6 +130,10 @@ def _map(workshop: Workshop, progress: _ProgressReporter, should_stop: StopCheck
     # The default drops models of fewer than 10 photos, which small sets never reach.
     options.min_model_size = settings.min_registered
     options.max_num_models = 10
+    # All cameras are refined together whenever the model has grown by 30 % (COLMAP: 10 %), and at the end: a fifth of
+    # the time less for the same poses to 1e-6.
+    options.ba_global_frames_ratio = 1.3
+    options.ba_global_points_ratio = 1.3
     shutil.rmtree(workshop.sparse, ignore_errors=True)
     workshop.sparse.mkdir(parents=True)
     count = len(workshop.copies)
@@ -174,8 +179,8 @@ def _warn_of_other_models(
         listed = "; ".join(", ".join(names) for names in others)
         emit(
             Warned(
-                f"The photos fall into {len(others) + 1} groups that no photo connects. The largest with {len(kept)} photos is "
-                f"used; left out: {listed}."
+                f"The photos fall into {len(others) + 1} groups that no photo connects. The largest with {len(kept)} "
+                f"photos is used; left out: {listed}."
             )
         )
 

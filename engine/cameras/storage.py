@@ -65,7 +65,9 @@ def read_camera_set(path: Path) -> CameraSet:
     try:
         data = json.loads((path / _CAMERAS).read_text(encoding="utf-8"))
         if data["version"] != _VERSION:
-            raise FormatError(f"{path} was written by another version of Gaussian Heritage. Run the cameras stage again.")
+            raise FormatError(
+                f"{path} was written by another version of Gaussian Heritage. Run the cameras stage again."
+            )
         with np.load(path / _POINTS, allow_pickle=False) as arrays:
             points, colors = arrays["points"], arrays["colors"]
         error = data["reprojection_error"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from os import cpu_count
@@ -45,13 +45,12 @@ class WorkingCopy:
         return None if self.photo.focal_px is None else self.photo.focal_px * self.width / self.photo.width
 
 
-def plan_copies(photo_set: PhotoSet, max_side: int) -> list[WorkingCopy]:
-    """Return the copies in the order of the photos; photos of equal size and EXIF focal length share a group."""
-    groups: dict[tuple[int, int, float | None], int] = {}
+def plan_copies(photo_set: PhotoSet, max_side: int, lens_of: Callable[[Photo], Hashable]) -> list[WorkingCopy]:
+    """Return the copies in the order of the photos; photos for which `lens_of` is equal share a group."""
+    groups: dict[Hashable, int] = {}
     copies = []
     for index, photo in enumerate(photo_set.photos):
-        focal = None if photo.focal_px is None else round(photo.focal_px, 1)
-        group = groups.setdefault((photo.width, photo.height, focal), len(groups))
+        group = groups.setdefault(lens_of(photo), len(groups))
         width, height = _matching_size(photo.width, photo.height, max_side)
         copies.append(WorkingCopy(photo, f"{group:05d}/{index:06d}.jpg", width, height))
     return copies

@@ -13,6 +13,8 @@ from ..models.onnx_session import open_session
 
 __all__ = ["SentenceEncoder"]
 
+_WIDTH = 384
+
 _MAX_TOKENS = 256
 _BATCH = 64
 
@@ -46,6 +48,8 @@ class SentenceEncoder:
             raise EnvironmentProblem(
                 "The package tokenizers is not in the engine's environment. Set up the engine anew."
             ) from error
+        self.width = _WIDTH
+        self.fingerprint = model.name  # the catalogue pins the file's hash to its name
         self._session = open_session(model, threads=threads)
         self._inputs = [given.name for given in self._session.get_inputs()]
         try:
@@ -69,7 +73,7 @@ class SentenceEncoder:
         array of shape [len(texts), 384], float32
         """
         parts = [self._encode_some(texts[i : i + _BATCH]) for i in range(0, len(texts), _BATCH)]
-        return np.concatenate(parts) if parts else np.zeros((0, 384), np.float32)
+        return np.concatenate(parts) if parts else np.zeros((0, _WIDTH), np.float32)
 
     def _encode_some(self, texts: Sequence[str]) -> NDArray[np.float32]:
         encoded = self._tokenizer.encode_batch(list(texts))

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck
+from ..pictures.clusters import find_clusters
 from .selection import calibrated, connected_parts, inside_hull, mean_direction, within_quartiles
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
@@ -20,6 +22,7 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _HALF = np.float32(0.5)
+_SMALLEST_PART = 0.03
 _JUST_BELOW = np.nextafter(_HALF, np.float32(0))
 
 
@@ -29,15 +32,15 @@ class Lifted:
 
     Attributes
     ----------
-    direction : array of shape [D], float32
-        The prompt in feature space, a unit vector.
+    directions : array of shape [K, D], float32
+        The prompt in feature space, unit vectors; one for each part of the object.
     membership : array of shape [N], float32
         In [0, 1]; 0.5 and above belongs.
     seed_mass : array of shape [N], float32
         Pixels of the seed mask that each Gaussian makes up.
     """
 
-    direction: Float32
+    directions: Float32
     membership: Float32
     seed_mass: Float32
 
@@ -71,15 +74,42 @@ def lift(
     inner = eroded(mask, settings.erode_pixels) & view.covered
     if not inner.any():
         inner = mask & view.covered
-    direction = mean_direction(view.features[inner], start=start, cosine=settings.cosine)
-    if direction is None:
+    directions = _directions(view, mask, inner, settings, start)
+    if directions is None:
         return None
-    membership = calibrated(views.directions @ direction, settings.cosine)
+    membership = calibrated((views.directions @ directions.T).max(axis=1), settings.cosine)
     seed_mass = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
     membership = _only_connected(views, membership, seed_mass)
     if not (membership >= _HALF).any():
         return None
-    return Lifted(direction, membership, seed_mass)
+    return Lifted(directions, membership, seed_mass)
+
+
+def _directions(
+    view: View, mask: Mask, inner: Mask, settings: SegmentSettings, start: Float32 | None
+) -> Float32 | None:
+    """Return what `mask` points to in feature space, shape [K, D]: its mean first, then its further parts."""
+    mean = mean_direction(view.features[inner], start=start, cosine=settings.cosine)
+    if mean is None:
+        return None
+    kept = [mean]
+    features = view.features[inner]
+    for center in find_clusters(features, np.ones(len(features)), cosine=settings.cosine):
+        if len(kept) == settings.parts:
+            break
+        known = max(float(center @ other) for other in kept) >= settings.cosine
+        if not known and (features @ center >= settings.cosine).mean() >= _SMALLEST_PART:
+            like = view.like(center[None], settings.cosine)
+            if _purity(like, mask) >= settings.part_purity:
+                kept.append(center)
+    return np.stack(kept)
+
+
+def _purity(like: Mask, mask: Mask) -> float:
+    """Return how much of `like`, of its connected areas that touch `mask`, lies in `mask`."""
+    areas = cv2.connectedComponents(like.astype(np.uint8))[1]
+    touching = np.isin(areas, np.unique(areas[mask & like])) & like
+    return float((touching & mask).sum() / max(1, touching.sum()))
 
 
 def _only_connected(views: Views, membership: Float32, seed_mass: Float32) -> Float32:
@@ -195,7 +225,7 @@ def refine_by_votes(
         membership = _only_connected(views, membership, inside)
         if not (membership >= _HALF).any():
             break
-        lifted = Lifted(lifted.direction, membership, lifted.seed_mass)
+        lifted = Lifted(lifted.directions, membership, lifted.seed_mass)
     return lifted, seen
 
 
@@ -205,7 +235,7 @@ def _mask_in(views: Views, view: View, lifted: Lifted, *, cosine: float | None) 
         return views.visible_share(view, lifted.members) > 0.5
     # `lift` gave 0 to everything far from the object, which may have a like feature elsewhere in the scene.
     nearby = views.visible_share(view, lifted.membership > 0) > 0.5
-    return view.like(lifted.direction, cosine) & nearby
+    return view.like(lifted.directions, cosine) & nearby
 
 
 def snap_to_segments(mask: Mask, labels: NDArray[np.int32]) -> Mask:

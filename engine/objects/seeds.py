@@ -29,6 +29,7 @@ DetectorFactory = Callable[[], "Detector"]
 SamFactory = Callable[[], "SegmentAnything"]
 
 Mask = NDArray[np.bool_]
+Float32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Seed:
     view: View
     mask: Mask
     score: float
-    start: NDArray[np.float32] | None = None
+    start: Float32 | None = None
     given: bool = False
 
 
@@ -131,7 +132,7 @@ def find_seeds(
     if isinstance(prompt, MaskPrompt):
         seed = Seed(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True)
     elif isinstance(prompt, ClickPrompt):
-        seed = _from_click(prompt, view, photos)
+        seed = _from_click(prompt, view, photos, settings)
     else:
         seed = _from_box(prompt, view, photos)
     if not seed.mask.any():
@@ -139,19 +140,45 @@ def find_seeds(
     return [seed]
 
 
-def _from_click(prompt: ClickPrompt, view: View, photos: _Photos) -> Seed:
+def _from_click(prompt: ClickPrompt, view: View, photos: _Photos, settings: SegmentSettings) -> Seed:
+    """Return SAM's mask that best fits the instance the features show at the clicked pixel.
+
+    SAM's answer to a single point is often only a part of the object. The box of the pixels with a feature like the
+    clicked one asks it again. The second answer is taken when it is more like those pixels (the paper's best-fitting
+    instance mask) and SAM is no less sure of it: features that leak into a plinth ask for object and plinth.
+    """
     camera = view.camera
     pixels = photos.pixels(camera)
     scale = pixels.shape[1] / camera.width
     mask, score = photos.segment(camera, pixels, point=(prompt.x * scale, prompt.y * scale))
-    taken = view.from_photo(mask)
+    by_point = view.from_photo(mask)
     column, row = _pixel_of(view, prompt.x, prompt.y)
-    clicked = view.features[row, column] if view.covered[row, column] else None
-    # A single pixel may lie on a seam; it leads the mean only where the mask agrees with it.
-    if clicked is not None and taken.any():
-        alike = (view.features[taken] @ clicked >= 0.7).mean()
-        clicked = clicked if alike >= 0.5 else None
-    return Seed(view, taken, score, clicked)
+    if not view.covered[row, column]:
+        return Seed(view, by_point, score)
+    clicked = view.features[row, column]
+    areas = cv2.connectedComponents(view.like(clicked[None], settings.cosine).astype(np.uint8))[1]
+    instance = areas == areas[row, column]
+    seed = Seed(view, by_point, score, _if_agreed(clicked, view, by_point, settings))
+    rows, columns = np.nonzero(view.to_photo(instance))
+    if len(rows) == 0:
+        return seed
+    box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]) * scale
+    mask, second = photos.segment(camera, pixels, box=(float(box[0]), float(box[1]), float(box[2]), float(box[3])))
+    by_box = view.from_photo(mask)
+    if second < score or _likeness(by_box, instance) <= _likeness(by_point, instance):
+        return seed
+    return Seed(view, by_box, second, _if_agreed(clicked, view, by_box, settings))
+
+
+def _if_agreed(clicked: Float32, view: View, mask: Mask, settings: SegmentSettings) -> Float32 | None:
+    """Return the clicked feature when at least half of the mask is like it: a single pixel may lie on a seam."""
+    features = view.features[mask & view.covered]
+    return clicked if len(features) and (features @ clicked >= settings.cosine).mean() >= 0.5 else None
+
+
+def _likeness(one: Mask, other: Mask) -> float:
+    union = int((one | other).sum())
+    return int((one & other).sum()) / union if union else 0.0
 
 
 def _pixel_of(view: View, x: float, y: float) -> tuple[int, int]:

@@ -27,6 +27,12 @@ class SegmentSettings:
         Longer side in pixels of the pictures rendered to read features and count votes.
     erode_pixels : int
         Pixels taken off the rim of a mask before its feature is read: features mix at silhouettes.
+    parts : int
+        Directions in feature space that one prompt may have, at most: SAM splits an object into parts that differ in
+        material, and each has its own. 1 in the paper.
+    part_purity : float
+        A further direction is taken when at least this part of the pixels like it, where they touch the mask, lies
+        in the mask.
     refinement : {"none", "votes"}
         ``none``: the cosine decides, as in the paper. ``votes``: masks of several views vote on every Gaussian with
         its blending weights.
@@ -53,6 +59,8 @@ class SegmentSettings:
     photo_side: int = 1024
     render_side: int = 480
     erode_pixels: int = 2
+    parts: int = 1
+    part_purity: float = 0.6
     refinement: Literal["none", "votes"] = "none"
     n_vote_views: int = 24
     vote_rounds: int = 2
@@ -68,6 +76,8 @@ class SegmentSettings:
         require(self, "photo_side", self.photo_side >= 64, "at least 64")
         require(self, "render_side", self.render_side >= 16, "at least 16")
         require(self, "erode_pixels", self.erode_pixels >= 0, "at least 0")
+        require(self, "parts", self.parts >= 1, "at least 1")
+        require(self, "part_purity", 0 < self.part_purity <= 1, "above 0 and at most 1")
         require(self, "refinement", self.refinement in ("none", "votes"), "'none' or 'votes'")
         require(self, "n_vote_views", self.n_vote_views >= 1, "at least 1")
         require(self, "vote_rounds", self.vote_rounds >= 1, "at least 1")
@@ -81,8 +91,8 @@ class SegmentSettings:
 PAPER = SegmentSettings()
 """Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
 
-BETTER = replace(PAPER, refinement="votes", completion="guarded")
-"""Masks of up to 24 views vote on every Gaussian; only what no view sees is filled in."""
+BETTER = replace(PAPER, parts=6, refinement="votes", completion="guarded")
+"""All parts that a mask shows; masks of up to 24 views vote on every Gaussian; only what no view sees is filled in."""
 
 PRESETS = {"paper": PAPER, "better": BETTER}
 DEFAULT_PRESET = "paper"

@@ -58,9 +58,9 @@ class View:
         taken = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
         return np.asarray(taken > 0.5)
 
-    def like(self, direction: Float32, cosine: float) -> Mask:
-        """Return the covered pixels whose feature has at least `cosine` to the unit vector `direction`."""
-        return (self.features @ direction >= cosine) & self.covered
+    def like(self, directions: Float32, cosine: float) -> Mask:
+        """Return the covered pixels whose feature has at least `cosine` to one of the unit vectors [K, D]."""
+        return ((self.features @ directions.T).max(axis=-1) >= cosine) & self.covered
 
 
 class Views:

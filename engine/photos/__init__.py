@@ -1,3 +1,3 @@
-"""The photos room: a folder of pictures comes in, a `PhotoSet` (names, sizes, focal lengths, hashes, and what was left out and why) goes out."""
+"""The photos room: a folder of pictures comes in, a `PhotoSet` (usable photos, the rejected with reasons) goes out."""
 
 __all__: list[str] = []

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
+import threading
+import warnings
+from collections.abc import Iterator
 from typing import Any
 
 from PIL import Image
 
-__all__ = ["TURNS", "focal_in_pixels", "orientation_of"]
+__all__ = ["TURNS", "focal_in_pixels", "orientation_of", "without_exif_warnings"]
 
 _LOG = logging.getLogger(__name__)
+_WARNING_FILTERS = threading.Lock()
 
 _ORIENTATION = 0x0112
 _EXIF_IFD = 0x8769
@@ -37,11 +42,22 @@ TURNS: dict[int, Image.Transpose] = {
 """EXIF orientation to the transpose that turns the stored pixels upright."""
 
 
+@contextlib.contextmanager
+def without_exif_warnings() -> Iterator[None]:
+    """Keep Pillow from warning about damaged EXIF on stderr: it goes on without it, and so do we."""
+    # Warning filters belong to the whole process: one thread at a time.
+    with _WARNING_FILTERS, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def _read(image: Image.Image) -> Image.Exif | None:
-    # Pillow raises many types on damaged EXIF; the pixels are good all the same, so the photo is used without it.
+    # Pillow raises many types on damaged EXIF, or warns on stderr and goes on; the pixels are good all the same, so
+    # the photo is used without it.
     try:
-        exif = image.getexif()
-        exif.get_ifd(_EXIF_IFD)
+        with without_exif_warnings():
+            exif = image.getexif()
+            exif.get_ifd(_EXIF_IFD)
     except (SyntaxError, ValueError, TypeError, KeyError, OSError, IndexError, ArithmeticError) as error:
         _LOG.warning("damaged EXIF is ignored: %s", error)
         return None

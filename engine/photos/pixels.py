@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from ..errors import PhotoError
-from .exif import TURNS, focal_in_pixels, orientation_of
+from .exif import TURNS, focal_in_pixels, orientation_of, without_exif_warnings
 
 __all__ = ["can_read_heic", "load_pixels", "open_photo", "upright_pixels"]
 
@@ -84,7 +84,8 @@ def open_photo(path: Path, *, max_side: int | None = None) -> tuple[Image.Image,
         if path.stat().st_size == 0:
             raise PhotoError(f"{path.name} is empty. Copy it again from the camera.")
         with path.open("rb") as stream:
-            image = Image.open(stream)
+            with without_exif_warnings():
+                image = Image.open(stream)
             if image.width * image.height > _MAX_PIXELS:
                 raise PhotoError(
                     f"{path.name} has {image.width} x {image.height} pixels, more than can be read safely. "
@@ -157,7 +158,7 @@ def _eight_bits(image: Image.Image) -> Image.Image:
         # Mode I holds the 16 bits of a gray file; 65535/257 = 255 exactly.
         return Image.fromarray(np.clip(np.rint(values / 257.0), 0, 255).astype(np.uint8))
     if image.mode == "F":
-        raise PhotoError("The picture holds 32-bit floats, whose range is unknown. Save it with 8 or 16 bits a channel.")
+        raise PhotoError("The picture holds 32-bit floats, whose range is unknown. Save it with 8 or 16 bits.")
     if image.mode in ("L", "RGB", "RGBA", "CMYK", "LAB"):
         # Transparency may also be one named colour.
         return image.convert("RGBA") if "transparency" in image.info and image.mode in ("L", "RGB") else image

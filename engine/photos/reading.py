@@ -129,9 +129,7 @@ def _picture_files(folder: Path) -> list[Path]:
                 if not name.startswith((".", "__MACOSX")) and not (Path(place, name) / "project.json").is_file()
             ]
             found += [
-                Path(place, name)
-                for name in names
-                if not name.startswith(".") and Path(name).suffix.lower() in known
+                Path(place, name) for name in names if not name.startswith(".") and Path(name).suffix.lower() in known
             ]
     except OSError as error:
         raise PhotoError(f"{error.filename} cannot be read: {error.strerror}. Check its permissions.") from error
@@ -182,7 +180,7 @@ def _look_at(folder: Path, path: Path, settings: PhotoSettings) -> _Look | Rejec
         if min(image.size) < settings.min_side:
             return RejectedPhoto(
                 name,
-                f"It has only {image.width} x {image.height} pixels; photos need at least {settings.min_side} on each side.",
+                f"It has only {image.width} x {image.height} pixels; {settings.min_side} on each side are the least.",
             )
         turned = orientation_of(image) in TURNS and orientation_of(image) >= 5
         pixels = upright_pixels(image)
@@ -197,7 +195,7 @@ def _look_at(folder: Path, path: Path, settings: PhotoSettings) -> _Look | Rejec
     gray = _gray_for_measuring(pixels)
     return _Look(
         photo=Photo(name, width, height, focal, digest),
-        pixels_hash=hashlib.blake2b(pixels, digest_size=16, key=f"{width}x{height}".encode()).digest(),
+        pixels_hash=hashlib.blake2b(pixels.data, digest_size=16, key=f"{width}x{height}".encode()).digest(),
         sharpness=_sharpness(gray),
         flat=_flat(gray, settings.flat_share),
     )
@@ -226,9 +224,7 @@ def _sharpness(gray: NDArray[np.float32]) -> float:
 
     The percentile looks at the sharpest percent, so a sharp object before a plain or soft background counts as sharp.
     """
-    laplacian = (
-        gray[:-2, 1:-1] + gray[2:, 1:-1] + gray[1:-1, :-2] + gray[1:-1, 2:] - np.float32(4.0) * gray[1:-1, 1:-1]
-    )
+    laplacian = gray[:-2, 1:-1] + gray[2:, 1:-1] + gray[1:-1, :-2] + gray[1:-1, 2:] - np.float32(4.0) * gray[1:-1, 1:-1]
     dark, bright = np.percentile(gray, (1, 99))
     return float(np.percentile(np.abs(laplacian), 99) / max(bright - dark, 1.0))
 

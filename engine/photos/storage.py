@@ -45,7 +45,9 @@ def read_photo_set(path: Path) -> PhotoSet:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data["version"] != _VERSION:
-            raise FormatError(f"{path} was written by another version of Gaussian Heritage. Run the photos stage again.")
+            raise FormatError(
+                f"{path} was written by another version of Gaussian Heritage. Run the photos stage again."
+            )
         return PhotoSet(
             folder=Path(data["folder"]),
             photos=tuple(Photo(**photo) for photo in data["photos"]),

@@ -29,7 +29,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_photos_become_a_scene_an_object_and_files(blender: ModuleType, photos: Path, tmp_path: Path) -> None:
     project = tmp_path / "project"
-    blender.ops.heritage.import_photo_folder(directory=str(photos), project=str(project), preset="test")
+    blender.ops.heritage.import_photo_folder(directory=str(photos), project=str(project), preset="preview")
     scene = blender.context.scene
     (splats,) = [obj for obj in scene.objects if obj.heritage.role == "SCENE"]
     assert len(splats.data.vertices) > 200

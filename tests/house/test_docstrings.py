@@ -49,15 +49,15 @@ def test_described_parameters_are_the_ones_taken(module: Path) -> None:
 def test_public_names_say_what_the_caller_gets(module: Path) -> None:
     tree = ast.parse(module.read_text(encoding="utf-8"))
     public = [
-        node
-        for node in tree.body
-        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+        node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
     ]
     assert [node.name for node in public if not ast.get_docstring(node)] == []
 
 
 def test_the_reader_of_docstrings_sees_a_wrong_name() -> None:
-    source = 'def f(a, *, b=1):\n    """Return it.\n\n    Parameters\n    ----------\n    a, c : int\n        Some.\n    """'
+    source = (
+        'def f(a, *, b=1):\n    """Return it.\n\n    Parameters\n    ----------\n    a, c : int\n        Some.\n    """'
+    )
     (function,) = ast.parse(source).body
     assert isinstance(function, ast.FunctionDef)
     assert described(ast.get_docstring(function) or "") == ["a", "c"]

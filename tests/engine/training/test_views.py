@@ -11,10 +11,8 @@ from PIL import Image
 
 from engine.cameras.camera import Camera, CameraSet
 from engine.errors import Cancelled, TrainingError
-from engine.events import ignore_events
 from engine.masks.storage import write_label_map
 from engine.training.settings import PRESETS
-from engine.training.start import start_gaussians
 from engine.training.views import ViewPyramid, is_held_out, load_views, scene_extent
 
 from .conftest import Scene
@@ -66,16 +64,6 @@ def test_loading_stops_when_asked(tmp_path: Path) -> None:
     camera_set, masks = project(tmp_path)
     with pytest.raises(Cancelled):
         load_views(tmp_path, camera_set, masks, SETTINGS, should_stop=lambda: True)
-
-
-def test_start_covers_points_and_background_within_the_budget(tmp_path: Path) -> None:
-    camera_set, masks = project(tmp_path)
-    views = load_views(tmp_path, camera_set, masks, SETTINGS)
-    start = start_gaussians(camera_set, views, replace(SETTINGS, max_gaussians=1000), emit=ignore_events)
-    assert len(start) == 750
-    assert start.features is not None
-    tight = start_gaussians(camera_set, views, replace(SETTINGS, max_gaussians=600), emit=ignore_events)
-    assert len(tight) == 600
 
 
 def test_a_halved_view_shows_the_same_point_at_half_the_pixel(scene: Scene) -> None:

@@ -1,0 +1,236 @@
+"""Camera poses that the user has already: a COLMAP model, or the ``transforms.json`` of nerfstudio and instant-ngp."""
+
+from __future__ import annotations
+
+import logging
+import math
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from ..errors import CameraError
+from ..events import Emit, StopCheck, ignore_events, never_stop
+from ..photos.photo import Photo, PhotoSet
+from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
+from .camera import Camera, CameraSet
+from .reconstruction import camera_in_photo, camera_set, is_scaled, points_of, viewmat_of
+from .settings import CameraSettings
+from .transforms_json import read_transforms
+from .triangulation import triangulate
+
+__all__ = ["match_photos", "read_cameras"]
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+_LOG = logging.getLogger(__name__)
+_MODEL_FILES = ("cameras.bin", "cameras.txt")
+
+
+def read_cameras(
+    model: Path,
+    photo_set: PhotoSet,
+    settings: CameraSettings | None = None,
+    *,
+    folder: Path | None = None,
+    emit: Emit = ignore_events,
+    should_stop: StopCheck = never_stop,
+) -> CameraSet:
+    """Return the cameras of an existing model for the photos in `photo_set`, in the normalised world.
+
+    Parameters
+    ----------
+    model : Path
+        A folder with a COLMAP model (``cameras``, ``images``, ``points3D`` as ``.bin`` or ``.txt``, there or in
+        ``sparse/0`` or ``sparse``), a ``transforms.json``, or a folder with one.
+    photo_set : PhotoSet
+        Photos are found by their name relative to the photo folder, then by a file name that occurs once.
+    settings : CameraSettings, optional
+        For matching the photos where the model has no points.
+    folder : Path, optional
+        Work folder for that; by default a temporary one.
+    emit, should_stop
+        Used only where photos are matched.
+
+    Returns
+    -------
+    CameraSet
+        ``original_from_world`` leads back to the frame of the model as it stands in the file, georeferenced or not.
+        Cameras of a COLMAP model made from smaller or larger copies are scaled to the photos.
+
+    Raises
+    ------
+    CameraError
+        When there is no model, it cannot be read, its pictures are not the photos, or are turned differently.
+    Cancelled
+        When `should_stop` says so.
+
+    Notes
+    -----
+    ``applied_transform`` and ``applied_scale`` of nerfstudio are not undone: the frame of the user is that of the
+    poses in the file. Where a ``transforms.json`` names no point cloud, points are triangulated from matched
+    features with the given poses held fixed.
+    """
+    colmap = _colmap_folder(model)
+    if colmap is not None:
+        cameras, points, colors, error = _from_colmap(colmap, photo_set)
+    else:
+        cameras, cloud = read_transforms(_transforms_file(model), photo_set, match_photos)
+        points, colors, error = _cloud(cloud) if cloud is not None else (*_no_points(), math.nan)
+    _require_some(cameras, model)
+    if len(points) == 0 and len(cameras) >= 2:
+        points, colors, error = _triangulated(
+            cameras, photo_set, settings or CameraSettings(), folder, emit, should_stop
+        )
+    return camera_set(
+        cameras,
+        (photo.name for photo in photo_set.photos),
+        points,
+        colors,
+        reprojection_error=error,
+        poses_given=True,
+    )
+
+
+def match_photos(names: Iterable[str], photo_set: PhotoSet) -> dict[str, Photo]:
+    """Return which photo each of a model's picture names means: the same relative name, else the same unique file name.
+
+    Names without an extension (as in the NeRF synthetic scenes) match a photo's name without its own. Two pictures
+    never get one photo; the one that matches better does.
+    """
+    names = [name.replace("\\", "/").removeprefix("./") for name in names]
+    steps = (
+        (lambda name: name, lambda name: name),
+        (lambda name: name, lambda name: _without_suffix(name)),
+        (lambda name: name.rsplit("/", 1)[-1], lambda name: name.rsplit("/", 1)[-1]),
+        (lambda name: name.rsplit("/", 1)[-1], lambda name: _without_suffix(name.rsplit("/", 1)[-1])),
+    )
+    found: dict[str, Photo] = {}
+    for of_picture, of_photo in steps:
+        taken = {photo.name for photo in found.values()}
+        pictures = _unique((of_picture(name), name) for name in names if name not in found)
+        photos = _unique((of_photo(photo.name), photo) for photo in photo_set.photos if photo.name not in taken)
+        for key, name in pictures.items():
+            if key in photos:
+                found[name] = photos[key]
+    return found
+
+
+def _without_suffix(name: str) -> str:
+    head, dot, tail = name.rpartition(".")
+    return head if dot and "/" not in tail else name
+
+
+def _unique(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, Value]:
+    """Return the pairs whose key occurs once."""
+    found: dict[Key, Value] = {}
+    repeated: set[Key] = set()
+    for key, value in pairs:
+        if key in found:
+            repeated.add(key)
+        found[key] = value
+    return {key: value for key, value in found.items() if key not in repeated}
+
+
+def _colmap_folder(model: Path) -> Path | None:
+    for candidate in (model, model / "sparse" / "0", model / "sparse", model / "0"):
+        if any((candidate / name).is_file() for name in _MODEL_FILES):
+            return candidate
+    return None
+
+
+def _transforms_file(model: Path) -> Path:
+    for candidate in (model, model / "transforms.json"):
+        if candidate.is_file():
+            return candidate
+    if not model.exists():
+        raise CameraError(f"The camera model {model} does not exist. Choose a COLMAP model folder or transforms.json.")
+    raise CameraError(
+        f"{model} holds no camera model. Choose a COLMAP model folder (cameras.bin, images.bin, points3D.bin) or a "
+        "transforms.json."
+    )
+
+
+_Points = tuple[NDArray[np.float64], NDArray[np.uint8]]
+
+
+def _no_points() -> _Points:
+    return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8)
+
+
+def _from_colmap(
+    folder: Path, photo_set: PhotoSet
+) -> tuple[list[Camera], NDArray[np.float64], NDArray[np.uint8], float]:
+    try:
+        model = pycolmap.Reconstruction(folder)
+    except (RuntimeError, ValueError, IndexError, OSError) as error:
+        raise CameraError(f"The COLMAP model in {folder} cannot be read; it is incomplete or damaged.") from error
+    images = {}
+    for image_id in model.reg_image_ids():
+        image = model.image(image_id)
+        images[image.name.replace("\\", "/").removeprefix("./")] = image
+    matched = match_photos(images, photo_set)
+    ignored = sorted(set(images) - set(matched))
+    if ignored:
+        _LOG.info("%d pictures of %s are not among the photos: %s", len(ignored), folder, ", ".join(ignored))
+    cameras = []
+    for name, photo in matched.items():
+        lens = model.camera(images[name].camera_id)
+        _require_same_frame(photo, lens.width, lens.height, folder)
+        cameras.append(camera_in_photo(photo.name, lens, photo.width, photo.height, viewmat_of(images[name])))
+    points, colors = points_of(model)
+    # A model from text may say -1 for errors that were never computed.
+    reprojection_error = model.compute_mean_reprojection_error() if len(points) else math.nan
+    return cameras, points, colors, reprojection_error
+
+
+def _require_same_frame(photo: Photo, width: int, height: int, model: Path) -> None:
+    """Refuse a camera whose picture cannot be the photo at another size."""
+    if is_scaled((width, height), (photo.width, photo.height)):
+        return
+    if (width > height) != (photo.width > photo.height):
+        advice = "it was made without EXIF rotation. Turn the photos themselves, or let the cameras be estimated."
+    else:
+        advice = "it was made from cropped or other pictures. Choose those pictures as the photo folder."
+    raise CameraError(
+        f"The camera of {photo.name} in {model} is for {width} x {height} pixels, the photo has "
+        f"{photo.width} x {photo.height}: {advice}"
+    )
+
+
+def _cloud(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]:
+    cloud = pycolmap.Reconstruction()
+    try:
+        cloud.import_PLY(path)
+    except (RuntimeError, ValueError, IndexError, OSError) as error:
+        raise CameraError(f"The point cloud {path} that belongs to the cameras cannot be read.") from error
+    return (*points_of(cloud), math.nan)
+
+
+def _require_some(cameras: list[Camera], model: Path) -> None:
+    if not cameras:
+        raise CameraError(
+            f"None of the pictures in {model} is among the photos. Choose the photo folder the model was made from."
+        )
+    for camera in cameras:
+        if not (np.isfinite(camera.viewmat).all() and np.isfinite(camera.params).all()):
+            raise CameraError(f"The camera of {camera.photo} in {model} holds numbers that are not finite.")
+
+
+def _triangulated(
+    cameras: list[Camera],
+    photo_set: PhotoSet,
+    settings: CameraSettings,
+    folder: Path | None,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]:
+    if folder is not None:
+        return triangulate(cameras, photo_set, folder, settings, emit=emit, should_stop=should_stop)
+    with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as temporary:
+        return triangulate(cameras, photo_set, Path(temporary), settings, emit=emit, should_stop=should_stop)

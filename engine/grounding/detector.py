@@ -1,0 +1,85 @@
+"""What a text detector is: the few names the objects room relies on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Detection", "Detector", "PromptCheck"]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """A place in a photo that may show what was asked for.
+
+    Attributes
+    ----------
+    box : tuple of 4 float
+        x0, y0, x1, y1 in pixels of the picture that was given.
+    score : float
+        0 to 1, higher is better.
+    label : str
+        The detector's own word for it.
+    region : int or None
+        Id in the label map, where the detector chose among given segments.
+    """
+
+    box: tuple[float, float, float, float]
+    score: float
+    label: str
+    region: int | None = None
+
+
+@dataclass(frozen=True)
+class PromptCheck:
+    """Whether a detector understands a prompt.
+
+    Attributes
+    ----------
+    known : bool
+    matches : list of (str, float)
+        What it takes the prompt for, or the nearest words it knows, with likeness 0 to 1, best first.
+    message : str
+        One sentence for the person.
+    """
+
+    known: bool
+    matches: list[tuple[str, float]]
+    message: str
+
+
+class Detector(Protocol):
+    """Finds what a text names in a photo."""
+
+    def knows(self, prompt: str) -> PromptCheck:
+        """Return whether `prompt` can be looked for.
+
+        Raises
+        ------
+        PromptError
+            When `prompt` is empty.
+        """
+        ...
+
+    def detect(
+        self, pixels: NDArray[np.uint8], prompt: str, *, labels: NDArray[np.int32] | None = None
+    ) -> list[Detection]:
+        """Return what was found, best first; an empty list when nothing was.
+
+        Parameters
+        ----------
+        pixels : array of shape [H, W, 3], uint8, sRGB
+        prompt : str
+        labels : array of shape [h, w], int32, or None
+            Label map of the same photo at any size (``masks.storage.read_label_map``): detections are then chosen
+            among its segments and carry their id.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty or not known.
+        """
+        ...

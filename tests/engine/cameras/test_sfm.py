@@ -1,0 +1,258 @@
+"""Photos alone become cameras, in a world that stands upright."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.cameras.camera import CameraSet
+from engine.cameras.lens import project
+from engine.cameras.settings import CameraSettings
+from engine.cameras.sfm import estimate_cameras
+from engine.errors import CameraError, Cancelled, SettingsError
+from engine.events import Event, Progress, Warned
+from engine.photos.photo import PhotoSet
+from engine.photos.reading import read_photos
+
+from .conftest import Scene, make_scene, render, room_cameras
+
+QUICK = CameraSettings(max_side=400, max_features=1000)
+
+
+@pytest.fixture(scope="module")
+def found(room: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[CameraSet, list[Event]]:
+    events: list[Event] = []
+    camera_set = estimate_cameras(room.photo_set, tmp_path_factory.mktemp("sfm"), QUICK, emit=events.append)
+    return camera_set, events
+
+
+def similarity_to_truth(camera_set: CameraSet, scene: Scene) -> tuple[np.ndarray, float]:
+    """The similarity that takes the found camera positions to the true ones, and the worst distance left."""
+    truth = {camera.photo: camera.center for camera in scene.cameras}
+    a = np.array([camera.center for camera in camera_set.cameras])
+    b = np.array([truth[camera.photo] for camera in camera_set.cameras])
+    u, d, vt = np.linalg.svd((b - b.mean(0)).T @ (a - a.mean(0)))
+    sign = np.diag([1.0, 1.0, np.linalg.det(u @ vt)])
+    similarity = np.eye(4)
+    similarity[:3, :3] = (d @ np.diag(sign)) / np.square(a - a.mean(0)).sum() * (u @ sign @ vt)
+    similarity[:3, 3] = b.mean(0) - similarity[:3, :3] @ a.mean(0)
+    left = np.linalg.norm(a @ similarity[:3, :3].T + similarity[:3, 3] - b, axis=1)
+    return similarity, float(left.max())
+
+
+def test_every_photo_is_placed_where_it_was_taken(found: tuple[CameraSet, list[Event]], room: Scene) -> None:
+    camera_set, _ = found
+    assert [camera.photo for camera in camera_set.cameras] == [camera.photo for camera in room.cameras]
+    assert camera_set.unregistered == ()
+    assert not camera_set.poses_given
+    assert camera_set.reprojection_error < 0.7
+    _, worst = similarity_to_truth(camera_set, room)
+    assert worst < 0.03  # of an arc of radius 3.2; worst seen 0.008
+    focal = camera_set.cameras[0].params[0]
+    assert focal == pytest.approx(380.0, rel=0.02)
+
+
+def test_the_world_is_upright_right_handed_centred_and_of_unit_size(
+    found: tuple[CameraSet, list[Event]], room: Scene
+) -> None:
+    camera_set, _ = found
+    similarity, _ = similarity_to_truth(camera_set, room)
+    up = similarity[:3, :3] @ (0.0, 0.0, 1.0)
+    # The true world is Z up: no flip, and at most a degree of tilt for cameras that are rolled by a degree.
+    assert up[2] / np.linalg.norm(up) > np.cos(np.radians(1.5))
+    assert np.linalg.det(camera_set.original_from_world[:3, :3]) > 0
+    distances = [np.linalg.norm(camera.center) for camera in camera_set.cameras]
+    assert np.median(distances) == pytest.approx(1.0)
+
+
+def test_points_lie_in_front_of_the_cameras_and_have_colours(found: tuple[CameraSet, list[Event]]) -> None:
+    camera_set, _ = found
+    assert len(camera_set.points) > 300
+    assert camera_set.points.dtype == np.float32
+    assert camera_set.point_colors.shape == camera_set.points.shape
+    assert camera_set.point_colors.std() > 10
+    for camera in camera_set.cameras:
+        pixels, depth = project(camera, camera_set.points)
+        assert (depth > 0).mean() > 0.95
+        inside = ((pixels > 0) & (pixels < (camera.width, camera.height))).all(axis=1)
+        assert inside.mean() > 0.3
+
+
+def test_progress_rises_to_one(found: tuple[CameraSet, list[Event]]) -> None:
+    fractions = [event.fraction for event in found[1] if isinstance(event, Progress)]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+
+
+def test_the_same_photos_give_the_same_cameras(
+    found: tuple[CameraSet, list[Event]], room: Scene, tmp_path: Path
+) -> None:
+    again = estimate_cameras(room.photo_set, tmp_path, QUICK)
+    for a, b in zip(found[0].cameras, again.cameras, strict=True):
+        assert np.allclose(a.viewmat, b.viewmat, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_one_or_two_photos_are_refused_at_once(room: Scene, tmp_path: Path, count: int) -> None:
+    few = PhotoSet(room.photo_set.folder, room.photo_set.photos[:count], ())
+    with pytest.raises(CameraError, match=f"cannot be found from {count} photos?: at least 3 that overlap are needed"):
+        estimate_cameras(few, tmp_path, QUICK)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_photos_that_do_not_overlap_name_the_likely_causes(tmp_path: Path) -> None:
+    camera = room_cameras(1)[0]
+    (tmp_path / "photos").mkdir()
+    for seed in range(1, 4):
+        Image.fromarray(render(camera, seed)).save(tmp_path / "photos" / f"{seed}.png")
+    with pytest.raises(CameraError, match="overlap"):
+        estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", QUICK)
+
+
+def test_photos_without_texture_say_so(tmp_path: Path) -> None:
+    (tmp_path / "photos").mkdir()
+    for index in range(3):
+        ramp = np.linspace(60, 180 + index, 400)[None, :, None].repeat(300, 0).repeat(3, 2)
+        Image.fromarray(ramp.astype(np.uint8)).save(tmp_path / "photos" / f"{index}.png")
+    with pytest.raises(CameraError, match="too little texture or are blurred"):
+        estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", QUICK)
+
+
+def test_a_photo_of_another_place_is_listed_as_unregistered(room: Scene, tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    shutil.copytree(room.photo_set.folder, folder)
+    Image.fromarray(render(room.cameras[0], seed=5)).save(folder / "elsewhere.png")
+    camera_set = estimate_cameras(read_photos(folder), tmp_path / "sfm", QUICK)
+    assert camera_set.unregistered == ("elsewhere.png",)
+    assert len(camera_set.cameras) == 8
+
+
+def test_mixed_sizes_turns_and_lenses_each_get_their_own_camera(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    cameras = room_cameras(9)
+    make_scene(folder, cameras)
+    for index in (1, 4, 7):
+        # Another camera: a longer lens with fewer pixels, held upright and stored lying with an EXIF tag.
+        name = folder / cameras[index].photo
+        picture = Image.open(name).crop((80, 30, 320, 270)).resize((216, 216), Image.Resampling.LANCZOS)
+        exif = picture.getexif()
+        exif[0x0112] = 6
+        picture.transpose(Image.Transpose.ROTATE_90).save(name.with_suffix(".jpg"), exif=exif, quality=97)
+        name.unlink()
+    camera_set = estimate_cameras(read_photos(folder), tmp_path / "sfm", QUICK)
+    assert len(camera_set.cameras) >= 8
+    wide = {camera.params for camera in camera_set.cameras if camera.width == 400}
+    square = {camera.params for camera in camera_set.cameras if camera.width == 216}
+    assert len(wide) == len(square) == 1
+    assert next(iter(square))[0] == pytest.approx(380.0 * 0.9, rel=0.05)
+
+
+def test_cancel_stops_soon_and_the_next_run_continues(room: Scene, tmp_path: Path) -> None:
+    events: list[Event] = []
+
+    def stop() -> bool:
+        return any(isinstance(event, Progress) and "matched" in event.message for event in events)
+
+    with pytest.raises(Cancelled):
+        estimate_cameras(room.photo_set, tmp_path, QUICK, emit=events.append, should_stop=stop)
+    events.clear()
+    assert len(estimate_cameras(room.photo_set, tmp_path, QUICK, emit=events.append).cameras) == 8
+    # Features were kept: nothing is reported as being detected again.
+    assert not any("features in" in event.message for event in events if isinstance(event, Progress))
+
+
+def test_a_failing_listener_does_not_leave_colmap_running(room: Scene, tmp_path: Path) -> None:
+    def emit(event: Event) -> None:
+        if isinstance(event, Progress) and "placed" in event.message:
+            raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        estimate_cameras(room.photo_set, tmp_path, QUICK, emit=emit)
+    assert len(estimate_cameras(room.photo_set, tmp_path, QUICK).cameras) == 8
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
+@pytest.mark.parametrize("seconds", [0.15, 0.6, 1.2])
+def test_a_killed_run_is_continued(room: Scene, tmp_path: Path, seconds: float) -> None:
+    script = textwrap.dedent(
+        f"""
+        from pathlib import Path
+        from engine.cameras.settings import CameraSettings
+        from engine.cameras.sfm import estimate_cameras
+        from engine.photos.reading import read_photos
+        photos = read_photos(Path({str(room.photo_set.folder)!r}))
+        print("ready", flush=True)
+        estimate_cameras(photos, Path({str(tmp_path)!r}), CameraSettings(max_side=400, max_features=1000))
+        """
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, cwd=Path(__file__).resolve().parents[3]
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(seconds)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    assert len(estimate_cameras(room.photo_set, tmp_path, QUICK).cameras) == 8
+
+
+def test_other_photos_or_settings_start_afresh(room: Scene, tmp_path: Path) -> None:
+    fewer = PhotoSet(room.photo_set.folder, room.photo_set.photos[:4], ())
+    assert len(estimate_cameras(fewer, tmp_path, QUICK).cameras) == 4
+    other = PhotoSet(room.photo_set.folder, room.photo_set.photos[3:7], ())
+    assert [camera.photo for camera in estimate_cameras(other, tmp_path, QUICK).cameras] == [
+        photo.name for photo in other.photos
+    ]
+
+
+def test_settings_out_of_bounds_are_refused() -> None:
+    with pytest.raises(SettingsError, match="`CameraSettings.min_registered` must be at least 3, got 2"):
+        CameraSettings(min_registered=2)
+
+
+def test_colmap_writes_nothing_to_the_terminal(room: Scene, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    estimate_cameras(PhotoSet(room.photo_set.folder, room.photo_set.photos[:4], ()), tmp_path, QUICK)
+    captured = capfd.readouterr()
+    assert captured.out == ""
+    assert captured.err == ""
+
+
+@pytest.mark.slow
+@pytest.mark.data
+def test_all_photos_of_the_real_statue_are_placed(data_folder: Path, tmp_path: Path) -> None:
+    warnings: list[Event] = []
+    photo_set = read_photos(data_folder / "sakharov_statue32" / "photos")
+    camera_set = estimate_cameras(
+        photo_set, tmp_path, emit=lambda event: warnings.append(event) if isinstance(event, Warned) else None
+    )
+    assert len(camera_set.cameras) == 32
+    assert camera_set.reprojection_error < 0.5
+    assert len(camera_set.points) > 3000
+    assert warnings == []
+    # The statue was photographed standing: the pictures' upper edges point up.
+    ups = -np.array([camera.viewmat[1, :3] for camera in camera_set.cameras])
+    assert (ups[:, 2] > 0.9).all()
+
+
+@pytest.mark.slow
+def test_the_demo_room_is_placed(tmp_path: Path) -> None:
+    photos = Path(__file__).resolve().parents[3] / "demo" / "museum_room" / "photos"
+    if not photos.is_dir():
+        pytest.skip("the demo's photos are not in this checkout")
+    chosen = sorted(path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png"))[:8]
+    (tmp_path / "photos").mkdir()
+    for path in chosen:
+        shutil.copy(path, tmp_path / "photos")
+    camera_set = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm")
+    assert len(camera_set.cameras) == 8

@@ -1,0 +1,28 @@
+"""A photo list comes back from its file as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from engine.errors import FormatError
+from engine.photos.photo import Photo, PhotoSet, RejectedPhoto
+from engine.photos.storage import read_photo_set, write_photo_set
+
+
+def test_a_photo_set_survives_the_round_trip(tmp_path: Path) -> None:
+    photo_set = PhotoSet(
+        tmp_path / "Fotos ü",
+        (Photo("a b/ü.jpg", 4000, 3000, 3210.123456789, "ab" * 32), Photo("c.png", 1, 2, None, "0" * 64)),
+        (RejectedPhoto("d.jpg", "It is empty."),),
+    )
+    write_photo_set(tmp_path / "photos.json", photo_set)
+    assert read_photo_set(tmp_path / "photos.json") == photo_set
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"version": 1}', '{"version": 99}', "{"])
+def test_a_file_that_is_not_ours_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "photos.json").write_text(text)
+    with pytest.raises(FormatError, match="Run the photos stage again"):
+        read_photo_set(tmp_path / "photos.json")

@@ -1,0 +1,76 @@
+"""Where training starts: at the sparse points, and where a photo shows none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from engine.cameras.camera import CameraSet, PinholeCamera
+from engine.events import Event, Warned, ignore_events
+from engine.training.settings import PRESETS
+from engine.training.start import guess_uncovered, start_gaussians
+from engine.training.views import TrainingView
+
+from .conftest import Scene
+
+SETTINGS = replace(PRESETS["test"], max_gaussians=1000, background=0.2)
+
+
+def wall_with_a_hole() -> tuple[TrainingView, np.ndarray]:
+    """A photo, red right of the middle, of a wall at depth 3 that has sparse points left of the middle only."""
+    pixels = np.zeros((60, 80, 3), np.uint8)
+    pixels[:, 40:, 0] = 200
+    camera = PinholeCamera(np.eye(4), np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]]), 80, 60)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-1.7, 0, 60), np.linspace(-1.3, 1.3, 90)))
+    return TrainingView("a.jpg", camera, pixels, None, False), np.column_stack([x, y, np.full_like(x, 3.0)])
+
+
+def camera_set(points: np.ndarray) -> CameraSet:
+    colors = np.full((len(points), 3), 90, np.uint8)
+    return CameraSet((), (), points.astype(np.float32), colors, 0.5, np.eye(4), False)
+
+
+def test_guesses_fill_what_points_leave_out_behind_them_in_the_photos_colours() -> None:
+    view, points = wall_with_a_hole()
+    places, colors = guess_uncovered([view], points, 100, np.random.default_rng(0))
+    assert len(places) == 100
+    assert (places[:, 2] >= 4.5).all()
+    assert (places[:, 2] <= 90).all()
+    assert (places[:, 0] > 0).all()
+    assert np.array_equal(colors, np.tile([200.0, 0, 0], (100, 1)))
+
+
+def test_a_photo_full_of_points_gets_no_guesses_and_one_without_points_neither() -> None:
+    view, points = wall_with_a_hole()
+    everywhere = np.concatenate([points, points * (-1, 1, 1)])
+    assert len(guess_uncovered([view], everywhere, 100, np.random.default_rng(0))[0]) <= 3
+    assert len(guess_uncovered([view], points[:5], 100, np.random.default_rng(0))[0]) == 0
+
+
+def test_start_holds_points_and_guesses_within_the_budget() -> None:
+    view, points = wall_with_a_hole()
+    some = points[np.random.default_rng(1).choice(len(points), 600, replace=False)]
+    start = start_gaussians(camera_set(some), [view], SETTINGS, emit=ignore_events)
+    assert len(start) == 800
+    assert start.features is not None
+    assert np.array_equal(start.means[:600], some.astype(np.float32))
+    tight = start_gaussians(camera_set(some), [view], replace(SETTINGS, max_gaussians=500), emit=ignore_events)
+    assert len(tight) == 500
+
+
+def test_without_points_training_starts_at_random_in_view_of_the_training_photos(scene: Scene) -> None:
+    events: list[Event] = []
+    start = start_gaussians(camera_set(np.empty((0, 3))), scene.views, SETTINGS, emit=events.append)
+    assert len(start) == 1000
+    assert [type(event) for event in events] == [Warned]
+
+
+def test_held_out_photos_are_not_looked_at() -> None:
+    view, points = wall_with_a_hole()
+    spoiled = replace(view, photo="b.jpg", pixels=255 - view.pixels, held_out=True)
+    alone, both = (
+        start_gaussians(camera_set(points[::9]), views, SETTINGS, emit=ignore_events)
+        for views in ([view], [view, spoiled])
+    )
+    assert np.array_equal(alone.sh, both.sh)
