@@ -1,3 +1,3 @@
-"""Grounding: a photo and a prompt in words come in, boxes with scores go out, or the news that the prompt is not known."""
+"""Grounding: a photo and words come in, boxes with scores go out, or the news that the words are not known."""
 
 __all__: list[str] = []

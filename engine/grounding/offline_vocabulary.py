@@ -76,9 +76,7 @@ class OfflineVocabulary:
         """
         return self._vocabulary.check(prompt)
 
-    def detect(
-        self, pixels: Pixels, prompt: str, *, labels: NDArray[np.int32] | None = None
-    ) -> list[Detection]:
+    def detect(self, pixels: Pixels, prompt: str, *, labels: NDArray[np.int32] | None = None) -> list[Detection]:
         """Return what was found, best first; see `Detector.detect`.
 
         Notes
@@ -138,9 +136,7 @@ class OfflineVocabulary:
             raise PromptError(self._vocabulary.check(prompt).message)
         return weights
 
-    def _among_segments(
-        self, pixels: Pixels, labels: NDArray[np.int32], weights: dict[int, float]
-    ) -> list[Detection]:
+    def _among_segments(self, pixels: Pixels, labels: NDArray[np.int32], weights: dict[int, float]) -> list[Detection]:
         height, width = pixels.shape[:2]
         if labels.shape != (height, width):
             labels = cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST)
@@ -154,9 +150,7 @@ class OfflineVocabulary:
             found.append(Detection(box, _score(_meant(row, weights)), self._vocabulary.name(best), int(number)))
         return found
 
-    def _classify(
-        self, pixels: Pixels, boxes: list[Box], masks: Sequence[NDArray[np.bool_]] | None
-    ) -> Float32:
+    def _classify(self, pixels: Pixels, boxes: list[Box], masks: Sequence[NDArray[np.bool_]] | None) -> Float32:
         """Class probabilities of each crop, shape [n, 1000]."""
         if not boxes:
             return np.zeros((0, 1000), np.float32)

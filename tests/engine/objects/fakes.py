@@ -51,6 +51,7 @@ class FakeDetection:
     box: np.ndarray
     score: float
     label: str
+    region: int | None = None
 
 
 @dataclass(frozen=True)
@@ -70,14 +71,15 @@ class FakeDetector:
         known = prompt in {*PART_NAMES.values(), "ghost"}
         return FakeCheck(known, [("red ball", 0.4), ("blue ball", 0.3)], "" if known else f"{prompt!r} is not known.")
 
-    def detect(self, pixels: np.ndarray, prompt: str) -> list[FakeDetection]:
+    def detect(self, pixels: np.ndarray, prompt: str, *, labels: np.ndarray | None = None) -> list[FakeDetection]:
         photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
         found = []
         for part, name in PART_NAMES.items():
             mask = self.scene.labels[photo] == part
             mistaken = photo in self.wrong and name != prompt and prompt != "ghost"
             if mask.sum() > 30 and (name == prompt or mistaken):
-                found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.7, name))
+                region = None if labels is None else int(np.bincount(labels[mask]).argmax())
+                found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.7, name, region))
         return found
 
 

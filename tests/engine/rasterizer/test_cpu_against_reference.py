@@ -57,7 +57,7 @@ def test_odd_picture_sizes_agree(width: int, height: int) -> None:
 
 @pytest.mark.parametrize("opacity", [0.02, 0.5])
 def test_hundreds_of_gaussians_over_each_pixel_agree_with_64_channels(opacity: float) -> None:
-    """Longer lists than one batch of the kernels, with pixels that finish in the middle of it and ones that never do."""
+    """Longer lists than one batch of the kernels, with pixels that finish in the middle and ones that never do."""
     scene = random_scene(300, n_features=61, size=0.8)
     scene.opacities[:] = opacity
     assert_agree(scene, camera(20, 19))

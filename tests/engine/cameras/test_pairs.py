@@ -1,0 +1,59 @@
+"""A quick look keeps the pairs of photos that show the same things."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from engine.cameras.pairs import all_pairs, largest_descriptors, promising_pairs
+from engine.errors import Cancelled
+
+
+def around(count: int, *, seen: int = 80, step: int = 20) -> list[NDArray[np.float32]]:
+    """Descriptors of photos around an object: each sees `seen` of the features on a ring, moved on by `step`."""
+    rng = np.random.default_rng(0)
+    ring = rng.uniform(0, 1, (count * step, 128))
+    photos = []
+    for index in range(count):
+        chosen = ring[(np.arange(seen) + index * step) % len(ring)] + rng.normal(0, 0.01, (seen, 128))
+        photos.append((chosen / np.linalg.norm(chosen, axis=1, keepdims=True)).astype(np.float32))
+    return photos
+
+
+def test_photos_that_overlap_are_paired_and_far_ones_are_not() -> None:
+    pairs = promising_pairs(around(40), neighbours=2, report=lambda done: None, should_stop=lambda: False)
+    assert all(i < j for i, j in pairs)
+    apart = [min(j - i, 40 - (j - i)) for i, j in pairs]
+    assert {(i, (i + 2) % 40) for i in range(38)} <= set(pairs)
+    assert max(apart) <= 4
+    assert len(pairs) < len(all_pairs(40)) / 4
+
+
+def test_photos_without_features_still_get_their_successors() -> None:
+    photos = around(6)
+    photos[3] = np.zeros((0, 128), np.float32)
+    pairs = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
+    assert {(3, 4), (3, 5), (2, 3)} <= set(pairs)
+
+
+def test_progress_reaches_one_and_cancel_is_asked() -> None:
+    reported: list[float] = []
+    promising_pairs(around(5), neighbours=2, report=reported.append, should_stop=lambda: False)
+    assert reported == sorted(reported)
+    assert reported[-1] == 1.0
+    with pytest.raises(Cancelled):
+        promising_pairs(around(5), neighbours=2, report=lambda done: None, should_stop=lambda: True)
+
+
+def test_the_largest_features_are_taken() -> None:
+    scales = np.arange(1000, dtype=np.float32)
+    descriptors = np.zeros((1000, 128), np.uint8)
+    descriptors[:, 0] = 200
+    descriptors[990:, 1] = 200
+    chosen = largest_descriptors(scales, descriptors, photos=20)
+    assert chosen.shape == (600, 128)
+    assert np.allclose(np.linalg.norm(chosen, axis=1), 1.0)
+    assert (chosen[:10, 1] > 0).all()
+    assert (chosen[10:, 1] == 0).all()
+    assert largest_descriptors(scales, descriptors, photos=200).shape == (300, 128)

