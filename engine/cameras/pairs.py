@@ -61,6 +61,9 @@ def promising_pairs(
         From `largest_descriptors`, one per photo, in the order of their names.
     neighbours : int
         Partners each photo gets at least, by number of quick matches.
+    report : callable
+        Gets the part that is done, 0 to 1.
+    should_stop : StopCheck
 
     Notes
     -----

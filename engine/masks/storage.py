@@ -77,7 +77,8 @@ def read_recipe(path: Path) -> str | None:
 
 def _read(path: Path, *, wanted: str) -> tuple[NDArray[np.int32], dict[str, object]]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here, not by np.load, which leaves the file open when it is no zip.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             header = json.loads(str(archive["header"]))
             if header["version"] != _VERSION:
                 raise MaskError(f"{path} was written by another version of Gaussian Heritage. Delete it and run again.")

@@ -192,7 +192,8 @@ def test_a_killed_run_is_continued(room: Scene, tmp_path: Path, seconds: float) 
         from engine.photos.reading import read_photos
         photos = read_photos(Path({str(room.photo_set.folder)!r}))
         print("ready", flush=True)
-        estimate_cameras(photos, Path({str(tmp_path)!r}), CameraSettings(max_side=400, max_features=1000, first_octave=0))
+        settings = CameraSettings(max_side=400, max_features=1000, first_octave=0)
+        estimate_cameras(photos, Path({str(tmp_path)!r}), settings)
         """
     )
     process = subprocess.Popen(
