@@ -5,15 +5,20 @@ Arguments: extension zip, photo folder, folder for the results, prompts separate
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
 
 MODULE = "bl_ext.user_default.gaussian_heritage"
+
+_PICTURE_SIDE = 640
+"""Pixels. Cycles without a GPU takes minutes for more: hundreds of Gaussians lie behind each pixel."""
 
 
 def main() -> int:
@@ -60,9 +65,26 @@ def _export(folder: Path) -> list[Path]:
 
 def _render(picture: Path) -> None:
     scene = bpy.context.scene
+    first = min(obj.name for obj in scene.objects if obj.type == "CAMERA")
+    bpy.ops.heritage.look_through_photo(photo=first, longest_side=_PICTURE_SIDE)
     scene.render.filepath = str(picture)
-    scene.render.resolution_percentage = 100
-    bpy.ops.render.render(write_still=True)
+    print("Rendering a picture with Cycles ...", flush=True)
+    with _quiet():
+        bpy.ops.render.render(write_still=True)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Cycles' hundreds of lines, which it writes past Python, off the screen."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from ..pictures.scene import normalized
 
@@ -128,11 +128,13 @@ def inside_hull(corners: Float32, points: Float32) -> Mask:
     if len(corners) < 4:
         return inside
     try:
-        rim = corners[ConvexHull(corners.astype(np.float64)).vertices].astype(np.float64)
-        hull = Delaunay(rim)
+        hull = ConvexHull(corners.astype(np.float64))
     except QhullError:
         log.info("The %d Gaussians found lie on one plane; there is no hull to fill.", len(corners))
         return inside
-    near = ((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1)
-    inside[near] = hull.find_simplex(points[near].astype(np.float64)) >= 0
+    near = np.flatnonzero(((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1))
+    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    # In pieces: a hull may have thousands of faces and a scene a million Gaussians.
+    for piece in np.array_split(near, max(1, len(near) // 4096)):
+        inside[piece] = (points[piece].astype(np.float64) @ normals.T + offsets <= 0).all(axis=1)
     return inside

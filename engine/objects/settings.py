@@ -59,15 +59,15 @@ class SegmentSettings:
     photo_side: int = 1024
     render_side: int = 480
     erode_pixels: int = 2
-    parts: int = 1
+    parts: int = 6
     part_purity: float = 0.6
-    refinement: Literal["none", "votes"] = "none"
+    refinement: Literal["none", "votes"] = "votes"
     n_vote_views: int = 24
     vote_rounds: int = 2
-    completion: Literal["none", "hull", "guarded"] = "hull"
+    completion: Literal["none", "hull", "guarded"] = "guarded"
     outlier_iqr: float | None = 1.0
     same_object: float = 0.4
-    relative_score: float = 0.5
+    relative_score: float = 0.6
     max_objects: int = 8
 
     def __post_init__(self) -> None:
@@ -88,11 +88,11 @@ class SegmentSettings:
         require(self, "max_objects", self.max_objects >= 1, "at least 1")
 
 
-PAPER = SegmentSettings()
-"""Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
-
-BETTER = replace(PAPER, parts=6, refinement="votes", completion="guarded")
+BETTER = SegmentSettings()
 """All parts that a mask shows; masks of up to 24 views vote on every Gaussian; only what no view sees is filled in."""
 
+PAPER = replace(BETTER, parts=1, refinement="none", completion="hull")
+"""Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
+
 PRESETS = {"paper": PAPER, "better": BETTER}
-DEFAULT_PRESET = "paper"
+DEFAULT_PRESET = "better"

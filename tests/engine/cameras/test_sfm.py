@@ -257,3 +257,14 @@ def test_the_demo_room_is_placed(tmp_path: Path) -> None:
         shutil.copy(path, tmp_path / "photos")
     camera_set = estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm")
     assert len(camera_set.cameras) == 8
+
+
+@pytest.mark.slow
+@pytest.mark.data
+def test_photos_with_an_exif_focal_length_are_placed(data_folder: Path, tmp_path: Path) -> None:
+    photo_set = read_photos(data_folder / "banana16" / "photos")
+    assert photo_set.photos[0].focal_px is not None
+    camera_set = estimate_cameras(photo_set, tmp_path)
+    assert len(camera_set.cameras) == 16
+    # The lens that was found is near what EXIF says.
+    assert camera_set.cameras[0].params[0] == pytest.approx(photo_set.photos[0].focal_px, rel=0.1)

@@ -78,9 +78,7 @@ def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW, stop_after:
     return events
 
 
-def test_second_run_makes_nothing_and_a_changed_photo_or_setting_is_made_anew(
-    folder: Path
-) -> None:
+def test_second_run_makes_nothing_and_a_changed_photo_or_setting_is_made_anew(folder: Path) -> None:
     counting = _Counting()
     events = _run(folder, counting)
     assert counting.encoded == 2

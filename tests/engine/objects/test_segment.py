@@ -18,7 +18,7 @@ from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_pr
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene, make_scene
 
 SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
-SMALL_BETTER = replace(SMALL, refinement=BETTER.refinement, completion=BETTER.completion)
+SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1)
 
 
 def not_needed() -> object:
@@ -91,6 +91,13 @@ def test_text_gives_each_of_two_equal_objects(find, blobs: BlobScene) -> None:
     assert all(overlap(f, blobs, part) > 0.95 for f, part in zip(found, best, strict=True))
 
 
+def test_text_uses_segments_that_are_there_instead_of_sam(find, blobs: BlobScene) -> None:
+    maps = {photo: blobs.labels[photo] for photo in ("view_1.png", "view_4.png", "view_6.png")}
+    (found,) = find(TextPrompt("blue ball"), label_maps=maps, sam_factory=not_needed)
+    assert overlap(found, blobs, BLUE) > 0.95
+    assert {seed.view.camera.photo for seed in found.seeds} <= set(maps)
+
+
 def test_one_loud_mistake_loses_against_views_that_agree(find, blobs: BlobScene) -> None:
     found = find(TextPrompt("blue ball"), detector_factory=lambda: FakeDetector(blobs, wrong=("view_3.png",)))
     assert len(found) == 1 and overlap(found[0], blobs, BLUE) > 0.95
@@ -114,6 +121,18 @@ def test_votes_clean_what_noisy_features_leave(find, blobs: BlobScene) -> None:
     prompt = ClickPrompt("view_1.png", x, y)
     (paper,), (better,) = find(prompt, scene=scene), find(prompt, scene=scene, settings=SMALL_BETTER)
     assert overlap(better, scene, BLUE) > overlap(paper, scene, BLUE)
+
+
+def test_object_of_two_materials_is_found_whole_from_its_mask(find, blobs: BlobScene, tmp_path: Path) -> None:
+    features = blobs.gaussians.features.copy()
+    upper = (blobs.part == BLUE) & (blobs.gaussians.means[:, 2] > 0)
+    features[upper] = np.roll(features[upper], 1, axis=1)
+    scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
+    mask = tmp_path / "mask.png"
+    Image.fromarray(((blobs.labels["view_4.png"] == BLUE) * 255).astype(np.uint8)).save(mask)
+    prompt = MaskPrompt("view_4.png", mask)
+    (paper,), (better,) = find(prompt, scene=scene), find(prompt, scene=scene, settings=SMALL_BETTER)
+    assert overlap(better, scene, BLUE) > 0.9 > overlap(paper, scene, BLUE)
 
 
 def test_membership_is_in_0_to_1_and_tightens_monotonically(find, blobs: BlobScene) -> None:

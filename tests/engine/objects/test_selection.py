@@ -55,6 +55,15 @@ def test_hull_fills_the_inside_only() -> None:
     assert inside_hull(corners, points).tolist() == [True, True, False]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_hull_agrees_with_scipys_search_in_its_tetrahedra(seed: int) -> None:
+    from scipy.spatial import Delaunay
+
+    rng = np.random.default_rng(seed)
+    corners, points = rng.normal(size=(60, 3)).astype(np.float32), rng.normal(size=(2000, 3)).astype(np.float32)
+    np.testing.assert_array_equal(inside_hull(corners, points), Delaunay(corners).find_simplex(points) >= 0)
+
+
 def test_flat_and_tiny_objects_have_no_hull() -> None:
     flat = np.random.default_rng(4).uniform(-1, 1, (50, 3)).astype(np.float32)
     flat[:, 2] = 0.5

@@ -71,9 +71,8 @@ def test_relocating_dead_gaussians_leaves_the_picture_as_it_was(scene: Scene) ->
     after = picture(parameters, scene)
     assert len(parameters) == len(scene.truth)
     assert (parameters.values["opacity_logits"].sigmoid() > 0.005).all()
-    # Equal to first order only: 0.35/255 measured, 46 % of the relocated being copies of opaque Gaussians.
-    assert (after - before).abs().mean() < 1.5 / 255
-    # Without the correction of opacity and scale it is several times that.
+    # Equal in the mean over a Gaussian only: 0.16/255 measured; 0.64/255 without the correction.
+    assert (after - before).abs().mean() < 0.3 / 255
     assert (after - before).abs().mean() < 0.5 * _change_without_correction(scene)
 
 
@@ -92,7 +91,8 @@ def test_growing_copies_leaves_the_picture_as_it_was_and_forgets_moments(scene: 
     before = picture(parameters, scene)
     grow(parameters, 35, generator=generator())
     assert len(parameters) == len(scene.truth) + 35
-    assert (picture(parameters, scene) - before).abs().mean() < 1.0 / 255
+    # 0.11/255 measured.
+    assert (picture(parameters, scene) - before).abs().mean() < 0.25 / 255
     for moments in parameters.moments.values():
         assert not moments.mean[-35:].any()
         assert int((moments.mean.reshape(len(parameters), -1) == 0).all(dim=1).sum()) > 35
@@ -107,7 +107,8 @@ def test_splitting_leaves_the_picture_nearly_as_it_was(scene: Scene) -> None:
     moved = grow_where_wrong(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
     assert moved == 10
     assert len(parameters) == len(scene.truth) + 25
-    assert (picture(parameters, scene) - before).abs().mean() < 1.0 / 255
+    # 0.11/255 measured.
+    assert (picture(parameters, scene) - before).abs().mean() < 0.25 / 255
 
 
 def test_gaussians_in_wrong_pixels_get_the_votes(scene: Scene) -> None:
