@@ -26,6 +26,7 @@ from .training.settings import PRESETS, TrainingSettings
 
 __all__ = ["STAGES", "PipelineSettings", "reconstruct"]
 
+_PROMPTED = "objects_by_prompt"
 STAGES = ("photos", "cameras", "masks", "training", "objects", "report")
 
 
@@ -289,6 +290,7 @@ def _set_old_objects_aside(run: _Run) -> None:
     while (aside := run.project.path / f"objects-of-earlier-training-{number}").exists():
         number += 1
     objects.rename(aside)
+    run.project.put(_PROMPTED, None)
     run.project.forget_stages(["objects"])
     run.emit(
         Warned(f"The scene is trained anew; objects isolated before were moved to {aside.name}. Isolate them again.")
@@ -299,6 +301,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
     if not settings.prompts:
         return
     training = run.project.stage_record("training")
+    key = stage_key(training and training["key"], settings.prompts, to_dict(settings.segment))
 
     def work() -> dict[str, Any]:
         from .errors import PromptError
@@ -307,9 +310,11 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
         from .objects.prompts import TextPrompt
         from .objects.segment import segment_project
 
-        found: dict[str, list[str]] = {}
+        found = _found_before(run, key)
         refused: dict[str, str] = {}
         for prompt in settings.prompts:
+            if prompt in found:
+                continue
             try:
                 records = segment_project(
                     run.project,
@@ -321,15 +326,30 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     emit=run.emit,
                     should_stop=run.should_stop,
                 )
-                found[prompt] = [record.id for record in records]
             except PromptError as error:
                 # One prompt that finds nothing must not cost the person the others.
                 refused[prompt] = str(error)
                 run.emit(Warned(str(error)))
+                continue
+            found[prompt] = [record.id for record in records]
+            run.project.put(_PROMPTED, {"key": key, "found": found})
         return {"found": found, "refused": refused}
 
-    key = stage_key(training and training["key"], settings.prompts, to_dict(settings.segment))
     run.stage("objects", key, work)
+
+
+def _found_before(run: _Run, key: str) -> dict[str, list[str]]:
+    """Return what a killed run of this very stage found; what this stage made for other settings is removed."""
+    from .objects.storage import delete_object, list_objects
+
+    before = run.project.get(_PROMPTED) or {"key": key, "found": {}}
+    found: dict[str, list[str]] = before["found"]
+    if before["key"] == key:
+        return found
+    there = {record.id for record in list_objects(run.project.path)}
+    for object_id in [one for ids in found.values() for one in ids if one in there]:
+        delete_object(run.project.path, object_id)
+    return {}
 
 
 def _report(run: _Run) -> None:

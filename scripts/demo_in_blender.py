@@ -65,8 +65,7 @@ def _export(folder: Path) -> list[Path]:
 
 def _render(picture: Path) -> None:
     scene = bpy.context.scene
-    first = min(obj.name for obj in scene.objects if obj.type == "CAMERA")
-    bpy.ops.heritage.look_through_photo(photo=first, longest_side=_PICTURE_SIDE)
+    bpy.ops.heritage.look_through_photo(longest_side=_PICTURE_SIDE)
     scene.render.filepath = str(picture)
     print("Rendering a picture with Cycles ...", flush=True)
     with _quiet():
