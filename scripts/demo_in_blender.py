@@ -17,7 +17,7 @@ import bpy
 
 MODULE = "bl_ext.user_default.gaussian_heritage"
 
-_PICTURE_SIDE = 640
+_PICTURE_SIDE = 480
 """Pixels. Cycles without a GPU takes minutes for more: hundreds of Gaussians lie behind each pixel."""
 
 
