@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import signal
 import subprocess
@@ -24,7 +25,10 @@ from ..engine.project_folder import write_json
 
 __all__ = ["Job", "JobState"]
 
+_LOG = logging.getLogger(__name__)
 _JOB, _EVENTS, _ERRORS = "job.json", "events.jsonl", "errors.txt"
+_TELL_EVERY = 15.0
+"""Seconds between two lines of the log about a stage at work."""
 
 
 @dataclass
@@ -67,6 +71,11 @@ class JobState:
     error: str = ""
     finished: bool = False
     outputs: dict[str, Any] = field(default_factory=dict)
+
+    def line(self) -> str:
+        """Return the stage, how far it is and what is left of it, for a person."""
+        left = "" if self.seconds_left is None else f", {_in_words(self.seconds_left)} left"
+        return f"{self.stage} {self.fraction:.0%}{left}"
 
     def take(self, event: events.Event) -> None:
         """Bring the state up to date with `event`."""
@@ -203,8 +212,13 @@ class Job:
             self._kill_at = time.monotonic() + patience
 
     def wait(self, interval: float = 0.05) -> JobState:
-        """Poll until the job ended; for background use only."""
+        """Poll until the job ended, logging each stage and how far it is; for background use only."""
+        stage, told_at = "", 0.0
         while self.poll().running:
+            state = self._state
+            if state.stage and (state.stage != stage or time.monotonic() - told_at > _TELL_EVERY):
+                stage, told_at = state.stage, time.monotonic()
+                _LOG.info("%s", state.line())
             time.sleep(interval)
         return self._state
 
@@ -244,6 +258,10 @@ class Job:
             else:
                 # The whole group: a stage may have started helpers of its own.
                 os.killpg(self._pid, signal.SIGKILL if kill else signal.SIGINT)
+
+
+def _in_words(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 def _command_of(pid: int, command: Sequence[str]) -> bool:

@@ -60,9 +60,8 @@ class HERITAGE_PT_scene(_HeritagePanel, bpy.types.Panel):
 
 def _draw_job(box: bpy.types.UILayout, subject: str, state: JobState) -> None:
     if state.running:
-        left = "" if state.seconds_left is None else f", {_in_words(state.seconds_left)} left"
         box.label(text=state.message or subject)
-        box.progress(factor=state.fraction, text=f"{state.stage} {state.fraction:.0%}{left}")
+        box.progress(factor=state.fraction, text=state.line())
         for name, value in state.metrics.items():
             box.label(text=f"{name}: {value:.4g}")
         box.operator("heritage.cancel_job", icon="CANCEL")
@@ -72,10 +71,6 @@ def _draw_job(box: bpy.types.UILayout, subject: str, state: JobState) -> None:
         box.label(text=state.message or "Done.", icon="CHECKMARK")
     for warning in state.warnings[-3:]:
         box.label(text=warning, icon="INFO")
-
-
-def _in_words(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 class HERITAGE_PT_objects(_HeritagePanel, bpy.types.Panel):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import sys
 import time
@@ -24,6 +25,7 @@ _PICTURE_SIDE = 480
 def main() -> int:
     """Photos in; .blend with collections, PLY, GLB, picture and report out."""
     zip_file, photos, out, prompts, preset = sys.argv[1:6]
+    logging.basicConfig(level=logging.INFO, format="  %(message)s", stream=sys.stdout)
     folder = Path(out)
     project = folder / "project"
     started = time.monotonic()
