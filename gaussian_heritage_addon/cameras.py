@@ -11,12 +11,14 @@ from mathutils import Matrix
 from ..engine.cameras.camera import Camera
 from ..engine.errors import ObjectError
 from .properties import heritage_objects
-from .splat_nodes import PIXEL, set_display_input
+from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
 
 __all__ = ["PHOTO_KEY", "add_cameras", "look_through"]
 
 PHOTO_KEY = "heritage_photo"
 _SENSOR = 36.0
+_MARGIN = 0.15
+"""Of the picture's size around it, where the engine still linearises (`JACOBIAN_MARGIN`)."""
 
 
 def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> None:
@@ -78,5 +80,11 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0) -> N
     # Blender wants both aspects to be at least 1.
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
     lens = found[0].data
+    across = lens.sensor_width / lens.lens
+    reach = 0.5 + _MARGIN
+    reach_x, reach_y = reach * across, reach * across * aspect * height / width
+    middle_x, middle_y = lens.shift_x * across, lens.shift_y * across
     for obj in heritage_objects(scene):
-        set_display_input(obj, PIXEL, lens.sensor_width / lens.lens / render.resolution_x)
+        set_display_input(obj, PIXEL, across / render.resolution_x)
+        set_display_input(obj, VIEW_LOW, (middle_x - reach_x, middle_y - reach_y, 0.0))
+        set_display_input(obj, VIEW_HIGH, (middle_x + reach_x, middle_y + reach_y, 0.0))

@@ -8,15 +8,16 @@ import bpy
 
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, separate_xyz, vector
 from .splat_material import COLOR_ATTRIBUTE
-from .splat_shapes import Cut, add_cards, add_ellipsoids
+from .splat_shapes import Cut, View, add_cards, add_ellipsoids
 
-__all__ = ["DISPLAY", "AS_TRAINED", "PIXEL", "THRESHOLD", "add_display", "set_display_input"]
+__all__ = ["DISPLAY", "AS_TRAINED", "PIXEL", "THRESHOLD", "VIEW_HIGH", "VIEW_LOW", "add_display", "set_display_input"]
 
 DISPLAY = "Gaussian Splats"
 """Name of the modifier."""
 THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
 PIXEL = "Pixel Size"
+VIEW_LOW, VIEW_HIGH = "View Low", "View High"
 _SH_C0 = 0.28209479177387814
 
 
@@ -26,7 +27,7 @@ def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
     modifier.node_group = _display_group(sh_degree)
 
 
-def set_display_input(obj: bpy.types.Object, name: str, value: float | bool) -> None:
+def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
     """Set an input of the display modifier of `obj`; nothing when the person removed it."""
     modifier = obj.modifiers.get(DISPLAY)
     if modifier is None or modifier.node_group is None:
@@ -54,6 +55,10 @@ def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     trained.description = "Blend sRGB values, as the scene was trained; needs the view transform Raw"
     pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type="NodeSocketFloat")
     pixel.description = "Of a pixel at distance 1: renders are widened by as much as in training; 0 for not at all"
+    for bound, sign in ((VIEW_LOW, -1.0), (VIEW_HIGH, 1.0)):
+        socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type="NodeSocketVector")
+        socket.description = "Right and up over depth: Gaussians beyond are shaped as if there; the picture's border"
+        socket.default_value = (sign, sign, 0.0)
     _build(tree, sh_degree)
     return tree
 
@@ -87,12 +92,14 @@ def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
         drawn=belongs * (opacity > 1.0 / 255.0),
         radius=((opacity * 255.0).maximum(1.0).log() * 2.0).sqrt(),
     )
+    low, high = (separate_xyz(tree, given[bound]) for bound in (VIEW_LOW, VIEW_HIGH))
+    view = View(Formula(tree, given[PIXEL]), low, high)
     by_purpose = new_node(
         tree,
         "GeometryNodeSwitch",
         {"input_type": "GEOMETRY"},
         Switch=tree.nodes.new("GeometryNodeIsViewport").outputs[0],
-        **{"True": add_ellipsoids(tree, cut), "False": add_cards(tree, cut, Formula(tree, given[PIXEL]))},
+        **{"True": add_ellipsoids(tree, cut), "False": add_cards(tree, cut, view)},
     )
     output = tree.nodes.new("NodeGroupOutput")
     tree.links.new(by_purpose.outputs[0], output.inputs["Geometry"])

@@ -7,6 +7,7 @@ Gaussian's centre, so that they are sorted by depth of their centres too.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ import bpy
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, vector
 from .splat_material import splat_material
 
-__all__ = ["Cut", "add_cards", "add_ellipsoids"]
+__all__ = ["Cut", "View", "add_cards", "add_ellipsoids"]
 
 _ICOSAHEDRON_RADIUS = 1.2584086
 """Of the corners when the faces touch the unit sphere: the ellipsoid lies inside."""
@@ -44,6 +45,23 @@ class Cut:
     radius: Formula
 
 
+@dataclass(frozen=True)
+class View:
+    """What the cards need of the camera besides its pose.
+
+    Attributes
+    ----------
+    pixel : Formula
+        Size of a pixel at distance 1, for the engine's low-pass; 0 for none.
+    low, high : sequence of Formula
+        Bounds of X/Z and Y/Z (right and up over depth) where the projection is linearised.
+    """
+
+    pixel: Formula
+    low: Sequence[Formula]
+    high: Sequence[Formula]
+
+
 def add_ellipsoids(tree: bpy.types.NodeTree, cut: Cut) -> Any:
     """Return instances of an icosahedron around each Gaussian's cut-off."""
     shape = new_node(tree, "GeometryNodeMeshIcoSphere", Radius=_ICOSAHEDRON_RADIUS, Subdivisions=1)
@@ -60,20 +78,21 @@ def add_ellipsoids(tree: bpy.types.NodeTree, cut: Cut) -> Any:
     return instances.outputs["Instances"]
 
 
-def add_cards(tree: bpy.types.NodeTree, cut: Cut, pixel: Formula) -> Any:
+def add_cards(tree: bpy.types.NodeTree, cut: Cut, view: View) -> Any:
     """Return instances of a square that holds each Gaussian's ellipse as the active camera sees it.
 
     Parameters
     ----------
     tree : NodeTree
     cut : Cut
-    pixel : Formula
-        Size of a pixel at distance 1, for the engine's low-pass; 0 for none.
+    view : View
 
     Notes
     -----
     With A = R S the ellipsoid's axes in camera coordinates and (X, Y, Z) its centre, the ellipse at depth Z has the
     covariance ``T A (T A)^T``, ``T = [[1, 0, -X/Z], [0, 1, -Y/Z]]``. The columns of its Cholesky factor span the card.
+    X/Z and Y/Z in T are held within the bounds of the view: beside the camera they would grow beyond all measure, and
+    its card would cover the picture.
     """
     right, up, forward, origin = _camera_axes(tree)
     center = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
@@ -83,8 +102,9 @@ def add_cards(tree: bpy.types.NodeTree, cut: Cut, pixel: Formula) -> Any:
         return Formula(tree, vector(tree, "DOT_PRODUCT", axis, other, output="Value"))
 
     depth = along(forward, offset)
-    slope_x, slope_y = along(right, offset) / depth, along(up, offset) / depth
-    low_pass = pixel * pixel * depth * depth * _LOW_PASS
+    slope_x = (along(right, offset) / depth).maximum(view.low[0]).minimum(view.high[0])
+    slope_y = (along(up, offset) / depth).maximum(view.low[1]).minimum(view.high[1])
+    low_pass = view.pixel * view.pixel * depth * depth * _LOW_PASS
     xx, xy, yy = low_pass, Formula(tree, 0.0), low_pass
     for own_axis in _own_axes(tree):
         away = along(forward, own_axis)
