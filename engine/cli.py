@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 import signal
-import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .commands import COMMANDS
-from .errors import Cancelled, EnvironmentProblem, HeritageError
+from .doctor import missing_package
+from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError
 from .events import Emit, ErrorEvent, StopCheck
 from .terminal import EventOutput
 
@@ -72,13 +74,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _StopOnSignal:
-    """Becomes true on the first Ctrl-C or terminate signal; the second one stops at once."""
+    """Becomes true on the first Ctrl-C, Ctrl-Break or terminate signal; the second one stops at once."""
+
+    # Blender's Cancel sends Ctrl-Break on Windows, where SIGBREAK exists.
+    _NAMES = ("SIGINT", "SIGTERM", "SIGBREAK")
 
     def __init__(self) -> None:
         self._asked = False
 
     def __enter__(self) -> _StopOnSignal:
-        self._before = {number: signal.signal(number, self._ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [getattr(signal, name) for name in self._NAMES if hasattr(signal, name)]
+        self._before = {number: signal.signal(number, self._ask) for number in numbers}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -92,16 +98,18 @@ class _StopOnSignal:
         if self._asked:
             raise KeyboardInterrupt
         self._asked = True
-        print("Stopping at the next safe point (once more: at once) ...", file=sys.stderr)
+        # Not print: the signal may come while something is being printed, which Python does not allow to nest.
+        with contextlib.suppress(OSError):
+            os.write(2, b"Stopping at the next safe point (once more: at once) ...\n")
 
 
 def _as_ours(error: Exception, project: Path | None) -> HeritageError:
     """Return a sentence for an error no room foresaw."""
     if isinstance(error, ModuleNotFoundError):
-        return EnvironmentProblem(
-            f"This Python ({sys.executable}) has no package {error.name!r}. "
-            "Run `make setup` and use .venv/engine, or install the engine's requirements."
-        )
+        return missing_package(error.name)
+    if isinstance(error, OSError) and error.strerror:
+        which = error.filename or project or "A file"
+        return DiskError(f"{which} cannot be used: {error.strerror}. Check the disk and permissions, then run again.")
     if isinstance(error, MemoryError):
         return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
     where = f" Details are in {project / 'log.jsonl'}." if project and (project / "log.jsonl").exists() else ""

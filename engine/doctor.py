@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import HeritageError
+from .errors import EnvironmentProblem, HeritageError
 
-__all__ = ["Check", "examine"]
+__all__ = ["Check", "examine", "missing_package"]
 
 _REQUIRED_PACKAGES = {
     "numpy": "numpy",
@@ -51,6 +51,14 @@ class Check:
     ok: bool
     required: bool
     detail: str
+
+
+def missing_package(name: str | None) -> EnvironmentProblem:
+    """Return the sentence for a package that this Python does not have."""
+    return EnvironmentProblem(
+        f"This Python ({sys.executable}) has no package {name!r}. "
+        "Run `make setup` and use .venv/engine, or install the engine's requirements."
+    )
 
 
 def examine() -> list[Check]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from . import __version__
 from .cameras.camera import CameraSet
 from .cameras.settings import CameraSettings
 from .errors import Cancelled, ProjectError
-from .events import Emit, StageFinished, StageStarted, StopCheck, Warned
+from .events import Emit, Event, Progress, StageFinished, StageStarted, StopCheck, Warned
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
 from .photos.photo import PhotoSet
@@ -61,13 +61,13 @@ class _Run:
     emit: Emit
     should_stop: StopCheck
 
-    def stage(self, name: str, key: str, work: Callable[[], dict[str, Any]]) -> None:
-        """Run `work` unless the stage is done with this `key`; store its figures with its cost."""
+    def stage(self, name: str, key: str, work: Callable[[], dict[str, Any]], leaves: Iterable[Path] = ()) -> None:
+        """Run `work` unless the stage is done with this `key` and what it `leaves` is there; store figures and cost."""
         if self.should_stop():
             raise Cancelled(f"Stopped before the stage {name!r}. Run the same command again to continue.")
         self.emit(StageStarted(name))
         wall, cpu = time.perf_counter(), _cpu_seconds()
-        reused = self.project.stage_is_done(name, key)
+        reused = self.project.stage_is_done(name, key) and all(path.is_file() for path in leaves)
         if not reused:
             figures = work()
             self.project.finish_stage(
@@ -78,6 +78,10 @@ class _Run:
                 figures=figures,
             )
         self.emit(StageFinished(name, time.perf_counter() - wall, reused))
+
+    def replace(self, name: str) -> None:
+        """Say that the files of a stage are about to become those of this run: a kill must not leave them as done."""
+        self.project.forget_stages([name])
 
 
 def _cpu_seconds() -> float:
@@ -113,10 +117,10 @@ def reconstruct(
     if out.resolve() == photos.resolve():
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
     with ProjectFolder.create(out) as project:
-        project.put("photo_folder", str(photos.resolve()))
-        project.put("engine_version", __version__)
         run = _Run(project, emit, should_stop)
         photo_set = _photos(run, photos, settings)
+        project.put("photo_folder", str(photos.resolve()))
+        project.put("engine_version", __version__)
         camera_set = _cameras(run, photo_set, settings)
         training = PRESETS[settings.plan.preset]
         plan = plan_scene(photo_set, camera_set, settings.plan, held_out_every=training.held_out_every)
@@ -131,28 +135,34 @@ def reconstruct(
 
 
 def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> PhotoSet:
-    from .photos.reading import read_photos
+    from .photos.reading import picture_files, read_photos
     from .photos.storage import read_photo_set, write_photo_set
 
     stored = run.project.path / "photos" / "photos.json"
 
     def work() -> dict[str, Any]:
         photo_set = read_photos(folder, settings.photos, emit=run.emit, should_stop=run.should_stop)
+        if stored.exists():
+            _refuse_another_scene(run.project, folder, photo_set, read_photo_set(stored))
+        run.replace("photos")
         write_photo_set(stored, photo_set)
-        for photo in photo_set.rejected:
-            run.emit(Warned(f"{photo.name} is not used: {photo.reason}"))
         return {"n_photos": len(photo_set.photos), "rejected": [asdict(photo) for photo in photo_set.rejected]}
 
-    run.stage("photos", stage_key(_listing(folder), to_dict(settings.photos)), work)
+    # Changes whenever a photo is added, edited or removed, and not with what else lies there, this project say.
+    stats = [(path, path.stat()) for path in picture_files(folder)]
+    listing = [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
+    run.stage("photos", stage_key(listing, to_dict(settings.photos)), work, [stored])
     return replace(read_photo_set(stored), folder=folder)
 
 
-def _listing(folder: Path) -> list[list[Any]]:
-    """Names, sizes and times of the files below `folder`: changes whenever a photo is added, edited or removed."""
-    if not folder.is_dir():
-        return []
-    stats = ((path, path.stat()) for path in sorted(folder.rglob("*")) if path.is_file())
-    return [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
+def _refuse_another_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSet, before: PhotoSet) -> None:
+    """Photos that moved or changed continue a project; wholly other ones would overwrite somebody's scene."""
+    same_folder = project.get("photo_folder") in (None, str(folder.resolve()))
+    if not same_folder and not {p.sha256 for p in photo_set.photos} & {p.sha256 for p in before.photos}:
+        raise ProjectError(
+            f"{project.path} holds the scene of other photos ({project.get('photo_folder')}). "
+            f"Choose another folder for the scene of {folder}."
+        )
 
 
 def _photo_hashes(photo_set: PhotoSet) -> list[list[str]]:
@@ -182,6 +192,7 @@ def _cameras(run: _Run, photo_set: PhotoSet, settings: PipelineSettings) -> Came
             camera_set = estimate_cameras(
                 photo_set, work_folder, settings.cameras, emit=run.emit, should_stop=run.should_stop
             )
+        run.replace("cameras")
         write_camera_set(folder, camera_set)
         if camera_set.unregistered:
             run.emit(
@@ -197,7 +208,7 @@ def _cameras(run: _Run, photo_set: PhotoSet, settings: PipelineSettings) -> Came
             "n_points": len(camera_set.points),
         }
 
-    run.stage("cameras", key, work)
+    run.stage("cameras", key, work, [folder / "cameras.json", folder / "points.npz"])
     return read_camera_set(folder)
 
 
@@ -236,8 +247,9 @@ def _masks(
         return {"n_photos": len(made), "seconds_per_photo": (time.perf_counter() - start) / max(1, len(made))}
 
     hashes = [pair for pair in _photo_hashes(photo_set) if pair[0] in plan.mask_photos]
-    run.stage("masks", stage_key(hashes, to_dict(settings.masks)), work)
-    return {name: label_map_path(folder, name) for name in plan.mask_photos}
+    paths = {name: label_map_path(folder, name) for name in plan.mask_photos}
+    run.stage("masks", stage_key(hashes, to_dict(settings.masks)), work, paths.values())
+    return paths
 
 
 def _training(
@@ -258,7 +270,6 @@ def _training(
         from .training.train import train
         from .training.views import load_views
 
-        _set_old_objects_aside(run)
         checkpoints = run.project.path / "checkpoints"
         for old in checkpoints.glob("*"):
             if old.name != key[:12]:
@@ -268,6 +279,8 @@ def _training(
         result = train(
             start, views, training, checkpoints=checkpoints / key[:12], emit=run.emit, should_stop=run.should_stop
         )
+        run.replace("training")
+        _set_old_objects_aside(run)
         save_gaussians(run.project.path / "gaussians", result.gaussians)
         figures = dict(result.figures)
         figures.update(
@@ -278,7 +291,8 @@ def _training(
         )
         return figures
 
-    run.stage("training", key, work)
+    leaves = ["scene.ply", "features.npy"] if masks else ["scene.ply"]
+    run.stage("training", key, work, [run.project.path / "gaussians" / name for name in leaves])
 
 
 def _set_old_objects_aside(run: _Run) -> None:
@@ -289,9 +303,9 @@ def _set_old_objects_aside(run: _Run) -> None:
     number = 1
     while (aside := run.project.path / f"objects-of-earlier-training-{number}").exists():
         number += 1
-    objects.rename(aside)
     run.project.put(_PROMPTED, None)
     run.project.forget_stages(["objects"])
+    objects.rename(aside)
     run.emit(
         Warned(f"The scene is trained anew; objects isolated before were moved to {aside.name}. Isolate them again.")
     )
@@ -312,7 +326,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
 
         found = _found_before(run, key)
         refused: dict[str, str] = {}
-        for prompt in settings.prompts:
+        for number, prompt in enumerate(settings.prompts):
             if prompt in found:
                 continue
             try:
@@ -323,7 +337,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     settings.segment,
                     detector_factory=load_default_detector,
                     sam_factory=load_default_sam,
-                    emit=run.emit,
+                    emit=_part(run.emit, number, len(settings.prompts)),
                     should_stop=run.should_stop,
                 )
             except PromptError as error:
@@ -336,6 +350,17 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
         return {"found": found, "refused": refused}
 
     run.stage("objects", key, work)
+
+
+def _part(emit: Emit, number: int, count: int) -> Emit:
+    """Return `emit` for part `number` of `count` equal ones: its progress is told as that of the whole."""
+
+    def scaled(event: Event) -> None:
+        if isinstance(event, Progress):
+            event = replace(event, fraction=(number + event.fraction) / count, seconds_left=None)
+        emit(event)
+
+    return scaled
 
 
 def _found_before(run: _Run, key: str) -> dict[str, list[str]]:
@@ -360,4 +385,5 @@ def _report(run: _Run) -> None:
     def work() -> dict[str, Any]:
         return {"html": str(build_report(run.project).relative_to(run.project.path))}
 
-    run.stage("report", stage_key([record and record["key"] for record in earlier]), work)
+    page = run.project.path / "report" / "report.html"
+    run.stage("report", stage_key([record and record["key"] for record in earlier]), work, [page])

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator
@@ -19,7 +20,16 @@ from typing import IO, Any
 
 from .errors import DiskError, FormatError, ProjectError
 
-__all__ = ["PROJECT_FILE", "PROJECT_VERSION", "ProjectFolder", "atomic_write", "file_sha256", "stage_key", "write_json"]
+__all__ = [
+    "PROJECT_FILE",
+    "PROJECT_VERSION",
+    "ProjectFolder",
+    "atomic_write",
+    "file_sha256",
+    "finite_or_null",
+    "stage_key",
+    "write_json",
+]
 
 PROJECT_VERSION = 1
 PROJECT_FILE = "project.json"
@@ -71,9 +81,28 @@ def _umask() -> int:
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write `data` to `path` as indented UTF-8 JSON, atomically."""
+    """Write `data` to `path` as indented UTF-8 JSON, atomically.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite: JSON has no NaN, and other programs refuse files with one.
+    DiskError
+        When it cannot be written.
+    """
     with atomic_write(path, "w") as stream:
-        json.dump(data, stream, indent=1, ensure_ascii=False)
+        json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def finite_or_null(value: Any) -> Any:
+    """Return the JSON value `value` with None in the place of numbers that are not finite."""
+    if isinstance(value, dict):
+        return {key: finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite_or_null(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def file_sha256(path: Path) -> str:
@@ -157,8 +186,10 @@ class ProjectFolder:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, json.JSONDecodeError) as error:
-            raise FormatError(f"{file} cannot be read: {error}. Move it away and run again.") from error
-        if not isinstance(data, dict) or data.get("version") != PROJECT_VERSION:
+            raise FormatError(f"{file} cannot be read: {error}. Use a new folder for the scene.") from error
+        if not (
+            isinstance(data, dict) and isinstance(data.get("stages"), dict) and data.get("version") == PROJECT_VERSION
+        ):
             raise FormatError(f"{file} was written by another version of Gaussian Heritage. Use a new folder.")
         self._data = data
 
@@ -187,6 +218,9 @@ class ProjectFolder:
                 f"Another job is working in {self.path}. Wait for it, cancel it, or choose another folder."
             )
         self._lock = stream
+        if (self.path / PROJECT_FILE).exists():
+            # Another job may have ended between reading the folder and taking it.
+            self._read()
         for leftover in self.path.rglob(_TEMPORARY_PREFIX + "*"):
             leftover.unlink(missing_ok=True)
         return self
@@ -219,12 +253,12 @@ class ProjectFolder:
     def finish_stage(
         self, stage: str, key: str, *, wall_seconds: float, cpu_seconds: float, figures: dict[str, Any]
     ) -> None:
-        """Record that `stage` is done with `key`; `figures` are JSON values for the report."""
+        """Record that `stage` is done with `key`; `figures` are for the report, null where they are not finite."""
         self._data["stages"][stage] = {
             "key": key,
             "wall_seconds": wall_seconds,
             "cpu_seconds": cpu_seconds,
-            "figures": figures,
+            "figures": finite_or_null(figures),
         }
         self._write()
 

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .errors import Cancelled
 from .events import ErrorEvent, Event, Finished, Metric, Progress, StageFinished, StageStarted, Warned, to_json_line
 from .project_folder import PROJECT_FILE
 
@@ -94,7 +95,8 @@ class EventOutput:
             self._say(f"Note: {event.message}")
         elif isinstance(event, ErrorEvent):
             self._close_bar()
-            self._say(f"Error: {event.message}")
+            # To stop when asked is no error.
+            self._say(event.message if event.error == Cancelled.__name__ else f"Error: {event.message}")
         elif isinstance(event, Finished):
             self._close_bar()
             if event.message:

@@ -14,7 +14,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from places import ROOT, python_of
+
 DEFAULT_PHOTOS = ROOT / "demo" / "museum_room" / "photos"
 DEFAULT_PROMPTS = "vase;teapot;obelisk;shield;mask;hourglass;goblet;drum"
 
@@ -35,14 +36,13 @@ def main() -> int:
     prompts = options.prompts if options.prompts is not None else (DEFAULT_PROMPTS if ours else "")
     name = "museum_room" if ours else (photos.parent.name if photos.name == "photos" else photos.name)
     out = (options.out or ROOT / "out" / name).resolve()
-    out.mkdir(parents=True, exist_ok=True)
 
-    engine = _python(ROOT / ".venv" / "engine")
-    blender = _python(ROOT / ".venv" / "blender-4.5")
+    engine, blender = python_of("engine"), python_of("blender-4.5")
     for python in (engine, blender):
         if not python.exists():
             print(f"{python} is missing. Run `make setup` first.", file=sys.stderr)
             return 1
+    out.mkdir(parents=True, exist_ok=True)
     zip_file = out / "gaussian_heritage.zip"
     built = subprocess.run([blender, ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=False)
     if built.returncode:
@@ -54,10 +54,6 @@ def main() -> int:
     }
     command = [blender, "-P", ROOT / "scripts" / "demo_in_blender.py", zip_file, photos, out, prompts, options.preset]
     return subprocess.run([str(part) for part in command], env=environment, cwd=out, check=False).returncode
-
-
-def _python(environment: Path) -> Path:
-    return environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
 if __name__ == "__main__":

@@ -33,6 +33,8 @@ _COPIED, _DETECTED, _CHOSEN = 0.03, 0.58, 0.64
 
 _PHOTOS_AT_ONCE = 4
 _PAIRS_AT_ONCE = 24
+_DESCRIPTOR = 128
+"""Numbers of a SIFT descriptor; a photo without features has none to count."""
 
 
 class Workshop:
@@ -236,7 +238,7 @@ def _choose_pairs(workshop: Workshop, report: _Report, should_stop: StopCheck) -
             # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]].
             scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
             data = np.asarray(database.read_descriptors(ids[copy.name]).data)
-            descriptors.append(largest_descriptors(scales, data.reshape(len(scales), -1), photos=count))
+            descriptors.append(largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR), photos=count))
     return promising_pairs(
         descriptors,
         neighbours=workshop.settings.neighbours,

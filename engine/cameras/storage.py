@@ -62,11 +62,13 @@ def read_camera_set(path: Path) -> CameraSet:
     FormatError
         When a file is missing, damaged or from another version.
     """
+    if not (path / _CAMERAS).is_file():
+        raise FormatError(f"{path / _CAMERAS} is not there. Run `reconstruct` first.")
     try:
         data = json.loads((path / _CAMERAS).read_text(encoding="utf-8"))
         if data["version"] != _VERSION:
             raise FormatError(
-                f"{path} was written by another version of Gaussian Heritage. Run the cameras stage again."
+                f"{path} was written by another version of Gaussian Heritage. Use a new folder for the scene."
             )
         with np.load(path / _POINTS, allow_pickle=False) as arrays:
             points, colors = arrays["points"], arrays["colors"]
@@ -91,4 +93,6 @@ def read_camera_set(path: Path) -> CameraSet:
             poses_given=bool(data["poses_given"]),
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
-        raise FormatError(f"{path} holds no cameras of ours: {error}. Run the cameras stage again.") from error
+        raise FormatError(
+            f"{path} holds no cameras of ours: {error}. Delete it and run `reconstruct` again."
+        ) from error

@@ -46,7 +46,10 @@ def read_transforms(
         data = json.loads(file.read_text(encoding="utf-8"))
         frames = {str(frame["file_path"]).replace("\\", "/").removeprefix("./"): frame for frame in data["frames"]}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise CameraError(f"{file} is not a transforms.json: {type(error).__name__} {error}.") from error
+        why = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        raise CameraError(
+            f"{file} is not a transforms.json: {why}. Choose one of nerfstudio or instant-ngp, or a COLMAP model."
+        ) from error
     cameras = []
     for name, photo in match(frames, photo_set).items():
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..errors import ProjectError
+from ..errors import ProjectError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
 
@@ -47,6 +47,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..objects.storage import load_membership, load_object
 
     out: Path = options.out
+    if out.is_dir():
+        raise ProjectError(f"{out} is a folder. Choose a file name.")
+    if out.suffix.lower() != f".{options.format}":
+        raise SettingsError(f"--format {options.format} writes {options.format.upper()}, but {out} has another ending.")
     if out.exists() and not options.overwrite:
         raise ProjectError(f"{out} exists already. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 from ..errors import HeritageError
-from ..events import Emit, Finished, StopCheck
+from ..events import Emit, Event, Finished, Progress, StopCheck
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -24,6 +25,15 @@ def project_folder(options: argparse.Namespace) -> None:
     """No project, no log."""
 
 
+def _share_of(emit: Emit, done: int, count: int) -> Emit:
+    """Return an `Emit` for one of `count` files, `done` of which are there: one bar for all of them."""
+
+    def tell(event: Event) -> None:
+        emit(replace(event, fraction=(done + event.fraction) / count) if isinstance(event, Progress) else event)
+
+    return tell
+
+
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """List, fetch or verify."""
     from ..models.catalogue import CATALOGUE, fetch, find, locate
@@ -32,9 +42,12 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     lines: list[str] = []
     states: dict[str, str] = {}
     failed = False
-    for model in models:
+    for done, model in enumerate(models):
         if options.action == "fetch":
-            fetch(model.name, emit=emit)
+            path = fetch(model.name, emit=_share_of(emit, done, len(models)), should_stop=should_stop)
+            states[model.name] = str(path)
+            lines.append(f"{model.name}: {model.size / 1e6:.1f} MB, {path}")
+            continue
         try:
             states[model.name] = str(locate(model.name))
         except HeritageError as error:

@@ -41,7 +41,9 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Run the pipeline."""
-    prompts = tuple(prompt.strip() for prompt in options.prompts.split(";") if prompt.strip())
+    prompts = tuple(dict.fromkeys(prompt.strip() for prompt in options.prompts.split(";") if prompt.strip()))
+    if options.prompts and not prompts:
+        raise SettingsError(f'--prompts {options.prompts!r} names nothing. Write for example: --prompts "vase;bust".')
     if options.no_objects and prompts:
         raise SettingsError("--no-objects leaves out what --prompts needs. Give only one of them.")
     settings = PipelineSettings(
@@ -50,12 +52,12 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         prompts=prompts,
     )
     project = reconstruct(options.photos, options.out, settings, emit=emit, should_stop=should_stop)
-    found = (project.stage_record("objects") or {}).get("figures", {}).get("found", {})
+    figures = (project.stage_record("objects") or {}).get("figures", {}) if prompts else {}
+    refused = figures.get("refused", {})
     report = project.path / "report" / "report.html"
-    emit(
-        Finished(
-            f"The scene lies in {project.path}, its report in {report}.",
-            {"project": str(project.path), "report": str(report), "objects": found},
-        )
-    )
+    message = f"The scene lies in {project.path}, its report in {report}."
+    if refused:
+        message += f" Not isolated: {', '.join(refused)}. {' '.join(refused.values())}"
+    outputs = {"project": str(project.path), "report": str(report), "objects": figures.get("found", {})}
+    emit(Finished(message, {**outputs, "refused": refused}))
     return 0

@@ -46,6 +46,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..pictures.render import render_view
 
     out: Path = options.out
+    if out.is_dir():
+        raise SettingsError(f"{out} is a folder. Choose a file name.")
+    if out.suffix.lower() != ".png":
+        raise SettingsError(f"Pictures are written as PNG, but {out} has another ending.")
     if out.exists() and not options.overwrite:
         raise SettingsError(f"{out} exists already. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)

@@ -192,7 +192,8 @@ def _byte_order(lines: list[str], path: Path) -> str:
             if "binary_big_endian" in line:
                 return ">"
             raise FormatError(
-                f"{path} is an ASCII PLY file, which Gaussian scenes are not kept in. Save it as binary PLY."
+                f"{path} is an ASCII PLY file, as point clouds and meshes often are; Gaussian scenes are binary. "
+                "Choose a 3DGS PLY, or save it as binary PLY if it is one."
             )
     raise FormatError(f"{path} is not a readable PLY file: it states no format. Export it again.")
 

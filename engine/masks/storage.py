@@ -84,7 +84,7 @@ def _read(path: Path, *, wanted: str) -> tuple[NDArray[np.int32], dict[str, obje
                 raise MaskError(f"{path} was written by another version of Gaussian Heritage. Delete it and run again.")
             labels = archive["labels"] if wanted == "labels" else np.zeros((0, 0), np.int32)
     except FileNotFoundError as error:
-        raise MaskError(f"The label map {path} is missing. Run the masks stage again.") from error
+        raise MaskError(f"The label map {path} is missing. Run `reconstruct` again.") from error
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MaskError(f"The label map {path} cannot be read ({error}). Delete it and run again.") from error
     return labels, header

@@ -21,7 +21,7 @@ from .photo import Photo, PhotoSet, RejectedPhoto
 from .pixels import can_read_heic, open_photo, upright_pixels
 from .settings import PhotoSettings
 
-__all__ = ["read_photos"]
+__all__ = ["picture_files", "read_photos"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -89,7 +89,7 @@ def read_photos(
     """
     settings = settings or PhotoSettings()
     folder = folder.expanduser()
-    files = _picture_files(folder)
+    files = picture_files(folder)
     rejected = [RejectedPhoto(_name(folder, path), reason) for path in files if (reason := _unsupported(path))]
     candidates = [path for path in files if not _unsupported(path)]
     looks: list[_Look] = []
@@ -111,8 +111,14 @@ def read_photos(
     return PhotoSet(folder, tuple(look.photo for look in looks), tuple(rejected))
 
 
-def _picture_files(folder: Path) -> list[Path]:
-    """Return every file that looks like a picture or a video, ordered by name."""
+def picture_files(folder: Path) -> list[Path]:
+    """Return every file in `folder` that looks like a picture or a video, ordered by name; `read_photos` says which.
+
+    Raises
+    ------
+    PhotoError
+        When the folder is missing, not a folder, a project, cannot be read, or holds none.
+    """
     if not folder.exists():
         raise PhotoError(f"The photo folder {folder} does not exist. Choose a folder with photos.")
     if not folder.is_dir():

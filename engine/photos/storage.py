@@ -46,7 +46,7 @@ def read_photo_set(path: Path) -> PhotoSet:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data["version"] != _VERSION:
             raise FormatError(
-                f"{path} was written by another version of Gaussian Heritage. Run the photos stage again."
+                f"{path} was written by another version of Gaussian Heritage. Use a new folder for the scene."
             )
         return PhotoSet(
             folder=Path(data["folder"]),
@@ -54,4 +54,6 @@ def read_photo_set(path: Path) -> PhotoSet:
             rejected=tuple(RejectedPhoto(**photo) for photo in data["rejected"]),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{path} is not a photo list of ours: {error}. Run the photos stage again.") from error
+        raise FormatError(
+            f"{path} is not a photo list of ours: {error}. Delete it and run `reconstruct` again."
+        ) from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from ..errors import PhotoError
 from ..gaussians.gaussians import Gaussians
 from ..objects.storage import load_membership
 from ..pictures.scene import Backend
-from ..project_folder import ProjectFolder, atomic_write, write_json
+from ..project_folder import ProjectFolder, atomic_write, finite_or_null, write_json
 from .facts import collect_facts
 from .page import Pictures, page
 from .views import PhotoPair, measure_feature_agreement, orbit_pictures, photo_pair
@@ -65,7 +64,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
             objects=_object_pictures(project, cameras, facts, gaussians, backend),
         )
     folder = project.path / "report"
-    write_json(folder / "report.json", _plain(facts))
+    write_json(folder / "report.json", finite_or_null(facts))
     path = folder / "report.html"
     with atomic_write(path, "w") as stream:
         stream.write(page(facts, pictures))
@@ -126,14 +125,3 @@ def _feature_agreement(
     }
     views = [(cameras[name], read_label_map(file)) for name, file in files.items() if file.is_file()]
     return measure_feature_agreement(gaussians, views, backend=backend)
-
-
-def _plain(value: Any) -> Any:
-    """Return `value` with None for numbers that are not finite: strict JSON has none."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

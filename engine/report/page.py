@@ -28,10 +28,12 @@ _STAGE_NAMES = {
 _GUARD_NAMES = {
     "refused_steps": "training steps skipped because a gradient was not finite",
     "gaussians_not_updated": "updates of single Gaussians skipped because a gradient was not finite",
-    "clamped_scales": "scales held within bounds",
-    "clamped_opacities": "opacities held within bounds",
     "clamped_positions": "positions held within the scene",
     "reset_rotations": "rotations without direction reset",
+}
+_LIMIT_NAMES = {
+    "scales_at_limit": "at the largest elongation (1:50) or the smallest or largest size",
+    "opacities_at_limit": "at the lowest or highest opacity",
 }
 
 
@@ -217,7 +219,27 @@ def _guards(facts: dict[str, Any]) -> str:
     items = [
         f"<b>{_count(n)}</b> {html.escape(_GUARD_NAMES.get(name, name.replace('_', ' ')))}" for name, n in fired.items()
     ]
-    return _section("Numerical guards that fired", _list("", items, "None: every number stayed within its bounds."))
+    return _section(
+        "Signs of numerical trouble",
+        _list("", items, "None: every number stayed finite and in the scene.") + _limits(facts),
+    )
+
+
+def _limits(facts: dict[str, Any]) -> str:
+    """Return how many Gaussians the method's own limits held on average; met in every run, so not among the signs."""
+    training = facts["training"]
+    limits, steps = training.get("limits") or {}, training.get("steps") or 0
+    held = [
+        f"{_count(round(limits[name] / steps))} {words}"
+        for name, words in _LIMIT_NAMES.items()
+        if steps and name in limits
+    ]
+    if not held:
+        return ""
+    return (
+        f'<p class="small">As in every run, limits of the method held some Gaussians. On average over the steps: '
+        f"{', '.join(held)}; of {_count(training.get('n_gaussians'))} at the end.</p>"
+    )
 
 
 def _software(facts: dict[str, Any]) -> str:

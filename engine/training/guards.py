@@ -1,4 +1,7 @@
-"""What keeps values finite while training, and the counts of how often it had to."""
+"""What keeps values finite while training, and the counts of how often it had to.
+
+Some limits are part of the method and met in every run (`LIMITS`); all other counts are signs of trouble.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,11 @@ import torch
 from ..errors import NumericalError
 from .parameters import Parameters
 
-__all__ = ["backward", "check_result", "hold_in_bounds", "step_finite_rows"]
+__all__ = ["LIMITS", "backward", "check_result", "hold_in_bounds", "step_finite_rows"]
+
+LIMITS = ("scales_at_limit", "opacities_at_limit")
+"""Counts of values kept at a limit of the method, once per Gaussian and step. Training goes on pushing against it."""
+
 
 _SMALLEST_SCALE = 1e-5
 """Per extent."""
@@ -89,17 +96,17 @@ def hold_in_bounds(parameters: Parameters, center: torch.Tensor, extent: float, 
     extent : float
         Of the scene, world units.
     guards : Counter
-        Gets ``clamped_scales``, ``clamped_opacities``, ``clamped_positions``.
+        Gets ``scales_at_limit``, ``opacities_at_limit``, ``clamped_positions``, ``reset_rotations``.
     """
     log_scales = parameters.values["log_scales"].detach()
     longest = log_scales.amax(dim=1, keepdim=True).clamp_max(math.log(_LARGEST_SCALE * extent))
     shortest = (longest - math.log(_LARGEST_ASPECT)).clamp_min(math.log(_SMALLEST_SCALE * extent))
     held = torch.minimum(torch.maximum(log_scales, shortest), torch.maximum(longest, shortest))
-    guards["clamped_scales"] += int((held != log_scales).any(dim=1).sum())
+    guards["scales_at_limit"] += int((held != log_scales).any(dim=1).sum())
     log_scales.copy_(held)
 
     logits = parameters.values["opacity_logits"].detach()
-    guards["clamped_opacities"] += int((logits.abs() > _LARGEST_LOGIT).sum())
+    guards["opacities_at_limit"] += int((logits.abs() > _LARGEST_LOGIT).sum())
     logits.clamp_(-_LARGEST_LOGIT, _LARGEST_LOGIT)
 
     means = parameters.values["means"].detach()

@@ -120,4 +120,4 @@ class Schedule:
 def _log_spaced(steps: int, n: int) -> frozenset[int]:
     """Return up to `n` numbers of finished steps, evenly spaced in the logarithm, the last one `steps`."""
     first = min(steps, max(10, steps // 64))
-    return frozenset(int(round(value)) for value in np.geomspace(first, steps, n))
+    return frozenset(int(round(value)) for value in np.geomspace(steps, first, n))

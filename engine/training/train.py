@@ -18,7 +18,7 @@ from ..gaussians.gaussians import Gaussians
 from ..rasterizer.adam import AdamState, adam_step
 from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
 from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
-from .guards import backward, check_result, hold_in_bounds, step_finite_rows
+from .guards import LIMITS, backward, check_result, hold_in_bounds, step_finite_rows
 from .held_out import Clock, CurvePoint, measure, render_picture, write_picture
 from .parameters import Parameters
 from .schedule import Schedule
@@ -48,7 +48,8 @@ class TrainingResult:
     curve : tuple of CurvePoint
         Error on held-out photos against run time.
     figures : dict
-        JSON values: steps, Gaussians, seconds, final errors, which photos were measured, guards that fired.
+        JSON values: steps, Gaussians, seconds, final errors, which photos were measured, guards that fired,
+        and in ``limits`` how often values were kept at the method's limits, summed over the steps.
     """
 
     gaussians: Gaussians
@@ -279,7 +280,8 @@ class _Run:
             "background": "black",
             "sh_degree": self.schedule.sh_degree(state.step - 1),
             "features": "features" in state.parameters.values,
-            "guards": dict(state.guards),
+            "guards": {name: count for name, count in state.guards.items() if name not in LIMITS},
+            "limits": {name: state.guards[name] for name in LIMITS},
             "curve": [asdict(point) for point in state.curve],
         }
         if self.settings.exposure:

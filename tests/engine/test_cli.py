@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +14,11 @@ from PIL import Image
 
 from engine.cli import build_parser, main
 from engine.commands import COMMANDS
+from engine.errors import Cancelled
+from engine.events import ErrorEvent, StopCheck
 from engine.project_folder import ProjectFolder
+from engine.terminal import EventOutput
+from tests.engine.command_line import ROOT, call
 
 
 def errors_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
@@ -123,3 +131,53 @@ def test_unforeseen_error_is_a_sentence_and_its_trace_in_the_log(
     (error,) = errors_of(capsys)
     assert "database or disk is full" in error["message"]
     assert "Traceback" in (tmp_path / "p" / "log.jsonl").read_text()
+
+
+def test_error_of_the_system_names_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from engine.commands import reconstruct
+
+    def fail(*_: object) -> int:
+        raise PermissionError(13, "Permission denied", "/museum/vase.jpg")
+
+    monkeypatch.setattr(reconstruct, "run", fail)
+    answer = call(capsys, "reconstruct", tmp_path, "--out", tmp_path / "p")
+    assert answer.error.startswith("/museum/vase.jpg cannot be used: Permission denied.")
+
+
+def test_python_without_any_package_says_what_to_install() -> None:
+    # -S leaves out site-packages, as in a Python in which nothing was installed.
+    command = [sys.executable, "-S", "-m", "engine", "doctor"]
+    answer = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert answer.returncode == 1
+    assert answer.stderr.startswith("Error: This Python (") and "has no package 'numpy'" in answer.stderr
+    assert "Traceback" not in answer.stderr
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="a POSIX signal stands in for Windows' Ctrl-Break")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGBREAK"])
+def test_every_way_to_stop_is_heard(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from engine.commands import reconstruct
+
+    monkeypatch.setattr(signal, "SIGBREAK", signal.SIGUSR1, raising=False)
+
+    def work(_: argparse.Namespace, __: object, should_stop: StopCheck) -> int:
+        signal.raise_signal(getattr(signal, name))
+        assert should_stop()
+        raise Cancelled("Stopped. The next run continues.")
+
+    before = signal.getsignal(getattr(signal, name))
+    monkeypatch.setattr(reconstruct, "run", work)
+    assert call(capsys, "reconstruct", tmp_path, "--out", tmp_path / "p").code == 130
+    assert signal.getsignal(getattr(signal, name)) == before
+
+
+def test_stopping_when_asked_is_not_called_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    output = EventOutput(json_lines=False, log=None)
+    output(ErrorEvent("Stopped.", "Cancelled"))
+    output(ErrorEvent("a.jpg is empty.", "PhotoError"))
+    output.close()
+    assert capsys.readouterr().err == "Stopped.\nError: a.jpg is empty.\n"

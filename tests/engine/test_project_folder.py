@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from engine.errors import DiskError, FormatError, ProjectError
-from engine.project_folder import ProjectFolder, atomic_write, stage_key, write_json
+from engine.project_folder import ProjectFolder, atomic_write, finite_or_null, stage_key, write_json
 
 
 def test_failing_rename_leaves_the_old_file_and_no_leftovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,6 +65,13 @@ def test_damaged_project_file_is_said(tmp_path: Path) -> None:
         ProjectFolder.open_existing(tmp_path)
 
 
+@pytest.mark.parametrize("content", ["[]", '{"version": 1}', '{"version": 99, "stages": {}}'])
+def test_project_file_of_another_kind_is_said(content: str, tmp_path: Path) -> None:
+    (tmp_path / "project.json").write_text(content)
+    with pytest.raises(FormatError, match="another version"):
+        ProjectFolder.open_existing(tmp_path)
+
+
 def test_stage_counts_as_done_only_with_its_key(tmp_path: Path) -> None:
     project = ProjectFolder.create(tmp_path / "p")
     project.finish_stage("photos", stage_key("a"), wall_seconds=1.0, cpu_seconds=1.0, figures={"n_photos": 3})
@@ -95,3 +102,20 @@ def test_killed_job_frees_its_lock_and_its_leftovers_are_cleared(tmp_path: Path)
     assert len(list((folder / "masks").iterdir())) == 1
     with ProjectFolder.create(folder):
         assert list((folder / "masks").iterdir()) == []
+
+
+def test_job_that_waited_sees_what_the_one_before_it_finished(tmp_path: Path) -> None:
+    first, second = ProjectFolder.create(tmp_path / "p"), ProjectFolder.create(tmp_path / "p")
+    with first:
+        first.finish_stage("photos", "key", wall_seconds=1.0, cpu_seconds=1.0, figures={})
+    with second:
+        second.put("engine_version", "1")
+    assert ProjectFolder.open_existing(tmp_path / "p").stage_is_done("photos", "key")
+
+
+def test_numbers_that_json_does_not_know_are_never_written(tmp_path: Path) -> None:
+    write_json(tmp_path / "a.json", {"old": 1})
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(tmp_path / "a.json", {"error": float("nan")})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"old": 1}
+    assert finite_or_null({"a": [float("inf"), 1.5], "b": (float("nan"),)}) == {"a": [None, 1.5], "b": [None]}

@@ -32,6 +32,7 @@ PLANTED = [
     ("shared-rooms-light", "engine/formats/planted.py", "import scipy.spatial"),
     ("rooms-in-order", "engine/photos/planted.py", "from ..report import build"),
     ("rooms-in-order", "engine/rasterizer/planted.py", "def late():\n    from ..training import train"),
+    ("rooms-in-order", "engine/training/planted.py", "from ..stability import measure"),
     ("side-rooms", "engine/models/planted.py", "from ..masks import sam"),
     ("numba-in-rasterizer", "engine/masks/planted.py", "import numba"),
     ("pycolmap-in-cameras", "engine/training/planted.py", "import pycolmap"),

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from engine.errors import CameraError, Cancelled, SettingsError
 from engine.events import Event, Progress, Warned
 from engine.photos.photo import PhotoSet
 from engine.photos.reading import read_photos
+from engine.photos.settings import PhotoSettings
 
 from .conftest import Scene, make_scene, render, room_cameras
 
@@ -135,6 +137,17 @@ def test_a_photo_of_another_place_is_listed_as_unregistered(room: Scene, tmp_pat
     camera_set = estimate_cameras(read_photos(folder), tmp_path / "sfm", QUICK)
     assert camera_set.unregistered == ("elsewhere.png",)
     assert len(camera_set.cameras) == 8
+
+
+def test_a_photo_without_any_feature_in_a_large_set_is_listed_as_unregistered(room: Scene, tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    shutil.copytree(room.photo_set.folder, folder)
+    ramp = np.linspace(60, 180, 400)[None, :, None].repeat(300, 0).repeat(3, 2)
+    Image.fromarray(ramp.astype(np.uint8)).save(folder / "wall.png")
+    # Eight and more count as many here: pairs are chosen by their features instead of matching all.
+    photo_set = read_photos(folder, PhotoSettings(blur_ratio=0.0))
+    camera_set = estimate_cameras(photo_set, tmp_path / "sfm", replace(QUICK, exhaustive_up_to=4))
+    assert camera_set.unregistered == ("wall.png",)
 
 
 def test_mixed_sizes_turns_and_lenses_each_get_their_own_camera(tmp_path: Path) -> None:

@@ -24,5 +24,5 @@ def test_a_photo_set_survives_the_round_trip(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "[]", '{"version": 1}', '{"version": 99}', "{"])
 def test_a_file_that_is_not_ours_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "photos.json").write_text(text)
-    with pytest.raises(FormatError, match="Run the photos stage again"):
+    with pytest.raises(FormatError, match="run `reconstruct` again|Use a new folder"):
         read_photo_set(tmp_path / "photos.json")

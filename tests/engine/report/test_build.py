@@ -70,7 +70,9 @@ def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
         "training": {
             "curve": CURVE,
             "held_out": ["view_0.png", "view_4.png"],
-            "guards": {"clamped_scales": 7, "refused_steps": 0},
+            "guards": {"reset_rotations": 7, "refused_steps": 0},
+            "limits": {"scales_at_limit": 60_000, "opacities_at_limit": 0},
+            "steps": 300,
             "preset": "standard",
             "n_gaussians": 950,
         },
@@ -96,7 +98,8 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
     assert checker.pictures == 2 * 2 + 4
     for words in (
         "<b>Kugel & Co", "blurred.png", "It is <blurred>.", "lost.png", "0.61 px", "a lens model per photo",
-        "scales held within bounds", "'unicorn' is not known.", "25.0 dB", "torch", "estimated", "3.2 s",
+        "7 rotations without direction reset",
+        "200 at the largest elongation", "'unicorn' is not known.", "25.0 dB", "torch", "estimated", "3.2 s",
     ):  # fmt: skip
         assert words in checker.text, words
     assert "gradient was not finite" not in checker.text, "a guard that never fired is not listed"

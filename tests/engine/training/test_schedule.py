@@ -61,6 +61,7 @@ def test_curve_ends_at_the_last_step() -> None:
         points = Schedule(replace(STANDARD, steps=steps), 3, 1.0).curve_steps
         assert max(points) == steps
         assert min(points) >= 1
+    assert Schedule(replace(STANDARD, curve_points=1), 3, 1.0).curve_steps == {STANDARD.steps}
 
 
 def test_random_draws_depend_on_step_and_purpose_alone() -> None:

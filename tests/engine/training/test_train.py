@@ -171,7 +171,7 @@ def test_learning_rates_a_hundred_times_too_high_give_finite_gaussians_or_a_clea
         return
     for f in fields(result.gaussians):
         assert np.isfinite(getattr(result.gaussians, f.name)).all(), f.name
-    assert result.figures["guards"]["clamped_scales"] > 0
+    assert result.figures["limits"]["scales_at_limit"] > 0
 
 
 def test_gradients_that_are_not_finite_leave_their_gaussians_alone_and_are_counted(scene: Scene) -> None:
@@ -203,7 +203,7 @@ def test_extreme_values_are_brought_back_into_bounds_and_counted(scene: Scene) -
     values["quats"][4] = 0.0
     guards: Counter[str] = Counter()
     hold_in_bounds(parameters, torch.zeros(3), 1.0, guards)
-    expected = {"clamped_scales": 2, "clamped_opacities": 1, "clamped_positions": 1, "reset_rotations": 1}
+    expected = {"scales_at_limit": 2, "opacities_at_limit": 1, "clamped_positions": 1, "reset_rotations": 1}
     assert dict(guards) == expected
     scales = values["log_scales"].exp()
     assert (scales.amax(dim=1) / scales.amin(dim=1) <= 50.01).all()

@@ -1,4 +1,4 @@
-"""The blob scene, made once."""
+"""What the tests of several rooms share."""
 
 from __future__ import annotations
 
@@ -9,4 +9,5 @@ from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
 @pytest.fixture(scope="session")
 def blobs() -> BlobScene:
+    """The blob scene, made once."""
     return make_scene()

