@@ -15,7 +15,7 @@ PROMPTS ?=
 PRESET ?= standard
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint house types engine-tests blender-tests zip clean
+.PHONY: help setup demo test lint house types engine-tests blender-tests stability zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -46,6 +46,9 @@ blender-tests: ## the add-on in each Blender at hand, against the installed zip
 
 zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
+
+stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
+	$(ENGINE) -m engine stability --out docs/stability.md
 
 clean: ## remove results and caches, keep the environments
 	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

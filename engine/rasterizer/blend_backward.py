@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .blend_forward import GEOMETRY, lane_x, lane_y
+from .blend_forward import GEOMETRY, lane_x, lane_y, place
 from .jit import JIT
 from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .simd import (
@@ -87,7 +87,7 @@ def _gather(
     n_colors: int,
     gaussians: NDArray[np.int32],
     pixels: NDArray[np.float64],
-    roots: Float32,
+    roots: NDArray[np.float64],
     opacities: Float32,
     geometry: Float32,
     color_rows: NDArray[np.int64],
@@ -95,13 +95,7 @@ def _gather(
     """Copy what a tile at pixel (x0, y0) needs of its `n` Gaussians to where it lies side by side."""
     for j in range(n):
         g = gaussians[start + j]
-        at = j * GEOMETRY
-        geometry[at] = f4(pixels[g, 0] - x0)
-        geometry[at + 1] = f4(pixels[g, 1] - y0)
-        geometry[at + 2] = roots[g, 0]
-        geometry[at + 3] = roots[g, 1]
-        geometry[at + 4] = roots[g, 2]
-        geometry[at + 5] = opacities[g]
+        place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
         color_rows[j] = np.int64(g) * n_colors
 
 
@@ -155,7 +149,7 @@ def blend_backward_range(
     gaussians: NDArray[np.int32],
     pairs: NDArray[np.int32],
     pixels: NDArray[np.float64],
-    roots: Float32,
+    roots: NDArray[np.float64],
     opacities: Float32,
     colors: Float32,
     n_colors: int,
@@ -249,8 +243,9 @@ def blend_backward_range(
                 at = j * GEOMETRY
                 dx = px - item(geometry, at)
                 dy = py - item(geometry, at + 1)
-                u = fma(dx, splat(item(geometry, at + 2)), dy * item(geometry, at + 3))
-                v = dy * item(geometry, at + 4)
+                b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+                u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+                v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
                 power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
                 raw = power * item(geometry, at + 5)
                 alpha = minimum(raw, splat(_ALPHA_MAX))
@@ -285,8 +280,9 @@ def blend_backward_range(
                 at = j * GEOMETRY
                 dx = px - item(geometry, at)
                 dy = py - item(geometry, at + 1)
-                u = fma(dx, splat(item(geometry, at + 2)), dy * item(geometry, at + 3))
-                v = dy * item(geometry, at + 4)
+                b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+                u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+                v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
                 ratio = load(swept, i * 32 + 16)
                 e = load(swept, i * 32)
                 s = select(ratio > zero, fma(negative(rest), ratio, e), zero)

@@ -37,7 +37,7 @@ from .simd import (
 )
 from .tile_spans import LIMIT_MARGIN, TILE
 
-__all__ = ["BATCH", "GEOMETRY", "blend_range", "lane_x", "lane_y"]
+__all__ = ["BATCH", "GEOMETRY", "blend_range", "lane_x", "lane_y", "place"]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
@@ -45,8 +45,8 @@ f4 = np.float32
 BATCH = 64
 """Gaussians whose weights are kept before their colours are added; bounds the scratch memory of a block."""
 
-GEOMETRY = 6
-"""Floats of a Gaussian in a tile's scratch: x and y in the tile, a, b, c, opacity."""
+GEOMETRY = 8
+"""Floats of a Gaussian in a tile's scratch, see `place`."""
 
 lane_x = lanes([i % 4 + 0.5 for i in range(16)])
 lane_y = lanes([i // 4 + 0.5 for i in range(16)])
@@ -57,11 +57,48 @@ _ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
 
 
 @njit(**JIT)
-def _touched_blocks(x: float, y: float, a: float, b: float, c: float, limit: float) -> int:
-    """Return 16 bits: the blocks of pixel centres whose nearest point to (x, y) has u^2 + v^2 <= `limit`.
+def place(
+    g: int,
+    x0: int,
+    y0: int,
+    pixels: NDArray[np.float64],
+    roots: NDArray[np.float64],
+    opacities: Float32,
+    geometry: Float32,
+    at: int,
+) -> None:
+    """Write what a tile at pixel (x0, y0) needs of Gaussian `g`: x, y, a, b, c, opacity, u0, v0.
+
+    (x, y) is the point of the tile nearest to the centre, and (u0, v0) = (u, v) there; both passes compute
+    u = a dx + b dy + u0, v = c dy + v0 with (dx, dy) from that point. A needle whose centre lies 10^4 pixels off would
+    lose four of float32's seven digits if dx and dy were taken from the centre.
+    """
+    x = pixels[g, 0] - x0
+    y = pixels[g, 1] - y0
+    geometry[at] = min(max(x, 0.0), np.float64(TILE))
+    geometry[at + 1] = min(max(y, 0.0), np.float64(TILE))
+    geometry[at + 2] = roots[g, 0]
+    geometry[at + 3] = roots[g, 1]
+    geometry[at + 4] = roots[g, 2]
+    geometry[at + 5] = opacities[g]
+    dy = geometry[at + 1] - y
+    geometry[at + 6] = roots[g, 0] * (geometry[at] - x) + roots[g, 1] * dy
+    geometry[at + 7] = roots[g, 2] * dy
+
+
+@njit(**JIT)
+def _touched_blocks(geometry: Float32, at: int, limit: float) -> int:
+    """Return 16 bits: the blocks of pixel centres that have a point with u^2 + v^2 <= `limit`; geometry as of `place`.
 
     The nearest point lies on one of the block's sides that face the centre: each is minimised in closed form.
     """
+    x = geometry[at]
+    y = geometry[at + 1]
+    a = geometry[at + 2]
+    b = geometry[at + 3]
+    c = geometry[at + 4]
+    u0 = geometry[at + 6]
+    v0 = geometry[at + 7]
     zero = splat(f4(0.0))
     left = _block_x() - x
     right = left + f4(3.0)
@@ -69,15 +106,17 @@ def _touched_blocks(x: float, y: float, a: float, b: float, c: float, limit: flo
     bottom = top + f4(3.0)
     side_x = minimum(maximum(zero, left), right)
     side_y = minimum(maximum(zero, top), bottom)
-    # x = side_x: (a x + b y)^2 + (c y)^2 is least at y = -a b x / (b^2 + c^2)
-    free_y = minimum(maximum(side_x * f4(-a * b / (b * b + c * c)), top), bottom)
-    u = fma(side_x, splat(a), free_y * b)
-    v = free_y * c
+    # x = side_x: (a x + b y + u0)^2 + (c y + v0)^2 is least at y = -(b (a x + u0) + c v0) / (b^2 + c^2)
+    square = b * b + c * c
+    free_y = fma(side_x, splat(f4(-a * b / square)), splat(f4(-(b * u0 + c * v0) / square)))
+    free_y = minimum(maximum(free_y, top), bottom)
+    u = fma(side_x, splat(a), fma(free_y, splat(b), splat(u0)))
+    v = fma(free_y, splat(c), splat(v0))
     on_column = fma(u, u, v * v)
-    # y = side_y: least at x = -b y / a
-    free_x = minimum(maximum(side_y * f4(-b / a), left), right)
-    u = fma(free_x, splat(a), side_y * b)
-    v = side_y * c
+    # y = side_y: least at x = -(b y + u0) / a
+    free_x = minimum(maximum(fma(side_y, splat(f4(-b / a)), splat(f4(-u0 / a))), left), right)
+    u = fma(free_x, splat(a), fma(side_y, splat(b), splat(u0)))
+    v = fma(side_y, splat(c), splat(v0))
     on_row = fma(u, u, v * v)
     return all_bits(minimum(on_column, on_row) <= limit)
 
@@ -115,7 +154,7 @@ def blend_range(
     tile_start: NDArray[np.int64],
     gaussians: NDArray[np.int32],
     pixels: NDArray[np.float64],
-    roots: Float32,
+    roots: NDArray[np.float64],
     limits: Float32,
     opacities: Float32,
     colors: Float32,
@@ -147,18 +186,8 @@ def blend_range(
         n = tile_start[t + 1] - start
         for j in range(n):
             g = gaussians[start + j]
-            at = j * GEOMETRY
-            x = f4(pixels[g, 0] - x0)
-            y = f4(pixels[g, 1] - y0)
-            geometry[at] = x
-            geometry[at + 1] = y
-            geometry[at + 2] = roots[g, 0]
-            geometry[at + 3] = roots[g, 1]
-            geometry[at + 4] = roots[g, 2]
-            geometry[at + 5] = opacities[g]
-            masks[start + j] = _touched_blocks(
-                x, y, roots[g, 0], roots[g, 1], roots[g, 2], f4(limits[g] + LIMIT_MARGIN)
-            )
+            place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
+            masks[start + j] = _touched_blocks(geometry, j * GEOMETRY, f4(limits[g] + LIMIT_MARGIN))
         for block in range(16):
             block_x = 4 * (block % 4)
             block_y = 4 * (block // 4)
@@ -186,8 +215,9 @@ def blend_range(
                     at = j * GEOMETRY
                     dx = px - item(geometry, at)
                     dy = py - item(geometry, at + 1)
-                    u = fma(dx, splat(item(geometry, at + 2)), dy * item(geometry, at + 3))
-                    v = dy * item(geometry, at + 4)
+                    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+                    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+                    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
                     power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
                     alpha = minimum(power * item(geometry, at + 5), splat(_ALPHA_MAX))
                     alpha = select(alpha >= _ALPHA_MIN, alpha, zero)

@@ -141,7 +141,7 @@ class _Rasterize(torch.autograd.Function):
         def project_backward(i: int, n_ranges: int) -> None:
             project_backward_range(
                 *split_ranges(len(means), i, n_ranges), projected.state, lists.pair_start, pair_gradients, means,
-                quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.roots, projected.colors,
+                quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
                 channels.shape[1], *outputs,
             )  # fmt: skip
 

@@ -25,6 +25,11 @@ from .threads import run_ranges
 __all__ = ["Target", "photometric_loss", "ssim"]
 
 Float32 = NDArray[np.float32]
+
+TARGET_MAX = 2.0
+"""Values above this are refused. SSIM's variances are differences of squares: from 30 on, float32 leaves nothing of them
+beside C2 = 0.0009 where picture and photo are both that bright, and SSIM leaves [-1, 1]."""
+
 _scratch = threading.local()
 
 
@@ -36,7 +41,7 @@ class Target:
     Parameters
     ----------
     pixels : uint8 or float32 tensor or array of shape [H, W, 3]
-        uint8 is divided by 255.
+        uint8 is divided by 255, float32 lies in [0, 1] (values to 2 are taken, for a metric between rendered pictures).
     valid : bool tensor or array of shape [H, W], optional
         Pixels that count; all by default. The others are black in both pictures and have no gradient.
     """
@@ -56,6 +61,8 @@ class Target:
         values = np.ascontiguousarray(values, np.float32)
         if not np.isfinite(values).all():
             raise NumericalError("`target` of the loss is not finite; check the photo it was made of.")
+        if (largest := float(np.abs(values).max(initial=0.0))) > TARGET_MAX:
+            raise NumericalError(f"`target` of the loss reaches {largest:.4g}, not 1; divide by the photo's white.")
         self.height, self.width = values.shape[:2]
         self.weights = _pixel_weights(self.height, self.width, valid)
         size = _plane_length(self.height, self.width) * 3
@@ -203,7 +210,7 @@ def photometric_loss(
     Raises
     ------
     NumericalError
-        When either picture is not finite.
+        When either picture is not finite, or the target far above 1.
     """
     return _PhotometricLoss.apply(image, _checked(image, target, valid, threads), lambda_dssim, threads)
 

@@ -75,7 +75,7 @@ class Projected:
         ``VISIBLE`` or why it was culled.
     pixels : float64 [N, 2]
         Centre on the screen.
-    roots : float32 [N, 3]
+    roots : float64 [N, 3]
         a, b, c: alpha = opacity 2^-((a dx + b dy)^2 + (c dy)^2).
     limits : float32 [N]
         log2(255 opacity): alpha is at least 1/255 where u^2 + v^2 is at most this.
@@ -91,7 +91,7 @@ class Projected:
 
     state: NDArray[np.uint8]
     pixels: Float64
-    roots: Float32
+    roots: Float64
     limits: Float32
     depths: Float32
     radii: Float32
@@ -104,7 +104,7 @@ class Projected:
         return cls(
             np.empty(n, np.uint8),
             np.empty((n, 2), np.float64),
-            np.empty((n, 3), np.float32),
+            np.empty((n, 3), np.float64),
             np.empty(n, np.float32),
             np.empty(n, np.float32),
             np.zeros(n, np.float32),
@@ -140,7 +140,7 @@ def _project_one(
     r: Float64,
     m: Float64,
     pixels: Float64,
-    roots: Float32,
+    roots: Float64,
     limits: Float32,
     depths: Float32,
     radii: Float32,
@@ -229,7 +229,7 @@ def project_range(
     height: int,
     state: NDArray[np.uint8],
     pixels: Float64,
-    roots: Float32,
+    roots: Float64,
     limits: Float32,
     depths: Float32,
     radii: Float32,

@@ -62,7 +62,6 @@ def project_backward_range(
     sh_degree: int,
     camera: Float64,
     center: Float64,
-    roots: Float32,
     colors: Float32,
     n_channels: int,
     means_gradient: Float32,
@@ -85,6 +84,8 @@ def project_backward_range(
     r = np.empty((3, 3), np.float64)
     d = np.empty((3, 3), np.float64)
     q = np.empty((2, 3), np.float64)
+    m = np.empty((2, 3), np.float64)
+    lm = np.empty((2, 3), np.float64)
     d_m = np.empty((2, 3), np.float64)
     d_q = np.empty((2, 3), np.float64)
     for g in range(start, stop):
@@ -97,23 +98,6 @@ def project_backward_range(
         for k in range(n_channels):
             channels_gradient[g, k] = total[MOMENTS + n_rgb + k]
         opacities_gradient[g] = total[0] / opacities[g]
-
-        # ellipse
-        a = roots[g, 0] / ROOT_SCALE
-        b = roots[g, 1] / ROOT_SCALE
-        c = roots[g, 2] / ROOT_SCALE
-        s_u = total[1] / ROOT_SCALE
-        s_v = total[2] / ROOT_SCALE
-        scale2 = ROOT_SCALE * ROOT_SCALE
-        s_uu = total[3] / scale2
-        s_uv = total[4] / scale2
-        s_vv = total[5] / scale2
-        d_px = a * s_u
-        d_py = b * s_u + c * s_v
-        # twice dL/dSigma
-        d_xx = a * a * s_uu
-        d_xy = a * (b * s_uu + c * s_uv)
-        d_yy = b * b * s_uu + 2.0 * b * c * s_uv + c * c * s_vv
 
         # the projection once more
         x0 = np.float64(means[g, 0])
@@ -139,13 +123,43 @@ def project_backward_range(
         for k in range(3):
             q[0, k] = fx_z * (camera[k] - tan_x * camera[6 + k])
             q[1, k] = fy_z * (camera[3 + k] - tan_y * camera[6 + k])
-        # M = Q V, V = R S; d_m = 2 dL/dSigma M
+        # M = Q V, V = R S, and the ellipse, in float64: L M is at most 1 while L and M may be far from it, so the
+        # float32 roots of the blending would leave nothing of it for a needle
         for k in range(3):
             s = np.float64(scales[g, k])
-            m0 = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
-            m1 = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
-            d_m[0, k] = d_xx * m0 + d_xy * m1
-            d_m[1, k] = d_xy * m0 + d_yy * m1
+            m[0, k] = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
+            m[1, k] = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
+        c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+        c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
+        c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+        low_pass = camera[21]
+        xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
+        xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
+        yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
+        det = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
+        yy += low_pass
+        a = math.sqrt(yy / det)
+        b = -a * xy / yy
+        c = 1.0 / math.sqrt(yy)
+        s_u = total[1] / ROOT_SCALE
+        s_v = total[2] / ROOT_SCALE
+        scale2 = ROOT_SCALE * ROOT_SCALE
+        s_uu = total[3] / scale2
+        s_uv = total[4] / scale2
+        s_vv = total[5] / scale2
+        d_px = a * s_u
+        d_py = b * s_u + c * s_v
+        # d_m = 2 dL/dSigma M = L^T S_ww (L M); a m0 + b m1 = a / yy (yy m0 - xy m1), written without cancellation
+        lean = a / yy
+        lm[0, 0] = lean * (low_pass * m[0, 0] + m[1, 1] * c2 - m[1, 2] * c1)
+        lm[0, 1] = lean * (low_pass * m[0, 1] + m[1, 2] * c0 - m[1, 0] * c2)
+        lm[0, 2] = lean * (low_pass * m[0, 2] + m[1, 0] * c1 - m[1, 1] * c0)
+        for k in range(3):
+            lm[1, k] = c * m[1, k]
+            d_u = s_uu * lm[0, k] + s_uv * lm[1, k]
+            d_v = s_uv * lm[0, k] + s_vv * lm[1, k]
+            d_m[0, k] = a * d_u
+            d_m[1, k] = b * d_u + c * d_v
         for k in range(3):
             s = np.float64(scales[g, k])
             along = 0.0

@@ -10,7 +10,7 @@ from ..cameras.camera import PinholeCamera
 from .api import CulledCounts, Raster
 from .settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, T_MIN, RasterSettings
 
-__all__ = ["evaluate_sh", "rasterize_reference"]
+__all__ = ["evaluate_sh", "project_centres", "project_covariances", "rasterize_reference"]
 
 TILE = 32
 """Pixels along the side of the squares that are rendered one after another, to bound memory."""
@@ -48,8 +48,8 @@ def rasterize_reference(
     unit_x = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
     safe_quats = quats.where(~no_direction[:, None], unit_x)
 
-    pixel = _project_centres(safe, camera)
-    cov_xx, cov_xy, cov_yy, det = _project_covariances(safe, safe_quats, scales, viewmat[:3, :3], camera, settings)
+    pixel = project_centres(safe, camera)
+    cov_xx, cov_xy, cov_yy, det = project_covariances(safe, safe_quats, scales, viewmat[:3, :3], camera, settings)
     degenerate = ~near & (no_direction | ~(det >= DET_MIN) | ~(torch.maximum(cov_xx, cov_yy) <= COV_MAX))
     transparent = ~near & ~degenerate & (opacities < ALPHA_MIN)
     safe_opacities = opacities.detach().clamp(min=ALPHA_MIN)
@@ -102,13 +102,13 @@ def rasterize_reference(
     return Raster(image, transmittance, visible, radii, counts)
 
 
-def _project_centres(in_camera: torch.Tensor, camera: PinholeCamera) -> torch.Tensor:
+def project_centres(in_camera: torch.Tensor, camera: PinholeCamera) -> torch.Tensor:
     """Return the pixels [N, 2] of points [N, 3] in front of the camera."""
     x, y, z = in_camera.unbind(dim=1)
     return torch.stack([camera.K[0, 0] * x / z + camera.K[0, 2], camera.K[1, 1] * y / z + camera.K[1, 2]], dim=1)
 
 
-def _project_covariances(
+def project_covariances(
     in_camera: torch.Tensor,
     quats: torch.Tensor,
     scales: torch.Tensor,

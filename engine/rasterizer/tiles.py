@@ -80,7 +80,7 @@ def _list_range(
     stop: int,
     pair_start: Int64,
     pixels: NDArray[np.float64],
-    roots: NDArray[np.float32],
+    roots: NDArray[np.float64],
     limits: NDArray[np.float32],
     width: int,
     height: int,

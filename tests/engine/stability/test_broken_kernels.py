@@ -1,0 +1,130 @@
+"""The suite is worth its table: a kernel that is broken on purpose turns rows red, and the right ones."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numba import njit
+
+from engine.rasterizer import adam, blend_backward, cpu, loss
+from engine.stability.table import judge, select
+
+
+def is_green(case: str) -> bool:
+    return judge(select(case)[0]).green
+
+
+def rebuilt(function: Any, old: str, new: str) -> Callable[..., Any]:
+    """Return a kernel compiled again with `old` replaced in its source; nothing is kept on disk."""
+    source = inspect.getsource(function.py_func)
+    assert source.count(old) >= 1, f"{old!r} is no longer in the kernel: break another line"
+    scope = dict(function.py_func.__globals__)
+    code = source.replace("@njit(**JIT)\n", "").replace(old, new)
+    exec(compile(code, "broken kernel", "exec"), scope)
+    return njit(nogil=True, error_model="numpy")(scope[function.py_func.__name__])
+
+
+def scaled(index: int, factor: float) -> Callable[..., None]:
+    """Return the projection's backward kernel with one of its six outputs multiplied."""
+    whole = cpu.project_backward_range
+
+    def run(start: int, stop: int, *arguments: Any) -> None:
+        whole(start, stop, *arguments)
+        arguments[-6 + index][start:stop] *= np.float32(factor)
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("index", "case"), [(0, "ordinary"), (1, "ordinary"), (2, "needle_1e4"), (4, "picture_1x4096")]
+)
+def test_a_gradient_that_is_a_ten_thousandth_too_large_is_seen(
+    index: int, case: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert is_green(case)
+    monkeypatch.setattr(cpu, "project_backward_range", scaled(index, 1.0001))
+    assert not is_green(case)
+
+
+def test_a_clamp_that_lets_gradients_through_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = rebuilt(blend_backward.blend_backward_range, "(raw <= _ALPHA_MAX)", "(raw <= splat(f4(2.0)))")
+    monkeypatch.setattr(cpu, "blend_backward_range", broken)
+    for case in ("clamp_gradient", "opacity_logit_+20"):
+        assert not is_green(case), case
+
+
+def test_another_alpha_threshold_in_the_backward_pass_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = rebuilt(blend_backward.blend_backward_range, "alpha >= _ALPHA_MIN", "alpha >= splat(f4(1.001 / 255.0))")
+    monkeypatch.setattr(cpu, "blend_backward_range", broken)
+    assert not is_green("passes_agree")
+    assert is_green("nothing_visible")
+
+
+def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the suite found in its first run: centres of needles far off screen lost four digits in float32."""
+    whole = cpu.project_range
+
+    def run(*arguments: Any) -> None:
+        whole(*arguments)
+        roots = arguments[-6]
+        assert roots.dtype == np.float64 and roots.shape[1] == 3
+        roots[:] = roots.astype(np.float32)
+
+    monkeypatch.setattr(cpu, "project_range", run)
+    assert is_green("ordinary")
+    assert not is_green("needle_centre_off")
+
+
+def test_a_culled_gaussian_with_a_gradient_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = cpu.project_backward_range
+
+    def run(start: int, stop: int, *arguments: Any) -> None:
+        whole(start, stop, *arguments)
+        arguments[-6][0] = 1e-30
+
+    monkeypatch.setattr(cpu, "project_backward_range", run)
+    for case in ("nothing_visible", "quats_zero"):
+        assert not is_green(case), case
+
+
+def test_inputs_that_are_let_through_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    from engine.rasterizer import api
+
+    monkeypatch.setattr(api, "check_finite", lambda name, value: None)
+    assert not is_green("not_finite_opacities")
+
+
+def test_a_loss_that_forgets_a_border_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = loss.gradient_range
+
+    def run(*arguments: Any) -> None:
+        whole(*arguments)
+        arguments[-1][:3] = 0.0
+
+    monkeypatch.setattr(loss, "gradient_range", run)
+    assert not is_green("loss_noise")
+
+
+def test_an_adam_whose_correction_is_forgotten_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adam, "math", SimpleNamespace(sqrt=lambda value: 1.0))
+    assert not is_green("adam_same_gradients")
+
+
+def test_the_reference_is_not_what_is_broken() -> None:
+    """The cases that these tests turn red are green without them."""
+    for case in (
+        "clamp_gradient",
+        "opacity_logit_+20",
+        "passes_agree",
+        "needle_centre_off",
+        "quats_zero",
+        "loss_noise",
+    ):
+        assert is_green(case), case
+    assert torch.get_num_threads() == 1
