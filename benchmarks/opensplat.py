@@ -1,0 +1,93 @@
+"""A training step of OpenSplat on the CPU beside ours, on the same COLMAP project, in one run.
+
+Builds and downloads nothing: it needs OpenSplat's program. Both train colour alone on the sparse points, at full size,
+before any Gaussian is added; the cost of a step is the difference between a longer and a shorter run.
+
+example: python -m benchmarks.opensplat path/to/opensplat path/to/colmap_project
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from engine.cameras.given import read_cameras
+from engine.events import ignore_events, never_stop
+from engine.photos.reading import read_photos
+from engine.photos.settings import PhotoSettings
+from engine.training.settings import PRESETS
+from engine.training.start import start_gaussians
+from engine.training.train import train
+from engine.training.views import load_views
+
+_SHORT, _LONG = 20, 60
+"""Steps; OpenSplat adds Gaussians after 500."""
+
+
+def theirs(program: Path, project: Path, steps: int, folder: Path) -> tuple[float, float]:
+    """Return CPU and wall seconds of OpenSplat for `steps` steps on `project` (``images`` and ``sparse/0``)."""
+    before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    command = [program, project, "-n", steps, "--cpu", "--num-downscales", 0, "--sh-degree", 1]
+    done = subprocess.run(
+        [str(part) for part in [*command, "-o", folder / "theirs.ply"]], capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise SystemExit(f"{program} ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return cpu, time.perf_counter() - started
+
+
+def ours(project: Path, steps: int, folder: Path) -> tuple[float, float, int]:
+    """Return CPU and wall seconds of our training for `steps` steps on `project`, and the number of Gaussians."""
+    photos = read_photos(project / "images", PhotoSettings(), emit=ignore_events)
+    cameras = read_cameras(project / "sparse" / "0", photos)
+    n_points = len(cameras.points)
+    settings = replace(
+        PRESETS["standard"], steps=steps, max_gaussians=n_points, background=0.0, features=False, coarse_levels=0,
+        max_side=max(max(photo.width, photo.height) for photo in photos.photos), grow_from=1.0, grow_until=1.0,
+        curve_points=1, checkpoint_interval=steps,
+    )  # fmt: skip
+    views = load_views(photos.folder, cameras, {}, settings)
+    start = start_gaussians(cameras, views, settings, emit=ignore_events)
+    figures = train(start, views, settings, checkpoints=folder, emit=ignore_events, should_stop=never_stop).figures
+    return figures["cpu_seconds"], figures["wall_seconds"], len(start)
+
+
+def main() -> None:
+    """Time both and print the ratio."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("opensplat", type=Path, help="OpenSplat's program")
+    parser.add_argument("project", type=Path, help="folder with images/ and sparse/0/")
+    arguments = parser.parse_args()
+    for path in (arguments.opensplat, arguments.project / "images", arguments.project / "sparse" / "0"):
+        if not path.exists():
+            parser.error(f"{path} does not exist")
+    per_step = []
+    with tempfile.TemporaryDirectory() as folder:
+        for measure in (theirs, ours):
+            runs = []
+            for steps in (1, _SHORT, _LONG):  # the first loads compiled code and photos, and does not count
+                place = Path(folder) / f"{measure.__name__}-{steps}"
+                place.mkdir()
+                extra = (arguments.opensplat,) if measure is theirs else ()
+                runs.append(measure(*extra, arguments.project, steps, place))  # type: ignore[operator]
+            per_step.append(1e3 * (np.array(runs[2][:2]) - np.array(runs[1][:2])) / (_LONG - _SHORT))
+    (their_cpu, their_wall), (our_cpu, our_wall) = per_step
+    sys.stdout.write(
+        f"OpenSplat  {their_cpu:9.1f} CPU ms  {their_wall:9.1f} wall ms a step\n"
+        f"ours       {our_cpu:9.1f} CPU ms  {our_wall:9.1f} wall ms a step, {runs[2][2]:,} Gaussians\n"
+        f"ratio      {their_cpu / our_cpu:9.1f} in CPU time  {their_wall / our_wall:9.1f} in wall time\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

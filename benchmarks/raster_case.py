@@ -1,0 +1,235 @@
+"""One row of `benchmarks.raster`, measured in a process of its own; its figures are the last line printed, as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from engine.cameras.camera import PinholeCamera
+from engine.rasterizer.adam import AdamState, adam_step
+from engine.rasterizer.api import rasterize
+from engine.rasterizer.loss import Target, photometric_loss
+from engine.rasterizer.settings import RasterSettings
+
+from .floor import fma_peak, operations
+from .raster import Case
+from .textbook import Ellipses, TextbookRaster
+
+_FOCAL = 500.0
+
+
+def make_scene(case: Case) -> tuple[dict[str, torch.Tensor], PinholeCamera]:
+    """Return Gaussians that fill the picture, with radii of 2 to 15 pixels whatever its size, and the camera."""
+    rng = np.random.default_rng(3)
+    n, width, height = case.n, case.width, case.height
+    depth = rng.uniform(1, 10, n)
+    x = (rng.uniform(0, width, n) - width / 2) / _FOCAL * depth
+    y = (rng.uniform(0, height, n) - height / 2) / _FOCAL * depth
+    sigma = np.exp(rng.uniform(math.log(2.0), math.log(15.0), n)) / 3.0 * depth / _FOCAL
+    values = {
+        "means": np.stack([x, y, depth], 1),
+        "quats": rng.normal(size=(n, 4)),
+        "scales": sigma[:, None] * np.stack([np.ones(n), rng.uniform(0.25, 1, n), rng.uniform(0.25, 1, n)], 1),
+        "opacities": 1 / (1 + np.exp(-rng.normal(0, 1.5, n))),
+    }
+    if case.channels != 16:
+        values["sh"] = rng.normal(0, 0.3, (n, 4, 3))
+    if case.channels != 3:
+        values["channels"] = rng.normal(0, 0.3, (n, 16))
+    k = np.array([[_FOCAL, 0, width / 2], [0, _FOCAL, height / 2], [0, 0, 1]])
+    scene = {name: torch.tensor(value, dtype=torch.float32, requires_grad=True) for name, value in values.items()}
+    return scene, PinholeCamera(np.eye(4), k, width, height)
+
+
+def least(work: Callable[[], object], repeats: int) -> dict[str, float]:
+    """Return the least CPU and wall milliseconds of `work`, after one call that does not count."""
+    work()
+    cpu, wall = [], []
+    for _ in range(repeats):
+        c, w = time.process_time(), time.perf_counter()
+        work()
+        cpu.append(1e3 * (time.process_time() - c))
+        wall.append(1e3 * (time.perf_counter() - w))
+    return {"cpu_ms": min(cpu), "wall_ms": min(wall)}
+
+
+class _Ours:
+    """Our rasterizer on a scene."""
+
+    def __init__(self, case: Case, backend: str = "cpu") -> None:
+        self.scene, self.camera = make_scene(case)
+        self.settings = RasterSettings(threads=case.threads)
+        self.backend = backend
+        self.upstream = torch.randn(case.height, case.width, case.channels)
+
+    def render(self) -> torch.Tensor:
+        """Return the picture."""
+        geometry = [self.scene[name] for name in ("means", "quats", "scales", "opacities")]
+        return rasterize(
+            *geometry,
+            camera=self.camera,
+            sh=self.scene.get("sh"),
+            channels=self.scene.get("channels"),
+            settings=self.settings,
+            backend=self.backend,  # type: ignore[arg-type]
+        ).image
+
+    def both(self) -> None:
+        """Render and take all gradients."""
+        for parameter in self.scene.values():
+            parameter.grad = None
+        self.render().backward(self.upstream)
+
+    def masks(self) -> np.ndarray:
+        """Return the blocks that each pair changes."""
+        view = self.render().grad_fn.view  # type: ignore[union-attr]
+        masks: np.ndarray = view.masks
+        return masks
+
+
+def _cpu(case: Case) -> dict[str, float]:
+    ours = _Ours(case)
+    return {**least(ours.both, case.repeats), "pairs": len(ours.masks())}
+
+
+def _reference(case: Case) -> dict[str, float]:
+    return least(_Ours(case, "reference").both, case.repeats)
+
+
+def _floor(case: Case) -> dict[str, float]:
+    peak = fma_peak()
+    return {"cpu_ms": 1e3 * operations(_Ours(case).masks(), case.channels) / peak, "peak_gflops": peak / 1e9}
+
+
+def _textbook(case: Case) -> dict[str, float]:
+    scene, camera = make_scene(case)
+    numbers = {name: value.detach().numpy() for name, value in scene.items()}
+    raster = TextbookRaster(_ellipses(numbers, camera), _colors(numbers, case), case.width, case.height)
+    upstream = np.random.default_rng(0).normal(size=(case.height, case.width, case.channels)).astype(np.float32)
+    return least(lambda: raster.forward_backward(upstream), case.repeats)
+
+
+def _colors(numbers: dict[str, np.ndarray], case: Case) -> np.ndarray:
+    """What is blended has no influence on the time: constant colours stand in for harmonics."""
+    parts = [np.full((case.n, 3), 0.5, np.float32)] if "sh" in numbers else []
+    return np.concatenate(parts + ([numbers["channels"]] if "channels" in numbers else []), axis=1)
+
+
+def _ellipses(numbers: dict[str, np.ndarray], camera: PinholeCamera) -> Ellipses:
+    """Project as the textbook does, in NumPy and outside of the measured time."""
+    x, y, z = numbers["means"].astype(np.float64).T
+    w, i, j, k = (numbers["quats"] / np.linalg.norm(numbers["quats"], axis=1, keepdims=True)).astype(np.float64).T
+    rotation = np.array(
+        [
+            [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
+            [2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)],
+            [2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)],
+        ]
+    ).transpose(2, 0, 1)
+    zero = np.zeros_like(z)
+    jacobian = _FOCAL * np.array([[1 / z, zero, -x / z**2], [zero, 1 / z, -y / z**2]]).transpose(2, 0, 1)
+    m = jacobian @ rotation * numbers["scales"][:, None, :]
+    cov = m @ m.transpose(0, 2, 1) + 0.3 * np.eye(2)
+    inverse = np.linalg.inv(cov)
+    pixels = _FOCAL * np.stack([x / z, y / z], 1) + camera.K[:2, 2]
+    return Ellipses(
+        pixels.astype(np.float32),
+        np.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], 1).astype(np.float32),
+        numbers["opacities"],
+        z.astype(np.float32),
+        np.ceil(3 * np.sqrt(np.linalg.eigvalsh(cov)[:, 1])).astype(np.float32),
+    )
+
+
+def _step(case: Case) -> dict[str, float]:
+    """Projection, harmonics of degree 1, blending, loss, backward and Adam: a training step without features."""
+    return least(_Step(case).run, case.repeats)
+
+
+def _parts(case: Case) -> dict[str, float]:
+    step = _Step(case)
+    leaf = torch.rand(case.height, case.width, 3, requires_grad=True)
+
+    def forward() -> None:
+        with torch.no_grad():
+            step.ours.render()
+
+    work: dict[str, Callable[[], object]] = {
+        "forward": forward,
+        "forward and backward": step.ours.both,
+        "loss L1 + SSIM and its gradient": lambda: photometric_loss(leaf, step.target).backward(),
+        "Adam": step.adam,
+    }
+    return {name: least(call, case.repeats)["cpu_ms"] for name, call in work.items()}
+
+
+class _Step:
+    """A training step on a random photo."""
+
+    def __init__(self, case: Case) -> None:
+        self.ours = _Ours(case)
+        self.target = Target(torch.rand(case.height, case.width, 3, generator=torch.Generator().manual_seed(1)))
+        self.parameters = list(self.ours.scene.values())
+        self.states = [AdamState.zeros_like(parameter) for parameter in self.parameters]
+        self.ours.both()
+
+    def run(self) -> None:
+        """Do the step."""
+        for parameter in self.parameters:
+            parameter.grad = None
+        photometric_loss(self.ours.render(), self.target).backward()
+        self.adam()
+
+    def adam(self) -> None:
+        """Update the parameters with a rate of zero, which costs as much as any other."""
+        groups = [(p, p.grad, 0.0) for p in self.parameters if p.grad is not None]
+        adam_step(groups, self.states)
+
+
+def _memory(case: Case) -> dict[str, float]:
+    """Most memory of a forward and backward pass beyond the scene, its gradients and the compiled code."""
+    _Ours(Case("cpu", n=100, channels=case.channels)).both()
+    ours = _Ours(case)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    ours.both()
+    return {"bytes": 1024.0 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)}
+
+
+def _compile(case: Case) -> dict[str, float]:
+    """CPU seconds of the first picture with every kernel, with an empty and then a filled cache, imports left out."""
+    code = (
+        "import time, torch; torch.set_num_threads(1); from engine.rasterizer.api import warm_up; "
+        "start = time.process_time(); warm_up(n_channels=19); print(time.process_time() - start)"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
+        seconds = [
+            float(subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True).stdout)
+            for _ in range(2)
+        ]
+    return {"first_s": seconds[0], "again_s": seconds[1]}
+
+
+def main() -> None:
+    """Measure the case given as JSON."""
+    torch.set_num_threads(1)  # its OpenMP threads spin at barriers: on a busy machine they cost more than the work
+    case = Case(**json.loads(sys.argv[1]))
+    kinds = {
+        "cpu": _cpu, "reference": _reference, "floor": _floor, "textbook": _textbook, "step": _step,
+        "parts": _parts, "memory": _memory, "compile": _compile,
+    }  # fmt: skip
+    print(json.dumps(kinds[case.what](case)))
+
+
+if __name__ == "__main__":
+    main()
