@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -79,12 +79,13 @@ def rasterize(
     sh: torch.Tensor | None = None,
     sh_degree: int | None = None,
     channels: torch.Tensor | None = None,
+    viewmat: torch.Tensor | None = None,
     backend: Literal["cpu", "reference"] = "cpu",
     settings: RasterSettings | None = None,
 ) -> Raster:
     """Render Gaussians front to back into a picture of K = (3 if `sh`) + C channels.
 
-    Differentiable in `means`, `quats`, `scales`, `opacities`, `sh` and `channels` (Kerbl et al. 2023, EWA splatting
+    Differentiable in `means`, `quats`, `scales`, `opacities`, `sh`, `channels` and `viewmat` (Kerbl et al. 2023, EWA splatting
     of Zwicker et al. 2001). Order is by depth rounded to float32, equal depths by index.
 
     Parameters
@@ -104,6 +105,9 @@ def rasterize(
         Highest band used, 0 to 3; all that are there by default. Unused bands get zero gradients.
     channels : tensor of shape [N, C], optional
         Anything else to blend: features, depth, votes.
+    viewmat : tensor of shape [4, 4], optional
+        World-to-camera, in the place of the camera's own; float64 keeps far origins exact. The gradient is that of
+        free entries: project it to a rotation's tangent to move a camera.
     backend : {"cpu", "reference"}
         ``cpu``: float32, fast. ``reference``: plain torch in the inputs' dtype (use float64), slow, the judge.
     settings : RasterSettings, optional
@@ -123,6 +127,12 @@ def rasterize(
     """
     settings = settings or RasterSettings()
     degree = _check_shapes(means, quats, scales, opacities, sh, sh_degree, channels)
+    if viewmat is None:
+        viewmat = torch.from_numpy(np.asarray(camera.viewmat, dtype=np.float64))
+    elif tuple(viewmat.shape) != (4, 4):
+        raise ValueError(f"`viewmat` must have shape (4, 4), got {tuple(viewmat.shape)}")
+    else:
+        camera = replace(camera, viewmat=viewmat.detach().numpy().astype(np.float64))
     _check_camera(camera)
     named = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh, "channels": channels}
     for name, value in named.items():
@@ -131,11 +141,11 @@ def rasterize(
     if backend == "cpu":
         from .cpu import rasterize_cpu
 
-        return rasterize_cpu(means, quats, scales, opacities, sh, channels, camera, degree, settings)
+        return rasterize_cpu(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
     if backend == "reference":
         from .reference import rasterize_reference
 
-        return rasterize_reference(means, quats, scales, opacities, sh, channels, camera, degree, settings)
+        return rasterize_reference(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
     raise ValueError(f"backend must be 'cpu' or 'reference', got {backend!r}")
 
 

@@ -55,11 +55,12 @@ def _array(tensor: torch.Tensor) -> Float32:
 
 
 class _Rasterize(torch.autograd.Function):
-    """Inputs means, quats, scales, opacities, sh [N, n_sh or 0, 3], channels [N, C or 0]; outputs image, transmittance."""
+    """Inputs means, quats, scales, opacities, sh [N, n_sh or 0, 3], channels [N, C or 0], viewmat [4, 4] (its values
+    are those of the view's camera); outputs image, transmittance."""
 
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
-        tensors, view = arguments[:-1], arguments[-1]
+        *tensors, _, view = arguments
         means, quats, scales, opacities, sh, channels = (_array(tensor) for tensor in tensors)
         width, height = view.camera.width, view.camera.height
         n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
@@ -73,7 +74,7 @@ class _Rasterize(torch.autograd.Function):
             project_range(
                 *split_ranges(n, i, n_ranges), means, quats, scales, opacities, sh, view.sh_degree, channels,
                 numbers, center, width, height, projected.state, projected.pixels, projected.roots,
-                projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
+                projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
             )  # fmt: skip
 
         run_ranges(project, view.settings.threads)
@@ -87,7 +88,7 @@ class _Rasterize(torch.autograd.Function):
         def blend(i: int, n_ranges: int) -> None:
             blend_range(
                 i, n_ranges, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
-                projected.limits, opacities, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
+                projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
             )  # fmt: skip
 
         run_ranges(blend, view.settings.threads)
@@ -123,7 +124,7 @@ class _Rasterize(torch.autograd.Function):
         def blend_backward(i: int, n_ranges: int) -> None:
             n_bad = blend_backward_range(
                 i, n_ranges, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
-                projected.roots, opacities, flat_colors, n_colors, n_channels, masks, flat_image_gradient,
+                projected.roots, projected.faded, flat_colors, n_colors, n_channels, masks, flat_image_gradient,
                 flat_transmittance_gradient, flat_pairs,
             )  # fmt: skip
             bad_blocks.append(n_bad)
@@ -135,6 +136,8 @@ class _Rasterize(torch.autograd.Function):
                 "look at the loss that made it."
             )
         outputs = [np.zeros(tensor.shape, np.float32) for tensor in tensors]
+        wants_pose = ctx.needs_input_grad[len(tensors)]
+        by_gaussian = np.zeros((len(means) if wants_pose else 0, 12))
         numbers = camera_numbers(view.camera, view.settings)
         center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
@@ -142,14 +145,23 @@ class _Rasterize(torch.autograd.Function):
             project_backward_range(
                 *split_ranges(len(means), i, n_ranges), projected.state, lists.pair_start, pair_gradients, means,
                 quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
-                channels.shape[1], *outputs,
+                channels.shape[1], *outputs, by_gaussian,
             )  # fmt: skip
 
         run_ranges(project_backward, view.settings.threads)
         gradients = [torch.from_numpy(output) for output in outputs]
         for name, gradient in zip(("means", "quats", "scales", "opacities", "sh", "channels"), gradients, strict=True):
             check_finite(f"gradient of {name}", gradient)
-        return (*gradients, None)
+        pose_gradient = None
+        if wants_pose:
+            total = by_gaussian.sum(axis=0)
+            pose_gradient = torch.zeros(4, 4, dtype=torch.float64)
+            pose_gradient[:3, :3], pose_gradient[:3, 3] = (
+                torch.from_numpy(total[:9].reshape(3, 3)),
+                torch.from_numpy(total[9:]),
+            )
+            check_finite("gradient of viewmat", pose_gradient)
+        return (*gradients, pose_gradient, None)
 
 
 def rasterize_cpu(
@@ -159,6 +171,7 @@ def rasterize_cpu(
     opacities: torch.Tensor,
     sh: torch.Tensor | None,
     channels: torch.Tensor | None,
+    viewmat: torch.Tensor,
     camera: PinholeCamera,
     sh_degree: int,
     settings: RasterSettings,
@@ -178,7 +191,7 @@ def rasterize_cpu(
         if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
             raise ValueError(f"the cpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
     view = _View(camera, sh_degree, settings)
-    image, transmittance = _Rasterize.apply(*inputs, view)
+    image, transmittance = _Rasterize.apply(*inputs, viewmat.double(), view)
     assert view.projected is not None
     counts = np.bincount(view.projected.state, minlength=5)
     culled = CulledCounts(

@@ -4,7 +4,7 @@ With M = J W R S (J: affine approximation of the projection, W: world to camera,
 
     Sigma = M M^T + low_pass I                            (Zwicker et al. 2001, EWA)
     det   = |m_x cross m_y|^2 + low_pass (trace of M M^T) + low_pass^2      (Cauchy-Binet: no cancellation for needles)
-    alpha = opacity 2^-(u^2 + v^2),   u = a dx + b dy,   v = c dy
+    alpha = faded 2^-(u^2 + v^2),   u = a dx + b dy,   v = c dy
 
 where (a, b; 0, c) is the upper triangular root of Sigma^-1 log2(e)/2. Working with u and v instead of Sigma^-1 keeps
 float32 exact for needles, whose Sigma^-1 dx^2 terms cancel, and never gives a negative exponent.
@@ -51,17 +51,17 @@ def camera_numbers(camera: PinholeCamera, settings: RasterSettings) -> Float64:
     """Return what the projection needs of a camera in one array.
 
     0-8 rotation (row major), 9-11 translation, 12-15 fx fy cx cy, 16-19 bounds of x/z and y/z where the projection
-    is linearised (low x, high x, low y, high y), 20 near plane, 21 low pass.
+    is linearised (low x, high x, low y, high y), 20 near plane, 21 low pass, 22 whether antialiased.
     """
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
-    numbers = np.zeros(22)
+    numbers = np.zeros(23)
     numbers[0:9] = np.asarray(camera.viewmat)[:3, :3].reshape(-1)
     numbers[9:12] = np.asarray(camera.viewmat)[:3, 3]
     numbers[12:16] = fx, fy, cx, cy
     numbers[16:18] = (-margin_x - cx) / fx, (camera.width + margin_x - cx) / fx
     numbers[18:20] = (-margin_y - cy) / fy, (camera.height + margin_y - cy) / fy
-    numbers[20:22] = settings.near, settings.low_pass
+    numbers[20:23] = settings.near, settings.low_pass, settings.antialiased
     return numbers
 
 
@@ -76,9 +76,11 @@ class Projected:
     pixels : float64 [N, 2]
         Centre on the screen.
     roots : float64 [N, 3]
-        a, b, c: alpha = opacity 2^-((a dx + b dy)^2 + (c dy)^2).
+        a, b, c: alpha = faded 2^-((a dx + b dy)^2 + (c dy)^2).
+    faded : float32 [N]
+        Opacity on the screen: the Gaussian's own, less when antialiased.
     limits : float32 [N]
-        log2(255 opacity): alpha is at least 1/255 where u^2 + v^2 is at most this.
+        log2(255 faded): alpha is at least 1/255 where u^2 + v^2 is at most this.
     depths : float32 [N]
         Distance from the camera plane.
     radii : float32 [N]
@@ -92,6 +94,7 @@ class Projected:
     state: NDArray[np.uint8]
     pixels: Float64
     roots: Float64
+    faded: Float32
     limits: Float32
     depths: Float32
     radii: Float32
@@ -105,6 +108,7 @@ class Projected:
             np.empty(n, np.uint8),
             np.empty((n, 2), np.float64),
             np.empty((n, 3), np.float64),
+            np.empty(n, np.float32),
             np.empty(n, np.float32),
             np.empty(n, np.float32),
             np.zeros(n, np.float32),
@@ -141,6 +145,7 @@ def _project_one(
     m: Float64,
     pixels: Float64,
     roots: Float64,
+    faded: Float32,
     limits: Float32,
     depths: Float32,
     radii: Float32,
@@ -181,12 +186,15 @@ def _project_one(
     c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
     c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
     c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-    det = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
+    det_alone = c0 * c0 + c1 * c1 + c2 * c2
+    det = det_alone + low_pass * (xx + yy + low_pass)
     xx += low_pass
     yy += low_pass
     if not (det >= DET_MIN and max(xx, yy) <= COV_MAX):
         return CULLED_DEGENERATE
     opacity = np.float64(opacities[g])
+    if camera[22] > 0.0:
+        opacity *= math.sqrt(det_alone / det)
     if opacity < ALPHA_MIN:
         return CULLED_TRANSPARENT
     limit = math.log2(255.0 * opacity)
@@ -203,6 +211,7 @@ def _project_one(
     roots[g, 2] = ROOT_SCALE / math.sqrt(yy)
     pixels[g, 0] = px
     pixels[g, 1] = py
+    faded[g] = opacity
     limits[g] = limit
     depths[g] = z
     radii[g] = 3.0 * math.sqrt(0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy))
@@ -230,6 +239,7 @@ def project_range(
     state: NDArray[np.uint8],
     pixels: Float64,
     roots: Float64,
+    faded: Float32,
     limits: Float32,
     depths: Float32,
     radii: Float32,
@@ -249,8 +259,8 @@ def project_range(
     n_channels = channels.shape[1]
     for g in range(start, stop):
         state[g] = _project_one(
-            g, means, quats, scales, opacities, camera, width, height, r, m, pixels, roots, limits, depths, radii,
-            n_tiles,
+            g, means, quats, scales, opacities, camera, width, height, r, m, pixels, roots, faded, limits, depths,
+            radii, n_tiles,
         )  # fmt: skip
         if state[g] != VISIBLE:
             continue

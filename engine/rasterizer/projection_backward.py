@@ -70,9 +70,12 @@ def project_backward_range(
     opacities_gradient: Float32,
     sh_gradient: Float32,
     channels_gradient: Float32,
+    pose_gradients: Float64,
 ) -> None:
     """Fill the gradients of the visible ones of Gaussians `start` to `stop`.
 
+    `pose_gradients` [N, 12] gets each Gaussian's part of dL/dW (row major) and dL/dt of world-to-camera x = W X + t;
+    [0, 12] when the pose needs none.
     `pair_gradients` is [M, MOMENTS + n_colors]; a Gaussian's pairs are summed in their order, in float64.
     """
     row_length = pair_gradients.shape[1]
@@ -200,6 +203,15 @@ def project_backward_range(
         if camera[18] <= y / z <= camera[19]:
             d_y -= fy_z * j12 / z
             d_z += fy_z * j12 * y / (z * z)
+        if pose_gradients.shape[0] > 0:
+            for j in range(3):
+                mean = np.float64(means[g, j])
+                pose_gradients[g, j] = d_x * mean + fx_z * d_q[0, j]
+                pose_gradients[g, 3 + j] = d_y * mean + fy_z * d_q[1, j]
+                pose_gradients[g, 6 + j] = d_z * mean - tan_x * fx_z * d_q[0, j] - tan_y * fy_z * d_q[1, j]
+            pose_gradients[g, 9] = d_x
+            pose_gradients[g, 10] = d_y
+            pose_gradients[g, 11] = d_z
         d_x0 = camera[0] * d_x + camera[3] * d_y + camera[6] * d_z
         d_y0 = camera[1] * d_x + camera[4] * d_y + camera[7] * d_z
         d_z0 = camera[2] * d_x + camera[5] * d_y + camera[8] * d_z
@@ -224,9 +236,20 @@ def project_backward_range(
                 weights[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
             gx, gy, gz = sh_basis_gradient(x, y, z, sh_degree, weights)
             along = gx * x + gy * y + gz * z
-            d_x0 += (gx - along * x) * k_inverse
-            d_y0 += (gy - along * y) * k_inverse
-            d_z0 += (gz - along * z) * k_inverse
+            gx = (gx - along * x) * k_inverse
+            gy = (gy - along * y) * k_inverse
+            gz = (gz - along * z) * k_inverse
+            d_x0 += gx
+            d_y0 += gy
+            d_z0 += gz
+            if pose_gradients.shape[0] > 0:
+                # the direction starts at the camera's centre -W^T t
+                for i in range(3):
+                    t = camera[9 + i]
+                    pose_gradients[g, 3 * i] += t * gx
+                    pose_gradients[g, 3 * i + 1] += t * gy
+                    pose_gradients[g, 3 * i + 2] += t * gz
+                    pose_gradients[g, 9 + i] += camera[3 * i] * gx + camera[3 * i + 1] * gy + camera[3 * i + 2] * gz
         means_gradient[g, 0] = d_x0
         means_gradient[g, 1] = d_y0
         means_gradient[g, 2] = d_z0

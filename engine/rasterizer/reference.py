@@ -23,6 +23,7 @@ def rasterize_reference(
     opacities: torch.Tensor,
     sh: torch.Tensor | None,
     channels: torch.Tensor | None,
+    viewmat: torch.Tensor,
     camera: PinholeCamera,
     sh_degree: int,
     settings: RasterSettings,
@@ -36,7 +37,7 @@ def rasterize_reference(
     """
     dtype = means.dtype
     width, height = camera.width, camera.height
-    viewmat = torch.tensor(camera.viewmat, dtype=dtype)
+    viewmat = viewmat.to(dtype)
     in_camera = means @ viewmat[:3, :3].T + viewmat[:3, 3]
     depth = in_camera[:, 2]
 
@@ -51,6 +52,10 @@ def rasterize_reference(
     pixel = project_centres(safe, camera)
     cov_xx, cov_xy, cov_yy, det = project_covariances(safe, safe_quats, scales, viewmat[:3, :3], camera, settings)
     degenerate = ~near & (no_direction | ~(det >= DET_MIN) | ~(torch.maximum(cov_xx, cov_yy) <= COV_MAX))
+    if settings.antialiased:
+        # Without the low pass, again by Cauchy-Binet: what is left when the low pass' own share is taken off.
+        share = settings.low_pass * (cov_xx + cov_yy - settings.low_pass)
+        opacities = opacities * torch.sqrt(((det - share) / det).clamp(min=0.0)).detach()
     transparent = ~near & ~degenerate & (opacities < ALPHA_MIN)
     safe_opacities = opacities.detach().clamp(min=ALPHA_MIN)
     # alpha >= 1/255 inside of the ellipse d^T Sigma^-1 d <= limit, whose half extents are exact.
@@ -62,7 +67,7 @@ def rasterize_reference(
     outside = ~near & ~degenerate & ~transparent & beside
     visible = ~(near | degenerate | transparent | outside)
 
-    colors = _colors(means, sh, channels, camera, sh_degree)
+    colors = _colors(means, sh, channels, -viewmat[:3, :3].T @ viewmat[:3, 3], sh_degree)
     order = torch.argsort(depth.detach().float(), stable=True)
     order = order[visible[order]]
     image = means.new_zeros(height, width, colors.shape[1])
@@ -156,13 +161,13 @@ def _colors(
     means: torch.Tensor,
     sh: torch.Tensor | None,
     channels: torch.Tensor | None,
-    camera: PinholeCamera,
+    center: torch.Tensor,
     sh_degree: int,
 ) -> torch.Tensor:
     """Return what is blended, [N, K]: colours from `sh` and then `channels`."""
     parts = []
     if sh is not None:
-        direction = means - torch.tensor(camera.center, dtype=means.dtype)
+        direction = means - center
         norm = direction.norm(dim=1, keepdim=True).clamp(min=1e-30)
         parts.append((0.5 + evaluate_sh(sh, direction / norm, sh_degree)).clamp(min=0.0))
     if channels is not None:

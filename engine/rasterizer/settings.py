@@ -50,12 +50,17 @@ class RasterSettings:
         unit size (Gaussians nearer than that blow up on the screen).
     low_pass : float
         Added to both diagonal entries of the screen covariance, pixels^2, so that none falls between pixels.
+    antialiased : bool
+        Fade Gaussians by as much as the low pass widens them: opacity times sqrt(det Sigma / det (Sigma + low_pass I))
+        (Yu et al. 2024, Mip-Splatting's 2-D filter). The factor counts as a constant in the backward pass: its own
+        gradient grows without bound for Gaussians far smaller than a pixel.
     threads : int or None
         Threads of the ``cpu`` backend; None takes every core this process may use. The result does not depend on it.
     """
 
     near: float = 0.02
     low_pass: float = 0.3
+    antialiased: bool = False
     threads: int | None = None
 
     def __post_init__(self) -> None:

@@ -34,7 +34,7 @@ class Scene:
         return replace(self, **{name: t.detach().to(dtype).requires_grad_() for name, t in self.tensors().items()})
 
     def render(
-        self, camera: PinholeCamera, backend: str = "cpu", settings: RasterSettings | None = None, **options: int
+        self, camera: PinholeCamera, backend: str = "cpu", settings: RasterSettings | None = None, **options: object
     ) -> Raster:
         """Rasterize the scene."""
         return rasterize(
