@@ -15,7 +15,7 @@ PROMPTS ?=
 PRESET ?= standard
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint house types engine-tests blender-tests stability zip clean
+.PHONY: help setup demo test lint house types engine-tests blender-tests stability bench-raster zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -43,6 +43,9 @@ engine-tests: ## everything that needs no Blender
 
 blender-tests: ## the add-on in each Blender at hand, against the installed zip
 	$(ENGINE) scripts/run_blender_tests.py
+
+bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
+	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
 
 zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py

@@ -18,8 +18,12 @@ import torch
 from engine.cameras.camera import PinholeCamera
 from engine.rasterizer.adam import AdamState, adam_step
 from engine.rasterizer.api import rasterize
+from engine.rasterizer.blend_backward import MOMENTS, blend_backward_range
+from engine.rasterizer.blend_forward import blend_range
 from engine.rasterizer.loss import Target, photometric_loss
 from engine.rasterizer.settings import RasterSettings
+from engine.rasterizer.threads import run_ranges
+from engine.rasterizer.tiles import make_tile_lists
 
 from .floor import fma_peak, operations
 from .raster import Case
@@ -100,6 +104,39 @@ class _Ours:
 def _cpu(case: Case) -> dict[str, float]:
     ours = _Ours(case)
     return {**least(ours.both, case.repeats), "pairs": len(ours.masks())}
+
+
+def _blend(case: Case) -> dict[str, float]:
+    """Tile lists and blending alone, forward and backward, for ellipses that are there: what the textbook row does."""
+    ours = _Ours(case)
+    projected = ours.render().grad_fn.view.projected  # type: ignore[union-attr]
+    n_colors = projected.colors.shape[1]
+    colors, upstream = projected.colors.reshape(-1), ours.upstream.numpy().reshape(-1)
+    image, transmittance = np.empty(upstream.shape, np.float32), np.empty(case.width * case.height, np.float32)
+    size = (case.width, case.height)
+
+    def both() -> None:
+        lists = make_tile_lists(projected, *size, case.threads)
+        masks = np.empty(len(lists.gaussians), np.uint16)
+        pairs = np.empty(len(masks) * (MOMENTS + n_colors), np.float32)
+        shape = (projected.pixels, projected.roots)
+
+        def forward(i: int, n: int) -> None:
+            blend_range(
+                i, n, *size, lists.tile_start, lists.gaussians, *shape, projected.limits, projected.faded, colors,
+                n_colors, case.channels, image, transmittance, masks,
+            )  # fmt: skip
+
+        def backward(i: int, n: int) -> None:
+            blend_backward_range(
+                i, n, *size, lists.tile_start, lists.gaussians, lists.pairs, *shape, projected.faded, colors,
+                n_colors, case.channels, masks, upstream, np.empty(0, np.float32), pairs,
+            )  # fmt: skip
+
+        run_ranges(forward, case.threads)
+        run_ranges(backward, case.threads)
+
+    return least(both, case.repeats)
 
 
 def _reference(case: Case) -> dict[str, float]:
@@ -225,7 +262,7 @@ def main() -> None:
     torch.set_num_threads(1)  # its OpenMP threads spin at barriers: on a busy machine they cost more than the work
     case = Case(**json.loads(sys.argv[1]))
     kinds = {
-        "cpu": _cpu, "reference": _reference, "floor": _floor, "textbook": _textbook, "step": _step,
+        "cpu": _cpu, "blend": _blend, "reference": _reference, "floor": _floor, "textbook": _textbook, "step": _step,
         "parts": _parts, "memory": _memory, "compile": _compile,
     }  # fmt: skip
     print(json.dumps(kinds[case.what](case)))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["Detection", "Detector", "PromptCheck"]
 
@@ -76,6 +77,32 @@ class Detector(Protocol):
         labels : array of shape [h, w], int32, or None
             Label map of the same photo at any size (``masks.storage.read_label_map``): detections are then chosen
             among its segments and carry their id.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty or not known.
+        """
+        ...
+
+    def score_crops(
+        self,
+        pixels: NDArray[np.uint8],
+        boxes: ArrayLike,
+        prompt: str,
+        *,
+        masks: Sequence[NDArray[np.bool_]] | None = None,
+    ) -> list[float]:
+        """Return how well each box, or better each mask, shows what `prompt` names, 0 to 1.
+
+        Parameters
+        ----------
+        pixels : array of shape [H, W, 3], uint8, sRGB
+        boxes : array-like of shape [n, 4]
+            x0, y0, x1, y1 in pixels.
+        prompt : str
+        masks : sequence of n bool arrays of shape [H, W], or None
+            The object in each box.
 
         Raises
         ------

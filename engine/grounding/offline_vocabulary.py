@@ -42,7 +42,8 @@ _EVEN = 0.02
 _MIN_SCORE = 0.2
 _MIN_SEGMENT = 0.001
 _MAX_SEGMENT = 0.5
-_KEPT_PHOTOS = 32
+_KEPT_ROWS = 20_000
+"""Crops whose probabilities are kept, 4 KB each."""
 
 
 class OfflineVocabulary:
@@ -166,7 +167,7 @@ class OfflineVocabulary:
                 batch = torch.from_numpy(np.stack(crops[start : start + _BATCH])).permute(0, 3, 1, 2).float()
                 parts.append(self._classifier.logits(batch).softmax(dim=1).numpy())
             self._probabilities[key] = np.concatenate(parts)
-            while len(self._probabilities) > _KEPT_PHOTOS:
+            while sum(len(rows) for rows in self._probabilities.values()) > _KEPT_ROWS:
                 self._probabilities.popitem(last=False)
         return self._probabilities[key]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..grounding.detector import Detector
     from ..masks.sam import Embedding, SegmentAnything
 
-__all__ = ["DetectorFactory", "SamFactory", "Seed", "find_seeds"]
+__all__ = ["DetectorFactory", "Photos", "SamFactory", "Seed", "find_seeds"]
 
 DetectorFactory = Callable[[], "Detector"]
 SamFactory = Callable[[], "SegmentAnything"]
@@ -60,7 +60,7 @@ class Seed:
     whole: bool = True
 
 
-class _Photos:
+class Photos:
     """Photos at the size the models see, each encoded by SAM at most once."""
 
     def __init__(self, folder: Path, side: int, sam_factory: SamFactory) -> None:
@@ -69,6 +69,7 @@ class _Photos:
         self._embeddings: dict[str, Embedding] = {}
 
     def pixels(self, camera: Camera) -> NDArray[np.uint8]:
+        """Return the photo, uint8 [H, W, 3]."""
         return load_pixels(self._folder / camera.photo, max_side=self._side)
 
     def segment(
@@ -97,12 +98,11 @@ class _Photos:
 def find_seeds(
     prompt: Prompt,
     views: Views,
-    photo_folder: Path,
+    photos: Photos,
     label_maps: Mapping[str, NDArray[np.int32]],
     settings: SegmentSettings,
     *,
     detector_factory: DetectorFactory,
-    sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
 ) -> list[Seed]:
@@ -112,13 +112,12 @@ def find_seeds(
     ----------
     prompt : Prompt
     views : Views
-    photo_folder : Path
-        Where the photos lie.
+    photos : Photos
     label_maps : mapping of str to int32 array of shape [h, w]
         SAM label maps by photo: a text detector chooses among their segments. May be empty.
     settings : SegmentSettings
-    detector_factory, sam_factory : callable
-        Called only when the prompt needs the model.
+    detector_factory : callable
+        Called only for a text.
     emit, should_stop
         See `engine.events`.
 
@@ -131,7 +130,6 @@ def find_seeds(
     Cancelled
         When `should_stop` says so.
     """
-    photos = _Photos(photo_folder, settings.photo_side, sam_factory)
     if isinstance(prompt, TextPrompt):
         return _from_text(prompt, views, photos, label_maps, settings, detector_factory, emit, should_stop)
     camera = camera_of_prompt(prompt, views.cameras)
@@ -147,7 +145,7 @@ def find_seeds(
     return [seed]
 
 
-def _from_click(prompt: ClickPrompt, view: View, photos: _Photos, settings: SegmentSettings) -> Seed:
+def _from_click(prompt: ClickPrompt, view: View, photos: Photos, settings: SegmentSettings) -> Seed:
     """Return SAM's mask that best fits the instance the features show at the clicked pixel.
 
     SAM's answer to a single point is often only a part of the object. The box of the pixels with a feature like the
@@ -199,7 +197,7 @@ def _pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     return int(round(float(columns.mean()))), int(round(float(rows.mean())))
 
 
-def _from_box(prompt: BoxPrompt, view: View, photos: _Photos) -> Seed:
+def _from_box(prompt: BoxPrompt, view: View, photos: Photos) -> Seed:
     camera = view.camera
     pixels = photos.pixels(camera)
     scale = pixels.shape[1] / camera.width
@@ -213,7 +211,7 @@ def _from_box(prompt: BoxPrompt, view: View, photos: _Photos) -> Seed:
 def _from_text(
     prompt: TextPrompt,
     views: Views,
-    photos: _Photos,
+    photos: Photos,
     label_maps: Mapping[str, NDArray[np.int32]],
     settings: SegmentSettings,
     detector_factory: DetectorFactory,
@@ -245,7 +243,7 @@ def _from_text(
 
 
 def _detections(
-    detector: Detector, text: str, camera: Camera, photos: _Photos, labels: NDArray[np.int32] | None
+    detector: Detector, text: str, camera: Camera, photos: Photos, labels: NDArray[np.int32] | None
 ) -> list[tuple[Mask, float]]:
     """Return masks, in the photo's frame, and scores of what `text` names in one photo."""
     pixels = photos.pixels(camera)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,23 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import CameraSet
-from ..errors import Cancelled, FormatError, PromptError
+from ..errors import FormatError, PromptError
 from ..events import Emit, Progress, StopCheck
 from ..gaussians.gaussians import Gaussians
 from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder
 from ..settings import to_dict
-from .lifting import Lifted, complete, lift, refine_by_votes
+from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap, rank_for_text
+from .lifting import complete, refine_by_votes
 from .prompts import Prompt, TextPrompt, describe_prompt
-from .seeds import DetectorFactory, SamFactory, Seed, find_seeds
+from .seeds import DetectorFactory, Photos, SamFactory, Seed, find_seeds
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
-from .views import View, Views
+from .views import Views
 
 __all__ = ["THRESHOLD", "FoundObject", "find_objects", "segment_project"]
-
-THRESHOLD = 0.5
-"""Membership from which on a Gaussian belongs to an object, until the person moves the slider."""
 
 Float32 = NDArray[np.float32]
 
@@ -53,15 +51,6 @@ class FoundObject:
     score: float
     fit: float
     seeds: tuple[Seed, ...]
-
-
-@dataclass
-class _Group:
-    """Seeds that turned out to show one object."""
-
-    best: Lifted
-    seeds: list[Seed]
-    fit: float
 
 
 def find_objects(
@@ -115,107 +104,47 @@ def find_objects(
     convex hull.
     """
     views = Views(Scene(gaussians, backend=backend), cameras, render_side=settings.render_side)
+    photos = Photos(photo_folder, settings.photo_side, sam_factory)
     seeds = find_seeds(
         prompt,
         views,
-        photo_folder,
+        photos,
         label_maps,
         settings,
         detector_factory=detector_factory,
-        sam_factory=sam_factory,
         emit=emit,
         should_stop=should_stop,
     )
-    groups = _group(views, seeds, settings, should_stop)
-    if not groups:
+    candidates = gather(views, seeds, settings, should_stop)
+    if not candidates:
         raise PromptError(
             "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
         )
-    scored = _scored(views, groups, isinstance(prompt, TextPrompt), settings)
+    if isinstance(prompt, TextPrompt):
+        scored = rank_for_text(prompt.text, candidates, views, photos, detector_factory(), settings, should_stop)
+    else:
+        scored = [(candidate.seeds[0].score, candidate) for candidate in candidates]
     found: list[FoundObject] = []
-    for number, (score, group) in enumerate(scored):
-        membership = _finished(views, group, label_maps, settings, should_stop)
-        if not any(_overlap(membership, other.membership) > settings.same_object for other in found):
-            best = group.seeds[0]
-            fit = _fit(views, best.view, best.mask, membership)
-            found.append(FoundObject(membership, score, fit, tuple(group.seeds)))
+    for number, (score, candidate) in enumerate(scored):
+        membership = _finished(views, candidate, label_maps, settings, should_stop)
+        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
+            best = candidate.seeds[0]
+            fit = fit_of(views, best.view, best.mask, membership)
+            found.append(FoundObject(membership, score, fit, tuple(candidate.seeds)))
         emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(scored), message="Isolating"))
     return found
 
 
-def _fit(views: Views, view: View, mask: NDArray[np.bool_], membership: Float32) -> float:
-    """Return the IoU of a mask with the object rendered in the same view."""
-    shown = views.visible_share(view, membership >= THRESHOLD) > 0.5
-    union = int((shown | mask).sum())
-    return int((shown & mask).sum()) / union if union else 0.0
-
-
-def _overlap(one: Float32, other: Float32) -> float:
-    """Return the common Gaussians as a part of the smaller object's."""
-    a, b = one >= THRESHOLD, other >= THRESHOLD
-    smaller = min(int(a.sum()), int(b.sum()))
-    return int((a & b).sum()) / smaller if smaller else 0.0
-
-
-def _group(views: Views, seeds: Sequence[Seed], settings: SegmentSettings, should_stop: StopCheck) -> list[_Group]:
-    """Lift every seed and put those that show the same Gaussians together, led by the one that fits its mask best."""
-    groups: list[_Group] = []
-    for seed in sorted(seeds, key=lambda seed: -seed.score):
-        if should_stop():
-            raise Cancelled("Stopped while isolating; no object was stored.")
-        wanted = settings if seed.whole else replace(settings, parts=1)
-        lifted = lift(views, seed.view, seed.mask, wanted, start=seed.start)
-        if lifted is None:
-            continue
-        fit = _fit(views, seed.view, seed.mask, lifted.membership)
-        same = next((g for g in groups if _overlap(g.best.membership, lifted.membership) > settings.same_object), None)
-        if same is None:
-            groups.append(_Group(lifted, [seed], fit))
-        elif seed.score * fit > same.seeds[0].score * same.fit:
-            same.best, same.fit = lifted, fit
-            same.seeds.insert(0, seed)
-        else:
-            same.seeds.append(seed)
-    return groups
-
-
-def _scored(
-    views: Views, groups: Sequence[_Group], by_text: bool, settings: SegmentSettings
-) -> list[tuple[float, _Group]]:
-    """Return the groups worth keeping with their score, the best first.
-
-    For a text the score is the detector's, averaged over the views it looked at that face the object (0 where it
-    found something else), times how well the Gaussians found fill the best mask. A find that several views agree on
-    thus wins over a louder one of a single view.
-    """
-    if not by_text:
-        return [(group.seeds[0].score, group) for group in groups]
-    looked_at = {seed.view.camera.photo for group in groups for seed in group.seeds}
-    scored = []
-    for group in groups:
-        center = np.median(views.scene.gaussians.means[group.best.members], axis=0)
-        facing = [camera.photo for camera in views.facing(center) if camera.photo in looked_at]
-        by_photo: dict[str, float] = {}
-        for seed in group.seeds:
-            photo = seed.view.camera.photo
-            by_photo[photo] = max(by_photo.get(photo, 0.0), seed.score)
-        score = sum(by_photo.values()) / max(len(facing), len(by_photo)) * group.fit
-        scored.append((min(1.0, score), group))
-    scored.sort(key=lambda pair: -pair[0])
-    best = scored[0][0]
-    return [pair for pair in scored if pair[0] >= settings.relative_score * best][: settings.max_objects]
-
-
 def _finished(
     views: Views,
-    group: _Group,
+    candidate: Candidate,
     label_maps: Mapping[str, NDArray[np.int32]],
     settings: SegmentSettings,
     should_stop: StopCheck,
 ) -> Float32:
-    lifted, seen = group.best, None
+    lifted, seen = candidate.best, None
     if settings.refinement == "votes":
-        best = group.seeds[0]
+        best = candidate.seeds[0]
         seed = (best.view, best.mask) if best.given else None
         lifted, seen = refine_by_votes(views, lifted, seed, label_maps, settings, should_stop=should_stop)
     return complete(views, lifted, settings, seen)

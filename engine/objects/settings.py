@@ -48,6 +48,13 @@ class SegmentSettings:
         axis are set aside (Gaussian Grouping: 1.0); None for no such filter.
     same_object : float
         Two finds are one object when their Gaussians overlap at least this much (intersection over the smaller).
+    n_rescored : int
+        Of the finds of a text, so many are looked at again: each one cut out of the photos it is seen in, and judged by
+        what it looks like from all of them together. 0 leaves the detector's first word, as in the paper.
+    n_crop_views : int
+        Photos that each of those is cut out of, at most.
+    least_score : float
+        When the best find of a text scores less, it is told as not found.
     relative_score : float
         Of several different finds of one text, those that score at least this part of the best become objects.
     max_objects : int
@@ -67,7 +74,10 @@ class SegmentSettings:
     completion: Literal["none", "hull", "guarded"] = "guarded"
     outlier_iqr: float | None = 1.0
     same_object: float = 0.4
-    relative_score: float = 0.6
+    n_rescored: int = 6
+    n_crop_views: int = 6
+    least_score: float = 0.25
+    relative_score: float = 0.9
     max_objects: int = 8
 
     def __post_init__(self) -> None:
@@ -84,6 +94,9 @@ class SegmentSettings:
         require(self, "completion", self.completion in ("none", "hull", "guarded"), "'none', 'hull' or 'guarded'")
         require(self, "outlier_iqr", self.outlier_iqr is None or self.outlier_iqr > 0, "above 0 or None")
         require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
+        require(self, "n_rescored", self.n_rescored >= 0, "at least 0")
+        require(self, "n_crop_views", self.n_crop_views >= 1, "at least 1")
+        require(self, "least_score", 0 <= self.least_score <= 1, "between 0 and 1")
         require(self, "relative_score", 0 <= self.relative_score <= 1, "between 0 and 1")
         require(self, "max_objects", self.max_objects >= 1, "at least 1")
 
@@ -91,7 +104,9 @@ class SegmentSettings:
 BETTER = SegmentSettings()
 """All parts that a mask shows; masks of up to 24 views vote on every Gaussian; only what no view sees is filled in."""
 
-PAPER = replace(BETTER, parts=1, refinement="none", completion="hull")
+PAPER = replace(
+    BETTER, parts=1, refinement="none", completion="hull", n_rescored=0, least_score=0.0, relative_score=0.6
+)
 """Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
 
 PRESETS = {"paper": PAPER, "better": BETTER}

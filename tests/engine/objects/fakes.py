@@ -82,6 +82,12 @@ class FakeDetector:
                 found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.7, name, region))
         return found
 
+    def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+        """Give the share of each mask that truly is what `prompt` names: crops show what single photos mistook."""
+        photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
+        meant = [part for part, name in PART_NAMES.items() if name == prompt]
+        return [float(np.isin(self.scene.labels[photo][mask], meant).mean()) for mask in masks]
+
 
 def trained_project(scene: BlobScene, folder: Path, *, features: bool = True) -> ProjectFolder:
     """Write a project as if `scene` had been trained, photos beside it."""

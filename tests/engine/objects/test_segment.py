@@ -103,6 +103,23 @@ def test_one_loud_mistake_loses_against_views_that_agree(find, blobs: BlobScene)
     assert len(found) == 1 and overlap(found[0], blobs, BLUE) > 0.95
 
 
+def test_what_photos_all_mistake_is_found_out_by_its_crops(find, blobs: BlobScene) -> None:
+    prompt = TextPrompt("blue ball")
+    fooled = {"detector_factory": lambda: FakeDetector(blobs, wrong=tuple(blobs.pixels))}
+    assert overlap(find(prompt, **fooled)[0], blobs, BLUE) < 0.1
+    (found,) = find(prompt, settings=SMALL_BETTER, **fooled)
+    assert overlap(found, blobs, BLUE) > 0.95
+
+
+def test_what_looks_too_little_like_it_is_not_passed_off_as_found(find, blobs: BlobScene) -> None:
+    class Unsure(FakeDetector):
+        def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+            return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
+
+    with pytest.raises(PromptError, match=r"looks enough like 'blue ball' \(best match 0\.\d\d, needed 0\.25\)"):
+        find(TextPrompt("blue ball"), settings=SMALL_BETTER, detector_factory=lambda: Unsure(blobs))
+
+
 def test_objects_that_share_a_feature_are_told_apart_by_place(find, blobs: BlobScene) -> None:
     features = blobs.gaussians.features.copy()
     features[blobs.part == TWIN] = features[blobs.part == RED]
