@@ -24,6 +24,7 @@ import numpy as np
 from engine.project_folder import atomic_write
 
 _SMALL, _LARGE = (640, 480), (1600, 1200)
+_NUMBA_AS_IT_COMES = {"NUMBA_OPT": "3", "NUMBA_LOOP_VECTORIZE": "1"}
 _AVX2 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": "+avx2,+fma,+bmi,+bmi2,+f16c,+lzcnt,+popcnt"}
 
 
@@ -81,6 +82,8 @@ def cases(quick: bool) -> Iterator[Case]:
 def measure(case: Case) -> dict[str, float]:
     """Measure `case` in a fresh process and return its figures."""
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1", **(_AVX2 if case.avx2 else {})}
+    if case.what == "textbook":
+        environment |= _NUMBA_AS_IT_COMES
     command = [sys.executable, "-m", "benchmarks.raster_case", json.dumps(asdict(case))]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:

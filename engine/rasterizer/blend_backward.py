@@ -21,7 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .blend_forward import GEOMETRY, lane_x, lane_y, place
-from .jit import JIT
+from .jit import INNER, JIT
 from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .simd import (
     any_of,
@@ -53,7 +53,7 @@ MOMENTS = 8
 _ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _read_block(
     image: Float32, corner: int, width: int, n_x: int, n_y: int, n_channels: int, planes: Float32, at: int
 ) -> None:
@@ -78,7 +78,7 @@ def _read_block(
                 put(planes, at + k * 16 + 4 * y + x, item(image, start + k + y * row_step + x * n_channels))
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _gather(
     start: int,
     n: int,
@@ -99,7 +99,7 @@ def _gather(
         color_rows[j] = np.int64(g) * n_colors
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _store_pairs(
     start: int,
     n: int,

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .jit import JIT
+from .jit import INNER, JIT
 from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .simd import (
     all_bits,
@@ -56,7 +56,7 @@ _block_y = lanes([4 * (b // 4) + 0.5 for b in range(16)])
 _ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def place(
     g: int,
     x0: int,
@@ -86,7 +86,7 @@ def place(
     geometry[at + 7] = roots[g, 2] * dy
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _touched_blocks(geometry: Float32, at: int, limit: float) -> int:
     """Return 16 bits: the blocks of pixel centres that have a point with u^2 + v^2 <= `limit`; geometry as of `place`.
 
@@ -121,7 +121,7 @@ def _touched_blocks(geometry: Float32, at: int, limit: float) -> int:
     return all_bits(minimum(on_column, on_row) <= limit)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _write_block(image: Float32, corner: int, width: int, n_x: int, n_y: int, n_channels: int, planes: Float32) -> None:
     """Copy `planes`, a vector a channel, to the n_x by n_y pixels at pixel `corner` of flat `image` [H W n_channels]."""
     row_step = np.int64(width) * n_channels

@@ -9,10 +9,15 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numba
 from platformdirs import user_cache_path
 
-__all__ = ["JIT", "cache_folder"]
+# The kernels say themselves what is a vector: LLVM's search for more only takes time. Numba reads this at its import.
+os.environ.setdefault("NUMBA_OPT", "2")
+os.environ.setdefault("NUMBA_LOOP_VECTORIZE", "0")
+
+import numba  # noqa: E402
+
+__all__ = ["INNER", "JIT", "cache_folder"]
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +48,9 @@ def _is_writable(folder: Path) -> bool:
         _log.warning("compiled kernels cannot be kept in %s (%s); every start compiles them again", folder, problem)
         return False
 
+
+INNER: dict[str, Any] = {**JIT, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""For what only kernels call: compiled into them, so that a door to Python and a cache of its own are wasted."""
 
 numba.config.CACHE_DIR = str(cache_folder())
 JIT["cache"] = _is_writable(cache_folder())

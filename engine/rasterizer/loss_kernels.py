@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .jit import JIT
+from .jit import INNER, JIT
 from .simd import fma, load, select, splat, store
 
 __all__ = ["BORDER", "PAD", "STRIP", "fill_planes_range", "gradient_range", "similarity_range", "target_range"]
@@ -41,7 +41,7 @@ _C1 = f4(0.01**2)
 _C2 = f4(0.03**2)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _blur_at(source: Float32, at: int, step: int) -> object:
     """Return the 11 taps around ``source[at:at + 16]``, `step` floats apart (1: along the row, row length: down)."""
     total = load(source, at) * _K5
@@ -52,7 +52,7 @@ def _blur_at(source: Float32, at: int, step: int) -> object:
     return fma(load(source, at - 5 * step) + load(source, at + 5 * step), splat(_K0), total)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _blur_row(source: Float32, at: int, row: int, target: Float32, target_at: int) -> None:
     """Blur a row of `row` floats (a multiple of 16) along itself."""
     for i in range(0, row, 16):
@@ -118,7 +118,7 @@ def target_range(
                 store(variances, at + i, _blur_at(blurred, part + middle + i, inner) - b * b)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _clear_margins(maps: Float32, at: int, row: int) -> None:
     """Zero the padding left and right of a row of a map."""
     zero = splat(f4(0.0))

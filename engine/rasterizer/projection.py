@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..cameras.camera import PinholeCamera
-from .jit import JIT
+from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
 from .spherical_harmonics import sh_basis
 from .tile_spans import walk_tiles
@@ -117,7 +117,7 @@ class Projected:
         )
 
 
-@njit(**JIT)
+@njit(**INNER)
 def rotation_matrix(w: float, x: float, y: float, z: float, r: Float64) -> None:
     """Write the rotation of the unit quaternion wxyz into `r` [3, 3]."""
     r[0, 0] = 1.0 - 2.0 * (y * y + z * z)
@@ -131,7 +131,7 @@ def rotation_matrix(w: float, x: float, y: float, z: float, r: Float64) -> None:
     r[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _project_one(
     g: int,
     means: Float32,

@@ -18,7 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .blend_backward import MOMENTS
-from .jit import JIT
+from .jit import INNER, JIT
 from .projection import ROOT_SCALE, VISIBLE, rotation_matrix
 from .spherical_harmonics import sh_basis, sh_basis_gradient
 
@@ -28,7 +28,7 @@ Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _quaternion_gradient(
     w: float, x: float, y: float, z: float, norm: float, d: Float64
 ) -> tuple[float, float, float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .jit import JIT
+from .jit import INNER
 
 __all__ = ["sh_basis", "sh_basis_gradient"]
 
@@ -22,7 +22,7 @@ _C31 = 0.25 * math.sqrt(21.0 / (2.0 * math.pi))
 _C30 = 0.25 * math.sqrt(7.0 / math.pi)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def sh_basis(x: float, y: float, z: float, degree: int, basis: NDArray[np.float64]) -> None:
     """Write Y_k(x, y, z) of the bands 0 to `degree` into `basis` [16]; (x, y, z) has unit length."""
     basis[0] = _C0
@@ -46,7 +46,7 @@ def sh_basis(x: float, y: float, z: float, degree: int, basis: NDArray[np.float6
         basis[15] = -_C33 * x * (x * x - 3.0 * y * y)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def sh_basis_gradient(
     x: float, y: float, z: float, degree: int, weights: NDArray[np.float64]
 ) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .jit import JIT
+from .jit import INNER
 
 __all__ = ["LIMIT_MARGIN", "TILE", "walk_tiles"]
 
@@ -18,7 +18,7 @@ LIMIT_MARGIN = 0.01
 """Added to the limit of u^2 + v^2, so that rounding never leaves out a pixel that passes alpha >= 1/255."""
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _tile_rows(py: float, extent: float, height: int) -> tuple[int, int]:
     """Return the first row of tiles and the one after the last that reach into py - extent to py + extent."""
     n_rows = (height + TILE - 1) // TILE
@@ -27,7 +27,7 @@ def _tile_rows(py: float, extent: float, height: int) -> tuple[int, int]:
     return int(math.floor(first)), int(math.floor(last)) + 1
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _tile_span(
     y_low: float,
     y_high: float,
@@ -57,7 +57,7 @@ def _tile_span(
     return first_tile, max(first_tile, int(math.floor(last)) + 1)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def walk_tiles(
     px: float,
     py: float,

@@ -72,7 +72,7 @@ def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytes
 
     def run(*arguments: Any) -> None:
         whole(*arguments)
-        roots = arguments[-6]
+        roots = arguments[-7]
         assert roots.dtype == np.float64 and roots.shape[1] == 3
         roots[:] = roots.astype(np.float32)
 
