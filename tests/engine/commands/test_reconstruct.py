@@ -189,7 +189,7 @@ def test_interpreter_without_torch_is_a_sentence(photos: Path, cameras: Path, tm
         before="sys.modules['torch'] = None",
     )  # fmt: skip
     assert "has no package 'torch'" in answer.error and sys.executable in answer.error
-    assert answer.computed == ["photos", "cameras"]
+    assert answer.computed == ["photos"], "said before the cameras are looked for, which may take long"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
@@ -210,3 +210,17 @@ def test_full_disk_is_a_sentence_and_the_next_run_continues(
     again = call(capsys, *command)
     assert again.code == 0
     assert "photos" not in again.computed
+
+
+def test_forecast_made_before_the_work_is_kept_beside_what_it_took(photos: Path, tmp_path: Path, run: Run) -> None:
+    assert run(photos, "--no-objects").code == 0
+    stored = json.loads((tmp_path / "scene" / "project.json").read_text(encoding="utf-8"))
+    stages = [stage["stage"] for stage in stored["forecast"]["stages"]]
+    assert stages == ["photos", "cameras", "training", "report"]
+    assert set(stages) == set(stored["stages"])
+    assert stored["work_plan"]["preset"] == "test"
+    assert all("peak_memory" in record and not record["continued"] for record in stored["stages"].values())
+    before = stored["forecast"]
+    assert run(photos, "--no-objects").computed == []
+    again = json.loads((tmp_path / "scene" / "project.json").read_text(encoding="utf-8"))
+    assert again["forecast"] == before

@@ -9,6 +9,8 @@ import torch
 
 from engine.stability.cases import CASES
 from engine.stability.table import Row, run_cases
+from engine.stability.training_cases import TRAINING_CASES
+from engine.stability.training_table import TrainingRow
 
 
 @pytest.fixture(autouse=True)
@@ -22,5 +24,13 @@ def one_torch_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def rows() -> dict[str, Row]:
-    """Every case, by name."""
-    return {row.case.name: row for row in run_cases(CASES, emit=lambda event: None, should_stop=lambda: False)}
+    """Every case against float64, by name."""
+    found = run_cases(CASES, emit=lambda event: None, should_stop=lambda: False)
+    return {row.case.name: row for row in found if isinstance(row, Row)}
+
+
+@pytest.fixture(scope="session")
+def training_rows() -> dict[str, TrainingRow]:
+    """Every case of training, by name; afterwards the undisturbed runs that others are measured by are known."""
+    found = run_cases(TRAINING_CASES, emit=lambda event: None, should_stop=lambda: False)
+    return {row.case.name: row for row in found if isinstance(row, TrainingRow)}

@@ -21,9 +21,17 @@ def test_one_case_is_printed_and_written(tmp_path: Path, capsys: pytest.CaptureF
 def test_a_red_row_makes_the_exit_code_1(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     wrong = cases.Case("wrong", "expected otherwise", "culled", cases.CASES[0].run)
     monkeypatch.setattr(table, "CASES", (wrong,))
+    monkeypatch.setattr(table, "TRAINING_CASES", ())
     assert main(["stability", "--out", str(tmp_path / "table.md")]) == 1
     text = (tmp_path / "table.md").read_text(encoding="utf-8")
     assert "**red**" in text and "- `wrong`: another outcome" in text
+
+
+def test_a_case_of_training_is_run_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stability", "--case", "start_means_nan"]) == 0
+    said = "".join(capsys.readouterr())
+    assert "| `start_means_nan` |" in said and "to start from is not finite" in said
+    assert "float64" not in said
 
 
 def test_an_unknown_case_is_one_sentence_with_the_names(capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,7 +61,7 @@ def test_curve_ends_at_the_last_step() -> None:
         points = Schedule(replace(STANDARD, steps=steps), 3, 1.0).curve_steps
         assert max(points) == steps
         assert min(points) >= 1
-    assert Schedule(replace(STANDARD, curve_points=1), 3, 1.0).curve_steps == {STANDARD.steps}
+    assert Schedule(replace(STANDARD, curve_points=1, stop_when_flat=0.0), 3, 1.0).curve_steps == {STANDARD.steps}
 
 
 def test_random_draws_depend_on_step_and_purpose_alone() -> None:
@@ -96,3 +96,9 @@ def test_settings_out_of_bounds_are_refused_by_name(field: str, value: object) -
 def test_paper_features_have_no_ray_term() -> None:
     with pytest.raises(SettingsError, match="lambda_ray"):
         replace(STANDARD, feature_init="paper", lambda_ray=0.1)
+
+
+def test_whether_more_steps_are_worth_it_is_asked_only_after_growth() -> None:
+    checks = Schedule(replace(STANDARD, stop_when_flat=0.05), 3, 1.0).flat_checks
+    assert min(checks) == STANDARD.grow_until * STANDARD.steps and max(checks) < STANDARD.steps
+    assert Schedule(replace(STANDARD, stop_when_flat=0.0), 3, 1.0).flat_checks == frozenset()

@@ -22,6 +22,7 @@ from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, i
 from engine.gaussians.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE
 from engine.training.guards import hold_in_bounds, step_finite_rows
+from engine.training.held_out import CurvePoint, expected_gain
 from engine.training.parameters import Parameters
 from engine.training.settings import PRESETS, TrainingSettings
 from engine.training.train import TrainingResult, train
@@ -270,3 +271,52 @@ def test_inputs_are_not_changed(scene: Scene, tmp_path: Path) -> None:
     before = {f.name: getattr(scene.start, f.name).copy() for f in fields(scene.start)}
     run(scene, replace(QUICK, steps=5, curve_points=1), tmp_path)
     assert all(np.array_equal(getattr(scene.start, name), value) for name, value in before.items())
+
+
+FLAT = replace(QUICK, steps=120, grow_until=0.4, checkpoint_interval=7)
+
+
+def test_training_stops_when_the_steps_left_would_gain_less_than_asked_for(scene: Scene, tmp_path: Path) -> None:
+    events: list[Event] = []
+    result = run(scene, replace(FLAT, stop_when_flat=1e3), tmp_path, events=events)
+    # Growth ends at step 48; the first three checks cannot tell a slope.
+    assert result.figures["steps"] == result.curve[-1].step == 48 + 3 * 3
+    stopped = result.figures["stopped_early"]
+    assert stopped["planned_steps"] == 120 and stopped["wall_seconds_saved"] > 0
+    progress = [event for event in events if isinstance(event, Progress)]
+    assert progress[-1].fraction == 1 and "the curve is flat" in progress[-1].message
+
+
+def test_training_does_every_step_when_told_never_to_stop_early(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, FLAT, tmp_path)
+    assert result.figures["steps"] == 120
+    assert result.figures["stopped_early"] is None
+
+
+@pytest.mark.parametrize("steps", [50, 55])
+def test_training_that_stops_early_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
+    settings = replace(FLAT, stop_when_flat=1e3)
+    whole = run(scene, settings, tmp_path / "whole")
+    with pytest.raises(Cancelled):
+        run(scene, settings, tmp_path / "stopped", stop=stop_after(steps))
+    resumed = run(scene, settings, tmp_path / "stopped")
+    assert resumed.figures["steps"] == whole.figures["steps"]
+    assert same(resumed.gaussians, whole.gaussians)
+    # And a run that had ended is not trained further.
+    assert same(run(scene, settings, tmp_path / "stopped").gaussians, whole.gaussians)
+
+
+def test_photos_trained_on_never_stop_training_early(scene: Scene, tmp_path: Path) -> None:
+    views = [replace(view, held_out=False) for view in scene.views]
+    result = train(
+        scene.start, views, replace(FLAT, stop_when_flat=1e3), checkpoints=tmp_path, emit=ignore_events,
+        should_stop=never_stop,
+    )  # fmt: skip
+    assert result.figures["steps"] == 120
+
+
+def test_expected_gain_is_the_slope_of_four_checks_times_the_steps_left() -> None:
+    curve = [CurvePoint(step, 0.0, 0.0, 20 + 0.01 * step, 0.5, 0.1, 10) for step in (10, 20, 30, 40, 45)]
+    checks = frozenset({10, 20, 30, 40})
+    assert expected_gain(curve, checks, 100) == pytest.approx(0.6)
+    assert expected_gain(curve[:3], checks, 100) == float("inf")
