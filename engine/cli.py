@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .commands import COMMANDS
 from .doctor import missing_package
-from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError
+from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
 from .events import Emit, ErrorEvent, StopCheck
 from .terminal import EventOutput
 
@@ -105,12 +105,12 @@ class _StopOnSignal:
 
 def _as_ours(error: Exception, project: Path | None) -> HeritageError:
     """Return a sentence for an error no room foresaw."""
+    if is_out_of_memory(error):
+        return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
     if isinstance(error, ModuleNotFoundError):
         return missing_package(error.name)
     if isinstance(error, OSError) and error.strerror:
         which = error.filename or project or "A file"
         return DiskError(f"{which} cannot be used: {error.strerror}. Check the disk and permissions, then run again.")
-    if isinstance(error, MemoryError):
-        return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
     where = f" Details are in {project / 'log.jsonl'}." if project and (project / "log.jsonl").exists() else ""
     return HeritageError(f"Something unforeseen went wrong: {type(error).__name__}: {error}.{where}")

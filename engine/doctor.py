@@ -104,7 +104,7 @@ def _models() -> list[Check]:
         except HeritageError as error:
             return Check(f"model {name}", False, True, str(error))
 
-    return [check(name, locate) for name in CATALOGUE]
+    return [check(name, locate) for name, model in CATALOGUE.items() if not model.optional]
 
 
 def _heic() -> Check:

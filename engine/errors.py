@@ -38,6 +38,7 @@ __all__ = [
     "PromptError",
     "SettingsError",
     "TrainingError",
+    "is_out_of_memory",
 ]
 
 
@@ -107,3 +108,18 @@ class Cancelled(HeritageError):
     """The person asked to stop. The project folder stays and the next run continues."""
 
     exit_code = 130
+
+
+_SAID_WITHOUT_MEMORY = (
+    "can't allocate memory",  # torch
+    "not enough memory",  # torch on Windows
+    "out of memory",  # torch on a GPU
+    "Insufficient memory",  # OpenCV
+    "Cannot allocate memory",  # the system
+    "can't start new thread",
+)
+
+
+def is_out_of_memory(error: BaseException) -> bool:
+    """Return whether `error` means that memory is full; most libraries say so without a `MemoryError`."""
+    return isinstance(error, MemoryError) or any(words in str(error) for words in _SAID_WITHOUT_MEMORY)

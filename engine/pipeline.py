@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,18 +14,24 @@ from .cameras.camera import CameraSet
 from .cameras.settings import CameraSettings
 from .errors import Cancelled, ProjectError
 from .events import Emit, Event, Progress, StageFinished, StageStarted, StopCheck, Warned
+from .machine import PeakMemory, cpu_seconds
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
+from .photos.look import PhotoLook
 from .photos.photo import PhotoSet
 from .photos.settings import PhotoSettings
-from .planning import PlanSettings, ScenePlan, plan_scene
-from .project_folder import ProjectFolder, file_sha256, stage_key
+from .planning.before_work import plan_and_forecast, store_forecast
+from .planning.decisions import PlanSettings, ScenePlan, WorkPlan, plan_scene, training_settings
+from .planning.forecast import require_fit
+from .planning.outcome import learn_from
+from .project_folder import ProjectFolder, file_sha256, stage_key, write_json
 from .settings import to_dict
-from .training.settings import PRESETS, TrainingSettings
+from .training.settings import TrainingSettings
 
-__all__ = ["STAGES", "PipelineSettings", "reconstruct"]
+__all__ = ["STAGES", "PipelineSettings", "Prepared", "prepare", "prepare_masks", "reconstruct", "train_prepared"]
 
 _PROMPTED = "objects_by_prompt"
+_BEGUN = "begun"
 STAGES = ("photos", "cameras", "masks", "training", "objects", "report")
 
 
@@ -60,33 +65,37 @@ class _Run:
     project: ProjectFolder
     emit: Emit
     should_stop: StopCheck
+    computed: list[str] = field(default_factory=list)
 
     def stage(self, name: str, key: str, work: Callable[[], dict[str, Any]], leaves: Iterable[Path] = ()) -> None:
         """Run `work` unless the stage is done with this `key` and what it `leaves` is there; store figures and cost."""
         if self.should_stop():
             raise Cancelled(f"Stopped before the stage {name!r}. Run the same command again to continue.")
         self.emit(StageStarted(name))
-        wall, cpu = time.perf_counter(), _cpu_seconds()
+        wall, cpu = time.perf_counter(), cpu_seconds()
         reused = self.project.stage_is_done(name, key) and all(path.is_file() for path in leaves)
         if not reused:
-            figures = work()
+            continued = self.project.get(_BEGUN) == [name, key]
+            # Reading photos keeps nothing half-done, and may end with a refusal that must change nothing here.
+            if name != "photos":
+                self.project.put(_BEGUN, [name, key])
+            with PeakMemory.of() as peak:
+                figures = work()
             self.project.finish_stage(
                 name,
                 key,
                 wall_seconds=time.perf_counter() - wall,
-                cpu_seconds=_cpu_seconds() - cpu,
+                cpu_seconds=cpu_seconds() - cpu,
                 figures=figures,
+                peak_memory=peak.bytes,
+                continued=continued,
             )
+            self.computed.append(name)
         self.emit(StageFinished(name, time.perf_counter() - wall, reused))
 
     def replace(self, name: str) -> None:
         """Say that the files of a stage are about to become those of this run: a kill must not leave them as done."""
         self.project.forget_stages([name])
-
-
-def _cpu_seconds() -> float:
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 def reconstruct(
@@ -118,41 +127,120 @@ def reconstruct(
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
     with ProjectFolder.create(out) as project:
         run = _Run(project, emit, should_stop)
-        photo_set = _photos(run, photos, settings)
+        photo_set, looks = _photos(run, photos, settings)
         project.put("photo_folder", str(photos.resolve()))
         project.put("engine_version", __version__)
-        camera_set = _cameras(run, photo_set, settings)
-        training = PRESETS[settings.plan.preset]
-        plan = plan_scene(photo_set, camera_set, settings.plan, held_out_every=training.held_out_every)
-        project.put("plan", asdict(plan))
-        masks = _masks(run, photo_set, camera_set, plan, settings)
-        _training(
-            run, photo_set, camera_set, plan, masks, replace(training, features=plan.features), settings.plan.preset
+        work, forecast, calibration = plan_and_forecast(
+            photo_set,
+            looks,
+            settings.plan,
+            cameras=settings.cameras,
+            model=settings.camera_model,
+            n_prompts=len(settings.prompts),
+            emit=emit,
         )
-        _objects(run, settings)
-        _report(run)
+        require_fit(forecast, work, calibration)
+        store_forecast(project, work, forecast)
+        training = training_settings(work)
+        try:
+            camera_set = _cameras(run, photo_set, settings)
+            plan = plan_scene(work, camera_set)
+            project.put("plan", asdict(plan))
+            masks = _masks(run, photo_set, camera_set, plan, settings)
+            earlier = _keys(project, masks)
+            _training(run, photo_set, camera_set, plan, masks, training, work.preset, earlier)
+            _objects(run, settings)
+            _report(run)
+        finally:
+            # What did end is worth knowing for the next forecast, also when the rest was stopped.
+            learn_from(project, run.computed, work, training, forecast, calibration)
         return project
 
 
-def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> PhotoSet:
+@dataclass(frozen=True)
+class Prepared:
+    """All that training needs, made once and used by every preset of a comparison.
+
+    Attributes
+    ----------
+    photo_set : PhotoSet
+    looks : sequence of PhotoLook
+    camera_set : CameraSet
+    masks : dict of str to Path
+        Label maps by photo name.
+    earlier : list
+        Keys of the stages that it comes from.
+    """
+
+    photo_set: PhotoSet
+    looks: Sequence[PhotoLook]
+    camera_set: CameraSet
+    masks: dict[str, Path]
+    earlier: list[Any]
+
+
+def prepare(photos: Path, out: Path, settings: PipelineSettings, *, emit: Emit, should_stop: StopCheck) -> Prepared:
+    """Read the photos and find the cameras in the project folder `out`; parameters and errors as of `reconstruct`."""
+    with ProjectFolder.create(out) as project:
+        run = _Run(project, emit, should_stop)
+        photo_set, looks = _photos(run, photos, settings)
+        project.put("photo_folder", str(photos.resolve()))
+        camera_set = _cameras(run, photo_set, settings)
+        return Prepared(photo_set, looks, camera_set, {}, _keys(project, {}))
+
+
+def prepare_masks(
+    prepared: Prepared, out: Path, work: WorkPlan, settings: PipelineSettings, *, emit: Emit, should_stop: StopCheck
+) -> tuple[Prepared, ProjectFolder]:
+    """Make the label maps that a plan asks for in the project folder `out`, where the stage's record lies then."""
+    with ProjectFolder.create(out) as project:
+        run = _Run(project, emit, should_stop)
+        plan = plan_scene(work, prepared.camera_set)
+        masks = _masks(run, prepared.photo_set, prepared.camera_set, plan, settings)
+        earlier = [prepared.earlier[0], _keys(project, masks)[1] if masks else prepared.earlier[0]]
+        return replace(prepared, masks=masks, earlier=earlier), project
+
+
+def train_prepared(
+    prepared: Prepared, out: Path, work: WorkPlan, training: TrainingSettings, *, emit: Emit, should_stop: StopCheck
+) -> ProjectFolder:
+    """Train in a project folder of its own, from cameras and masks that lie elsewhere; resumes like `reconstruct`."""
+    with ProjectFolder.create(out) as project:
+        run = _Run(project, emit, should_stop)
+        plan = plan_scene(work, prepared.camera_set)
+        masks = {name: path for name, path in prepared.masks.items() if name in plan.mask_photos}
+        _training(run, prepared.photo_set, prepared.camera_set, plan, masks, training, work.preset, prepared.earlier)
+        return project
+
+
+def _keys(project: ProjectFolder, masks: dict[str, Path]) -> list[Any]:
+    records = [project.stage_record(stage) for stage in ("cameras", "masks" if masks else "cameras")]
+    return [record and record["key"] for record in records]
+
+
+def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> tuple[PhotoSet, list[PhotoLook]]:
+    from .photos.look import look_at_photos, read_looks
     from .photos.reading import picture_files, read_photos
     from .photos.storage import read_photo_set, write_photo_set
 
     stored = run.project.path / "photos" / "photos.json"
+    looked = run.project.path / "photos" / "looks.json"
 
     def work() -> dict[str, Any]:
         photo_set = read_photos(folder, settings.photos, emit=run.emit, should_stop=run.should_stop)
         if stored.exists():
             _refuse_another_scene(run.project, folder, photo_set, read_photo_set(stored))
+        looks = look_at_photos(photo_set, should_stop=run.should_stop)
         run.replace("photos")
         write_photo_set(stored, photo_set)
+        write_json(looked, [asdict(look) for look in looks])
         return {"n_photos": len(photo_set.photos), "rejected": [asdict(photo) for photo in photo_set.rejected]}
 
     # Changes whenever a photo is added, edited or removed, and not with what else lies there, this project say.
     stats = [(path, path.stat()) for path in picture_files(folder)]
     listing = [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
-    run.stage("photos", stage_key(listing, to_dict(settings.photos)), work, [stored])
-    return replace(read_photo_set(stored), folder=folder)
+    run.stage("photos", stage_key(listing, to_dict(settings.photos)), work, [stored, looked])
+    return replace(read_photo_set(stored), folder=folder), read_looks(looked)
 
 
 def _refuse_another_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSet, before: PhotoSet) -> None:
@@ -229,11 +317,11 @@ def _masks(
         return {}
 
     def work() -> dict[str, Any]:
-        from .masks.sam import load_default_sam
+        from .masks.sam import load_sam
         from .masks.stage import make_masks
 
         start = time.perf_counter()
-        sam = load_default_sam()
+        sam = load_sam(settings.masks.model)
         made = make_masks(
             photo_set,
             camera_set,
@@ -260,9 +348,10 @@ def _training(
     masks: dict[str, Path],
     training: TrainingSettings,
     preset: str,
+    earlier: list[Any],
 ) -> None:
-    earlier = [run.project.stage_record(stage) for stage in ("cameras", "masks" if masks else "cameras")]
-    key = stage_key([record and record["key"] for record in earlier], asdict(plan), to_dict(training))
+    # Not the whole plan: its words about what is left out may change without anything that is done.
+    key = stage_key(earlier, [plan.held_out, plan.mask_photos, plan.features], to_dict(training))
 
     def work() -> dict[str, Any]:
         from .gaussians.storage import save_gaussians
@@ -320,7 +409,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
     def work() -> dict[str, Any]:
         from .errors import PromptError
         from .grounding.default import load_default_detector
-        from .masks.sam import load_default_sam
+        from .masks.sam import load_sam
         from .objects.prompts import TextPrompt
         from .objects.segment import segment_project
 
@@ -336,7 +425,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     prompt,
                     settings.segment,
                     detector_factory=load_default_detector,
-                    sam_factory=load_default_sam,
+                    sam_factory=lambda: load_sam(settings.masks.model),
                     emit=_part(run.emit, number, len(settings.prompts)),
                     should_stop=run.should_stop,
                 )

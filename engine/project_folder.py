@@ -251,13 +251,36 @@ class ProjectFolder:
         return record
 
     def finish_stage(
-        self, stage: str, key: str, *, wall_seconds: float, cpu_seconds: float, figures: dict[str, Any]
+        self,
+        stage: str,
+        key: str,
+        *,
+        wall_seconds: float,
+        cpu_seconds: float,
+        figures: dict[str, Any],
+        peak_memory: int | None = None,
+        continued: bool = False,
     ) -> None:
-        """Record that `stage` is done with `key`; `figures` are for the report, null where they are not finite."""
+        """Record that `stage` is done with `key`.
+
+        Parameters
+        ----------
+        stage, key : str
+        wall_seconds, cpu_seconds : float
+            Of the run that ended it.
+        figures : dict
+            For the report, null where they are not finite.
+        peak_memory : int or None
+            Most bytes the process held meanwhile, None where the system cannot tell.
+        continued : bool
+            Whether an earlier run had begun it: the seconds are then not those of the whole stage.
+        """
         self._data["stages"][stage] = {
             "key": key,
             "wall_seconds": wall_seconds,
             "cpu_seconds": cpu_seconds,
+            "peak_memory": peak_memory,
+            "continued": continued,
             "figures": finite_or_null(figures),
         }
         self._write()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import math
 import tempfile
@@ -23,7 +24,7 @@ from .settings import CameraSettings
 from .transforms_json import read_transforms
 from .triangulation import triangulate
 
-__all__ = ["match_photos", "read_cameras"]
+__all__ = ["has_points", "match_photos", "read_cameras"]
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -95,6 +96,23 @@ def read_cameras(
         reprojection_error=error,
         poses_given=True,
     )
+
+
+def has_points(model: Path) -> bool:
+    """Return whether a model names sparse points, as far as a glance tells: without them they are triangulated.
+
+    Raises
+    ------
+    CameraError
+        When there is no model.
+    """
+    if _colmap_folder(model) is not None:
+        return True
+    try:
+        data = json.loads(_transforms_file(model).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False  # `read_cameras` says what is wrong with it.
+    return isinstance(data, dict) and bool(data.get("ply_file_path"))
 
 
 def match_photos(names: Iterable[str], photo_set: PhotoSet) -> dict[str, Photo]:

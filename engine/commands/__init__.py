@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from . import doctor, export, models, reconstruct, render, report, segment, stability
+from . import bench, doctor, evaluate, export, models, plan, reconstruct, render, report, segment, stability
 
 __all__ = ["COMMANDS"]
 
-COMMANDS = (reconstruct, segment, export, render, report, models, doctor, stability)
+COMMANDS = (plan, reconstruct, segment, export, render, report, evaluate, bench, models, doctor, stability)

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-from ..errors import HeritageError
+from ..errors import HeritageError, ModelFileError
 from ..events import Emit, Event, Finished, Progress, StopCheck
+
+if TYPE_CHECKING:
+    from ..models.catalogue import ModelFile
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -18,7 +23,17 @@ EXAMPLE = "python -m engine models fetch"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("action", choices=("list", "fetch", "verify"))
-    parser.add_argument("names", nargs="*", help="names from `models list` (default: all)")
+    parser.add_argument(
+        "names", nargs="*", help="models or files from `models list` (default: those the engine cannot do without)"
+    )
+    parser.add_argument(
+        "--from",
+        dest="offline",
+        type=Path,
+        metavar="FOLDER",
+        help="fetch: take the files a colleague downloaded from FOLDER (default: all it holds), and nothing from the "
+        "network; proxies are those of HTTPS_PROXY and NO_PROXY",
+    )
 
 
 def project_folder(options: argparse.Namespace) -> None:
@@ -34,26 +49,60 @@ def _share_of(emit: Emit, done: int, count: int) -> Emit:
     return tell
 
 
+def _chosen(options: argparse.Namespace) -> list[ModelFile]:
+    from ..models.catalogue import CATALOGUE, find_together, models_folder
+    from ..models.packages import holds
+
+    if options.names:
+        chosen = {model.name: model for name in options.names for model in find_together(name)}
+        return list(chosen.values())
+    if options.offline is not None:
+        there = [model for model in CATALOGUE.values() if holds(options.offline, model)]
+        if not there:
+            raise ModelFileError(f"The folder {options.offline} holds no model file of the catalogue.")
+        return there
+    return [
+        model
+        for model in CATALOGUE.values()
+        if options.action == "list"
+        or not model.optional
+        # What is there must be right, wanted or not.
+        or (options.action == "verify" and (models_folder() / model.file).exists())
+    ]
+
+
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """List, fetch or verify."""
-    from ..models.catalogue import CATALOGUE, fetch, find, locate
+    from ..models.catalogue import fetch, locate
 
-    models = [find(name) for name in options.names] or list(CATALOGUE.values())
+    if options.offline is not None:
+        if options.action != "fetch":
+            raise ModelFileError("--from goes with `models fetch` only.")
+        if not options.offline.is_dir():
+            raise ModelFileError(f"There is no folder {options.offline}. Name the one that holds the model files.")
+    models = _chosen(options)
     lines: list[str] = []
     states: dict[str, str] = {}
     failed = False
     for done, model in enumerate(models):
         if options.action == "fetch":
-            path = fetch(model.name, emit=_share_of(emit, done, len(models)), should_stop=should_stop)
+            path = fetch(
+                model.name,
+                emit=_share_of(emit, done, len(models)),
+                should_stop=should_stop,
+                offline=options.offline,
+                network=options.offline is None,
+            )
             states[model.name] = str(path)
-            lines.append(f"{model.name}: {model.size / 1e6:.1f} MB, {path}")
+            lines.append(f"{model.name}: {path.stat().st_size / 1e6:.1f} MB, {path}")
             continue
         try:
             states[model.name] = str(locate(model.name))
         except HeritageError as error:
             states[model.name] = str(error)
             failed = failed or options.action == "verify"
-        lines.append(f"{model.name}: {model.size / 1e6:.1f} MB, {model.licence} ({model.who_may_use}), {model.source}")
+        kind = f"optional, {model.size_in_words}" if model.optional else model.size_in_words
+        lines.append(f"{model.name}: {kind}, {model.licence} ({model.who_may_use}), {model.source}, {model.pin}")
         lines.append(f"    {states[model.name]}")
     emit(Finished("\n".join(lines), {"models": states}))
     return 1 if failed else 0

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
+from ..masks.settings import SAM_MODELS, MaskSettings
 from ..pipeline import PipelineSettings, reconstruct
-from ..planning import PlanSettings
+from ..planning.decisions import PlanSettings
 from ..training.settings import PRESETS
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
@@ -31,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cameras", type=Path, help="COLMAP model folder or transforms.json to use instead of estimating"
     )
     parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
+    parser.add_argument(
+        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
+    )
 
 
 def project_folder(options: argparse.Namespace) -> Path:
@@ -48,6 +52,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise SettingsError("--no-objects leaves out what --prompts needs. Give only one of them.")
     settings = PipelineSettings(
         plan=PlanSettings(preset=options.preset, wants_objects=not options.no_objects),
+        masks=MaskSettings(model=options.sam),
         camera_model=options.cameras,
         prompts=prompts,
     )

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..events import Emit, Finished, StopCheck
+from ..masks.settings import SAM_MODELS
 from ..objects.prompts import parse_prompt
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
@@ -31,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="method (default: %(default)s)"
     )
+    parser.add_argument(
+        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
+    )
 
 
 def project_folder(options: argparse.Namespace) -> Path:
@@ -42,7 +46,7 @@ def project_folder(options: argparse.Namespace) -> Path:
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Isolate the object and store it in the project."""
     from ..grounding.default import load_default_detector
-    from ..masks.sam import load_default_sam
+    from ..masks.sam import load_sam
     from ..objects.segment import segment_project
 
     with ProjectFolder.open_existing(options.project) as project:
@@ -53,7 +57,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             options.name or options.prompt or "object",
             PRESETS[options.preset],
             detector_factory=load_default_detector,
-            sam_factory=load_default_sam,
+            sam_factory=lambda: load_sam(options.sam),
             emit=emit,
             should_stop=should_stop,
         )

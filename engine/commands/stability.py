@@ -1,4 +1,4 @@
-"""``stability``: how far float32 is from float64 in stiff and extreme cases, with a verdict for each."""
+"""``stability``: how far float32 is from float64, and how training ends, in stiff and extreme cases."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..events import Emit, Finished, StopCheck
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
 NAME = "stability"
-HELP = "Measure the rasterizer, the loss and the optimiser against float64 in stiff and extreme cases."
+HELP = "Measure rasterizer, loss and optimiser against float64, and train, in stiff and extreme cases."
 EXAMPLE = "python -m engine stability --case needle_1e6"
 
 

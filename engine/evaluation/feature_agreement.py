@@ -15,7 +15,7 @@ from ..gaussians.initialise import initial_features
 from ..rasterizer.api import rasterize
 from ..training.views import TrainingView
 
-__all__ = ["FeatureAgreement", "feature_agreement", "untrained_features"]
+__all__ = ["FeatureAgreement", "feature_agreement", "innermost_pixel", "untrained_features"]
 
 Float32 = NDArray[np.float32]
 _LEAST_COVER = 0.5
@@ -106,14 +106,14 @@ def _segment_ious(
     found = []
     for segment_id in ids[(ids > 0) & (counts >= min_pixels)]:
         segment = labels == segment_id
-        y, x = _innermost_pixel(segment)
+        y, x = innermost_pixel(segment)
         selected = (features @ features[y, x] >= threshold) & (cover >= _LEAST_COVER)
         union = np.count_nonzero(selected | segment)
         found.append(float(np.count_nonzero(selected & segment) / union))
     return found
 
 
-def _innermost_pixel(segment: NDArray[np.bool_]) -> tuple[int, int]:
+def innermost_pixel(segment: NDArray[np.bool_]) -> tuple[int, int]:
     """Return row and column of the pixel of `segment` farthest from its border and the picture's."""
     framed = np.pad(segment.astype(np.uint8), 1)
     distance = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["boundary", "boundary_iou", "feature_agreement", "iou"]
+__all__ = ["boundary", "boundary_iou", "feature_agreement", "halo", "holes", "iou", "stray"]
 
 Mask = NDArray[np.bool_]
 
@@ -32,8 +34,7 @@ def iou(predicted: Mask | None, truth: Mask) -> float:
     """
     if predicted is None:
         return 0.0
-    if predicted.shape != truth.shape:
-        raise ValueError(f"masks must have one shape, got {predicted.shape} and {truth.shape}")
+    _refuse_two_shapes(predicted, truth)
     union = int(np.logical_or(predicted, truth).sum())
     return int(np.logical_and(predicted, truth).sum()) / union if union else 0.0
 
@@ -52,15 +53,25 @@ def boundary(mask: Mask) -> Mask:
     -------
     bool array of shape [H, W]
     """
-    height, width = mask.shape
-    distance = max(1, round(0.02 * float(np.hypot(height, width))))
     # d erosions with a 3x3 square keep a pixel when the (2d+1) x (2d+1) square around it is full; the padding beyond
-    # one pixel changes nothing, for one empty pixel already erodes d deep. Counted with a summed-area table.
+    # one pixel changes nothing, for one empty pixel already erodes d deep.
+    distance = _band(mask.shape)
+    return np.logical_and(mask, _count_around(mask, distance) < (2 * distance + 1) ** 2)
+
+
+def _band(shape: tuple[int, ...]) -> int:
+    """Return the benchmark's width of a rim in pixels: 0.02 of the picture's diagonal."""
+    return max(1, round(0.02 * math.hypot(*shape)))
+
+
+def _count_around(mask: Mask, distance: int) -> NDArray[np.int64]:
+    """Return how many pixels of the mask lie in the square around each pixel that reaches `distance` far."""
+    # Counted with a summed-area table.
     padded = np.pad(mask, distance).astype(np.int64)
     table = np.pad(padded, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
     side = 2 * distance + 1
-    count = table[side:, side:] - table[:-side, side:] - table[side:, :-side] + table[:-side, :-side]
-    return np.logical_and(mask, count < side * side)
+    count: NDArray[np.int64] = table[side:, side:] - table[:-side, side:] - table[side:, :-side] + table[:-side, :-side]
+    return count
 
 
 def boundary_iou(predicted: Mask | None, truth: Mask) -> float:
@@ -78,9 +89,50 @@ def boundary_iou(predicted: Mask | None, truth: Mask) -> float:
     """
     if predicted is None:
         return 0.0
+    _refuse_two_shapes(predicted, truth)
+    return iou(boundary(predicted), boundary(truth))
+
+
+def halo(predicted: Mask, truth: Mask) -> float:
+    """Return how wide a mask reaches over the true one's edge.
+
+    Parameters
+    ----------
+    predicted : bool array of shape [H, W]
+    truth : bool array of shape [H, W]
+        Not empty.
+
+    Returns
+    -------
+    float
+        Predicted pixels outside of the truth that have a true pixel in the square reaching d pixels around them, d as
+        in `boundary`; divided by the true pixels.
+    """
+    return _outside(predicted, truth, near=True)
+
+
+def stray(predicted: Mask, truth: Mask) -> float:
+    """Return the predicted pixels outside of the truth that are farther away than `halo` counts, by true pixels."""
+    return _outside(predicted, truth, near=False)
+
+
+def holes(predicted: Mask | None, truth: Mask) -> float:
+    """Return the part of the true mask, not empty, that is missing in the prediction: 1 for None."""
+    if predicted is None:
+        return 1.0
+    _refuse_two_shapes(predicted, truth)
+    return int((truth & ~predicted).sum()) / int(truth.sum())
+
+
+def _outside(predicted: Mask, truth: Mask, *, near: bool) -> float:
+    _refuse_two_shapes(predicted, truth)
+    close = _count_around(truth, _band(truth.shape)) > 0
+    return int((predicted & ~truth & (close == near)).sum()) / int(truth.sum())
+
+
+def _refuse_two_shapes(predicted: Mask, truth: Mask) -> None:
     if predicted.shape != truth.shape:
         raise ValueError(f"masks must have one shape, got {predicted.shape} and {truth.shape}")
-    return iou(boundary(predicted), boundary(truth))
 
 
 def feature_agreement(

@@ -202,7 +202,9 @@ def _thickened(
     base = rng.integers(len(places), size=n - n_view)
     around = places[base] + rng.normal(size=(n - n_view, 3)) * 3.0 * _spacing(places)[base, None]
     extra = points_in_view(cameras, n_view, rng) if n_view else np.empty((0, 3))
-    return np.concatenate([places, around, extra]), np.concatenate([tints, tints[base], np.full((n_view, 3), 127.5)])
+    # In the mean colour: gray would be far from everything in a dark or bright scene.
+    between = np.tile(tints.mean(axis=0), (n_view, 1))
+    return np.concatenate([places, around, extra]), np.concatenate([tints, tints[base], between])
 
 
 def _spacing(places: Float64) -> Float64:

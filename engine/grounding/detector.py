@@ -55,6 +55,9 @@ class PromptCheck:
 class Detector(Protocol):
     """Finds what a text names in a photo."""
 
+    name: str
+    """As in the model catalogue; an object that was found by a text says which detector found it."""
+
     def knows(self, prompt: str) -> PromptCheck:
         """Return whether `prompt` can be looked for.
 

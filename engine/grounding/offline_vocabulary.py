@@ -61,6 +61,7 @@ class OfflineVocabulary:
     """
 
     def __init__(self, cache: Path | None = None) -> None:
+        self.name = "offline-vocabulary"
         encoder = SentenceEncoder(locate("minilm", cache), locate("minilm-tokenizer", cache))
         self._vocabulary = Vocabulary(encoder, models_folder(cache).parent / "derived")
         self._classifier = EfficientNetLite2(locate("efficientnet-lite2", cache))

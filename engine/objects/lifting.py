@@ -169,9 +169,11 @@ def refine_by_votes(
     """Let the masks of many views vote on every Gaussian.
 
     In the first round, a view's mask are the pixels near the object whose rendered feature is like the prompt:
-    blending averages out the noise of single Gaussians. In further rounds it is where the members found so far are
-    more than half of a pixel. Either is snapped to the photo's SAM segments where there are some. A Gaussian's
-    membership becomes the part of its own pixels, weighted with its blending weights, that lies in the masks.
+    blending averages out the noise of single Gaussians; and those that show what lies behind a mask the person gave
+    (`keep_given`), for a part of an object may have the feature of what it stands on. In further rounds it is where
+    the members found so far are more than half of a pixel. Either is snapped to the photo's SAM segments where there
+    are some. A Gaussian's membership becomes the part of its own pixels, weighted with its blending weights, that lies
+    in the masks.
 
     Parameters
     ----------
@@ -203,6 +205,7 @@ def refine_by_votes(
         When `should_stop` says so.
     """
     prior = lifted.membership
+    given = _behind(views, *seed) if seed is not None and settings.keep_given else None
     inside = seen = np.zeros(len(prior), np.float32)
     for number in range(settings.vote_rounds):
         center = np.median(views.scene.gaussians.means[lifted.members], axis=0)
@@ -216,6 +219,8 @@ def refine_by_votes(
                 mask = seed[1]
             else:
                 mask = _mask_in(views, view, lifted, cosine=settings.cosine if number == 0 else None)
+                if given is not None and number == 0:
+                    mask = mask | (views.visible_share(view, given) > 0.5)
                 if camera.photo in label_maps:
                     mask = snap_to_segments(mask, view.labels_from_photo(label_maps[camera.photo]))
             votes = views.scene.votes(view.frame, np.dstack([mask & view.within, view.within]).astype(np.float32))
@@ -227,6 +232,12 @@ def refine_by_votes(
             break
         lifted = Lifted(lifted.directions, membership, lifted.seed_mass)
     return lifted, seen
+
+
+def _behind(views: Views, view: View, mask: Mask) -> Mask:
+    """Return the Gaussians that make up at least half a pixel of `mask`, and more of it than of what is beside it."""
+    votes = views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
+    return np.asarray((votes[:, 0] >= _HALF) & (votes[:, 0] > votes[:, 1]))
 
 
 def _mask_in(views: Views, view: View, lifted: Lifted, *, cosine: float | None) -> Mask:

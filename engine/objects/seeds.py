@@ -234,7 +234,11 @@ def _from_text(
             taken = view.from_photo(mask)
             if taken.any():
                 seeds.append(Seed(view, taken, score))
-        emit(Progress("objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r}"))
+        emit(
+            Progress(
+                "objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r} ({detector.name})"
+            )
+        )
     if not seeds:
         raise PromptError(
             f"{prompt.text!r} was not found in {len(cameras)} photos. Use another word, or click on the object instead."

@@ -26,7 +26,7 @@ from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
 from .views import Views
 
-__all__ = ["THRESHOLD", "FoundObject", "find_objects", "segment_project"]
+__all__ = ["THRESHOLD", "FoundObject", "find_objects", "label_maps_of", "photo_folder_of", "segment_project"]
 
 Float32 = NDArray[np.float32]
 
@@ -198,10 +198,10 @@ def segment_project(
     found = find_objects(
         load_gaussians(project.path / "gaussians"),
         cameras,
-        _photo_folder(project),
+        photo_folder_of(project),
         prompt,
         settings,
-        label_maps=_label_maps(project.path, cameras),
+        label_maps=label_maps_of(project.path, cameras),
         detector_factory=detector_factory,
         sam_factory=sam_factory,
         emit=emit,
@@ -209,6 +209,9 @@ def segment_project(
         backend=backend,
     )
     taken = list_objects(project.path)
+    asked: dict[str, str | float] = dict(describe_prompt(prompt))
+    if isinstance(prompt, TextPrompt):
+        asked["detector"] = detector_factory().name
     records: list[ObjectRecord] = []
     seconds = round(time.perf_counter() - started, 3)
     for item in found:
@@ -216,7 +219,7 @@ def segment_project(
         record = ObjectRecord(
             id=new_id(name, [other.id for other in everyone]),
             name=new_name(name, [other.name for other in everyone]),
-            prompt=dict(describe_prompt(prompt)),
+            prompt=asked,
             threshold=THRESHOLD,
             score=round(item.score, 4),
             fit=round(item.fit, 4),
@@ -234,14 +237,21 @@ def segment_project(
     return records
 
 
-def _photo_folder(project: ProjectFolder) -> Path:
+def photo_folder_of(project: ProjectFolder) -> Path:
+    """Return where the photos of a project are.
+
+    Raises
+    ------
+    FormatError
+        When the project does not say.
+    """
     folder = project.get("photo_folder")
     if not isinstance(folder, str):
         raise FormatError(f"{project.path / 'project.json'} does not say where the photos are. Reconstruct again.")
     return Path(folder)
 
 
-def _label_maps(project: Path, cameras: CameraSet) -> dict[str, NDArray[np.int32]]:
+def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, NDArray[np.int32]]:
     """Return the SAM label maps that were made for training, by photo."""
     from ..masks.storage import label_map_path, read_label_map
 

@@ -40,6 +40,8 @@ class SegmentSettings:
         Views that vote, at most.
     vote_rounds : int
         Rounds of voting; each starts from the Gaussians the round before kept.
+    keep_given : bool
+        In the first round, what lies behind a mask the person gave belongs wherever it is seen, whatever its feature.
     completion : {"none", "hull", "guarded"}
         What is filled in: ``hull`` takes all Gaussians inside of the convex hull (paper); ``guarded`` only those
         inside that no view sees.
@@ -71,6 +73,7 @@ class SegmentSettings:
     refinement: Literal["none", "votes"] = "votes"
     n_vote_views: int = 24
     vote_rounds: int = 2
+    keep_given: bool = True
     completion: Literal["none", "hull", "guarded"] = "guarded"
     outlier_iqr: float | None = 1.0
     same_object: float = 0.4

@@ -12,13 +12,14 @@ from typing import Any
 
 from PIL import Image
 
-__all__ = ["TURNS", "focal_in_pixels", "orientation_of", "without_exif_warnings"]
+__all__ = ["TURNS", "exposure_value", "focal_in_pixels", "orientation_of", "without_exif_warnings"]
 
 _LOG = logging.getLogger(__name__)
 _WARNING_FILTERS = threading.Lock()
 
 _ORIENTATION = 0x0112
 _EXIF_IFD = 0x8769
+_EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY = 0x829A, 0x829D, 0x8827
 _FOCAL_LENGTH = 0x920A
 _FOCAL_LENGTH_35MM = 0xA405
 _PIXEL_WIDTH, _PIXEL_HEIGHT = 0xA002, 0xA003
@@ -103,6 +104,27 @@ def focal_in_pixels(image: Image.Image) -> float | None:
     if not _PLAUSIBLE_FOCAL[0] * longest <= focal <= _PLAUSIBLE_FOCAL[1] * longest:
         return None
     return float(focal)
+
+
+def exposure_value(image: Image.Image) -> float | None:
+    """Return the exposure value at ISO 100 that the camera was set to, None when EXIF does not say.
+
+    Notes
+    -----
+    log2(N^2 / t) - log2(S / 100) of aperture N, time t in seconds and sensitivity S (ISO 2720). One more halves the
+    brightness of the same thing in the picture.
+    """
+    exif = _read(image)
+    if exif is None:
+        return None
+    tags = exif.get_ifd(_EXIF_IFD)
+    sensitivity = tags.get(_SENSITIVITY)
+    if isinstance(sensitivity, tuple):
+        sensitivity = sensitivity[0] if sensitivity else None
+    aperture, seconds, speed = (_number(v) for v in (tags.get(_F_NUMBER), tags.get(_EXPOSURE_TIME), sensitivity))
+    if not (aperture > 0.0 and seconds > 0.0 and speed > 0.0):
+        return None
+    return math.log2(aperture**2 / seconds * 100.0 / speed)
 
 
 def _number(value: Any) -> float:

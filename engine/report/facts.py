@@ -42,7 +42,8 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
     -------
     dict
         ``stages`` (name, wall and CPU seconds), ``photos``, ``cameras``, ``masks``, ``training``, ``objects``,
-        ``refused_prompts``, ``left_out``, ``software`` and ``machine``.
+        ``refused_prompts``, ``plan``, ``forecast`` (per stage, beside what it took), ``left_out``,
+        ``measured_savings``, ``software`` and ``machine``.
     """
     records = {stage: project.stage_record(stage) for stage in STAGES}
     figures = {stage: (record or {}).get("figures") or {} for stage, record in records.items()}
@@ -65,7 +66,10 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         "training": training,
         "objects": [_without_settings(asdict(record)) for record in list_objects(project.path)],
         "refused_prompts": figures["objects"].get("refused", {}),
-        "left_out": [dict(item) for item in plan.get("left_out", ())],
+        "plan": project.get("work_plan") or {},
+        "forecast": _forecast(project.get("forecast"), records),
+        "left_out": [*(dict(item) for item in plan.get("left_out", ())), *_steps_left_out(training)],
+        "measured_savings": (project.get("measured_savings") or {}).get(str(training.get("preset"))),
         "software": {
             "gaussian heritage": __version__,
             "python": platform.python_version(),
@@ -77,6 +81,38 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
             "cores": _cores(),
         },
     }
+
+
+def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
+    """Return for each stage of the plan what was forecast and what it took, None where that is not known."""
+    rows = []
+    for expected in (forecast or {}).get("stages", ()):
+        record = records.get(expected["stage"]) or {}
+        rows.append(
+            {
+                **{name: expected[name] for name in ("stage", "seconds", "low", "high")},
+                **{name: expected[name] for name in ("memory", "memory_low", "memory_high")},
+                "actual_seconds": record.get("wall_seconds"),
+                "actual_memory": record.get("peak_memory"),
+                "continued": bool(record.get("continued")),
+            }
+        )
+    return rows
+
+
+def _steps_left_out(training: dict[str, Any]) -> list[dict[str, Any]]:
+    stopped = training.get("stopped_early")
+    if not stopped:
+        return []
+    planned = stopped["planned_steps"]
+    return [
+        {
+            "what": f"{planned - training['steps']:,} of {planned:,} training steps",
+            "why": f"stopped at step {training['steps']:,}: the curve is flat, the rest would have gained about "
+            f"{max(0.0, stopped['expected_gain']):.2f} dB, less than {stopped['limit']:g}",
+            "saved": f"about {stopped['wall_seconds_saved']:.0f} s, from the speed of the last steps",
+        }
+    ]
 
 
 def _title(project: ProjectFolder) -> str:

@@ -24,6 +24,7 @@ _STAGE_NAMES = {
     "masks": "Segmenting the photos",
     "training": "Training the Gaussians",
     "objects": "Isolating objects",
+    "report": "Writing this report",
 }
 _GUARD_NAMES = {
     "refused_steps": "training steps skipped because a gradient was not finite",
@@ -72,6 +73,7 @@ def page(facts: dict[str, Any], pictures: Pictures) -> str:
         _held_out(facts, pictures),
         _curve(facts),
         _stages(facts),
+        _plan(facts),
         _photos(facts),
         _left_out(facts),
         _guards(facts),
@@ -209,9 +211,71 @@ def _photos(facts: dict[str, Any]) -> str:
     )
 
 
+def _plan(facts: dict[str, Any]) -> str:
+    """Return what was decided before the work, and what was forecast beside what it took."""
+    plan = facts["plan"]
+    if not plan:
+        return ""
+    pairs = {"none": "none", "all": "all", "promising": "promising ones, about"}[plan["pairs"]]
+    table = [
+        ("training pictures", f"{plan['width']} x {plan['height']}"),
+        ("pairs matched", f"{pairs} {_count(plan['n_pairs'])}" if plan["n_pairs"] else pairs),
+        ("photos with segments", _count(plan["n_mask_photos"])),
+        ("Gaussians, at most", _count(plan["max_gaussians"])),
+        ("colour bands up to degree", _count(plan["sh_degree"])),
+        ("segmentation features", "yes" if plan["features"] else "no"),
+        ("brightness correction a photo", "yes" if plan["exposure"] else "no"),
+        ("steps, at most", _count(plan["steps"])),
+    ]
+    return _section("Plan and forecast", _pairs(table) + _forecast(facts["forecast"]))
+
+
+def _forecast(rows: list[dict[str, Any]]) -> str:
+    if not rows:
+        return ""
+    body = "".join(
+        f"<tr><td>{_STAGE_NAMES[row['stage']]}</td>"
+        f"<td>{_duration(row['seconds'])} ({_duration(row['low'])} to {_duration(row['high'])})</td>"
+        f"<td>{_actual_time(row)}</td>"
+        f"<td>{_memory(row['memory'])} ({_memory(row['memory_low'])} to {_memory(row['memory_high'])})</td>"
+        f"<td>{_memory(row['actual_memory'])}</td></tr>"
+        for row in rows
+    )
+    return (
+        "<p>Forecast before the work, with the range that 8 of 10 runs are expected in, beside what it took.</p>"
+        "<table><thead><tr><th>stage</th><th>time, forecast</th><th>took</th><th>memory, forecast</th><th>peak</th>"
+        f"</tr></thead><tbody>{body}</tbody></table>"
+    )
+
+
+def _actual_time(row: dict[str, Any]) -> str:
+    if row["actual_seconds"] is None:
+        return "not done yet" if row["stage"] != "report" else "being written"
+    return _duration(row["actual_seconds"]) + (" (continued)" if row["continued"] else "")
+
+
+def _memory(value: Any) -> str:
+    return f"{value / 1e9:.2f} GB" if isinstance(value, int | float) else "not known"
+
+
 def _left_out(facts: dict[str, Any]) -> str:
-    items = [f"<b>{html.escape(item['what'])}</b>: {html.escape(item['why'])}" for item in facts["left_out"]]
-    return _section("Left out, and why", _list("", items, "Nothing was left out."))
+    items = [
+        f"<b>{html.escape(item['what'])}</b>: {html.escape(item['why'])}. "
+        f'<span class="small">Saved: {html.escape(item.get("saved") or "not measured")}.</span>'
+        for item in facts["left_out"]
+    ]
+    return _section("Left out, and why", _list("", items, "Nothing was left out.") + _savings(facts))
+
+
+def _savings(facts: dict[str, Any]) -> str:
+    saved = facts["measured_savings"]
+    if not saved:
+        return ""
+    masks = f" and {saved['mask_cpu_seconds']:.0f} CPU s of masks" if "mask_cpu_seconds" in saved else ""
+    return (
+        f"<p>Measured against a run of the same preset with nothing left out: {saved['training_cpu_seconds']:.0f} CPU "
+        f"s of training{masks} saved, at {saved['psnr_lost']:.2f} dB less on held-out photos.</p>"
+    )
 
 
 def _guards(facts: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Curves of the report as SVG."""
+"""Curves of the report as SVG, and those of several presets as a picture."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-__all__ = ["error_curve"]
+__all__ = ["compare_curves", "error_curve"]
 
 _INK, _LINE, _QUIET = "#2b2a27", "#8a4b2a", "#3f6673"
 
@@ -69,6 +69,60 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
+
+
+def compare_curves(
+    curves: Sequence[tuple[str, Sequence[dict[str, Any]]]], front: Sequence[tuple[float, float]]
+) -> bytes:
+    """Return held-out PSNR and L1 of several runs against CPU and wall seconds as one PNG picture.
+
+    Parameters
+    ----------
+    curves : sequence of (str, sequence of dict)
+        Name and measurements of each run, as for `error_curve`.
+    front : sequence of (float, float)
+        CPU seconds and PSNR of the runs on the Pareto front, all measured at one picture size; drawn as a line.
+
+    Returns
+    -------
+    bytes
+        Empty when nothing was measured.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.6, 6.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    columns = (("cpu_seconds", "CPU seconds"), ("wall_seconds", "wall seconds"))
+    rows = (("psnr", "PSNR, dB (higher is better)"), ("l1", "L1 (lower is better)"))
+    drawn = False
+    for line, (key, title) in zip(figure.subplots(2, 2, sharex="col"), rows, strict=True):
+        for axes, (time, label) in zip(line, columns, strict=True):
+            for name, curve in curves:
+                points = [p for p in curve if _finite(p, key) and _finite(p, time) and p[time] > 0]
+                if not points:
+                    continue
+                drawn = True
+                xs, ys = [p[time] for p in points], [p[key] for p in points]
+                axes.plot(xs, ys, marker="o", markersize=3, linewidth=1.4, label=name)
+            if key == "psnr" and time == "cpu_seconds":
+                if front:
+                    ends = sorted(front)
+                    axes.plot([x for x, _ in ends], [y for _, y in ends], "k--", linewidth=1.0, marker="*",
+                              markersize=9, label="Pareto front, one size")  # fmt: skip
+                if axes.lines:
+                    axes.legend(fontsize=8, frameon=False)
+            axes.set_title(title, fontsize=9, color=_INK, loc="left")
+            axes.set_xlabel(label, fontsize=8, color=_INK)
+            axes.set_xscale("log")
+            axes.grid(alpha=0.25, linewidth=0.6)
+            axes.tick_params(labelsize=8, colors=_INK)
+            axes.spines[["top", "right"]].set_visible(False)
+    if not drawn:
+        return b""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    return buffer.getvalue()
 
 
 def _finite(point: dict[str, Any], key: str) -> bool:

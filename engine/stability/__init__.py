@@ -1,3 +1,3 @@
-"""Stiff and extreme scenes come in; a table of float32 errors against float64, with bounds and verdicts, goes out."""
+"""Stiff and extreme scenes come in; tables of float32's errors and of how training ends, with verdicts, go out."""
 
 __all__: list[str] = []

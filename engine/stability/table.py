@@ -1,4 +1,4 @@
-"""Runs cases and lays them out as a Markdown table with a verdict for each, and the reasons of unusual bounds below."""
+"""Runs cases and lays them out as Markdown tables with a verdict for each, and the reasons of unusual bounds below."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from ..project_folder import atomic_write
 from .bounds import BOUNDS, DEFAULT, bounds_of
 from .cases import CASES, Case
 from .measure import Finding
+from .training_cases import TRAINING_CASES, TrainingCase
+from .training_table import TrainingRow, judge_training, training_markdown
 
 __all__ = ["COMMAND", "Row", "judge", "markdown", "run_cases", "select", "write_table"]
 
@@ -39,22 +41,29 @@ class Row:
     green: bool
 
 
-def select(name: str | None) -> tuple[Case, ...]:
-    """Return the case of this name, or all of them for None.
+AnyCase = Case | TrainingCase
+AnyRow = Row | TrainingRow
+
+
+def select(name: str | None) -> tuple[AnyCase, ...]:
+    """Return the case of this name, or all of them for None, those of training last.
 
     Raises
     ------
     SettingsError
         When there is no such case.
     """
-    chosen = tuple(case for case in CASES if name is None or case.name == name)
+    cases: tuple[AnyCase, ...] = (*CASES, *TRAINING_CASES)
+    chosen = tuple(case for case in cases if name is None or case.name == name)
     if not chosen:
-        raise SettingsError(f"There is no case {name!r}; the cases are {', '.join(case.name for case in CASES)}.")
+        raise SettingsError(f"There is no case {name!r}; the cases are {', '.join(case.name for case in cases)}.")
     return chosen
 
 
-def judge(case: Case) -> Row:
+def judge(case: AnyCase) -> AnyRow:
     """Run one case on one thread of torch. Green: the expected outcome, and nothing out of bounds."""
+    if isinstance(case, TrainingCase):
+        return judge_training(case)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # its threads change the order of sums, and spin
     try:
@@ -64,7 +73,7 @@ def judge(case: Case) -> Row:
     return Row(case, finding, finding.outcome == case.expected and not finding.problems)
 
 
-def run_cases(cases: Sequence[Case], *, emit: Emit, should_stop: StopCheck) -> list[Row]:
+def run_cases(cases: Sequence[AnyCase], *, emit: Emit, should_stop: StopCheck) -> list[AnyRow]:
     """Return a row for each case.
 
     Raises
@@ -81,8 +90,16 @@ def run_cases(cases: Sequence[Case], *, emit: Emit, should_stop: StopCheck) -> l
     return rows
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Return the table as Markdown: figures rounded to one digit, so that only a change of substance changes a row."""
+def markdown(rows: Sequence[AnyRow]) -> str:
+    """Return the tables of float32's errors and of training as Markdown, each if it has rows."""
+    errors = [row for row in rows if isinstance(row, Row)]
+    training = [row for row in rows if isinstance(row, TrainingRow)]
+    tables = ([_errors_markdown(errors)] if errors else []) + ([training_markdown(training)] if training else [])
+    return "\n".join(tables)
+
+
+def _errors_markdown(rows: Sequence[Row]) -> str:
+    """Return the first table: figures rounded to one digit, so that only a change of substance changes a row."""
     n_red = sum(not row.green for row in rows)
     lines = [
         "# Numerical suite",
@@ -112,7 +129,7 @@ def markdown(rows: Sequence[Row]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_table(path: Path, rows: Sequence[Row]) -> None:
+def write_table(path: Path, rows: Sequence[AnyRow]) -> None:
     """Write `markdown` of the rows to `path`, atomically."""
     with atomic_write(path, "w") as file:
         file.write(markdown(rows))

@@ -19,16 +19,26 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..errors import NumericalError
 from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write
 from ..rasterizer.adam import AdamState
 from ..settings import to_dict
+from .guards import ADVICE
 from .held_out import CurvePoint
 from .parameters import NAMES, Parameters
 from .settings import TrainingSettings
 from .views import TrainingView
 
-__all__ = ["CHECKPOINT_FILE", "RunState", "read_checkpoint", "run_key", "write_checkpoint"]
+__all__ = [
+    "CHECKPOINT_FILE",
+    "RunState",
+    "read_checkpoint",
+    "read_progress",
+    "read_state",
+    "run_key",
+    "write_checkpoint",
+]
 
 CHECKPOINT_FILE = "training.npz"
 _VERSION = 1
@@ -90,8 +100,8 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
 
     Raises
     ------
-    DiskError
-        When it cannot be written; the checkpoint before it is then still whole.
+    DiskError, NumericalError
+        When it cannot be written or holds a value that is not finite; the checkpoint before it is then still whole.
     """
     arrays = {f"value.{name}": value.detach().numpy() for name, value in state.parameters.values.items()}
     moments = {**state.parameters.moments, "exposure": state.exposure_moments}
@@ -101,6 +111,7 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
     arrays["exposure"] = state.exposure.detach().numpy()
     if state.neighbours is not None:
         arrays["neighbours"] = state.neighbours.numpy()
+    _check_finite(arrays, state.step)
     record = {
         "version": _VERSION,
         "key": key,
@@ -117,8 +128,19 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         np.savez(stream, **arrays)
 
 
+def _check_finite(arrays: dict[str, NDArray[Any]], step: int) -> None:
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise NumericalError(f"`{name}` is not finite after step {step}. {ADVICE}")
+
+
 def read_checkpoint(folder: Path, key: str) -> RunState | None:
     """Return the state stored in `folder`; None when there is none, it is damaged, or it belongs to another run."""
+    return read_state(folder, key)
+
+
+def read_state(folder: Path, key: str | None = None) -> RunState | None:
+    """Return the state stored in `folder`, of whatever run where no `key` is given; None as `read_checkpoint`."""
     path = folder / CHECKPOINT_FILE
     if not path.is_file():
         return None
@@ -126,9 +148,25 @@ def read_checkpoint(folder: Path, key: str) -> RunState | None:
         # Opened here: NumPy leaves a file it finds damaged open.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             record = json.loads(str(stored["record"]))
-            if record["key"] != key:
+            if key is not None and record["key"] != key:
                 return None
             return _state_from(dict(stored), record)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        return None
+
+
+def read_progress(folder: Path) -> dict[str, Any] | None:
+    """Return how far the run in `folder` came, without its arrays; None when there is no whole checkpoint.
+
+    Returns
+    -------
+    dict
+        ``step``, ``curve`` (list of dict), ``wall_seconds`` and ``cpu_seconds``, as JSON values.
+    """
+    try:
+        with (folder / CHECKPOINT_FILE).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            record = json.loads(str(stored["record"]))
+            return {name: record[name] for name in ("step", "curve", "wall_seconds", "cpu_seconds")}
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         return None
 

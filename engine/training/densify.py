@@ -19,6 +19,9 @@ __all__ = ["copy_correction", "error_votes", "grow", "grow_where_wrong", "positi
 _MOST_COPIES = 51
 _LOGIT_LIMIT = 1e-6
 _SPLIT_SHIFT = 0.7
+_LONGEST_WALK = 3.0
+"""Own sizes that noise moves a Gaussian in a step: at our rates, ten times the published, a large one would leave the
+scene in a single step."""
 
 
 def copy_correction(
@@ -203,7 +206,8 @@ def position_noise(
     Notes
     -----
     ``means += lr strength s(100 (0.005 - o)) (Sigma / extent) eta`` with eta ~ N(0, I) and s the logistic function:
-    solid Gaussians stay where they are.
+    solid Gaussians stay where they are. Of one own size s along an axis, ``lr strength s() s^2 / extent`` is at most
+    3 s here.
     """
     values = {name: value.detach() for name, value in parameters.values.items()}
     opacities = values["opacity_logits"].sigmoid()
@@ -212,9 +216,10 @@ def position_noise(
     eta = torch.randn(len(rows), 3, generator=generator)
     amount = learning_rate * strength / extent * torch.sigmoid(100.0 * (0.005 - opacities[rows]))
     rotation = _rotation_matrices(values["quats"][rows])
-    variances = values["log_scales"][rows].mul(2.0).exp()
-    local = variances * (rotation.transpose(1, 2) @ eta[:, :, None])[:, :, 0]
-    values["means"][rows] += amount[:, None] * (rotation @ local[:, :, None])[:, :, 0]
+    scales = values["log_scales"][rows].exp()
+    local = scales * (amount[:, None] * scales).clamp_max(_LONGEST_WALK)
+    local = local * (rotation.transpose(1, 2) @ eta[:, :, None])[:, :, 0]
+    values["means"][rows] += (rotation @ local[:, :, None])[:, :, 0]
 
 
 def _rotation_matrices(quats: torch.Tensor) -> torch.Tensor:

@@ -21,7 +21,21 @@ from .parameters import render
 from .settings import TrainingSettings
 from .views import Level
 
-__all__ = ["Clock", "CurvePoint", "Quality", "image_quality", "measure", "render_picture", "write_picture"]
+__all__ = [
+    "Clock",
+    "CurvePoint",
+    "Quality",
+    "expected_gain",
+    "flat_psnr",
+    "image_quality",
+    "measure",
+    "render_picture",
+    "write_picture",
+]
+
+_CHECKS_OF_A_SLOPE = 4
+_SMALLEST_SQUARE = 1e-10
+"""100 dB, the most that is told: a photo of 8 bits knows its own pixels to 59 dB."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +119,7 @@ def image_quality(image: torch.Tensor, pixels: NDArray[np.uint8]) -> Quality:
     image = image.clamp(0.0, 1.0)
     target = torch.from_numpy(pixels).float().div_(255.0)
     difference = (image - target).double()
-    squared = float(difference.square().mean())
-    psnr = math.inf if squared == 0 else -10.0 * math.log10(squared)
+    psnr = -10.0 * math.log10(max(float(difference.square().mean()), _SMALLEST_SQUARE))
     return Quality(psnr, ssim(image, target), float(difference.abs().mean()))
 
 
@@ -130,6 +143,40 @@ def measure(
         float(np.mean([q.ssim for q in found])),
         float(np.mean([q.l1 for q in found])),
     )
+
+
+def flat_psnr(photos: Sequence[NDArray[np.uint8]], levels: Sequence[Level]) -> float:
+    """Return the mean PSNR of one flat colour, the mean of `photos` [h, w, 3], on the photos in `levels`, in dB.
+
+    What a result must beat to be one: whoever knows nothing of a scene but its colour gets as far.
+    """
+    color = np.mean([photo.reshape(-1, 3).mean(axis=0) for photo in photos], axis=0) / 255.0
+    squares = [np.square(level.pixels / 255.0 - color).mean() for level in levels]
+    return float(np.mean([-10.0 * math.log10(max(float(square), _SMALLEST_SQUARE)) for square in squares]))
+
+
+def expected_gain(curve: Sequence[CurvePoint], checks: frozenset[int], steps: int) -> float:
+    """Return the dB that the steps left are expected to gain; infinite before four of the `checks` were made.
+
+    Parameters
+    ----------
+    curve : sequence of CurvePoint
+    checks : frozenset of int
+        Steps whose measurements count.
+    steps : int
+        Of the whole run.
+
+    Notes
+    -----
+    The slope of PSNR against the step over the last four checks, by least squares, times the steps left. A straight
+    line expects too much where learning rates fall to nothing, so it stops late rather than early; four points, since
+    one measurement is good to some hundredths of a dB only: each depends on the photos trained on last.
+    """
+    points = [point for point in curve if point.step in checks][-_CHECKS_OF_A_SLOPE:]
+    if len(points) < _CHECKS_OF_A_SLOPE or not all(math.isfinite(point.psnr) for point in points):
+        return math.inf
+    slope = np.polyfit([point.step - points[0].step for point in points], [point.psnr for point in points], 1)[0]
+    return float(slope * (steps - points[-1].step))
 
 
 def write_picture(path: Path, image: torch.Tensor) -> None:

@@ -91,6 +91,10 @@ class TrainingSettings:
         Strength of the random walk of nearly transparent Gaussians.
     held_out_every : int
         Every n-th photo is never trained on, 0 for none.
+    stop_when_flat : float
+        dB; 0 never stops early. Once growth has ended, training stops when the error on the held-out photos, measured
+        every 40th part of the steps, falls so slowly that the steps left would gain less than this. The photos held
+        out thereby choose when to stop, and nothing else.
     curve_points : int
         Measurements on the held-out photos, spaced evenly in the logarithm of the step.
     checkpoint_interval : int
@@ -146,6 +150,7 @@ class TrainingSettings:
     lambda_scale: float = 0.002
     noise: float = 5e5
     held_out_every: int = 8
+    stop_when_flat: float = 0.05
     curve_points: int = 12
     checkpoint_interval: int = 500
     preview_seconds: float = 30.0
@@ -162,7 +167,7 @@ class TrainingSettings:
                      "lr_features", "lr_exposure", "preview_seconds"):  # fmt: skip
             require(self, name, getattr(self, name) > 0, "greater than 0")
         for name in ("lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray", "lambda_opacity",
-                     "lambda_scale", "noise"):  # fmt: skip
+                     "lambda_scale", "noise", "stop_when_flat"):  # fmt: skip
             require(self, name, getattr(self, name) >= 0, "at least 0")
         for name in ("coarse_until", "lambda_dssim", "grow_from", "grow_until"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
@@ -195,7 +200,7 @@ PRESETS: dict[str, TrainingSettings] = {
     "test": replace(
         _STANDARD, steps=60, max_gaussians=400, sh_degree=0, max_side=64, coarse_levels=1, curve_points=3,
         grow_interval=10, checkpoint_interval=20, clustering_interval=2, clustering_pixels=1024,
-        regularisation_interval=4,
+        regularisation_interval=4, stop_when_flat=0.0,
     ),
     "preview": replace(_STANDARD, steps=600, max_gaussians=15_000, max_side=400, sh_degree=0),
     "standard": _STANDARD,
@@ -210,6 +215,7 @@ PRESETS: dict[str, TrainingSettings] = {
         lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, feature_init="paper", feature_gradient="joint",
         clustering_interval=50, clustering_pixels=0, regularisation="paper", regularisation_interval=100,
         lambda_ray=0.0, growth="opacity", grow_from=500 / 30_000, grow_until=25_000 / 30_000, grow_interval=100,
+        stop_when_flat=0.0,
     ),
 }  # fmt: skip
 """``test``: seconds, for tests. ``preview``: a first look. ``standard``: a few minutes on two cores. ``best``: an hour.

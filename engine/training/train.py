@@ -12,14 +12,23 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..errors import Cancelled, TrainingError
+from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..gaussians.gaussians import Gaussians
 from ..rasterizer.adam import AdamState, adam_step
+from ..rasterizer.api import warm_up
 from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
 from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
-from .guards import LIMITS, backward, check_result, hold_in_bounds, step_finite_rows
-from .held_out import Clock, CurvePoint, measure, render_picture, write_picture
+from .guards import (
+    LIMITS,
+    backward,
+    check_result,
+    check_start,
+    hold_in_bounds,
+    step_finite_rows,
+    told_when_memory_is_full,
+)
+from .held_out import Clock, CurvePoint, expected_gain, flat_psnr, measure, render_picture, write_picture
 from .parameters import Parameters
 from .schedule import Schedule
 from .settings import TrainingSettings
@@ -33,6 +42,8 @@ PREVIEW_FILE = "preview.png"
 _SECONDS_BETWEEN_EVENTS = 1.0
 _MOST_MEASURED = 8
 _VIEWS_THAT_VOTE = 3
+_LIKE_THE_PHOTOS = 30.0
+"""dB, a mean error of 3 %: better pictures are never complained about, however flat the photos are."""
 _RELOCATE, _GROW, _NOISE = 3, 4, 5
 """Purposes of random draws."""
 
@@ -92,11 +103,14 @@ def train(
     Raises
     ------
     TrainingError
-        When there is nothing to train from or on.
+        When there is nothing to train from or on, a photo is of another size than its camera, or nothing can be seen
+        of the result.
     Cancelled
         When asked to stop; a checkpoint has been written.
     NumericalError
-        When the loss or the result is not finite.
+        When the start, the loss or the result is not finite.
+    EnvironmentProblem
+        When memory is full; the last checkpoint is kept.
     DiskError
         When a checkpoint cannot be written.
 
@@ -104,17 +118,21 @@ def train(
     -----
     A resumed run gives the same Gaussians, bit for bit, as an uninterrupted one on the same computer.
     """
-    with _one_torch_thread():
+    with told_when_memory_is_full(), _one_torch_thread():
+        if settings.backend == "cpu":
+            # Here and not in the first step: the error curve's clock must not count what happens once per computer.
+            emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
+            warm_up()
         run = _Run(start, views, settings, checkpoints, emit)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
-        while run.state.step < settings.steps:
+        while not run.finished:
             if should_stop():
                 run.write_checkpoint()
                 raise Cancelled("Training was cancelled; the next run continues from where it stopped.")
             run.step()
             run.report()
-        check_result(run.state.parameters)
+        run.check()
         return run.result()
 
 
@@ -141,10 +159,10 @@ class _Run:
     ) -> None:
         training = [view for view in views if not view.held_out]
         held_out = [view for view in views if view.held_out]
-        if len(start) == 0:
-            raise TrainingError("There are no Gaussians to start from. Take more photos that overlap, then run again.")
+        check_start(start)
         self.settings, self.checkpoints, self.emit = settings, checkpoints, emit
         self.pyramid = ViewPyramid(training, settings)  # Refuses to be empty.
+        self._has_held_out = bool(held_out)
         self.measured_on = "held-out photos" if held_out else "training photos"
         self.measured = ViewPyramid(_spread(held_out or training, _MOST_MEASURED), settings)
         self.extent = scene_extent([view.pinhole for view in training])
@@ -152,13 +170,37 @@ class _Run:
         labelled = [i for i, view in enumerate(training) if settings.features and view.labels is not None]
         self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled)
         self.key = run_key(start, views, settings)
-        self.state = read_checkpoint(checkpoints, self.key) or _begin(start, training, settings)
+        self.state = read_checkpoint(checkpoints, self.key) or self._begin(start)
         self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
         self._loss = float("nan")
         self._reported = self._previewed = time.monotonic()
         if not held_out:
             emit(Warned("There are too few photos to hold any out; errors are measured on the training photos."))
+
+    def _begin(self, start: Gaussians) -> RunState:
+        settings, training = self.settings, self.pyramid.views
+        features = settings.features and any(view.labels is not None for view in training)
+        exposure = torch.zeros(len(training), 3)
+        state = RunState(
+            Parameters.from_gaussians(start, sh_degree=settings.sh_degree, features=features),
+            exposure,
+            AdamState.zeros_like(exposure),
+        )
+        hold_in_bounds(state.parameters, self.center, self.extent, state.guards)
+        return state
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done or the rest is not worth it; follows from the state alone: resuming is exact."""
+        return self.state.step >= self.settings.steps or self._is_flat()
+
+    def _is_flat(self) -> bool:
+        state, schedule = self.state, self.schedule
+        # Photos that are trained on get better for ever: their curve says nothing.
+        if state.step not in schedule.flat_checks or not self._has_held_out:
+            return False
+        return expected_gain(state.curve, schedule.flat_checks, self.settings.steps) < self.settings.stop_when_flat
 
     def step(self) -> None:
         """Do one training step."""
@@ -223,18 +265,22 @@ class _Run:
         state, now = self.state, time.monotonic()
         if state.step in self.schedule.curve_steps:
             self._measure()
-        if now - self._previewed >= self.settings.preview_seconds or state.step == self.settings.steps:
+        finished = self.finished
+        if now - self._previewed >= self.settings.preview_seconds or finished:
             self._previewed = now
             self._preview()
-        if state.step % self.settings.checkpoint_interval == 0 or state.step == self.settings.steps:
+        if state.step % self.settings.checkpoint_interval == 0 or finished:
             self.write_checkpoint()
-        if now - self._reported >= _SECONDS_BETWEEN_EVENTS or state.step == self.settings.steps:
+        if now - self._reported >= _SECONDS_BETWEEN_EVENTS or finished:
             self._reported = now
             self.emit(Metric(STAGE, "loss", self._loss, state.step))
             self.emit(Metric(STAGE, "gaussians", float(len(state.parameters)), state.step))
             done = self.schedule.done(state.step)
             spent = (self.clock.wall - self._first_wall) / (done - self._first_done)
-            self.emit(Progress(STAGE, done, spent * (1.0 - done), f"step {state.step} of {self.settings.steps}"))
+            message = f"step {state.step} of {self.settings.steps}"
+            if finished and state.step < self.settings.steps:
+                done, message = 1.0, f"{message}: the curve is flat"
+            self.emit(Progress(STAGE, done, spent * (1.0 - done), message))
 
     def _levels(self) -> list[Level]:
         return [self.measured.level(index, 0) for index in range(len(self.measured.views))]
@@ -264,11 +310,25 @@ class _Run:
         self.state.wall_seconds, self.state.cpu_seconds = self.clock.wall, self.clock.cpu
         write_checkpoint(self.checkpoints, self.key, self.state)
 
+    def check(self) -> None:
+        """Refuse a result that is none; warn of one that a flat colour would be as good as."""
+        psnr = self.state.curve[-1].psnr
+        check_result(self.state.parameters, photos_are_black=psnr >= _LIKE_THE_PHOTOS)
+        flat = flat_psnr([view.pixels for view in self.pyramid.views], self._levels())
+        if psnr < min(flat, _LIKE_THE_PHOTOS):
+            self.emit(
+                Warned(
+                    f"The trained scene is no more like the {self.measured_on} ({psnr:.1f} dB) than one flat colour "
+                    f"({flat:.1f} dB). Check photos and cameras; where learning rates were raised, lower them."
+                )
+            )
+
     def result(self) -> TrainingResult:
         """Return what was trained, measured and guarded against."""
         state, last = self.state, self.state.curve[-1]
-        figures = {
+        figures: dict[str, Any] = {
             "steps": state.step,
+            "stopped_early": self._stopped_early(),
             "n_gaussians": len(state.parameters),
             "wall_seconds": last.wall_seconds,
             "cpu_seconds": last.cpu_seconds,
@@ -292,15 +352,20 @@ class _Run:
         unit = self.settings.feature_init == "unit"
         return TrainingResult(state.parameters.to_gaussians(unit_features=unit), tuple(state.curve), figures)
 
-
-def _begin(start: Gaussians, training: Sequence[TrainingView], settings: TrainingSettings) -> RunState:
-    features = settings.features and any(view.labels is not None for view in training)
-    exposure = torch.zeros(len(training), 3)
-    return RunState(
-        Parameters.from_gaussians(start, sh_degree=settings.sh_degree, features=features),
-        exposure,
-        AdamState.zeros_like(exposure),
-    )
+    def _stopped_early(self) -> dict[str, float] | None:
+        """Return what the steps that were left out would have cost, at the speed of the last ones."""
+        curve, steps = self.state.curve, self.settings.steps
+        if self.state.step >= steps:
+            return None
+        before, last = curve[-2], curve[-1]
+        share = (steps - last.step) / (last.step - before.step)
+        return {
+            "planned_steps": steps,
+            "expected_gain": expected_gain(curve, self.schedule.flat_checks, steps),
+            "limit": self.settings.stop_when_flat,
+            "wall_seconds_saved": share * (last.wall_seconds - before.wall_seconds),
+            "cpu_seconds_saved": share * (last.cpu_seconds - before.cpu_seconds),
+        }
 
 
 def _spread(views: Sequence[TrainingView], most: int) -> list[TrainingView]:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import CameraSet, PinholeCamera
+from ..cameras.camera import Camera, CameraSet, PinholeCamera
 from ..errors import TrainingError
 from ..events import StopCheck, never_stop
 from ..rasterizer.loss import Target
@@ -83,6 +83,8 @@ def load_views(
     ------
     Cancelled
         When asked to stop.
+    TrainingError
+        When a photo has another aspect than its camera.
     """
     from ..cameras.lens import training_pinhole, undistort
     from ..errors import Cancelled
@@ -96,12 +98,33 @@ def load_views(
         pinhole = training_pinhole(camera, max_side=settings.max_side)
         # Twice the target size is all that resampling needs; a 48-megapixel photo would cost half a second each.
         source = load_pixels(photo_folder / camera.photo, max_side=2 * max(pinhole.width, pinhole.height))
+        _check_aspect(source, camera)
         pixels = undistort(source, camera, pinhole, interpolation="linear")
         labels = None
         if settings.features and camera.photo in masks:
             labels = undistort(read_label_map(masks[camera.photo]), camera, pinhole, interpolation="nearest")
         views.append(TrainingView(camera.photo, pinhole, pixels, labels, is_held_out(index, settings.held_out_every)))
     return views
+
+
+def _check_size(view: TrainingView) -> None:
+    height, width = view.pixels.shape[:2]
+    if (width, height) != (view.pinhole.width, view.pinhole.height):
+        raise TrainingError(
+            f"{view.photo} has {width} x {height} pixels, its camera {view.pinhole.width} x {view.pinhole.height}. "
+            "Put back the photo that the cameras were found with, or find them anew."
+        )
+
+
+def _check_aspect(pixels: NDArray[np.uint8], camera: Camera) -> None:
+    """Refuse a photo that was exchanged or turned since its camera was found; a smaller copy is the same photo."""
+    height, width = pixels.shape[:2]
+    # Rounding a smaller copy to whole pixels changes the product by half of the other side at most.
+    if abs(width * camera.height - height * camera.width) > max(camera.width, camera.height):
+        raise TrainingError(
+            f"{camera.photo} has the shape of {width} x {height} pixels, its camera of {camera.width} x "
+            f"{camera.height}. Put back the photo that the cameras were found with, or find them anew."
+        )
 
 
 def scene_extent(cameras: Sequence[PinholeCamera]) -> float:
@@ -147,6 +170,8 @@ class ViewPyramid:
     def __post_init__(self) -> None:
         if not self.views:
             raise TrainingError("There is no photo to train on. Add photos and run again.")
+        for view in self.views:
+            _check_size(view)
         pixels = sum(view.pixels.shape[0] * view.pixels.shape[1] for view in self.views)
         self._keep_targets = pixels * _TARGET_BYTES <= _MOST_TARGET_BYTES
 

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+
 import pytest
 
+from engine.machine import describe_machine
+from engine.planning.benchmark import calibrate
+from engine.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
 from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
 
@@ -11,3 +17,18 @@ from tests.engine.pictures.blob_scene import BlobScene, make_scene
 def blobs() -> BlobScene:
     """The blob scene, made once."""
     return make_scene()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _speed_of_the_reference_machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Forecasts of tests neither measure this machine nor change what its user's forecasts are made from."""
+    before = os.environ.get(CALIBRATION_VARIABLE)
+    os.environ[CALIBRATION_VARIABLE] = str(tmp_path_factory.mktemp("calibration") / "calibration.json")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("engine.planning.benchmark.measure_speed", lambda: REFERENCE)
+        calibrate(describe_machine(), emit=lambda event: None)
+    yield
+    if before is None:
+        del os.environ[CALIBRATION_VARIABLE]
+    else:
+        os.environ[CALIBRATION_VARIABLE] = before

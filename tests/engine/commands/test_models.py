@@ -49,3 +49,49 @@ def test_damaged_file_is_found_by_verify(cache: Path, capsys: pytest.CaptureFixt
 
 def test_unknown_name_lists_the_known_ones(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "Known: one, two." in call(capsys, "models", "fetch", "three").error
+
+
+@pytest.fixture
+def optional(cache: Path, monkeypatch: pytest.MonkeyPatch) -> ModelFile:
+    """A third file that is not needed, and not there, whose hash nobody knows yet."""
+    model = ModelFile(
+        "three", "https://models.invalid/r1/three", "", "three", None, None, "MIT", "anyone", optional=True
+    )
+    monkeypatch.setitem(CATALOGUE, "three", model)
+    return model
+
+
+def test_optional_files_are_listed_with_their_pin_but_neither_fetched_nor_missed(
+    cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["models", "list"]) == 0
+    assert (
+        "three: optional, size unknown, MIT (anyone), https://models.invalid/r1/three, pinned by revision; hash is "
+        in (capsys.readouterr().out)
+    )
+    assert main(["models", "verify"]) == 0 and main(["models", "fetch"]) == 0
+    assert "three" not in capsys.readouterr().out
+
+
+def test_optional_file_that_is_there_is_verified(
+    cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (cache / "three").write_bytes(b"three")
+    assert main(["models", "verify"]) == 1
+    assert "put there by hand" in capsys.readouterr().out
+
+
+def test_colleagues_folder_gives_what_it_holds_and_never_the_network(
+    cache: Path, optional: ModelFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stick = tmp_path / "stick"
+    assert "no folder" in call(capsys, "models", "fetch", "--from", stick).error
+    stick.mkdir()
+    assert "holds no model file" in call(capsys, "models", "fetch", "--from", stick).error
+    (stick / "three").write_bytes(b"three")
+    assert call(capsys, "models", "fetch", "--from", stick).code == 0
+    assert (cache / "three").read_bytes() == b"three"
+    assert main(["models", "verify"]) == 0
+    (cache / "one").unlink()
+    assert "holds neither one nor" in call(capsys, "models", "fetch", "one", "--from", stick).error
+    assert "goes with `models fetch` only" in call(capsys, "models", "list", "--from", stick).error

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.grounding.default import load_default_detector
 from engine.objects.storage import list_objects
 from tests.engine.command_line import call
 from tests.engine.models.weights import fetched
@@ -72,7 +71,6 @@ def test_missing_model_file_names_the_command(
     prompt: tuple[str, str], scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    load_default_detector.cache_clear()
     monkeypatch.setenv("GAUSSIAN_HERITAGE_CACHE", str(tmp_path / "cache"))
     assert "is missing. Run: python -m engine models fetch" in call(capsys, "segment", scene, *prompt).error
 

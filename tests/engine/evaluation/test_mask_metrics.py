@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from engine.evaluation.mask_metrics import boundary, boundary_iou, feature_agreement, iou
+from engine.evaluation.mask_metrics import boundary, boundary_iou, feature_agreement, halo, holes, iou, stray
 
 
 def square(left: int, size: int, *, side: int = 100) -> np.ndarray:
@@ -71,3 +71,22 @@ def test_uncovered_pixels_agree_with_nothing() -> None:
 
 def test_no_segment_is_not_a_number() -> None:
     assert np.isnan(feature_agreement(np.ones((20, 20, 4)), np.zeros((20, 20), np.int32)))
+
+
+def test_halo_stray_and_holes_share_out_what_is_wrong() -> None:
+    # 100 x 100 pixels: the band is round(2.83) = 3 wide.
+    truth = square(20, 40)
+    grown = np.zeros_like(truth)
+    grown[15:65, 15:65] = True
+    assert halo(grown, truth) == pytest.approx((46**2 - 40**2) / 40**2)
+    assert stray(grown, truth) == pytest.approx((50**2 - 46**2) / 40**2)
+    assert holes(grown, truth) == 0.0
+    left_half = square(20, 40) & (np.arange(100) < 40)
+    assert (halo(left_half, truth), stray(left_half, truth), holes(left_half, truth)) == (0.0, 0.0, 0.5)
+    assert (halo(truth, truth), stray(truth, truth), holes(truth, truth)) == (0.0, 0.0, 0.0)
+
+
+def test_nothing_found_is_one_hole() -> None:
+    assert holes(None, square(20, 40)) == 1.0
+    with pytest.raises(ValueError, match="one shape"):
+        halo(np.ones((2, 2), bool), np.ones((2, 3), bool))

@@ -55,10 +55,10 @@ class _Counting:
         height, width = pixels.shape[:2]
         return Embedding(np.zeros((1, 256, 64, 64), np.float32), height, width, 1024 / max(height, width))
 
-    def predict_logits(self, embedding: Embedding, points: object, labels: object) -> tuple[np.ndarray, float]:
+    def predict_scales(self, embedding: Embedding, points: object, labels: object) -> list[tuple[np.ndarray, float]]:
         logits = np.full((256, 256), -9.0, np.float32)
         logits[60:120, 60:120] = 9.0
-        return logits, 0.9
+        return [(logits, 0.9)]
 
 
 def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW, stop_after: int = 10**9) -> list[Event]:

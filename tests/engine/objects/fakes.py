@@ -66,6 +66,7 @@ class FakeDetector:
 
     def __init__(self, scene: BlobScene, *, wrong: tuple[str, ...] = ()) -> None:
         self.scene, self.wrong = scene, wrong
+        self.name = "fake"
 
     def knows(self, prompt: str) -> FakeCheck:
         known = prompt in {*PART_NAMES.values(), "ghost"}

@@ -14,8 +14,9 @@ from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, T
 from engine.objects.segment import FoundObject, find_objects, segment_project
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
+from engine.pictures.render import render_view
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
-from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene, make_scene
+from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, make_scene
 
 SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
 SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1)
@@ -81,6 +82,32 @@ def test_given_mask_needs_no_model(find, blobs: BlobScene, tmp_path: Path) -> No
             MaskPrompt("view_4.png", mask), settings=settings, sam_factory=not_needed, detector_factory=not_needed
         )
         assert overlap(found, blobs, BLUE) > 0.95 and found.score == 1.0
+
+
+def test_given_mask_keeps_a_part_that_looks_like_what_it_stands_on(find, tmp_path: Path) -> None:
+    whole = make_scene()
+    # Most of the blue ball, its lower part, has the floor's feature: by features alone it is floor.
+    low = (whole.part == BLUE) & (whole.gaussians.means[:, 2] < 0.08)
+    features = whole.gaussians.features.copy()
+    features[low] = features[whole.part == FLOOR][: low.sum()]
+    scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
+    # And for SAM it is a segment of its own, as a goblet's foot is.
+    segments = {
+        camera.photo: np.where(
+            (render_view(scene.gaussians, camera, what="mask", members=low) > 0) & (scene.labels[camera.photo] == BLUE),
+            np.int32(9), scene.labels[camera.photo],
+        )
+        for camera in scene.cameras.cameras
+    }  # fmt: skip
+    mask = tmp_path / "mask.png"
+    Image.fromarray(((scene.labels["view_4.png"] == BLUE) * 255).astype(np.uint8)).save(mask)
+    overlaps = {}
+    for keep in (True, False):
+        settings = replace(SMALL_BETTER, keep_given=keep)
+        (found,) = find(MaskPrompt("view_4.png", mask), settings=settings, scene=scene, label_maps=segments)
+        overlaps[keep] = overlap(found, scene, BLUE)
+    # Its far side is seen by no neighbour of the seed, 45 degrees apart here: that is not won back.
+    assert overlaps[True] > 0.65 > 0.45 > overlaps[False]
 
 
 def test_text_gives_each_of_two_equal_objects(find, blobs: BlobScene) -> None:
@@ -230,6 +257,15 @@ def test_each_match_is_stored_under_its_own_name(blobs: BlobScene, tmp_path: Pat
         assert 0 < record.score <= 1
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+def test_object_found_by_text_says_which_detector_found_it(blobs: BlobScene, tmp_path: Path) -> None:
+    project = trained_project(blobs, tmp_path)
+    events: list[Event] = []
+    segment(project, TextPrompt("blue ball"), "ball", blobs, emit=events.append)
+    (record,) = list_objects(project.path)
+    assert record.prompt == {"kind": "text", "text": "blue ball", "detector": "fake"}
+    assert any("(fake)" in event.message for event in events if isinstance(event, Progress))
 
 
 def test_seed_mask_of_the_wrong_size_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:

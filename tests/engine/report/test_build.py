@@ -11,7 +11,7 @@ from engine.masks.storage import label_map_path, write_label_map
 from engine.objects.storage import ObjectRecord, save_object
 from engine.project_folder import ProjectFolder
 from engine.report.build import build_report
-from engine.report.plots import error_curve
+from engine.report.plots import compare_curves, error_curve
 from engine.report.views import orbit_cameras
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
@@ -164,3 +164,47 @@ def test_objects_are_shown_whole_and_from_the_sides_of_the_photos(blobs: BlobSce
     assert all((camera.center - middle)[:2] @ photographed[:2] > 0 for camera in front)
     away = np.stack([camera.center - middle for camera in around])[:, :2].sum(axis=0)
     assert np.linalg.norm(away) < 0.3
+
+
+def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project: ProjectFolder) -> None:
+    before = {"seconds": 45.0, "low": 30.0, "high": 70.0, "memory": 9e8, "memory_low": 8e8, "memory_high": 1e9}
+    project.put("forecast", {"stages": [{"stage": stage, **before} for stage in ("training", "report")]})
+    plan = {
+        "width": 640, "height": 480, "pairs": "promising", "n_pairs": 201, "n_mask_photos": 8, "max_gaussians": 40_000,
+        "sh_degree": 1, "features": True, "exposure": False, "steps": 3000,
+    }  # fmt: skip
+    project.put("work_plan", plan)
+    stopped = {
+        "planned_steps": 3000, "expected_gain": 0.02, "limit": 0.05, "wall_seconds_saved": 33.4, "cpu_seconds_saved": 60
+    }  # fmt: skip
+    training = {"curve": CURVE, "steps": 2700, "stopped_early": stopped, "preset": "standard", "n_gaussians": 950}
+    project.finish_stage(
+        "training", "key", wall_seconds=61.0, cpu_seconds=100.0, figures=training, peak_memory=870_000_000
+    )
+    text = read(build_report(project)).text
+    for words in (
+        "640 x 480", "promising ones, about 201", "45 s (30 s to 70 s)", "61 s", "0.90 GB (0.80 GB to 1.00 GB)",
+        "0.87 GB", "being written", "300 of 3,000 training steps", "Saved: about 33 s", "Saved: not measured",
+    ):  # fmt: skip
+        assert words in text, words
+    assert "nothing left out" not in text
+    project.put("measured_savings", {"standard": {"training_cpu_seconds": 120.0, "psnr_lost": 0.04}})
+    text = read(build_report(project)).text
+    assert "120 CPU s of training saved, at 0.04 dB less" in text
+
+
+def test_report_of_a_stage_that_was_continued_does_not_judge_its_forecast(project: ProjectFolder) -> None:
+    before = {"seconds": 45.0, "low": 30.0, "high": 70.0, "memory": 9e8, "memory_low": 8e8, "memory_high": 1e9}
+    project.put("forecast", {"stages": [{"stage": "masks", **before}]})
+    project.put("work_plan", {
+        "width": 64, "height": 48, "pairs": "none", "n_pairs": 0, "n_mask_photos": 8, "max_gaussians": 400,
+        "sh_degree": 0, "features": True, "exposure": True, "steps": 60,
+    })  # fmt: skip
+    project.finish_stage("masks", "key", wall_seconds=5.0, cpu_seconds=9.0, figures={}, continued=True)
+    text = read(build_report(project)).text
+    assert "5.0 s (continued)" in text and "not known" in text
+
+
+def test_picture_of_several_presets_shows_what_was_measured() -> None:
+    assert compare_curves([("a", CURVE), ("b", CURVE[:2])], [(25.0, 25.0)]).startswith(b"\x89PNG")
+    assert compare_curves([("a", [])], []) == b""

@@ -1,0 +1,116 @@
+"""The comparison on disk and on the screen: a Markdown table with its command, JSON with the curves, a picture."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..machine import describe_machine
+from ..project_folder import atomic_write, finite_or_null, write_json
+from ..report.plots import compare_curves
+from .compare import Row, pareto_front, savings
+
+__all__ = ["markdown", "write_comparison"]
+
+_NO_PERCEPTUAL = (
+    "LPIPS is not measured: no weights for it can be had here. FLIP is not measured either: there is no package for it "
+    "among ours, and writing it ourselves would be outside this house's purpose."
+)
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return the table, and what leaving out saved where that was measured."""
+    lines = [
+        "| preset | steps | Gaussians | PSNR dB | SSIM | L1 | wall s | CPU s | peak memory | on the Pareto front |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
+    ]
+    for row, on_front in zip(rows, pareto_front(rows), strict=True):
+        memory = f"{row.peak_memory / 1e9:.2f} GB" if row.peak_memory else "not known"
+        cells = [
+            f"`{row.name}`", f"{row.steps:,}", f"{row.n_gaussians:,}", _number(row.psnr, ".2f"),
+            _number(row.ssim, ".3f"), _number(row.l1, ".4f"), f"{row.wall_seconds:.0f}", f"{row.cpu_seconds:.0f}",
+            memory, "yes" if on_front else "no",
+        ]  # fmt: skip
+        lines.append(f"| {' | '.join(cells)} |")
+    remarks = [f"- `{row.name}`: {row.remark}" for row in rows if row.remark]
+    return "\n".join([*lines, *([""] + remarks if remarks else []), *_savings_in_words(rows)])
+
+
+def _savings_in_words(rows: Sequence[Row]) -> list[str]:
+    lines = []
+    for name, saved in savings(rows).items():
+        text = (
+            f"- `{name}`: leaving out saved {saved['training_cpu_seconds']:.0f} CPU s of training "
+            f"({saved['training_share']:.0%})"
+        )
+        if "mask_cpu_seconds" in saved:
+            text += f" and {saved['mask_cpu_seconds']:.0f} CPU s of masks; together {saved['share']:.0%}"
+        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f} dB on held-out photos (measured)")
+    return ["", *lines] if lines else []
+
+
+def _number(value: float | None, form: str) -> str:
+    return format(value, form) if value is not None else "-"
+
+
+def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str, doc: Path | None = None) -> Path:
+    """Write ``bench.md``, ``bench.json`` and ``bench.png`` into `out`; the text and the picture also as `doc` says.
+
+    Parameters
+    ----------
+    out : Path
+    rows : sequence of Row
+    title : str
+        Of the scene.
+    command : str
+        That made the table, stands above it.
+    doc : Path, optional
+        Another Markdown file; its picture lies beside it under the same name.
+
+    Returns
+    -------
+    Path
+        The Markdown file in `out`.
+    """
+    front = [(row.cpu_seconds, row.psnr) for row, on in zip(rows, pareto_front(rows), strict=True) if on and row.psnr]
+    picture = compare_curves([(row.name, row.curve) for row in rows], front)
+    write_json(out / "bench.json", finite_or_null(_as_json(rows, title=title, command=command)))
+    targets = [out / "bench.md"] + ([doc] if doc else [])
+    for target in targets:
+        image = target.with_suffix(".png")
+        if picture:
+            with atomic_write(image) as stream:
+                stream.write(picture)
+        with atomic_write(target, "w") as stream:
+            stream.write(_text(rows, title=title, command=command, image=image.name if picture else None))
+    return targets[0]
+
+
+def _text(rows: Sequence[Row], *, title: str, command: str, image: str | None) -> str:
+    measured = next((row.measured_on for row in rows if row.measured_on), "held-out photos")
+    machine = describe_machine()
+    picture = f"![Error against run time, all presets]({image})\n\n" if image else ""
+    return (
+        f"# {title}: error against run time\n\n```\n{command}\n```\n\n{markdown(rows)}\n\n{picture}"
+        f"Errors on {measured}, for all rows at the picture size of the largest preset; the curves were measured while "
+        "training, each at its own preset's size. Seconds are of training alone, without the measurements; cameras and "
+        "masks are shared. "
+        "A row is on the Pareto front when no other is at least as good in less CPU time; CPU seconds, because wall "
+        "seconds also say what else the machine did. Memory is that of the whole process while it trained, in the "
+        f"order of the rows. {_NO_PERCEPTUAL}\n\n"
+        f"Gaussian Heritage {__version__}, {machine.cores} cores, {platform.system()} {platform.machine()}.\n"
+    )
+
+
+def _as_json(rows: Sequence[Row], *, title: str, command: str) -> dict[str, Any]:
+    front = pareto_front(rows)
+    return {
+        "title": title,
+        "command": command,
+        "rows": [{**asdict(row), "on_pareto_front": on} for row, on in zip(rows, front, strict=True)],
+        "savings": savings(rows),
+    }

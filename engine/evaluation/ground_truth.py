@@ -1,0 +1,319 @@
+"""True masks of a scene's photos, in our own layout and in those the benchmarks are shipped in."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError, MaskError
+
+__all__ = ["LAYOUTS", "GroundTruth", "Layout", "read_ground_truth"]
+
+Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
+LAYOUTS: tuple[Layout, ...] = get_args(Layout)
+Mask = NDArray[np.bool_]
+
+_LEAST_PIXELS = 100
+"""Of an object in a picture of instance ids: nobody would draw by hand what a rendered picture shows of less."""
+
+_WHAT_THERE_IS = (
+    "museum: masks/ and names.json; lerf-mask: test_mask/VIEW/PROMPT.png; 3d-ovs: segmentations/VIEW/CLASS.png and "
+    "segmentations/classes.txt; lerf-ovs: JSON files with `info` and `objects`"
+)
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Which pixels of which photos show what.
+
+    Attributes
+    ----------
+    layout : str
+        What it was read from, one of `LAYOUTS`.
+    photos : tuple of str
+        Photos with at least one mask, by their names in the project, in order.
+    prompts : tuple of str
+        All that is named in any photo, in order.
+    unplaced : tuple of str
+        Views with masks whose photo has no camera in the project.
+    every_pixel : bool
+        Whether a pixel in no mask is known to show none of the prompts. Then the masks of all photos together say
+        which Gaussian belongs to what.
+    """
+
+    layout: Layout
+    photos: tuple[str, ...]
+    prompts: tuple[str, ...]
+    unplaced: tuple[str, ...]
+    every_pixel: bool
+    readers: dict[str, Callable[[], dict[str, Mask]]]
+
+    def masks(self, photo: str) -> dict[str, Mask]:
+        """Return the masks of a photo by prompt, bool [h, w]: the whole photo, upright, at any resolution.
+
+        What the photo does not show has no mask: none is empty.
+
+        Raises
+        ------
+        MaskError
+            When a file cannot be read.
+        """
+        return {prompt: mask for prompt, mask in self.readers[photo]().items() if mask.any()}
+
+
+def read_ground_truth(
+    folder: Path, placed: Sequence[str], unregistered: Sequence[str] = (), *, layout: Layout | Literal["auto"] = "auto"
+) -> GroundTruth:
+    """Find out what masks a folder holds. They are read when they are asked for.
+
+    Parameters
+    ----------
+    folder : Path
+        In one of the layouts:
+
+        - ``museum``: ``masks/<photo>.png`` with instance ids and ``names.json`` (id: name, prompt).
+        - ``lerf-mask``, as Gaussian Grouping ships it: ``test_mask/<view>/<prompt>.png``. A view is a number counting,
+          in order of their names, the pictures of ``images/`` that are not in ``images_train/`` beside it; or the
+          name of a photo.
+        - ``3d-ovs``: ``segmentations/<view>/<class>.png`` and ``segmentations/classes.txt``. A view is a number
+          counting the pictures of ``images/`` beside it, or the project's photos; or the name of a photo.
+        - ``lerf-ovs``, as LangSplat ships it, ``label/<scene>``: ``<photo>.json`` with a polygon and a category for
+          each thing; polygons of one category in one photo are one mask.
+
+        The folder itself, or ``test_mask`` or ``segmentations`` in it.
+    placed : sequence of str
+        Photos that have a camera.
+    unregistered : sequence of str
+        Further photos of the scene.
+    layout : str
+        ``auto`` recognises it.
+
+    Raises
+    ------
+    FormatError
+        When the folder has another layout, or no mask of any placed photo.
+    MaskError
+        When a file cannot be read.
+    """
+    if not folder.is_dir():
+        raise FormatError(f"{folder} is no folder. Name the one with the true masks: {_WHAT_THERE_IS}.")
+    known = layout if layout != "auto" else _recognised(folder)
+    readers = {"museum": _museum, "lerf-mask": _lerf_mask, "3d-ovs": _three_d_ovs, "lerf-ovs": _lerf_ovs}
+    views, prompts = readers[known](folder, _Photos(placed, unregistered))
+    found = {photo: read for photo, read in views.items() if photo in placed}
+    if not found:
+        names = ", ".join(sorted(views)[:3]) or "none"
+        raise FormatError(
+            f"{folder} has no masks for the photos of this project (it has: {names}). Evaluate the project that was "
+            "made from the same photos."
+        )
+    unplaced = tuple(sorted(set(views) - set(found)))
+    return GroundTruth(known, tuple(sorted(found)), tuple(prompts), unplaced, known == "museum", found)
+
+
+_Read = tuple[dict[str, Callable[[], dict[str, Mask]]], Sequence[str]]
+"""A reader by photo, or by the view's own name where no photo is called like it; and all prompts."""
+
+
+def _recognised(folder: Path) -> Layout:
+    if (folder / "masks").is_dir() and (folder / "names.json").is_file():
+        return "museum"
+    if (_below(folder, "segmentations") / "classes.txt").is_file():
+        return "3d-ovs"
+    if _below(folder, "test_mask").name == "test_mask":
+        return "lerf-mask"
+    if any(folder.glob("*.json")):
+        return "lerf-ovs"
+    raise FormatError(f"{folder} holds true masks in no layout that is known ({_WHAT_THERE_IS}).")
+
+
+def _below(folder: Path, name: str) -> Path:
+    """Return the folder `name` in `folder` if there is one, else `folder` itself."""
+    return folder / name if (folder / name).is_dir() else folder
+
+
+class _Photos:
+    """Names of a project's photos, asked for by what a benchmark calls its views."""
+
+    def __init__(self, placed: Sequence[str], unregistered: Sequence[str]) -> None:
+        self.names = sorted({*placed, *unregistered})
+
+    def called(self, view: str) -> str:
+        """Return the photo whose name is `view` with any ending; `view` itself when there is none.
+
+        Raises
+        ------
+        FormatError
+            When there are several.
+        """
+        same = [name for name in self.names if Path(name).with_suffix("").as_posix() == view]
+        same = same or [name for name in self.names if Path(name).stem == view]
+        if len(same) > 1:
+            raise FormatError(f"The masks are of {view}, but several photos are called so: {', '.join(same[:3])}.")
+        return same[0] if same else view
+
+    def of_views(self, folders: Sequence[Path], counted: Sequence[str] | None, how: str) -> dict[str, Path]:
+        """Return view folders by photo: by name where all are names, else by their number among `counted`.
+
+        Raises
+        ------
+        FormatError
+            When they are numbers that count nothing; `how` says what to do then.
+        """
+        by_name = {self.called(folder.name): folder for folder in folders}
+        if all(photo in self.names for photo in by_name):
+            return by_name
+        if not all(folder.name.isdecimal() for folder in folders):
+            return by_name
+        if counted is None:
+            raise FormatError(f"The views of {folders[0].parent} are numbered. {how}")
+        numbers = [int(folder.name) for folder in folders]
+        if max(numbers) >= len(counted):
+            raise FormatError(
+                f"{folders[0].parent} has masks for view {max(numbers)}, but there are only {len(counted)} to count "
+                f"(0 is the first). {how}"
+            )
+        return {self.called(counted[number]): folder for number, folder in zip(numbers, folders, strict=True)}
+
+
+def _museum(folder: Path, photos: _Photos) -> _Read:
+    data = _json(folder / "names.json")
+    try:
+        prompts = {int(number): str(entry["prompt"]) for number, entry in data.items()}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise FormatError(f'{folder / "names.json"} is not of the form {{"1": {{"prompt": "vase"}}}}.') from error
+
+    def read(file: Path) -> dict[str, Mask]:
+        ids = _picture(file, "ids")
+        return {
+            prompt: ids == number
+            for number, prompt in prompts.items()
+            if np.count_nonzero(ids == number) >= _LEAST_PIXELS
+        }
+
+    files = sorted((folder / "masks").glob("*.png"))
+    if not files:
+        raise FormatError(f"{folder / 'masks'} holds no PNG with instance ids.")
+    return {photos.called(file.stem): _later(read, file) for file in files}, list(prompts.values())
+
+
+def _lerf_mask(folder: Path, photos: _Photos) -> _Read:
+    masks = _below(folder, "test_mask")
+    views = _view_folders(masks, "test_mask/VIEW/PROMPT.png")
+    images, train = _stems(masks.parent / "images"), _stems(masks.parent / "images_train")
+    counted = None
+    if train is not None:
+        names = images if images is not None else [Path(name).with_suffix("").as_posix() for name in photos.names]
+        counted = [name for name in names if name not in train]
+    how = "They count the pictures that are not in images_train: put that folder beside test_mask, as it is shipped."
+    found = photos.of_views(views, counted, how)
+    prompts = sorted({file.stem for view in views for file in view.glob("*.png")})
+    return {photo: _later(_white_pictures, view) for photo, view in found.items()}, prompts
+
+
+def _three_d_ovs(folder: Path, photos: _Photos) -> _Read:
+    masks = _below(folder, "segmentations")
+    listed = masks / "classes.txt"
+    if not listed.is_file():
+        raise FormatError(f"{listed} is missing: 3D-OVS lists there what its masks are called, one a line.")
+    classes = sorted({line.strip() for line in listed.read_text(encoding="utf-8").splitlines() if line.strip()})
+    views = _view_folders(masks, "segmentations/VIEW/CLASS.png")
+    for view in views:
+        missing = [name for name in classes if not (view / f"{name}.png").is_file()]
+        if missing:
+            raise FormatError(f"{view / missing[0]}.png is missing, but {listed} lists it. Every view has every class.")
+    images = _stems(masks.parent / "images")
+    counted = images if images is not None else [Path(name).with_suffix("").as_posix() for name in photos.names]
+    found = photos.of_views(views, counted, "They count the scene's pictures: put images/ beside segmentations/.")
+
+    def read(view: Path) -> dict[str, Mask]:
+        return {name: _picture(view / f"{name}.png", "white") for name in classes}
+
+    return {photo: _later(read, view) for photo, view in found.items()}, classes
+
+
+def _lerf_ovs(folder: Path, photos: _Photos) -> _Read:
+    found: dict[str, Callable[[], dict[str, Mask]]] = {}
+    prompts: set[str] = set()
+    for file in sorted(folder.glob("*.json")):
+        data = _json(file)
+        try:
+            size = (int(data["info"]["height"]), int(data["info"]["width"]))
+            polygons = [
+                (str(thing["category"]), np.asarray(thing["segmentation"], np.float64).reshape(-1, 2).astype(np.int32))
+                for thing in data["objects"]
+            ]
+            view = Path(str(data["info"]["name"])).stem
+        except (KeyError, TypeError, ValueError) as error:
+            raise FormatError(
+                f"{file} is no label of LERF-OVS: it needs `info` with name, width and height, and `objects` with "
+                f"category and segmentation ({error!r})."
+            ) from error
+        prompts.update(category for category, _ in polygons)
+        found[photos.called(view)] = _later(_filled, (size, polygons))
+    if not found:
+        raise FormatError(f"{folder} holds no JSON label. Name the folder of one scene, label/SCENE.")
+    return found, sorted(prompts)
+
+
+def _filled(labels: tuple[tuple[int, int], list[tuple[str, NDArray[np.int32]]]]) -> dict[str, Mask]:
+    size, polygons = labels
+    drawn: dict[str, NDArray[np.uint8]] = {}
+    for category, corners in polygons:
+        picture = drawn.setdefault(category, np.zeros(size, np.uint8))
+        if len(corners):
+            cv2.fillPoly(picture, [corners], 1)
+    return {category: picture > 0 for category, picture in drawn.items()}
+
+
+def _white_pictures(view: Path) -> dict[str, Mask]:
+    return {file.stem: _picture(file, "white") for file in sorted(view.glob("*.png"))}
+
+
+def _later(read: Callable[[Any], dict[str, Mask]], what: object) -> Callable[[], dict[str, Mask]]:
+    return lambda: read(what)
+
+
+def _view_folders(masks: Path, form: str) -> list[Path]:
+    views = sorted(path for path in masks.iterdir() if path.is_dir() and any(path.glob("*.png")))
+    if not views:
+        raise FormatError(f"{masks} holds no masks of the form {form}.")
+    return views
+
+
+def _stems(folder: Path) -> list[str] | None:
+    """Return the names without endings of the pictures in `folder`, in order; None without the folder."""
+    if not folder.is_dir():
+        return None
+    endings = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff")
+    return sorted(path.stem for path in folder.iterdir() if path.suffix.lower() in endings)
+
+
+def _json(file: Path) -> Any:
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{file} cannot be read: {error}.") from error
+
+
+def _picture(file: Path, what: Literal["ids", "white"]) -> NDArray[Any]:
+    """Return a picture's ids, int32 [h, w], or where it is lighter than half (128, as the benchmarks have it)."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(file) as picture:
+            if what == "white":
+                return np.asarray(picture.convert("L")) > 128
+            ids = np.asarray(picture)
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise MaskError(f"The mask {file} cannot be read: {error}.") from error
+    if ids.ndim != 2:
+        raise MaskError(f"{file} is a colour picture; instance ids are one number a pixel.")
+    return ids.astype(np.int32)

@@ -1,0 +1,434 @@
+"""Objects of a trained project isolated in several ways and compared with the true masks; nothing is stored there."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera, CameraSet
+from ..cameras.lens import covering_pinhole, distort
+from ..cameras.storage import read_camera_set
+from ..errors import Cancelled, MaskError, PromptError, SettingsError
+from ..events import Emit, Progress, StopCheck, Warned, ignore_events
+from ..gaussians.gaussians import Gaussians
+from ..gaussians.storage import load_gaussians
+from ..objects.prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt
+from ..objects.seeds import DetectorFactory, SamFactory
+from ..objects.segment import THRESHOLD, find_objects, label_maps_of, photo_folder_of
+from ..photos.pixels import load_pixels
+from ..pictures.png import write_png
+from ..pictures.render import render_view
+from ..pictures.scene import Scene
+from ..project_folder import ProjectFolder
+from .feature_agreement import innermost_pixel
+from .gaussian_truth import gaussian_iou, gaussian_truth
+from .ground_truth import GroundTruth, Layout, read_ground_truth
+from .image_metrics import psnr
+from .mask_metrics import boundary_iou, halo, holes, iou, stray
+from .settings import EvaluationSettings, SeedKind, Way, ways_of
+
+__all__ = ["Evaluation", "Row", "evaluate_project", "mean_of", "visible_masks"]
+
+STAGE = "evaluation"
+Mask = NDArray[np.bool_]
+
+_AT_ONCE = 16
+"""Objects rendered in one pass: a float a pixel each."""
+
+_SHARE_OF_FINDING = 0.8
+_PROPORTIONS = 0.02
+
+
+@dataclass(frozen=True)
+class Row:
+    """One object, isolated in one way. Shares are 0 to 1, means over the views; NaN where nothing could be measured.
+
+    Attributes
+    ----------
+    object : str
+    way : str
+    found : bool
+        Whether anything was: if not, `iou` and `boundary_iou` are 0 and `holes` 1.
+    iou, boundary_iou, halo, stray, holes : float
+        See `engine.evaluation.mask_metrics`.
+    psnr : float
+        dB, of the object alone over black with the photo, over the true mask.
+    gaussian_iou : float
+        See `engine.evaluation.gaussian_truth`.
+    seconds : float
+        Wall time from the prompt to the Gaussians.
+    n_views : int
+    seed : str
+        Photo with the true mask or the click; empty for a text.
+    remark : str
+        Why nothing was found.
+    """
+
+    object: str
+    way: str
+    found: bool
+    iou: float
+    boundary_iou: float
+    halo: float
+    stray: float
+    holes: float
+    psnr: float
+    gaussian_iou: float
+    seconds: float
+    n_views: int
+    seed: str
+    remark: str = ""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All rows, object by object, and what they were measured on.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    settings : EvaluationSettings
+    layout : str
+        Of the true masks.
+    photos : tuple of str
+        Evaluated.
+    n_trained_on : int
+        Of `photos`, those that training saw.
+    unplaced : tuple of str
+        Views with true masks that have no camera, and were left out.
+    left_out : tuple of str
+        Objects that no photo is left to evaluate in.
+    n_gaussians : int
+    """
+
+    rows: tuple[Row, ...]
+    settings: EvaluationSettings
+    layout: Layout
+    photos: tuple[str, ...]
+    n_trained_on: int
+    unplaced: tuple[str, ...]
+    left_out: tuple[str, ...]
+    n_gaussians: int
+
+
+@dataclass(frozen=True)
+class _Task:
+    """An object, how and in which photo (None for a text) it is asked for, and those it is looked at in."""
+
+    object: str
+    kind: SeedKind
+    seed: str | None
+    photos: tuple[str, ...]
+
+
+class _Scores(NamedTuple):
+    """Of one view, or their means."""
+
+    iou: float
+    boundary_iou: float
+    halo: float
+    stray: float
+    holes: float
+    psnr: float
+
+
+_NOTHING_FOUND = _Scores(0.0, 0.0, np.nan, np.nan, 1.0, np.nan)
+
+
+@dataclass
+class _Result:
+    """What one way found for one object, bool [N] or None; and its scores in each view."""
+
+    task: _Task
+    way: Way
+    members: Mask | None
+    seconds: float
+    remark: str
+    scores: list[_Scores]
+
+
+def evaluate_project(
+    project: ProjectFolder,
+    truth_folder: Path,
+    settings: EvaluationSettings,
+    *,
+    layout: Layout | Literal["auto"] = "auto",
+    detector_factory: DetectorFactory,
+    sam_factory: SamFactory,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> Evaluation:
+    """Isolate every object in every way and compare it with its true masks.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        Trained; only read.
+    truth_folder : Path
+    settings : EvaluationSettings
+    layout : str
+        See `read_ground_truth`.
+    detector_factory, sam_factory : callable
+        Called only when their model is needed.
+    emit, should_stop
+        See `engine.events`.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    HeritageError
+        When a part of the project, or the true masks, are missing or damaged.
+    Cancelled
+        When `should_stop` says so.
+
+    Notes
+    -----
+    With ``views="held-out"``, SAM's segments of the evaluated photos neither vote nor are they searched for a text.
+    Of an evaluated photo nothing is then used, but for the crops that finds of a text are judged by. Objects are seen
+    as `render --what mask` shows them.
+    """
+    cameras = read_camera_set(project.path / "cameras")
+    gaussians = load_gaussians(project.path / "gaussians")
+    placed = [camera.photo for camera in cameras.cameras]
+    truth = read_ground_truth(truth_folder, placed, cameras.unregistered, layout=layout)
+    if truth.unplaced:
+        emit(Warned(f"{len(truth.unplaced)} views with true masks have no camera here: {', '.join(truth.unplaced)}."))
+    held_out = _held_out(project)
+    photos = _evaluated(truth, held_out, settings)
+    wanted = _wanted(truth, settings)
+    tasks = _tasks(truth, wanted, photos, settings)
+    label_maps = label_maps_of(project.path, cameras)
+    if settings.views == "held-out":
+        label_maps = {photo: labels for photo, labels in label_maps.items() if photo not in photos}
+    scene = _TrainedScene(gaussians, cameras, photo_folder_of(project), label_maps, detector_factory, sam_factory)
+
+    results: list[_Result] = []
+    ways = ways_of(settings)
+    for number, (task, way) in enumerate((task, way) for task in tasks for way in ways):
+        if should_stop():
+            raise Cancelled("Stopped while isolating; nothing was written.")
+        share = _SHARE_OF_FINDING * number / (len(tasks) * len(ways))
+        emit(Progress(STAGE, share, message=f"{task.object}: {way.name}"))
+        results.append(scene.isolate(task, way, truth, should_stop))
+    _score(scene, results, truth, photos, emit, should_stop)
+    labels = gaussian_truth(Scene(gaussians), cameras, truth, should_stop) if truth.every_pixel else None
+    return Evaluation(
+        rows=tuple(_row(result, truth, labels) for result in results),
+        settings=settings,
+        layout=truth.layout,
+        photos=photos,
+        n_trained_on=len(set(photos) - set(held_out)),
+        unplaced=truth.unplaced,
+        left_out=tuple(name for name in wanted if name not in {task.object for task in tasks}),
+        n_gaussians=len(gaussians),
+    )
+
+
+def visible_masks(scene: Scene, camera: Camera, members: Sequence[Mask]) -> Iterator[Mask]:
+    """Yield where each set of Gaussians is more than half of what the photo's camera sees, bool [height, width].
+
+    The same as `engine.pictures.render.render_view` with ``what="mask"``, several in one pass.
+    """
+    frame = covering_pinhole(camera)
+    for start in range(0, len(members), _AT_ONCE):
+        weights = np.stack(members[start : start + _AT_ONCE], axis=1).astype(np.float32)
+        shares = scene.render(frame, channels=weights).channels
+        for channel in range(shares.shape[2]):
+            yield np.asarray(distort(np.ascontiguousarray(shares[..., channel]), frame, camera) > 0.5)
+
+
+class _TrainedScene:
+    """What is needed to isolate and to look."""
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        cameras: CameraSet,
+        photo_folder: Path,
+        label_maps: Mapping[str, NDArray[np.int32]],
+        detector_factory: DetectorFactory,
+        sam_factory: SamFactory,
+    ) -> None:
+        self.gaussians, self.cameras, self.photo_folder = gaussians, cameras, photo_folder
+        self.camera_of = {camera.photo: camera for camera in cameras.cameras}
+        self._label_maps = label_maps
+        self._detector_factory, self._sam_factory = detector_factory, sam_factory
+
+    def isolate(self, task: _Task, way: Way, truth: GroundTruth, should_stop: StopCheck) -> _Result:
+        """Ask for an object; of several finds of a text the first counts."""
+        members, remark = None, ""
+        with tempfile.TemporaryDirectory() as folder:
+            prompt = self._prompt(task, truth, Path(folder))
+            started = time.perf_counter()
+            try:
+                found = find_objects(
+                    self.gaussians,
+                    self.cameras,
+                    self.photo_folder,
+                    prompt,
+                    way.settings,
+                    label_maps=self._label_maps if way.snaps else {},
+                    detector_factory=self._detector_factory,
+                    sam_factory=self._sam_factory,
+                    emit=ignore_events,
+                    should_stop=should_stop,
+                )
+                members = found[0].membership >= THRESHOLD
+            except PromptError as error:
+                remark = str(error)
+            seconds = time.perf_counter() - started
+        return _Result(task, way, members, seconds, remark, [])
+
+    def _prompt(self, task: _Task, truth: GroundTruth, folder: Path) -> Prompt:
+        if task.seed is None:
+            return TextPrompt(task.object)
+        camera = self.camera_of[task.seed]
+        mask = _resized(truth.masks(task.seed)[task.object], (camera.height, camera.width), task.seed)
+        if task.kind == "click":
+            y, x = innermost_pixel(mask)
+            return ClickPrompt(task.seed, x, y)
+        file = folder / "mask.png"
+        write_png(file, np.where(mask, np.uint8(255), np.uint8(0)))
+        return MaskPrompt(task.seed, file)
+
+
+def _held_out(project: ProjectFolder) -> tuple[str, ...]:
+    figures = (project.stage_record("training") or {}).get("figures", {})
+    return tuple(figures.get("held_out") or ())
+
+
+def _evaluated(truth: GroundTruth, held_out: Sequence[str], settings: EvaluationSettings) -> tuple[str, ...]:
+    photos = truth.photos if settings.views == "all" else tuple(name for name in truth.photos if name in held_out)
+    if not photos:
+        raise SettingsError(
+            f"Training saw all of the {len(truth.photos)} photos with true masks. Compare those with --views all; the "
+            "table then says so."
+        )
+    return photos
+
+
+def _wanted(truth: GroundTruth, settings: EvaluationSettings) -> tuple[str, ...]:
+    unknown = [name for name in settings.objects if name not in truth.prompts]
+    if unknown:
+        raise SettingsError(f"There are no true masks of {unknown[0]!r}, only of: {', '.join(truth.prompts)}.")
+    return tuple(name for name in truth.prompts if not settings.objects or name in settings.objects)
+
+
+def _tasks(
+    truth: GroundTruth, wanted: Sequence[str], photos: Sequence[str], settings: EvaluationSettings
+) -> list[_Task]:
+    """Return what is to be asked for, without objects that no photo is left for."""
+    shown: dict[str, dict[str, tuple[bool, float]]] = {name: {} for name in wanted}
+    for photo in truth.photos:
+        for name, mask in truth.masks(photo).items():
+            if name in shown:
+                cut = bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+                shown[name][photo] = (not cut, float(mask.mean()))
+    tasks = []
+    for name, sizes in shown.items():
+        looked_at = [photo for photo in photos if photo in sizes]
+        seed = None
+        if settings.seed != "text" and sizes:
+            # Whole before cut by the picture's edge, then by size. Where all photos are evaluated, one is given up.
+            spare = [photo for photo in sizes if photo not in looked_at]
+            seed = max(spare or sizes, key=lambda photo: sizes[photo])
+        others = tuple(photo for photo in looked_at if photo != seed)
+        if others:
+            tasks.append(_Task(name, settings.seed, seed, others))
+    if not tasks:
+        raise SettingsError(
+            f"None of {', '.join(wanted)} is in two photos: there is nothing to compare. Use --views all."
+        )
+    return tasks
+
+
+def _score(
+    scene: _TrainedScene,
+    results: Sequence[_Result],
+    truth: GroundTruth,
+    photos: Sequence[str],
+    emit: Emit,
+    should_stop: StopCheck,
+) -> None:
+    """Add the scores of every photo to the results that are looked at in it."""
+    whole = Scene(scene.gaussians)
+    for number, photo in enumerate(photos):
+        if should_stop():
+            raise Cancelled("Stopped while comparing; nothing was written.")
+        share = _SHARE_OF_FINDING + (1 - _SHARE_OF_FINDING) * number / len(photos)
+        emit(Progress(STAGE, share, message=f"Comparing with {photo}"))
+        camera, masks = scene.camera_of[photo], truth.masks(photo)
+        looked_at = [result for result in results if photo in result.task.photos]
+        found = [result.members for result in looked_at if result.members is not None]
+        shown = visible_masks(whole, camera, found)
+        pixels = load_pixels(scene.photo_folder / photo) if found else None
+        for result in looked_at:
+            if result.members is None:
+                result.scores.append(_NOTHING_FOUND)
+                continue
+            assert pixels is not None
+            mask = masks[result.task.object]
+            inside = _resized(mask, (camera.height, camera.width), photo)
+            predicted = _resized(next(shown), mask.shape, photo)
+            alone = render_view(scene.gaussians, camera, what="rgb", members=result.members)
+            result.scores.append(
+                _Scores(
+                    iou(predicted, mask),
+                    boundary_iou(predicted, mask),
+                    halo(predicted, mask),
+                    stray(predicted, mask),
+                    holes(predicted, mask),
+                    psnr(alone, pixels, mask=inside) if inside.any() else np.nan,
+                )
+            )
+
+
+def _resized(mask: Mask, shape: tuple[int, ...], photo: str) -> Mask:
+    """Return a mask of the whole photo at another resolution.
+
+    Raises
+    ------
+    MaskError
+        When it has other proportions: it is then not of this photo.
+    """
+    if mask.shape == shape:
+        return mask
+    (height, width), (new_height, new_width) = mask.shape, shape
+    if abs(width / height * new_height / new_width - 1) > _PROPORTIONS:
+        raise MaskError(
+            f"The true masks of {photo} are not of its shape: {width} x {height} pixels and {new_width} x {new_height}."
+        )
+    return np.asarray(cv2.resize(mask.astype(np.uint8), (new_width, new_height), interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def _row(result: _Result, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Row:
+    means = _Scores(*(mean_of(values) for values in zip(*result.scores, strict=True)))
+    index = truth.prompts.index(result.task.object)
+    return Row(
+        object=result.task.object,
+        way=result.way.name,
+        found=result.members is not None,
+        **means._asdict(),
+        gaussian_iou=float("nan") if labels is None else gaussian_iou(result.members, labels, index),
+        seconds=result.seconds,
+        n_views=len(result.scores),
+        seed=result.task.seed or "",
+        remark=result.remark,
+    )
+
+
+def mean_of(values: Sequence[float]) -> float:
+    """Return the mean of the values that are numbers, NaN without any."""
+    numbers = [value for value in values if not np.isnan(value)]
+    return float(np.mean(numbers)) if numbers else float("nan")

@@ -1,0 +1,52 @@
+"""`evaluate`: one command from a project and true masks to a table; the project stays as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.engine.command_line import call
+from tests.engine.evaluation.test_isolation import held_out, write_truth
+from tests.engine.objects.fakes import trained_project
+from tests.engine.pictures.blob_scene import BLUE, BlobScene
+
+
+@pytest.fixture
+def scene(blobs: BlobScene, tmp_path: Path) -> Path:
+    write_truth(blobs, tmp_path / "truth", names={BLUE: "blue ball"})
+    return held_out(trained_project(blobs, tmp_path)).path
+
+
+def test_table_is_told_and_written_and_the_project_untouched(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def content() -> dict[Path, bytes]:
+        return {path: path.read_bytes() for path in scene.rglob("*") if path.is_file()}
+
+    before, doc = content(), tmp_path / "table.md"
+    answer = call(capsys, "evaluate", scene, tmp_path / "truth", "--objects", "blue ball", "--doc", doc)
+    (finished,) = answer.of_kind("finished")
+    assert answer.code == 0 and finished["outputs"] == {"table": str(doc)}
+    for line in ("| mean of 1 objects | not found | IoU", "| paper | 0 |", "| blue ball | better | 2 |"):
+        assert line in finished["message"] and line in doc.read_text(encoding="utf-8")
+    command = (
+        f"evaluate {tmp_path.name}/project {tmp_path.name}/truth --presets paper,better --seed mask --views held-out"
+    )
+    assert f"{command} --objects 'blue ball' --doc table.md" in doc.read_text(encoding="utf-8")
+    assert content() == before
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (("--presets", "best"), "presets"),
+        (("--objects", "ghost"), "no true masks of 'ghost'"),
+        (("--layout", "3d-ovs"), r"classes.txt is missing"),
+        (("--doc", "."), "is a folder"),
+    ],
+)
+def test_what_cannot_be_compared_is_said_in_a_sentence(
+    wrong: tuple[str, str], told: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert told in call(capsys, "evaluate", scene, tmp_path / "truth", *wrong).error

@@ -1,0 +1,68 @@
+"""`plan`: what would be done, left out and taken, before any work; and nothing is written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from engine import machine
+from engine.cli import main
+from tests.engine.command_line import call
+from tests.engine.museum import VIEWS, write_cameras, write_photos
+
+
+@pytest.fixture
+def photos(tmp_path: Path) -> Path:
+    return write_photos(tmp_path / "photos")
+
+
+def test_person_reads_what_is_planned_and_what_is_left_out(photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(photos)]) == 0
+    said = capsys.readouterr().out
+    for words in (
+        "5 photos, the largest 192 x 144; preset standard", "every pair of photos is matched: 10", "Left out:",
+        "held-out photos: ", "together", "GB are free", "20 to 60 around an object",
+    ):  # fmt: skip
+        assert words in said or words == "held-out photos: ", words
+    assert sorted(path.suffix for path in photos.iterdir()) == [".jpg"] * 5
+
+
+def test_program_reads_the_same_as_json(photos: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", str(photos), "--preset", "preview", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["plan"]["preset"] == "preview" and said["plan"]["n_photos"] == 5
+    low, middle, high = said["forecast"]["seconds"]
+    assert 0 < low < middle < high
+    assert {stage["stage"] for stage in said["forecast"]["stages"]} >= {"photos", "cameras", "masks", "training"}
+
+
+def test_wishes_change_the_plan(photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
+    answer = call(capsys, "plan", photos, "--no-objects", "--cameras", model)
+    (finished,) = answer.of_kind("finished")
+    plan = finished["outputs"]["plan"]
+    assert not plan["features"] and plan["n_mask_photos"] == 0 and plan["pairs"] == "none"
+    assert {"structure from motion", "masks and segmentation features"} <= {item["what"] for item in plan["left_out"]}
+
+
+def test_too_little_memory_is_refused_before_any_work(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "free_memory", lambda: 900_000_000)
+    planned = call(capsys, "plan", photos, "--preset", "paper", "--no-objects")
+    assert planned.code == 1
+    assert "0.9 GB are free" in planned.error and "--preset" in planned.error
+    model = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
+    command = ["reconstruct", photos, "--out", tmp_path / "scene", "--preset", "paper", "--no-objects"]
+    refused = call(capsys, *command, "--cameras", model)
+    assert refused.code == 1 and refused.error == planned.error
+    assert refused.computed == ["photos"]
+
+
+def test_missing_photos_and_camera_models_are_one_sentence(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "does not exist" in call(capsys, "plan", tmp_path / "nowhere").error
+    assert "does not exist" in call(capsys, "plan", photos, "--cameras", tmp_path / "none.json").error

@@ -1,0 +1,129 @@
+"""True masks come out the same whatever layout they are shipped in, and a wrong layout is said in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.errors import FormatError, MaskError
+from engine.evaluation.ground_truth import GroundTruth, read_ground_truth
+from engine.evaluation.mask_metrics import iou
+from tests.engine.evaluation.layouts import as_3d_ovs, as_lerf_mask, as_lerf_ovs, as_museum, photo, true_masks
+from tests.engine.museum import VIEWS
+
+PHOTOS = [photo(view) for view in VIEWS]
+TRUE_VIEWS = VIEWS[1::2]
+TRAIN_VIEWS = VIEWS[::2]
+MAKERS: dict[str, Callable[[Path], Path]] = {
+    "museum": lambda folder: as_museum(folder / "truth", TRUE_VIEWS),
+    "lerf-mask": lambda folder: as_lerf_mask(folder / "truth", TRUE_VIEWS, TRAIN_VIEWS),
+    "3d-ovs": lambda folder: as_3d_ovs(folder / "truth", TRUE_VIEWS, VIEWS),
+    "lerf-ovs": lambda folder: as_lerf_ovs(folder / "label" / "room", TRUE_VIEWS),
+}
+
+
+@pytest.fixture(params=sorted(MAKERS))
+def truth(request: pytest.FixtureRequest, tmp_path: Path) -> GroundTruth:
+    found = read_ground_truth(MAKERS[request.param](tmp_path), PHOTOS)
+    assert found.layout == request.param
+    return found
+
+
+def test_every_layout_gives_the_same_masks(truth: GroundTruth) -> None:
+    assert truth.photos == tuple(photo(view) for view in TRUE_VIEWS)
+    assert {"teapot", "vase"} <= set(truth.prompts)
+    for view in TRUE_VIEWS:
+        masks = truth.masks(photo(view))
+        expected = {name: mask for name, mask in true_masks(view).items() if mask.any()}
+        assert "teapot" in expected and set(expected) == set(masks) & {"teapot", "vase"}
+        for name, mask in expected.items():
+            height, width = masks[name].shape
+            shrunk = masks[name][height // 300 :: height // 150, width // 400 :: width // 200]
+            # A polygon has no hole where the teapot's handle has one; nothing else differs.
+            assert (shrunk | ~mask).all()
+            assert iou(shrunk, mask) > (0.85 if truth.layout == "lerf-ovs" else 0.999)
+
+
+def test_only_instance_ids_say_what_every_pixel_shows(truth: GroundTruth) -> None:
+    assert truth.every_pixel == (truth.layout == "museum")
+
+
+def test_views_without_a_camera_are_named(tmp_path: Path) -> None:
+    for name, make in MAKERS.items():
+        unregistered = PHOTOS[1]
+        truth = read_ground_truth(make(tmp_path / name), PHOTOS[2:], [PHOTOS[0], unregistered])
+        assert truth.unplaced == (unregistered,) and truth.photos == (PHOTOS[3],), name
+
+
+def test_views_may_be_called_like_their_photos(tmp_path: Path) -> None:
+    folder = as_lerf_mask(tmp_path, TRUE_VIEWS, TRAIN_VIEWS)
+    for number, view in enumerate(TRUE_VIEWS):
+        (folder / "test_mask" / str(number)).rename(folder / "test_mask" / f"view_{view:02}")
+    assert read_ground_truth(folder / "test_mask", PHOTOS).photos == tuple(photo(view) for view in TRUE_VIEWS)
+
+
+def test_numbered_views_need_what_they_count(tmp_path: Path) -> None:
+    folder = as_lerf_mask(tmp_path, TRUE_VIEWS, TRAIN_VIEWS)
+    (folder / "images_train").rename(folder / "elsewhere")
+    with pytest.raises(FormatError, match="put that folder beside test_mask"):
+        read_ground_truth(folder, PHOTOS)
+
+
+def test_more_views_than_photos_are_refused(tmp_path: Path) -> None:
+    folder = as_3d_ovs(tmp_path, TRUE_VIEWS, VIEWS)
+    (folder / "segmentations" / "03").rename(folder / "segmentations" / "30")
+    with pytest.raises(FormatError, match="masks for view 30, but there are only 5"):
+        read_ground_truth(folder, PHOTOS)
+
+
+def test_missing_class_is_named(tmp_path: Path) -> None:
+    folder = as_3d_ovs(tmp_path, TRUE_VIEWS, VIEWS)
+    (folder / "segmentations" / "01" / "vase.png").unlink()
+    with pytest.raises(FormatError, match=r"vase\.png is missing, but .* lists it"):
+        read_ground_truth(folder, PHOTOS)
+
+
+def test_folder_without_masks_says_what_is_read(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="no layout that is known .museum: masks/ and names.json; lerf-mask"):
+        read_ground_truth(tmp_path, PHOTOS)
+    with pytest.raises(FormatError, match="is no folder"):
+        read_ground_truth(tmp_path / "nothing", PHOTOS)
+
+
+@pytest.mark.parametrize("layout", ["museum", "lerf-mask", "3d-ovs", "lerf-ovs"])
+def test_wrong_layout_is_refused(layout: str, tmp_path: Path) -> None:
+    other = MAKERS["lerf-ovs" if layout != "lerf-ovs" else "museum"](tmp_path)
+    (other / "masks").mkdir(exist_ok=True)
+    with pytest.raises(FormatError):
+        read_ground_truth(other if layout != "lerf-ovs" else other / "masks", PHOTOS, layout=layout)
+
+
+def test_masks_of_other_photos_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"no masks for the photos of this project \(it has: view_07, view_09\)"):
+        read_ground_truth(MAKERS["museum"](tmp_path), ["IMG_1.jpg"])
+
+
+def test_two_photos_of_one_name_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="several photos are called so"):
+        read_ground_truth(MAKERS["museum"](tmp_path), ["left/view_07.jpg", "right/view_07.jpg"])
+
+
+def test_damaged_files_are_named(tmp_path: Path) -> None:
+    folder = as_museum(tmp_path / "museum", TRUE_VIEWS)
+    (folder / "masks" / "view_07.png").write_bytes(b"\x89PNG")
+    with pytest.raises(MaskError, match=r"view_07\.png cannot be read"):
+        read_ground_truth(folder, PHOTOS).masks("view_07.jpg")
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(folder / "masks" / "view_07.png")
+    with pytest.raises(MaskError, match="colour picture"):
+        read_ground_truth(folder, PHOTOS).masks("view_07.jpg")
+    labels = as_lerf_ovs(tmp_path / "label", TRUE_VIEWS)
+    (labels / "view_07.json").write_text('{"info": {}}', encoding="utf-8")
+    with pytest.raises(FormatError, match=r"view_07\.json is no label of LERF-OVS"):
+        read_ground_truth(labels, PHOTOS)
+    (folder / "names.json").write_text("[]", encoding="utf-8")
+    with pytest.raises(FormatError, match=r"names\.json is not of the form"):
+        read_ground_truth(folder, PHOTOS)

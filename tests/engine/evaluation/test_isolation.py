@@ -1,0 +1,219 @@
+"""Objects of the blob scene, whose truth is known, come out with the figures that they must have."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.errors import Cancelled, MaskError, SettingsError
+from engine.evaluation.gaussian_truth import UNSEEN, gaussian_iou, gaussian_truth
+from engine.evaluation.ground_truth import read_ground_truth
+from engine.evaluation.isolation import Evaluation, evaluate_project, mean_of, visible_masks
+from engine.evaluation.settings import EvaluationSettings, ways_of
+from engine.evaluation.table import markdown, write_evaluation
+from engine.events import Progress, Warned, ignore_events, never_stop
+from engine.masks.storage import label_map_path, write_label_map
+from engine.objects.settings import BETTER, PAPER, PRESETS
+from engine.objects.storage import list_objects
+from engine.pictures.render import render_view
+from engine.pictures.scene import Scene
+from engine.project_folder import ProjectFolder
+from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
+
+HELD_OUT = ("view_2.png", "view_6.png")
+NAMES = {RED: "red ball", TWIN: "other red ball", BLUE: "blue ball"}
+
+
+def write_truth(scene: BlobScene, folder: Path, *, names: dict[int, str] | None = None) -> Path:
+    (folder / "masks").mkdir(parents=True)
+    for photo, labels in scene.labels.items():
+        Image.fromarray(labels.astype(np.uint8)).save(folder / "masks" / photo)
+    entries = {str(part): {"name": name, "prompt": name} for part, name in (names or NAMES).items()}
+    (folder / "names.json").write_text(json.dumps(entries), encoding="utf-8")
+    return folder
+
+
+def held_out(project: ProjectFolder, photos: tuple[str, ...] = HELD_OUT) -> ProjectFolder:
+    with project:
+        project.finish_stage("training", "k", wall_seconds=1, cpu_seconds=1, figures={"held_out": list(photos)})
+    return project
+
+
+@pytest.fixture
+def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
+    return held_out(trained_project(blobs, tmp_path))
+
+
+@pytest.fixture
+def evaluate(blobs: BlobScene, project: ProjectFolder, tmp_path: Path) -> Callable[..., Evaluation]:
+    truth = write_truth(blobs, tmp_path / "truth")
+
+    def ask(folder: Path = truth, **given: object) -> Evaluation:
+        handed = {name: given.pop(name) for name in ("emit", "should_stop", "layout") if name in given}
+        return evaluate_project(
+            project, folder, EvaluationSettings(**given), detector_factory=lambda: FakeDetector(blobs),
+            sam_factory=lambda: FakeSam(blobs), **{"emit": ignore_events, "should_stop": never_stop, **handed},
+        )  # type: ignore[arg-type]  # fmt: skip
+
+    return ask
+
+
+@pytest.mark.parametrize("seed", ["mask", "click"])
+def test_perfect_scene_scores_high_in_photos_not_trained_on(evaluate, project: ProjectFolder, seed: str) -> None:
+    found = evaluate(seed=seed)
+    assert found.photos == HELD_OUT and found.n_trained_on == 0 and found.layout == "museum"
+    assert [(row.object, row.way) for row in found.rows] == [
+        (o, w) for o in NAMES.values() for w in ("paper", "better")
+    ]
+    for row in found.rows:
+        assert row.found and row.iou > 0.93 and row.boundary_iou > 0.85 and row.gaussian_iou > 0.93, row
+        assert row.holes < 0.06 and row.halo < 0.06 and row.stray == 0.0, row
+        # The photos are pictures of these very Gaussians: only the balls' soft rims differ.
+        assert row.psnr > 20, row
+        assert 1 <= row.n_views <= 2 and row.seed not in HELD_OUT and row.seconds > 0, row
+    assert list_objects(project.path) == []
+
+
+def test_text_that_finds_nothing_counts_0_and_says_why(evaluate, blobs: BlobScene, tmp_path: Path) -> None:
+    names = {BLUE: "blue ball", RED: "unicorn"}
+    found = evaluate(write_truth(blobs, tmp_path / "texts", names=names), seed="text", presets=("paper",))
+    ball, unicorn = sorted(found.rows, key=lambda row: row.object)
+    assert ball.found and ball.iou > 0.93 and ball.seed == ""
+    assert not unicorn.found and (unicorn.iou, unicorn.boundary_iou, unicorn.holes) == (0.0, 0.0, 1.0)
+    assert math.isnan(unicorn.psnr) and math.isnan(unicorn.halo) and unicorn.gaussian_iou == 0.0
+    table = markdown(found)
+    assert "| unicorn | paper (**not found**) |" in table and "'unicorn' is not known" in table
+    assert f"| paper | 1 | {50 * ball.iou:.1f} |" in table
+
+
+def test_all_views_leave_out_only_the_seeds(evaluate, blobs: BlobScene) -> None:
+    found = evaluate(views="all", presets=("paper",), objects=("blue ball",))
+    (row,) = found.rows
+    shown = [photo for photo, labels in blobs.labels.items() if (labels == BLUE).sum() >= 100]
+    assert row.n_views == len(shown) - 1 and row.seed in shown
+    assert len(found.photos) == 8 and found.n_trained_on == 6
+
+
+def test_ablations_switch_one_ingredient_off_each(evaluate) -> None:
+    found = evaluate(ablations=True, objects=("blue ball",))
+    assert [row.way for row in found.rows] == [way.name for way in ways_of(found.settings)]
+    changed = [way for way in ways_of(found.settings) if way.name not in PRESETS]
+    for way in changed:
+        differing = [name for name in vars(BETTER) if getattr(way.settings, name) != getattr(BETTER, name)]
+        assert len(differing) + (not way.snaps) == 1, way
+    assert len(changed) == 7
+    assert [way.snaps for way in ways_of(replace(found.settings, seed="text"))] == [True] * 7
+    assert len(ways_of(replace(found.settings, seed="click"))) == 8
+
+
+def test_segments_of_evaluated_photos_take_no_part(
+    evaluate, blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for photo in ("view_1.png", *HELD_OUT):
+        write_label_map(label_map_path(project.path / "masks", photo), blobs.labels[photo])
+    handed = []
+
+    def record(*arguments, label_maps, **others):  # type: ignore[no-untyped-def]
+        handed.append(set(label_maps))
+        raise Cancelled("seen enough")
+
+    monkeypatch.setattr("engine.evaluation.isolation.find_objects", record)
+    for views in ("held-out", "all"):
+        with pytest.raises(Cancelled, match="seen enough"):
+            evaluate(views=views)
+    assert handed == [{"view_1.png"}, {"view_1.png", *HELD_OUT}]
+
+
+def test_masks_of_the_evaluation_are_those_that_render_writes(blobs: BlobScene) -> None:
+    members = [blobs.part == part for part in (FLOOR, RED, BLUE)] * 7
+    camera = blobs.cameras.cameras[3]
+    masks = list(visible_masks(Scene(blobs.gaussians), camera, members))
+    assert len(masks) == 21
+    for mask, those in zip(masks, members, strict=True):
+        assert np.array_equal(mask, render_view(blobs.gaussians, camera, what="mask", members=those) > 0)
+
+
+def test_masks_of_all_photos_tell_what_a_gaussian_belongs_to(blobs: BlobScene, tmp_path: Path) -> None:
+    truth = read_ground_truth(write_truth(blobs, tmp_path), list(blobs.labels))
+    labels = gaussian_truth(Scene(blobs.gaussians), blobs.cameras, truth, never_stop)
+    seen = labels != UNSEEN
+    assert 0.5 < seen.mean() < 1
+    true = np.array([3, 0, 1, 2])[blobs.part]
+    assert (labels[seen] == true[seen]).mean() > 0.95
+    assert gaussian_iou(labels == 2, labels, 2) == 1.0
+    assert gaussian_iou(np.zeros(len(labels), bool), labels, 2) == 0.0 == gaussian_iou(None, labels, 2)
+    # What no photo shows counts neither way.
+    assert gaussian_iou((labels == 2) | ~seen, labels, 2) == 1.0
+
+
+def test_objects_without_true_masks_are_refused(evaluate) -> None:
+    with pytest.raises(SettingsError, match="no true masks of 'ghost', only of: red ball, other red ball, blue ball"):
+        evaluate(objects=("ghost",))
+
+
+def test_without_held_out_photos_the_way_out_is_named(evaluate, project: ProjectFolder) -> None:
+    held_out(project, ())
+    with pytest.raises(SettingsError, match="Training saw all of the 8 photos .* --views all"):
+        evaluate()
+
+
+def test_masks_of_another_shape_are_refused(evaluate, blobs: BlobScene, tmp_path: Path) -> None:
+    folder = write_truth(blobs, tmp_path / "square")
+    for file in (folder / "masks").iterdir():
+        with Image.open(file) as picture:
+            square = picture.resize((120, 120), Image.Resampling.NEAREST)
+        square.save(file)
+    with pytest.raises(MaskError, match="120 x 120 pixels and 160 x 120"):
+        evaluate(folder)
+
+
+def test_true_masks_may_have_another_resolution(evaluate, blobs: BlobScene, tmp_path: Path) -> None:
+    folder = write_truth(blobs, tmp_path / "large")
+    for file in (folder / "masks").iterdir():
+        with Image.open(file) as picture:
+            large = picture.resize((320, 240), Image.Resampling.NEAREST)
+        large.save(file)
+    (row,) = evaluate(folder, objects=("blue ball",), presets=("paper",)).rows
+    assert row.iou > 0.93 and row.psnr > 20
+
+
+def test_progress_rises_and_stop_stops(evaluate) -> None:
+    events: list[object] = []
+    evaluate(objects=("blue ball",), presets=("paper",), emit=events.append)
+    fractions = [event.fraction for event in events if isinstance(event, Progress)]
+    assert fractions == sorted(fractions) and fractions[0] == 0.0 and not any(isinstance(e, Warned) for e in events)
+    with pytest.raises(Cancelled):
+        evaluate(should_stop=lambda: True)
+
+
+def test_document_holds_its_command_and_where_it_was_measured(evaluate, tmp_path: Path) -> None:
+    found = evaluate(presets=("paper",), objects=("blue ball",))
+    write_evaluation(tmp_path / "docs" / "table.md", found, title="blobs", command="python -m engine evaluate blobs")
+    text = (tmp_path / "docs" / "table.md").read_text(encoding="utf-8")
+    assert "python -m engine evaluate blobs" in text and markdown(found) in text
+    assert (
+        "2 photos with true masks (museum) are compared, and training saw none of them: view_2.png, view_6.png" in text
+    )
+    assert str(tmp_path) not in text
+
+
+def test_settings_that_make_no_sense_are_refused() -> None:
+    for wrong in ({"presets": ()}, {"presets": ("best",)}, {"presets": ("paper", "paper")}, {"seed": "box"}):
+        with pytest.raises(SettingsError):
+            EvaluationSettings(**wrong)
+    with pytest.raises(SettingsError, match="better among them"):
+        EvaluationSettings(presets=("paper",), ablations=True)
+    assert [way.settings for way in ways_of(EvaluationSettings())] == [PAPER, BETTER]
+
+
+def test_mean_passes_over_what_could_not_be_measured() -> None:
+    assert mean_of([1.0, math.nan, 3.0]) == 2.0
+    assert math.isnan(mean_of([math.nan]))

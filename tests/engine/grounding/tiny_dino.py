@@ -1,0 +1,117 @@
+"""A Grounding DINO of a few thousand random weights, its vocabulary, and its ONNX export."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import onnx
+import torch
+import transformers
+from transformers.models.grounding_dino import modeling_grounding_dino
+
+__all__ = ["MAX_TOKENS", "SIDE", "export", "model", "tokenizer"]
+
+SIDE, MAX_TOKENS = 96, 32
+# The model parts phrases at these ids of bert-base-uncased, so the vocabulary must have them in the same places.
+_SPECIAL = {0: "[PAD]", 100: "[UNK]", 101: "[CLS]", 102: "[SEP]", 103: "[MASK]", 1012: ".", 1029: "?"}
+_WORDS = ("a", "the", "red", "blue", "old", "vase", "head", "statue", "of", "woman", "s", "'", "-", ",", "ca", "##fe")
+_WORDS += ("##s", "18", "##th", "century", "vas", "##en")
+_INPUTS = ("pixel_values", "input_ids", "token_type_ids", "attention_mask", "pixel_mask")
+
+
+def tokenizer(folder: Path) -> Any:
+    """Return a BERT tokenizer of `transformers`; its ``tokenizer.json`` lies in `folder`."""
+    pieces = dict(_SPECIAL) | {200 + i: word for i, word in enumerate(_WORDS)}
+    vocabulary = {pieces.get(i, f"[unused{i}]"): i for i in range(1030)}
+    made = transformers.BertTokenizer(vocab=vocabulary, do_lower_case=True)
+    made.backend_tokenizer.save(str(folder / "tokenizer.json"))
+    return made
+
+
+def model() -> Any:
+    """Return the model, in torch."""
+    backbone = {
+        "model_type": "swin", "image_size": SIDE, "embed_dim": 8, "depths": [1, 1, 1, 1], "num_heads": [1, 1, 2, 2],
+        "window_size": 4, "out_features": ["stage2", "stage3", "stage4"],
+    }  # fmt: skip
+    text = {
+        "model_type": "bert", "vocab_size": 1030, "hidden_size": 32, "num_hidden_layers": 1, "num_attention_heads": 2,
+        "intermediate_size": 32, "max_position_embeddings": 64,
+    }  # fmt: skip
+    torch.manual_seed(5)
+    config = transformers.GroundingDinoConfig(
+        backbone_config=backbone, text_config=text, d_model=32, encoder_layers=1, encoder_ffn_dim=32,
+        encoder_attention_heads=2, decoder_layers=2, decoder_ffn_dim=32, decoder_attention_heads=2, num_queries=40,
+        max_text_len=MAX_TOKENS, disable_custom_kernels=True,
+    )  # fmt: skip
+    return transformers.GroundingDinoForObjectDetection(config).eval()
+
+
+class _Outputs(torch.nn.Module):
+    """The two outputs that exports have."""
+
+    def __init__(self, model: torch.nn.Module) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, *given: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        out = self.model(**dict(zip(_INPUTS, given, strict=True)))
+        return out.logits, out.pred_boxes
+
+
+def _phrase_mask(ids: torch.Tensor, special_tokens: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """What transformers' function of the same purpose does, without isin, cummax and eye, which ONNX lacks here."""
+    special = (ids.unsqueeze(-1) == special_tokens).any(-1)
+    count = ids.shape[1]
+    place = torch.arange(count)
+    i, j = place[:, None], place[None]
+    before = torch.where(special[:, None] & (j < i)[None], j[None], -1).amax(-1)
+    after = torch.where(special[:, None] & (j >= i)[None], j[None], count).amin(-1)
+    inside = (after != 0) & (after != count - 1) & (after != count)
+    mask = ((after.unsqueeze(2) == after.unsqueeze(1)) & inside.unsqueeze(1)) | (i == j)[None]
+    return mask, torch.where(inside, place[None] - before - 1, 0).clamp(min=0)
+
+
+def export(made: Any, path: Path) -> None:
+    """Write `made` as ONNX: fixed 96 x 96 pixels and 32 tokens, as public exports have 800 x 800 and 256."""
+    original = modeling_grounding_dino.generate_masks_with_special_tokens_and_transfer_map
+    special = torch.tensor(modeling_grounding_dino.SPECIAL_TOKENS)
+    for ids in ([[101, 200, 201, 1012, 102]], [[101, 200, 1012, 201, 202, 1029, 102, 0, 0]]):
+        for ours, theirs in zip(
+            _phrase_mask(torch.tensor(ids), special), original(torch.tensor(ids), special), strict=True
+        ):
+            assert torch.equal(ours, theirs)
+    ids = torch.zeros(1, MAX_TOKENS, dtype=torch.int64)
+    ids[0, :4] = torch.tensor([101, 205, 1012, 102])
+    given = (
+        torch.rand(1, 3, SIDE, SIDE), ids, torch.zeros_like(ids), (ids != 0).long(),
+        torch.ones(1, SIDE, SIDE, dtype=torch.int64),
+    )  # fmt: skip
+    modeling_grounding_dino.generate_masks_with_special_tokens_and_transfer_map = _phrase_mask
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the tracer warns of each shape it takes as fixed, which is what we want
+            torch.onnx.export(
+                _Outputs(made).eval(), given, str(path), input_names=list(_INPUTS),
+                output_names=["logits", "pred_boxes"], opset_version=17, dynamo=False,
+            )  # fmt: skip
+    finally:
+        modeling_grounding_dino.generate_masks_with_special_tokens_and_transfer_map = original
+    _with_single_precision_grids(path)
+
+
+def _with_single_precision_grids(path: Path) -> None:
+    """Tracing makes the sampling places of the deformable attention double, which onnxruntime does not sample at."""
+    graph = onnx.load(str(path))
+    nodes = []
+    for number, node in enumerate(graph.graph.node):
+        if node.op_type == "GridSample":
+            name = f"grid_{number}"
+            nodes.append(onnx.helper.make_node("Cast", [node.input[1]], [name], to=onnx.TensorProto.FLOAT))
+            node.input[1] = name
+        nodes.append(node)
+    del graph.graph.node[:]
+    graph.graph.node.extend(nodes)
+    onnx.save(graph, str(path))

@@ -1,0 +1,66 @@
+"""A glance at the photos: brightness in stops, texture, and the exposure that EXIF tells."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.errors import Cancelled, FormatError, PhotoError
+from engine.photos.look import PhotoLook, look_at_photos, read_looks
+from engine.photos.photo import Photo, PhotoSet
+
+
+def photo_set(folder: Path, pictures: dict[str, Image.Image], exif: Image.Exif | None = None) -> PhotoSet:
+    for name, picture in pictures.items():
+        picture.save(folder / name, exif=Image.Exif() if exif is None else exif)
+    return PhotoSet(folder, tuple(Photo(name, *p.size, None, "") for name, p in pictures.items()), ())
+
+
+def gray(value: int) -> Image.Image:
+    return Image.new("RGB", (400, 300), (value, value, value))
+
+
+def test_twice_the_light_is_one_stop_brighter(tmp_path: Path) -> None:
+    # sRGB 188 is linear 0.503, 137 is 0.251; the 0.01 against black takes 0.03 off.
+    bright, dark = look_at_photos(photo_set(tmp_path, {"a.png": gray(188), "b.png": gray(137)}))
+    assert bright.brightness - dark.brightness == pytest.approx(1.0, abs=0.05)
+
+
+def test_texture_tells_a_plain_wall_from_a_pattern(tmp_path: Path) -> None:
+    noise = Image.fromarray(np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8))
+    plain, pattern = look_at_photos(photo_set(tmp_path, {"a.png": gray(90), "b.png": noise}))
+    assert plain.texture == 0.0 < 0.5 < pattern.texture
+
+
+def test_exposure_is_read_from_exif_and_unknown_without(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    tags = exif.get_ifd(0x8769)
+    tags[0x829A], tags[0x829D], tags[0x8827] = 1 / 64, 8.0, 200
+    (look,) = look_at_photos(photo_set(tmp_path, {"a.jpg": gray(90)}, exif))
+    # log2(64 * 64) - 1
+    assert look.exposure_value == pytest.approx(11.0, abs=0.01)
+    (tmp_path / "without").mkdir()
+    assert look_at_photos(photo_set(tmp_path / "without", {"a.jpg": gray(90)}))[0].exposure_value is None
+
+
+def test_looks_come_back_from_their_file(tmp_path: Path) -> None:
+    looks = [PhotoLook("a.jpg", -2.0, 0.5, None), PhotoLook("b.jpg", -1.0, 0.25, 8.5)]
+    (tmp_path / "looks.json").write_text(json.dumps([asdict(look) for look in looks]))
+    assert read_looks(tmp_path / "looks.json") == looks
+    (tmp_path / "looks.json").write_text('[{"name": "a"}]')
+    with pytest.raises(FormatError, match="looks.json"):
+        read_looks(tmp_path / "looks.json")
+
+
+def test_photo_that_went_away_and_a_wish_to_stop_are_said(tmp_path: Path) -> None:
+    photos = photo_set(tmp_path, {"a.png": gray(90), "b.png": gray(91)})
+    with pytest.raises(Cancelled):
+        look_at_photos(photos, should_stop=lambda: True)
+    (tmp_path / "a.png").unlink()
+    with pytest.raises(PhotoError, match=r"a\.png"):
+        look_at_photos(photos)

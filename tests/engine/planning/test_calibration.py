@@ -1,0 +1,151 @@
+"""The calibration: measured once, better after every run, and no damaged file stops anybody."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from engine.machine import Machine
+from engine.planning.benchmark import measure_speed
+from engine.planning.calibration import REFERENCE, Benchmark, Calibration, Learned, load_calibration
+from engine.planning.decisions import training_settings
+from engine.planning.forecast import forecast_work
+from engine.planning.outcome import learn_from
+from engine.project_folder import ProjectFolder
+
+from .scenes import work
+
+MACHINE = Machine(2, 16_000_000_000, "cpu", "test")
+
+
+class Speed:
+    """Stands for the benchmark, and counts."""
+
+    def __init__(self) -> None:
+        self.made = 0
+
+    def __call__(self) -> Benchmark:
+        self.made += 1
+        return replace(REFERENCE, training_step=0.05)
+
+
+def load(file: Path, speed: Speed, *, machine: Machine = MACHINE, rasterizer: str = "one") -> Calibration:
+    return load_calibration(machine, rasterizer=rasterizer, measure=speed, file=file)
+
+
+def test_machine_is_measured_once_and_again_when_it_or_the_rasterizer_changed(tmp_path: Path) -> None:
+    file, speed = tmp_path / "cache" / "calibration.json", Speed()
+    load(file, speed)
+    again = load(file, speed)
+    assert speed.made == 1
+    assert again.benchmark == Benchmark(0.05, REFERENCE.features, REFERENCE.sam_encode, "one")
+    again.learn("masks", "cpu", formula=10.0, actual=20.0)
+    again.save()
+    newer = load(file, speed, rasterizer="two")
+    assert speed.made == 2
+    assert newer.learned("masks", "cpu").n == 1, "what runs took outlives a new rasterizer"
+    load(file, speed, machine=replace(MACHINE, name="another"))
+    assert speed.made == 3
+    assert load(file, speed, rasterizer="two").learned("masks", "cpu").n == 1
+    assert speed.made == 3
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["", "{", "[]", '{"version": 9}', '{"version": 1, "machines": []}', "numbers", "infinite"],
+    ids=["empty", "cut", "list", "version", "machines", "numbers", "infinite"],
+)
+def test_damaged_file_is_made_anew_and_that_is_logged(
+    damage: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file, speed = tmp_path / "calibration.json", Speed()
+    load(file, speed)
+    if damage in ("numbers", "infinite"):
+        data = json.loads(file.read_text())
+        for machine in data["machines"].values():
+            machine["benchmark"]["training_step"] = "fast" if damage == "numbers" else 0
+        damage = json.dumps(data)
+    file.write_text(damage)
+    with caplog.at_level(logging.WARNING):
+        assert load(file, speed).benchmark is not None
+    assert speed.made == 2 and "measured anew" in caplog.text
+    assert load(file, speed).benchmark is not None and speed.made == 2
+
+
+def test_disk_that_refuses_costs_only_accuracy(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "file").write_text("")
+    with caplog.at_level(logging.WARNING):
+        calibration = load(tmp_path / "file" / "calibration.json", Speed())
+    assert calibration.benchmark is not None and "is not kept" in caplog.text
+
+
+def test_forecast_nears_what_runs_take_and_its_range_narrows(tmp_path: Path) -> None:
+    calibration = load(tmp_path / "calibration.json", Speed())
+    before = calibration.learned("training", "cpu")
+    for _ in range(6):
+        calibration.learn("training", "cpu", formula=100.0, actual=150.0)
+    after = calibration.learned("training", "cpu")
+    assert math.exp(after.mean) == pytest.approx(1.5, rel=0.05)
+    assert after.variance < before.variance
+
+
+def test_runs_that_disagree_widen_the_range(tmp_path: Path) -> None:
+    steady, restless = Learned(0.0, 0.04), Learned(0.0, 0.04)
+    for i in range(8):
+        steady, restless = steady.after(0.1), restless.after(0.7 if i % 2 else -0.7)
+    assert restless.variance > 10 * steady.variance
+
+
+def test_outcomes_that_say_nothing_are_passed_over(tmp_path: Path) -> None:
+    calibration = load(tmp_path / "calibration.json", Speed())
+    calibration.learn("photos", "cpu", formula=0.5, actual=1.5)  # Too short.
+    calibration.learn("masks", "cpu", formula=100.0, actual=2.0)  # Most were kept from before.
+    calibration.learn("training", "memory", formula=1e9, actual=None)  # The system does not tell.
+    assert calibration.outcomes == {}
+
+
+def finished(folder: Path, *, continued: bool) -> ProjectFolder:
+    project = ProjectFolder.create(folder)
+    project.finish_stage(
+        "masks", "key", wall_seconds=300.0, cpu_seconds=400.0, figures={}, peak_memory=2_000_000_000,
+        continued=continued,
+    )  # fmt: skip
+    return project
+
+
+def test_next_forecast_knows_what_this_run_took(tmp_path: Path) -> None:
+    calibration = load(tmp_path / "calibration.json", Speed())
+    plan = work(32)
+    training = training_settings(plan)
+
+    def masks(known: Calibration) -> tuple[float, int]:
+        stage = {s.stage: s for s in forecast_work(plan, training, MACHINE, known).stages}["masks"]
+        return stage.seconds, stage.memory
+
+    before = masks(calibration)
+    said = forecast_work(plan, training, MACHINE, calibration)
+    learn_from(finished(tmp_path / "p", continued=False), ["masks"], plan, training, said, calibration)
+    after = masks(load(tmp_path / "calibration.json", Speed()))
+    assert abs(after[0] - 300.0) < 0.5 * abs(before[0] - 300.0)
+    assert abs(after[1] - 2e9) < 0.5 * abs(before[1] - 2e9)
+
+
+def test_stage_that_an_earlier_run_had_begun_teaches_nothing(tmp_path: Path) -> None:
+    calibration = load(tmp_path / "calibration.json", Speed())
+    plan = work(32)
+    training = training_settings(plan)
+    said = forecast_work(plan, training, MACHINE, calibration)
+    learn_from(finished(tmp_path / "p", continued=True), ["masks"], plan, training, said, calibration)
+    assert calibration.outcomes == {} and calibration.n_runs == 0
+
+
+def test_benchmark_measures_all_it_says() -> None:
+    measured = measure_speed()
+    assert 0 < measured.training_step < 5
+    assert 0 < measured.features < 100
+    assert measured.sam_encode is None or 0 < measured.sam_encode < 100
