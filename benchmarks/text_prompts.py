@@ -26,9 +26,8 @@ from engine.events import ignore_events, never_stop
 from engine.gaussians.storage import load_gaussians
 from engine.grounding.default import load_default_detector
 from engine.masks.sam import load_default_sam
-from engine.masks.storage import label_map_path, read_label_map
 from engine.objects.prompts import TextPrompt
-from engine.objects.segment import find_objects
+from engine.objects.segment import find_objects, label_maps_of
 from engine.objects.settings import BETTER, SegmentSettings
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -85,8 +84,7 @@ class Room:
         self.cameras = read_camera_set(project / "cameras")
         self.gaussians = load_gaussians(project / "gaussians")
         self.scene = Scene(self.gaussians)
-        maps = {camera.photo: label_map_path(project / "masks", camera.photo) for camera in self.cameras.cameras}
-        self.label_maps = {photo: read_label_map(path) for photo, path in maps.items() if path.is_file()}
+        self.label_maps = label_maps_of(project, self.cameras)
 
     def ask(self, word: str, settings: SegmentSettings) -> Answer:
         """Look for `word`."""

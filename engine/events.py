@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, ClassVar
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "from_json_line",
     "ignore_events",
     "never_stop",
+    "part_of",
     "to_json_line",
 ]
 
@@ -150,6 +151,17 @@ def from_json_line(line: str) -> Event | None:
 
 def ignore_events(event: Event) -> None:
     """An `Emit` for callers who do not care."""
+
+
+def part_of(emit: Emit, number: int, count: int) -> Emit:
+    """Return `emit` for part `number` of `count` equal ones: its progress is told as that of the whole."""
+
+    def told(event: Event) -> None:
+        if isinstance(event, Progress):
+            event = replace(event, fraction=(number + event.fraction) / count, seconds_left=None)
+        emit(event)
+
+    return told
 
 
 def never_stop() -> bool:

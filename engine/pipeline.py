@@ -13,7 +13,7 @@ from . import __version__
 from .cameras.camera import CameraSet
 from .cameras.settings import CameraSettings
 from .errors import Cancelled, ProjectError
-from .events import Emit, Event, Progress, StageFinished, StageStarted, StopCheck, Warned
+from .events import Emit, StageFinished, StageStarted, StopCheck, Warned, part_of
 from .machine import PeakMemory, cpu_seconds
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
@@ -426,7 +426,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     settings.segment,
                     detector_factory=load_default_detector,
                     sam_factory=lambda: load_sam(settings.masks.model),
-                    emit=_part(run.emit, number, len(settings.prompts)),
+                    emit=part_of(run.emit, number, len(settings.prompts)),
                     should_stop=run.should_stop,
                 )
             except PromptError as error:
@@ -439,17 +439,6 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
         return {"found": found, "refused": refused}
 
     run.stage("objects", key, work)
-
-
-def _part(emit: Emit, number: int, count: int) -> Emit:
-    """Return `emit` for part `number` of `count` equal ones: its progress is told as that of the whole."""
-
-    def scaled(event: Event) -> None:
-        if isinstance(event, Progress):
-            event = replace(event, fraction=(number + event.fraction) / count, seconds_left=None)
-        emit(event)
-
-    return scaled
 
 
 def _found_before(run: _Run, key: str) -> dict[str, list[str]]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import HeritageError, ModelFileError
-from ..events import Emit, Event, Finished, Progress, StopCheck
+from ..events import Emit, Finished, StopCheck, part_of
 
 if TYPE_CHECKING:
     from ..models.catalogue import ModelFile
@@ -38,15 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def project_folder(options: argparse.Namespace) -> None:
     """No project, no log."""
-
-
-def _share_of(emit: Emit, done: int, count: int) -> Emit:
-    """Return an `Emit` for one of `count` files, `done` of which are there: one bar for all of them."""
-
-    def tell(event: Event) -> None:
-        emit(replace(event, fraction=(done + event.fraction) / count) if isinstance(event, Progress) else event)
-
-    return tell
 
 
 def _chosen(options: argparse.Namespace) -> list[ModelFile]:
@@ -88,7 +78,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         if options.action == "fetch":
             path = fetch(
                 model.name,
-                emit=_share_of(emit, done, len(models)),
+                emit=part_of(emit, done, len(models)),
                 should_stop=should_stop,
                 offline=options.offline,
                 network=options.offline is None,

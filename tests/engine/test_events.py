@@ -17,6 +17,7 @@ from engine.events import (
     StageStarted,
     Warned,
     from_json_line,
+    part_of,
     to_json_line,
 )
 
@@ -51,3 +52,14 @@ def test_reader_skips_what_it_does_not_know() -> None:
 def test_reader_ignores_new_fields_of_known_kinds() -> None:
     data = json.loads(to_json_line(Warned("x")))
     assert from_json_line(json.dumps({**data, "colour": "red"})) == Warned("x", time=data["time"])
+
+
+def test_progress_of_a_part_is_told_as_that_of_the_whole_and_the_rest_as_it_is() -> None:
+    heard: list[Event] = []
+    emit = part_of(heard.append, 1, 4)
+    emit(Progress("objects", 0.5, seconds_left=3.0, message="vase"))
+    emit(Warned("look"))
+    first, second = heard
+    assert isinstance(first, Progress) and isinstance(second, Warned)
+    assert (first.fraction, first.seconds_left, first.message) == (0.375, None, "vase")
+    assert second.message == "look"
