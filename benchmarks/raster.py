@@ -144,7 +144,8 @@ def figures(results: list[tuple[Case, dict[str, float]]]) -> str:
         ("RGB+16: AVX2 over this processor's own", cpu(avx2=True) / cpu(), "<= 1.5"),
         ("whole RGB step over the RGB pass", step["cpu_ms"] / cpu(k=3), "<= 4"),
         ("memory over 1 KB a Gaussian + 200 B a pixel", memory["bytes"] / allowed, "<= 1"),
-        ("compiling for the first time, CPU s", compiled["first_s"], "<= 12"),
+        ("compiling for the first time, in two processes, wall s", compiled["first_wall_s"], "<= 12 idle"),
+        ("compiling for the first time, CPU s of both with the second's imports", compiled["first_cpu_s"], "-"),
         ("loading compiled code, CPU s", compiled["again_s"], "<= 1"),
     ]
     lines = ["| figure | measured | goal |", "| --- | ---: | --- |"]

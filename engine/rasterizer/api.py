@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import gc
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,7 +12,7 @@ from ..cameras.camera import PinholeCamera
 from ..errors import CameraError, NumericalError
 from .settings import RasterSettings
 
-__all__ = ["CulledCounts", "Raster", "rasterize", "warm_up"]
+__all__ = ["CulledCounts", "Raster", "rasterize"]
 
 MAX_CHANNELS = 64
 
@@ -162,41 +159,6 @@ def check_finite(name: str, value: torch.Tensor) -> None:
         f"`{name}` is not finite in {int(bad.sum())} of {len(bad)} rows (first: row {int(bad.argmax())}); "
         "lower the learning rate or resume from the last checkpoint."
     )
-
-
-def warm_up(*, n_channels: int = 3) -> None:
-    """Compile (or load from the cache) every kernel of the ``cpu`` backend, the loss and Adam, on a tiny scene."""
-    from .adam import AdamState, adam_step
-    from .loss import photometric_loss
-
-    camera = PinholeCamera(np.eye(4), np.array([[20.0, 0, 8], [0, 20, 8], [0, 0, 1]]), 16, 16)
-    means = torch.tensor([[0.0, 0.0, 2.0]], requires_grad=True)
-    with _no_garbage_collection():
-        raster = rasterize(
-            means,
-            torch.tensor([[1.0, 0.0, 0.0, 0.0]]),
-            torch.full((1, 3), 0.2),
-            torch.tensor([0.8]),
-            camera=camera,
-            sh=torch.zeros(1, 4, 3),
-            channels=torch.zeros(1, n_channels - 3) if n_channels > 3 else None,
-        )
-        photometric_loss(raster.image[..., :3], torch.zeros(16, 16, 3)).backward()
-        assert means.grad is not None
-        parameter = means.detach().clone()
-        adam_step([(parameter, means.grad, 1e-3)], [AdamState.zeros_like(parameter)])
-
-
-@contextlib.contextmanager
-def _no_garbage_collection() -> Iterator[None]:
-    """Keep Python from looking for garbage while Numba makes millions of objects; an eighth of the time to compile."""
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
 
 
 def _check_shapes(

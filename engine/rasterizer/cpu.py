@@ -32,13 +32,13 @@ from .settings import RasterSettings
 from .threads import run_ranges, split_ranges
 from .tiles import TileLists, make_tile_lists
 
-__all__ = ["rasterize_cpu"]
+__all__ = ["View", "gaussian_gradients", "pair_gradients", "rasterize_cpu"]
 
 Float32 = NDArray[np.float32]
 
 
 @dataclass
-class _View:
+class View:
     """What one picture needs besides its tensors; the forward pass fills the lower half."""
 
     camera: PinholeCamera
@@ -103,52 +103,17 @@ class _Rasterize(torch.autograd.Function):
     def backward(  # type: ignore[override]
         ctx: Any, image_gradient: torch.Tensor | None, transmittance_gradient: torch.Tensor | None
     ) -> Any:
-        view: _View = ctx.view
-        projected, lists, masks = view.projected, view.lists, view.masks
-        assert projected is not None and lists is not None and masks is not None
+        view: View = ctx.view
         tensors = ctx.saved_tensors
-        means, quats, scales, opacities, sh, channels = (_array(tensor) for tensor in tensors)
-        width, height = view.camera.width, view.camera.height
-        n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
-        n_colors = projected.colors.shape[1]
-        pair_gradients = np.empty((len(lists.gaussians), MOMENTS + n_colors), np.float32)
+        arrays = tuple(_array(tensor) for tensor in tensors)
         if image_gradient is None:
-            image_gradient = torch.zeros(height, width, n_channels)
+            n_channels = (3 if arrays[4].shape[1] else 0) + arrays[5].shape[1]
+            image_gradient = torch.zeros(view.camera.height, view.camera.width, n_channels)
         if transmittance_gradient is None:
             transmittance_gradient = torch.empty(0)
-        flat_image_gradient = _array(image_gradient).reshape(-1)
-        flat_transmittance_gradient = _array(transmittance_gradient).reshape(-1)
-        flat_colors, flat_pairs = projected.colors.reshape(-1), pair_gradients.reshape(-1)
-        bad_blocks: list[int] = []
-
-        def blend_backward(i: int, n_ranges: int) -> None:
-            n_bad = blend_backward_range(
-                i, n_ranges, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
-                projected.roots, projected.faded, flat_colors, n_colors, n_channels, masks, flat_image_gradient,
-                flat_transmittance_gradient, flat_pairs,
-            )  # fmt: skip
-            bad_blocks.append(n_bad)
-
-        run_ranges(blend_backward, view.settings.threads)
-        if sum(bad_blocks):
-            raise NumericalError(
-                f"the gradient of the picture is not finite in {sum(bad_blocks)} blocks of 4x4 pixels; "
-                "look at the loss that made it."
-            )
-        outputs = [np.zeros(tensor.shape, np.float32) for tensor in tensors]
+        pairs = pair_gradients(view, _array(image_gradient), _array(transmittance_gradient))
         wants_pose = ctx.needs_input_grad[len(tensors)]
-        by_gaussian = np.zeros((len(means) if wants_pose else 0, 12))
-        numbers = camera_numbers(view.camera, view.settings)
-        center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
-
-        def project_backward(i: int, n_ranges: int) -> None:
-            project_backward_range(
-                *split_ranges(len(means), i, n_ranges), projected.state, lists.pair_start, pair_gradients, means,
-                quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
-                channels.shape[1], *outputs, by_gaussian,
-            )  # fmt: skip
-
-        run_ranges(project_backward, view.settings.threads)
+        outputs, by_gaussian = gaussian_gradients(view, arrays, pairs, with_pose=wants_pose)
         gradients = [torch.from_numpy(output) for output in outputs]
         for name, gradient in zip(("means", "quats", "scales", "opacities", "sh", "channels"), gradients, strict=True):
             check_finite(f"gradient of {name}", gradient)
@@ -162,6 +127,93 @@ class _Rasterize(torch.autograd.Function):
             )
             check_finite("gradient of viewmat", pose_gradient)
         return (*gradients, pose_gradient, None)
+
+
+def pair_gradients(view: View, image_gradient: Float32, transmittance_gradient: Float32) -> Float32:
+    """Take the gradients of a picture back to the pairs of a tile and a Gaussian.
+
+    Parameters
+    ----------
+    view : View
+        Filled by the forward pass; of M pairs.
+    image_gradient : float32 array of shape [H, W, K]
+    transmittance_gradient : float32 array of shape [H, W], or empty for zero
+
+    Returns
+    -------
+    float32 array of shape [M, MOMENTS + K4]
+
+    Raises
+    ------
+    NumericalError
+        When a gradient of the picture is not finite.
+    """
+    projected, lists, masks = view.projected, view.lists, view.masks
+    assert projected is not None and lists is not None and masks is not None
+    height, width, n_channels = image_gradient.shape
+    n_colors = projected.colors.shape[1]
+    pairs = np.empty((len(lists.gaussians), MOMENTS + n_colors), np.float32)
+    flat_colors, flat_pairs = projected.colors.reshape(-1), pairs.reshape(-1)
+    flat_image, flat_transmittance = image_gradient.reshape(-1), transmittance_gradient.reshape(-1)
+    bad_blocks: list[int] = []
+
+    def blend_backward(i: int, n_ranges: int) -> None:
+        n_bad = blend_backward_range(
+            i, n_ranges, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
+            projected.roots, projected.faded, flat_colors, n_colors, n_channels, masks, flat_image,
+            flat_transmittance, flat_pairs,
+        )  # fmt: skip
+        bad_blocks.append(n_bad)
+
+    run_ranges(blend_backward, view.settings.threads)
+    if sum(bad_blocks):
+        raise NumericalError(
+            f"the gradient of the picture is not finite in {sum(bad_blocks)} blocks of 4x4 pixels; "
+            "look at the loss that made it."
+        )
+    return pairs
+
+
+def gaussian_gradients(
+    view: View, arrays: tuple[Float32, ...], pairs: Float32, *, with_pose: bool
+) -> tuple[list[Float32], NDArray[np.float64]]:
+    """Sum the gradients of the pairs over each Gaussian and take them back through the projection.
+
+    Parameters
+    ----------
+    view : View
+        Filled by the forward pass.
+    arrays : tuple of float32 arrays
+        means, quats, scales, opacities, sh, channels, as in the forward pass.
+    pairs : float32 array of shape [M, MOMENTS + K4]
+        Of `pair_gradients`.
+    with_pose : bool
+        Whether the gradient of the camera's pose is wanted.
+
+    Returns
+    -------
+    gradients : list of float32 arrays
+        Of `arrays`.
+    by_gaussian : float64 array of shape [N, 12], or [0, 12] without pose
+        Each Gaussian's part of the gradient of the view's rotation, row by row, and translation.
+    """
+    projected, lists = view.projected, view.lists
+    assert projected is not None and lists is not None
+    means, quats, scales, opacities, sh, channels = arrays
+    outputs = [np.zeros(array.shape, np.float32) for array in arrays]
+    by_gaussian = np.zeros((len(means) if with_pose else 0, 12))
+    numbers = camera_numbers(view.camera, view.settings)
+    center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
+
+    def project_backward(i: int, n_ranges: int) -> None:
+        project_backward_range(
+            *split_ranges(len(means), i, n_ranges), projected.state, lists.pair_start, pairs, means,
+            quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
+            channels.shape[1], *outputs, by_gaussian,
+        )  # fmt: skip
+
+    run_ranges(project_backward, view.settings.threads)
+    return outputs, by_gaussian
 
 
 def rasterize_cpu(
@@ -190,7 +242,7 @@ def rasterize_cpu(
     for tensor in inputs:
         if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
             raise ValueError(f"the cpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
-    view = _View(camera, sh_degree, settings)
+    view = View(camera, sh_degree, settings)
     image, transmittance = _Rasterize.apply(*inputs, viewmat.double(), view)
     assert view.projected is not None
     counts = np.bincount(view.projected.state, minlength=5)

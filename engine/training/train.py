@@ -16,7 +16,7 @@ from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..gaussians.gaussians import Gaussians
 from ..rasterizer.adam import AdamState, adam_step
-from ..rasterizer.api import warm_up
+from ..rasterizer.warm_up import warm_up
 from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
 from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
 from .guards import (

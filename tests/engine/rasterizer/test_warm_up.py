@@ -1,0 +1,58 @@
+"""Kernels are compiled once per computer, by two processes, for whatever vectors its processor has."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_ROOT = Path(__file__).parents[3]
+_WARM_UP = """
+import logging
+from engine.rasterizer.warm_up import warm_up
+logging.basicConfig()
+warm_up()
+"""
+_STEP = """
+import hashlib
+import torch
+from engine.cameras.camera import PinholeCamera
+from engine.rasterizer.adam import AdamState, adam_step
+from engine.rasterizer.loss import photometric_loss
+from numba.core import event
+from tests.engine.rasterizer.scenes import random_scene
+
+with event.install_recorder("numba:compile") as compiled:
+    camera = PinholeCamera(torch.eye(4).numpy(), torch.tensor([[40.0, 0, 25], [0, 40, 20], [0, 0, 1]]).numpy(), 50, 40)
+    scene = random_scene(200, n_features=16).leaves(torch.float32)
+    viewmat = torch.eye(4, dtype=torch.float64, requires_grad=True)
+    raster = scene.render(camera, viewmat=viewmat)
+    loss = photometric_loss(raster.image[..., :3].contiguous(), torch.full((40, 50, 3), 0.5))
+    (loss + raster.image[..., 3:].square().mean() + raster.transmittance.mean()).backward()
+    adam_step([(scene.means.detach(), scene.means.grad, 1e-3)], [AdamState.zeros_like(scene.means)])
+digest = hashlib.sha256(raster.image.detach().numpy().tobytes())
+for tensor in scene.tensors().values():
+    digest.update(tensor.grad.numpy().tobytes())
+print(len(compiled.buffer), digest.hexdigest())
+"""
+
+
+def _python(code: str, cache: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    settings = {**os.environ, "NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(_ROOT), **environment}
+    return subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True)
+
+
+@pytest.mark.slow
+def test_after_the_warm_up_nothing_is_compiled_and_a_processor_without_avx_gives_the_same_bits(tmp_path: Path) -> None:
+    told = _python(_WARM_UP, tmp_path)
+    assert "compiling process failed" not in told.stderr
+    n_compiled, digest = _python(_STEP, tmp_path).stdout.split()
+    assert n_compiled == "0"
+
+    plain = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "+sse2"}
+    n_compiled, other_digest = _python(_STEP, tmp_path, **plain).stdout.split()
+    assert int(n_compiled) > 0
+    assert other_digest == digest
