@@ -89,6 +89,8 @@ class WorkPlan:
         Of the training pictures of that photo, pixels.
     poses_given : bool
         Then cameras are read; features are matched only where the model has no points.
+    texture : float
+        Median share of the photos' pixels that show texture, see `PhotoLook`.
     pairs : {"none", "all", "promising"}
         Which pairs of photos are matched.
     n_pairs : int
@@ -113,6 +115,7 @@ class WorkPlan:
     width: int
     height: int
     poses_given: bool
+    texture: float
     pairs: Pairs
     n_pairs: int
     n_held_out: int
@@ -207,6 +210,7 @@ def plan_work(
                 f"the photos have {max(largest.width, largest.height)}",
             )
         )
+    texture = float(np.median([look.texture for look in looks])) if looks else 1.0
     flat = preset.stop_when_flat if settings.leave_out and n_held_out else 0.0
     return WorkPlan(
         preset=settings.preset,
@@ -216,6 +220,7 @@ def plan_work(
         width=round(largest.width * scale),
         height=round(largest.height * scale),
         poses_given=poses_given,
+        texture=texture,
         pairs=pairs,
         n_pairs=n_pairs,
         n_held_out=n_held_out,
@@ -227,7 +232,7 @@ def plan_work(
         steps=preset.steps,
         stop_when_flat=flat,
         left_out=tuple(left_out),
-        notes=_notes(photo_set, looks, poses_given),
+        notes=_notes(photo_set, texture, poses_given),
     )
 
 
@@ -292,14 +297,13 @@ def _exposure(looks: Sequence[PhotoLook], settings: PlanSettings, left_out: list
     return on
 
 
-def _notes(photo_set: PhotoSet, looks: Sequence[PhotoLook], poses_given: bool) -> tuple[str, ...]:
+def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str, ...]:
     notes = []
     count = len(photo_set.photos)
     if photo_set.rejected:
         notes.append(f"{len(photo_set.rejected)} files are not used; the report says which and why.")
     if count < FEW_PHOTOS:
         notes.append(f"{count} photos are few: 20 to 60 around an object work well.")
-    texture = float(np.median([look.texture for look in looks])) if looks else 1.0
     if texture < LITTLE_TEXTURE and not poses_given:
         notes.append(
             f"The photos show little texture ({texture:.0%} of their pixels): cameras may not be found. "

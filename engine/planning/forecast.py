@@ -38,7 +38,9 @@ _SPREAD_80 = 1.2816
 # Photos: two sets, 0.047 CPU s a megapixel; and a small version is looked at.
 _PHOTO_SECONDS, _PHOTO_MEGAPIXEL_SECONDS = 0.006, 0.045
 # Cameras: 2.2 to 3.2 CPU s a megapixel of working copy, 5 ms a pair looked at, 56 to 75 ms a pair matched, mapping
-# 4.5 s of 32 photos and 12 s of 48.
+# 4.5 s of 32 photos and 12 s of 48. Features, and with them all that is done with them, are found where there is
+# texture: three sets with 0.47 to 0.55 of their pixels took 0.8 to 1.2 of the formula, one with 0.11 took 0.6.
+_WITHOUT_TEXTURE = 0.5
 _FEATURE_MEGAPIXEL_SECONDS, _LOOK_PAIR_SECONDS, _MATCH_SECONDS, _MAPPING_SECONDS = 2.5, 0.005, 0.065, 0.03
 _GIVEN_SECONDS = 1.0
 # Masks: 6.2 and 7.8 CPU s a photo in two sets.
@@ -196,8 +198,8 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     Notes
     -----
     photos: 0.006 + 0.045 s a megapixel, each. cameras: 2.5 s a megapixel of working copy, 5 ms a pair looked at, 65 ms
-    a pair matched, 0.03 s n^1.5 for mapping n photos. masks: 6.5 s a photo. training: `training_cpu_seconds`. objects:
-    8 s and 18 s a prompt. report: 4 s.
+    a pair matched, 0.03 s n^1.5 for mapping n photos, all times 0.5 + the share of textured pixels. masks: 6.5 s a
+    photo. training: `training_cpu_seconds`. objects: 8 s and 18 s a prompt. report: 4 s.
     """
     n, megapixels = work.n_photos, work.photo_width * work.photo_height / 1e6
     if stage == "photos":
@@ -206,12 +208,13 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
         if work.pairs == "none":
             return _GIVEN_SECONDS
         looked = n * (n - 1) / 2 if work.pairs == "promising" else 0.0
-        return (
+        found = (
             n * _FEATURE_MEGAPIXEL_SECONDS * _copy_pixels(work) / 1e6
             + looked * _LOOK_PAIR_SECONDS
             + work.n_pairs * _MATCH_SECONDS
             + (0.0 if work.poses_given else _MAPPING_SECONDS * n**1.5)
         )
+        return found * (_WITHOUT_TEXTURE + work.texture)
     if stage == "masks":
         return work.n_mask_photos * _MASK_SECONDS
     if stage == "training":
