@@ -74,13 +74,14 @@ class Progress(Event):
 
 @dataclass(frozen=True)
 class Metric(Event):
-    """A measured number, e.g. ``psnr`` at a training step."""
+    """A measured number, e.g. ``psnr`` at a training step; ``seconds`` is the stage's own clock where it keeps one."""
 
     kind: ClassVar[str] = "metric"
     stage: str
     name: str
     value: float
     step: int | None = None
+    seconds: float | None = None
 
 
 @dataclass(frozen=True)

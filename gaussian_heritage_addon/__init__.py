@@ -2,11 +2,11 @@
 
 import bpy
 
-from . import job_runner, panels, preferences, properties
+from . import job_runner, panels, pictures, preferences_page, properties
 
 __all__ = ["register", "unregister"]
 
-_CLASSES = [*preferences.CLASSES, *properties.CLASSES, *panels.CLASSES]
+_CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *panels.CLASSES]
 
 
 def register() -> None:
@@ -20,6 +20,7 @@ def register() -> None:
 def unregister() -> None:
     """Take them away again."""
     job_runner.unregister()
+    pictures.unregister()
     properties.unregister()
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)

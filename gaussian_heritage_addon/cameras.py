@@ -10,10 +10,12 @@ from mathutils import Matrix
 
 from ..engine.cameras.camera import Camera
 from ..engine.errors import ObjectError
+from .lens import focal_and_center
+from .picking import FLIP
 from .properties import heritage_objects
 from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
 
-__all__ = ["PHOTO_KEY", "add_cameras", "look_through"]
+__all__ = ["PHOTO_KEY", "add_cameras", "current_photo", "look_through"]
 
 PHOTO_KEY = "heritage_photo"
 _SENSOR = 36.0
@@ -24,7 +26,7 @@ _MARGIN = 0.15
 def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> None:
     """Add a Blender camera for each of `cameras`, named after its photo."""
     for camera in cameras:
-        fx, fy, cx, cy = _pinhole(camera)
+        fx, fy, cx, cy = focal_and_center(camera)
         data = bpy.data.cameras.new(camera.photo)
         data.sensor_fit, data.sensor_width = "HORIZONTAL", _SENSOR
         data.lens = fx * _SENSOR / camera.width
@@ -34,32 +36,30 @@ def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> 
         data.display_size = 0.05
         data.clip_start = 0.001
         obj = bpy.data.objects.new(camera.photo, data)
-        # COLMAP looks along +Z with Y down, Blender along -Z with Y up.
-        obj.matrix_world = Matrix((np.linalg.inv(camera.viewmat) @ np.diag([1.0, -1.0, -1.0, 1.0])).tolist())
+        obj.matrix_world = Matrix((np.linalg.inv(camera.viewmat) @ FLIP).tolist())
         obj[PHOTO_KEY] = camera.photo
         obj["heritage_size"] = [camera.width, camera.height]
         obj["heritage_pixel_aspect"] = fx / fy
         collection.objects.link(obj)
 
 
-def _pinhole(camera: Camera) -> tuple[float, float, float, float]:
-    """Return fx, fy, cx, cy of any COLMAP model: single-focal ones begin with f, cx, cy, the others with all four."""
-    p = camera.params
-    if camera.model.startswith(("SIMPLE_", "RADIAL")):
-        return p[0], p[0], p[1], p[2]
-    return p[0], p[1], p[2], p[3]
+def current_photo(scene: bpy.types.Scene) -> str:
+    """Return the name of the photo whose camera is the scene's; empty when it is another camera."""
+    return "" if scene.camera is None else str(scene.camera.get(PHOTO_KEY, ""))
 
 
-def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0) -> None:
+def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, step: int = 0) -> None:
     """Make the camera of `photo` the scene's, and a render as large as the photo and as soft as the engine's.
 
     Parameters
     ----------
     scene : Scene
     photo : str
-        Name of the photo; empty for the first.
+        Name of the photo; empty for the one looked through now, else the first.
     longest_side : int
         Pixels of the longest side; 0 for the photo's own.
+    step : int
+        So many photos further, by name; after the last comes the first.
 
     Raises
     ------
@@ -67,19 +67,21 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0) -> N
         When the scene has no such camera.
     """
     cameras = sorted((obj for obj in scene.objects if PHOTO_KEY in obj), key=lambda obj: obj[PHOTO_KEY])
-    found = [obj for obj in cameras if photo in ("", obj[PHOTO_KEY])]
-    if not found:
+    names = [obj[PHOTO_KEY] for obj in cameras]
+    photo = photo or current_photo(scene) or (names[0] if names else "")
+    if photo not in names:
         raise ObjectError(f"No camera of the photo {photo!r} is in this scene. Open the project with its cameras.")
-    scene.camera = found[0]
-    width, height = found[0]["heritage_size"]
+    found = cameras[(names.index(photo) + step) % len(names)]
+    scene.camera = found
+    width, height = found["heritage_size"]
     shrink = min(1.0, longest_side / max(width, height)) if longest_side else 1.0
     render = scene.render
     render.resolution_x, render.resolution_y = max(1, round(width * shrink)), max(1, round(height * shrink))
     render.resolution_percentage = 100
-    aspect = found[0]["heritage_pixel_aspect"]
+    aspect = found["heritage_pixel_aspect"]
     # Blender wants both aspects to be at least 1.
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
-    lens = found[0].data
+    lens = found.data
     across = lens.sensor_width / lens.lens
     reach = 0.5 + _MARGIN
     reach_x, reach_y = reach * across, reach * across * aspect * height / width

@@ -13,13 +13,18 @@ import bpy
 from ..engine.errors import Cancelled, HeritageError, ProjectError
 from .engine_process import engine_command
 from .jobs import Job, JobState
-from .preferences import current_environment, current_python, user_folder
+from .model_files import states_from
+from .preferences import current_environment, current_python, remember_models, user_folder
+from .properties import choose, heritage_objects
 from .scene_file import add_objects, open_project
 
-__all__ = ["current", "register", "start", "unregister"]
+__all__ = ["MODELS", "cancel", "current", "problem", "register", "start", "unregister"]
 
 _LOG = logging.getLogger(__name__)
 _INTERVAL = 0.5
+MODELS = Path("model files")
+"""Subject of jobs about model files, which belong to no project."""
+_EDITING = "Leave Edit Mode (Tab): the engine is done, and its result waits to be shown."
 _job: Job | None = None
 _problem = ""
 
@@ -40,9 +45,9 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
     Parameters
     ----------
     kind : str
-        ``"reconstruct"`` or ``"segment"`` is followed up by an import; others by nothing.
+        ``"reconstruct"`` and ``"segment"`` are followed up by an import, ``"models"`` by the preferences.
     subject : Path
-        Project folder.
+        Project folder, or `MODELS`.
     arguments
         Command and arguments of the engine.
 
@@ -60,6 +65,8 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
     running = current()
     if running is not None and running[1].running:
         raise ProjectError(f"A job is still working on {running[0].subject}. Wait for it or cancel it first.")
+    if _problem == _EDITING:
+        raise ProjectError(_EDITING)
     key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
     _job, _problem = (
         Job.start(
@@ -101,18 +108,27 @@ def _tick() -> float | None:
     state = _job.poll()
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
+            if area.type in ("VIEW_3D", "PREFERENCES"):
                 area.tag_redraw()
     if state.running:
         return _INTERVAL
     if state.finished:
+        if _job.kind != "models" and _is_editing():
+            _problem = _EDITING
+            return _INTERVAL
+        _problem = ""
         try:
             _follow_up(_job, state)
-            # A result that arrives by itself is still one step to undo.
+            # A result that arrives by itself is still one step to undo; one that changes nothing here adds none.
             bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
         except HeritageError as error:
             _problem = str(error)
     return None
+
+
+def _is_editing() -> bool:
+    """Return whether splats are in Edit Mode, where Blender lets nobody else change a mesh."""
+    return any(obj.mode == "EDIT" for scene in bpy.data.scenes for obj in heritage_objects(scene))
 
 
 def _follow_up(job: Job, state: JobState) -> None:
@@ -126,13 +142,23 @@ def _after_reconstruct(project: Path, state: JobState) -> None:
 
 
 def _after_segment(project: Path, state: JobState) -> None:
-    add_objects(bpy.context.scene, project, state.outputs["objects"])
-    bpy.context.scene.heritage.show = "OBJECTS"
+    scene = next((one for one in bpy.data.scenes if one.heritage.project == str(project)), bpy.context.scene)
+    made = state.outputs["objects"]
+    there = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
+    # What "find all" found again need not be in this file.
+    add_objects(scene, project, [*made, *(one for one in state.outputs.get("kept", ()) if one not in there)])
+    scene.heritage.show = "OBJECTS"
+    choose(scene, made[0])
+
+
+def _after_models(subject: Path, state: JobState) -> None:
+    remember_models(states_from(state.outputs))
 
 
 _FOLLOW_UPS: dict[str, Callable[[Path, JobState], None]] = {
     "reconstruct": _after_reconstruct,
     "segment": _after_segment,
+    "models": _after_models,
 }
 
 

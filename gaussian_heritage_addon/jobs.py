@@ -51,6 +51,8 @@ class JobState:
         Path of the newest picture; empty before the first.
     metrics : dict
         Last value of each metric, e.g. ``psnr``.
+    curve : list of (float, float)
+        Wall seconds of training and the held-out PSNR then, in dB.
     warnings : list of str
     error : str
         One sentence when the job failed or was cancelled, else empty.
@@ -67,6 +69,7 @@ class JobState:
     message: str = ""
     preview: str = ""
     metrics: dict[str, float] = field(default_factory=dict)
+    curve: list[tuple[float, float]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     error: str = ""
     finished: bool = False
@@ -89,6 +92,8 @@ class JobState:
                 self.fraction, self.seconds_left = 1.0, 0.0
             case events.Metric():
                 self.metrics[event.name] = event.value
+                if event.name == "psnr" and event.seconds is not None:
+                    self.curve.append((event.seconds, event.value))
             case events.Preview():
                 self.preview = event.path
             case events.Warned():

@@ -10,9 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import FormatError, ProjectError
+from ..engine.cameras.camera import Camera
+from ..engine.cameras.storage import read_camera_set
+from ..engine.errors import CameraError, FormatError, ProjectError
 
-__all__ = ["ProjectObject", "default_project_folder", "list_objects", "load_membership", "scene_file"]
+__all__ = [
+    "ProjectObject",
+    "default_project_folder",
+    "list_objects",
+    "load_level",
+    "load_membership",
+    "photo_camera",
+    "scene_file",
+]
 
 
 @dataclass(frozen=True)
@@ -27,6 +37,10 @@ class ProjectObject:
         What was asked for, in words.
     score, threshold : float
         Confidence, and the membership from which a Gaussian belongs to the object.
+    kind : str
+        How it was asked for: ``"text"``, ``"click"``, ``"all"``, ``"background"``...
+    level, n_levels : int
+        Which of the nested levels, part to whole, ``membership.npy`` holds, and how many there are; at least 1.
     """
 
     id: str
@@ -34,6 +48,9 @@ class ProjectObject:
     prompt: str
     score: float
     threshold: float
+    kind: str = ""
+    level: int = 0
+    n_levels: int = 1
 
 
 def default_project_folder(photos: Path) -> Path:
@@ -72,12 +89,16 @@ def list_objects(project: Path) -> list[ProjectObject]:
 def _read_object(file: Path) -> ProjectObject:
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
+        prompt = data.get("prompt", "")
         return ProjectObject(
             id=file.parent.name,
             name=str(data["name"]),
-            prompt=_in_words(data.get("prompt", "")),
+            prompt=_in_words(prompt),
             score=float(data.get("score", 0.0)),
             threshold=float(data["threshold"]),
+            kind=str(prompt.get("kind", "")) if isinstance(prompt, dict) else "",
+            level=int(data.get("level") or 0),
+            n_levels=max(1, len(data.get("levels") or ())),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FormatError(
@@ -88,7 +109,16 @@ def _read_object(file: Path) -> ProjectObject:
 def _in_words(prompt: Any) -> str:
     if not isinstance(prompt, dict):
         return str(prompt)
-    return str(prompt.get("text") or ", ".join(f"{key} {value}" for key, value in prompt.items() if value is not None))
+    if prompt.get("text"):
+        return str(prompt["text"])
+    match prompt.get("kind"):
+        case "all":
+            return "found without a prompt"
+        case "background":
+            return "what belongs to no object"
+        case "click" if prompt.get("clicks"):
+            return f"{len(prompt['clicks'])} clicks, {len(prompt.get('not') or ())} beside it"
+    return ", ".join(f"{key} {value}" for key, value in prompt.items() if value is not None)
 
 
 def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.float32]:
@@ -99,14 +129,57 @@ def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.flo
     FormatError
         When it cannot be read, or belongs to another scene.
     """
-    file = project / "objects" / object_id / "membership.npy"
+    membership = _load(project, object_id, "membership.npy")
+    _require_count(project, object_id, membership.shape, count)
+    return np.array(membership, np.float32)
+
+
+def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray[np.float32]:
+    """Return the membership in an object at one of its levels, shape [count], float32; reads no other level.
+
+    Raises
+    ------
+    FormatError
+        When it cannot be read, belongs to another scene, or has no such level.
+    """
+    levels = _load(project, object_id, "levels.npy")
+    _require_count(project, object_id, levels.shape[1:], count)
+    if not 0 <= level < len(levels):
+        raise FormatError(
+            f"The object {object_id} of {project} has {len(levels)} levels now, not {level + 1}. "
+            "Open the project again."
+        )
+    return np.array(levels[level], np.float32)
+
+
+def _load(project: Path, object_id: str, name: str) -> NDArray[np.floating[Any]]:
+    file = project / "objects" / object_id / name
     try:
-        membership: NDArray[np.float32] = np.load(file, allow_pickle=False).astype(np.float32)
+        # Mapped: the slider wants one level of several.
+        return np.load(file, mmap_mode="r", allow_pickle=False)  # type: ignore[no-any-return]
     except (OSError, ValueError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
-    if membership.shape != (count,):
+
+
+def _require_count(project: Path, object_id: str, shape: tuple[int, ...], count: int) -> None:
+    if shape != (count,):
         raise FormatError(
-            f"{file} belongs to another state of the scene ({membership.size} Gaussians, not {count}). "
-            "Isolate the object again."
+            f"The object {object_id} of {project} belongs to another state of the scene "
+            f"({'x'.join(map(str, shape))} Gaussians, not {count}). Isolate it again."
         )
-    return membership
+
+
+def photo_camera(project: Path, photo: str) -> Camera:
+    """Return the camera of a photo with its lens distortion.
+
+    Raises
+    ------
+    FormatError
+        When the project's cameras cannot be read.
+    CameraError
+        When the photo has none.
+    """
+    for camera in read_camera_set(project / "cameras").cameras:
+        if camera.photo == photo:
+            return camera
+    raise CameraError(f"{project} has no camera of the photo {photo!r}. Open the project again.")

@@ -7,16 +7,18 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.cameras.storage import read_camera_set
 from ..engine.formats import read_ply
+from ..engine.gaussians.gaussians import Gaussians
 from ..engine.records import load_record
 from .cameras import add_cameras, look_through
-from .project import ProjectObject, list_objects, load_membership, scene_file
+from .project import ProjectObject, list_objects, load_level, load_membership, scene_file
 from .properties import apply_blending, heritage_objects, show_parts
 from .splats import SplatScene
 
-__all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles"]
+__all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
 
 _LONGEST_SIDE = 1280
 """Of a first render: a photo's own size would take Cycles long."""
@@ -88,61 +90,108 @@ def _new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collec
 
 
 def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> list[SplatScene]:
-    """Give each object of the project in `ids` a collection with its own splats; those in the scene already stay.
+    """Give each object of the project in `ids` a collection with its own splats; those in the scene are made anew.
+
+    Returns
+    -------
+    list of SplatScene
+        By name. One that was in the scene keeps its object, with name, collection, placement, threshold and record.
+
+    Raises
+    ------
+    HeritageError
+        When a file of the project cannot be read, or such an object is in Edit Mode.
 
     Notes
     -----
-    The rows are copied once from the scene's splats, edits included; the slider then only changes which of them are
-    drawn and exported.
+    The rows are copied once from the scene's splats, edits included, as many as any level needs; the sliders then only
+    change which of them are drawn and exported.
     """
-    present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if _of(obj, project)}
-    wanted = [item for item in list_objects(project) if item.id in set(ids) - present]
+    present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _of(obj, project)}
+    chosen = set(ids)
+    wanted = [item for item in list_objects(project) if item.id in chosen]
     if not wanted:
         return []
-    whole = next((obj for obj in heritage_objects(scene, "SCENE") if _of(obj, project)), None)
+    whole = whole_scene(scene, project)
     if whole is None:
         whole = add_splat_file(scene, scene_file(project), _title(project)).object
         whole.heritage.project = str(project)
-    added = [_add_object(scene, project, item, whole) for item in wanted]
+    made = [
+        _update_object(present[item.id], project, item, whole)
+        if item.id in present
+        else _add_object(scene, project, item, whole)
+        for item in wanted
+    ]
     apply_blending(scene)
     show_parts(scene)
-    return added
+    return made
+
+
+def whole_scene(scene: bpy.types.Scene, project: Path) -> bpy.types.Object | None:
+    """Return the splats of the whole scene of `project`; None when they were deleted or never imported."""
+    return next((obj for obj in heritage_objects(scene, "SCENE") if _of(obj, project)), None)
 
 
 def _of(obj: bpy.types.Object, project: Path) -> bool:
     return Path(obj.heritage.project) == project
 
 
-def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
-    source = SplatScene.of(whole)
+def _rows_of(
+    project: Path, item: ProjectObject, whole: bpy.types.Object
+) -> tuple[Gaussians, NDArray[np.int32], NDArray[np.float32]]:
+    """Return the object's Gaussians, their rows in the project's scene, and their membership at its level."""
+    source, count = SplatScene.of(whole), whole["heritage_count"]
     index = source.index
-    membership = load_membership(project, item.id, whole["heritage_count"])
+    membership = load_membership(project, item.id, count)
+    loosest = membership
+    if item.n_levels > 1:
+        levels = [load_level(project, item.id, level, count) for level in range(item.n_levels)]
+        loosest = np.max([membership, *levels], axis=0)
     # Hand-made Gaussians (-1) belong to no object.
-    own = np.where(index >= 0, membership[index], 0.0).astype(np.float32)
-    kept = own >= min(_LOOSEST, item.threshold)
+    kept = (index >= 0) & (loosest[index] >= min(_LOOSEST, item.threshold))
+    rows = index[kept]
+    return source.local_gaussians()[kept], rows, membership[rows]
+
+
+def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
+    gaussians, index, membership = _rows_of(project, item, whole)
     collection = _new_collection(scene.collection, item.name)
-    splats = SplatScene.create(
-        item.name, source.local_gaussians()[kept], collection, index=index[kept], membership=own[kept]
-    )
+    splats = SplatScene.create(item.name, gaussians, collection, index=index, membership=membership)
     obj = splats.object
     obj.matrix_world = whole.matrix_world
-    _fill_properties(obj, collection, project, item)
-    return splats
-
-
-def _fill_properties(
-    obj: bpy.types.Object, collection: bpy.types.Collection, project: Path, item: ProjectObject
-) -> None:
     said, record = obj.heritage, load_record(project, item.id)
     said.is_loading = True
-    said.role, said.project, said.object_id = "OBJECT", str(project), item.id
-    said.prompt, said.score, said.threshold = item.prompt, item.score, item.threshold
+    said.role, said.project, said.object_id, said.threshold = "OBJECT", str(project), item.id, item.threshold
     for name, value in record.as_dict().items():
         setattr(said, name, value)
     said.is_loading = False
     collection["heritage_object_id"] = item.id
-    collection["heritage_prompt"] = item.prompt
-    collection["heritage_score"] = item.score
+    _tell_of(obj, item, whole)
+    return splats
+
+
+def _update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
+    splats = SplatScene.of(obj)
+    gaussians, index, membership = _rows_of(project, item, whole)
+    splats.replace(gaussians, index=index, membership=membership)
+    _tell_of(obj, item, whole)
+    return splats
+
+
+def _tell_of(obj: bpy.types.Object, item: ProjectObject, whole: bpy.types.Object) -> None:
+    """Write what the project knows of an object onto it and its collection."""
+    said = obj.heritage
+    said.is_loading = True
+    said.prompt, said.score, said.kind = item.prompt, item.score, item.kind
+    said.n_levels, said.level, said.stored_level = item.n_levels, item.level, item.level
+    said.problem = ""
+    said.is_loading = False
+    obj["heritage_count"] = whole["heritage_count"]
+    for collection in obj.users_collection:
+        # Others that the person put it into are theirs.
+        if collection.get("heritage_object_id") == item.id:
+            collection["heritage_prompt"] = item.prompt
+            collection["heritage_score"] = item.score
 
 
 def prepare_cycles(scene: bpy.types.Scene) -> None:

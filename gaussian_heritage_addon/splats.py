@@ -64,24 +64,8 @@ class SplatScene:
         membership : array of shape [N], float32, optional
             In the object, for the threshold.
         """
-        count = len(gaussians)
         mesh = bpy.data.meshes.new(name)
-        mesh.vertices.add(count)
-        mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
-        quats = gaussians.quats.astype(np.float64)
-        lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-        quats = np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
-        _write(mesh, "rotation", "QUATERNION", quats)
-        _write(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
-        base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
-        _write(mesh, "radiance:base", _BASE_TYPE, base)
-        for k in range(1, gaussians.sh.shape[1]):
-            _write(mesh, f"radiance:sh_{k - 1}", "FLOAT_VECTOR", gaussians.sh[:, k])
-        rows = np.arange(count) if index is None else index
-        mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", rows.astype(np.int32))
-        if membership is not None:
-            attribute = mesh.attributes.new("membership", "FLOAT", "POINT")
-            attribute.data.foreach_set("value", membership.astype(np.float32))
+        _fill(mesh, gaussians, np.arange(len(gaussians)) if index is None else index, membership)
         obj = bpy.data.objects.new(name, mesh)
         collection.objects.link(obj)
         add_display(obj, gaussians.sh_degree)
@@ -107,6 +91,44 @@ class SplatScene:
         if obj is None or obj.type != "MESH":
             return False
         return all(name in obj.data.attributes for name in ("rotation", "scale", "radiance:base"))
+
+    def replace(self, gaussians: Gaussians, *, index: NDArray[np.integer], membership: Float32) -> None:
+        """Put other Gaussians in the place of these; object, placement, collection and display stay.
+
+        Parameters
+        ----------
+        gaussians : Gaussians
+            In the object's own frame.
+        index, membership
+            See `create`.
+
+        Raises
+        ------
+        ObjectError
+            In Edit Mode, where Blender keeps the mesh out of reach.
+        """
+        mesh = self._mesh_at_hand()
+        mesh.clear_geometry()
+        _fill(mesh, gaussians, index, membership)
+
+    def set_membership(self, membership: Float32) -> None:
+        """Give each Gaussian another membership, shape [N]; which are drawn follows from it and the threshold.
+
+        Raises
+        ------
+        ObjectError
+            In Edit Mode, where Blender keeps the mesh out of reach.
+        """
+        mesh = self._mesh_at_hand()
+        attribute = mesh.attributes.get("membership") or mesh.attributes.new("membership", "FLOAT", "POINT")
+        attribute.data.foreach_set("value", _flat(membership))
+        mesh.update_tag()
+
+    def _mesh_at_hand(self) -> bpy.types.Mesh:
+        obj = self.object
+        if obj.mode == "EDIT":
+            raise ObjectError(f"{obj.name} is in Edit Mode. Leave it first (Tab).")
+        return obj.data
 
     @property
     def object(self) -> bpy.types.Object:
@@ -190,6 +212,24 @@ class SplatScene:
             yield copy
         finally:
             bpy.data.meshes.remove(copy)
+
+
+def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer], membership: Float32 | None) -> None:
+    """Write Gaussians into an empty mesh."""
+    mesh.vertices.add(len(gaussians))
+    mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
+    quats = gaussians.quats.astype(np.float64)
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+    quats = np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
+    _write(mesh, "rotation", "QUATERNION", quats)
+    _write(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
+    base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
+    _write(mesh, "radiance:base", _BASE_TYPE, base)
+    for k in range(1, gaussians.sh.shape[1]):
+        _write(mesh, f"radiance:sh_{k - 1}", "FLOAT_VECTOR", gaussians.sh[:, k])
+    mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", index.astype(np.int32))
+    if membership is not None:
+        mesh.attributes.new("membership", "FLOAT", "POINT").data.foreach_set("value", _flat(membership))
 
 
 def _flat(values: NDArray[np.floating]) -> Float32:

@@ -3,14 +3,22 @@
 import bpy
 
 from . import (
+    accept_candidate,
     cancel_job,
     check_engine,
+    check_models,
+    click_object,
+    dismiss_candidates,
     export_objects,
+    fetch_model,
+    find_objects,
     import_photos,
     import_ply,
     isolate,
+    isolate_background,
     look_through_photo,
     open_project,
+    refine_object,
 )
 
 __all__ = ["CLASSES", "register", "unregister"]
@@ -20,9 +28,17 @@ _MODULES = (
     import_ply,
     open_project,
     isolate,
+    click_object,
+    find_objects,
+    isolate_background,
+    accept_candidate,
+    dismiss_candidates,
+    refine_object,
     export_objects,
     look_through_photo,
     check_engine,
+    check_models,
+    fetch_model,
     cancel_job,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]

@@ -28,15 +28,16 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         name="Photos", description="Folder with the photos", subtype="DIR_PATH"
     )
     project: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Project", description="Where to work; empty: beside the photos", subtype="DIR_PATH"
+        name="Project", description="Where to work; empty: beside the photos", subtype="DIR_PATH", options={"SKIP_SAVE"}
     )
     prompts: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Objects", description='What to isolate at the end, e.g. "vase;bust"'
+        name="Objects", description='What to isolate at the end, e.g. "vase;bust"', options={"SKIP_SAVE"}
     )
     cameras: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Cameras",
         description="COLMAP model or transforms.json to use instead of estimating the cameras",
         subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
     )
     # Text, not a fixed list: the engine knows its presets and says so when a name is wrong.
     preset: bpy.props.StringProperty(  # type: ignore[valid-type]

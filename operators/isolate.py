@@ -1,56 +1,51 @@
-"""Isolate an object by a text or a click on a photo; it gets a collection of its own."""
+"""Isolate objects by text or by clicks on photos; each gets a collection of its own."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
-from ..engine.errors import HeritageError, PromptError
-from ..gaussian_heritage_addon import job_runner
+from ..engine.errors import PromptError
+from ..gaussian_heritage_addon.prompts import Click, click_arguments, text_arguments
+from ..gaussian_heritage_addon.properties import HeritageClick
+from .segmenting import Segmenting, clicks_of
 
 __all__ = ["CLASSES"]
 
 
-class HERITAGE_OT_isolate(bpy.types.Operator):
-    """Isolate what the prompt names, or what lies at a pixel of a photo"""
+class HERITAGE_OT_isolate(Segmenting, bpy.types.Operator):
+    """Isolate what the prompt names (several things as "vase;teapot"), or what lies at pixels of photos"""
 
     bl_idname = "heritage.isolate"
     bl_label = "Isolate"
     bl_options = {"REGISTER", "UNDO"}
 
-    prompt: bpy.props.StringProperty(name="Prompt", description="What it is, in words")  # type: ignore[valid-type]
-    photo: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Photo", description="Name of the photo that was clicked, instead of a prompt"
+    # Nothing is remembered for the next press: each asks for something else.
+    prompt: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Prompt", description="What it is, in words", options={"SKIP_SAVE"}
     )
-    x: bpy.props.FloatProperty(name="X", description="Pixels from the photo's left edge", min=0.0)  # type: ignore[valid-type]
-    y: bpy.props.FloatProperty(name="Y", description="Pixels from the photo's upper edge", min=0.0)  # type: ignore[valid-type]
-    name: bpy.props.StringProperty(name="Name", description="Of the object; empty: the prompt")  # type: ignore[valid-type]
+    photo: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Photo", description="Name of the photo that was clicked, instead of a prompt", options={"SKIP_SAVE"}
+    )
+    x: bpy.props.FloatProperty(  # type: ignore[valid-type]
+        name="X", description="Pixels from the photo's left edge", min=0.0, options={"SKIP_SAVE"}
+    )
+    y: bpy.props.FloatProperty(  # type: ignore[valid-type]
+        name="Y", description="Pixels from the photo's upper edge", min=0.0, options={"SKIP_SAVE"}
+    )
+    clicks: bpy.props.CollectionProperty(  # type: ignore[valid-type]
+        type=HeritageClick, name="Clicks", description="On one object, instead of a prompt", options={"SKIP_SAVE"}
+    )
+    name: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Name", description="Of the object; empty: the prompt", options={"SKIP_SAVE"}
+    )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the engine; the objects are added when it is done."""
-        try:
-            project = Path(bpy.path.abspath(context.scene.heritage.project))
-            state = job_runner.start("segment", project, "segment", str(project), *self._what())
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, "Working in the background; see the Heritage panel." if state is None else state.message)
-        return {"FINISHED"}
-
-    def _what(self) -> list[str]:
+    def what(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments for what was asked."""
-        prompt, name = self.prompt.strip(), self.name.strip()
-        if bool(prompt) == bool(self.photo):
+        clicks = clicks_of(self) + ([Click(self.photo, self.x, self.y)] if self.photo else [])
+        if bool(self.prompt.strip()) == bool(clicks):
             raise PromptError("Say what to isolate: a prompt in words, or a photo with a pixel in it.")
-        arguments = ["--prompt", prompt] if prompt else ["--click", f"{self.photo}={self.x:g},{self.y:g}"]
-        return [*arguments, "--name", name or prompt or "object"]
+        name = self.name.strip()
+        return click_arguments(clicks, name) if clicks else text_arguments(self.prompt, name)
 
 
 CLASSES = [HERITAGE_OT_isolate]

@@ -73,7 +73,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     models = _chosen(options)
     lines: list[str] = []
     states: dict[str, str] = {}
-    failed = False
+    problems: list[str] = []
     for done, model in enumerate(models):
         if options.action == "fetch":
             path = fetch(
@@ -90,9 +90,9 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             states[model.name] = str(locate(model.name))
         except HeritageError as error:
             states[model.name] = str(error)
-            failed = failed or options.action == "verify"
+            problems.append(model.name)
         kind = f"optional, {model.size_in_words}" if model.optional else model.size_in_words
         lines.append(f"{model.name}: {kind}, {model.licence} ({model.who_may_use}), {model.source}, {model.pin}")
         lines.append(f"    {states[model.name]}")
-    emit(Finished("\n".join(lines), {"models": states}))
-    return 1 if failed else 0
+    emit(Finished("\n".join(lines), {"models": states, "problems": problems}))
+    return 1 if problems and options.action == "verify" else 0

@@ -37,7 +37,9 @@ def test_state_follows_the_events_and_ends_with_the_outputs(script: Script, tmp_
         script("""
 say(StageStarted("training"))
 say(Progress("training", 0.25, 12.0, "step 5"))
-say(Metric("training", "psnr", 21.5))
+say(Metric("training", "psnr", 20.0, 46, 0.8))
+say(Metric("training", "loss", 0.1, 60))
+say(Metric("training", "psnr", 21.5, 67, 1.5))
 say(Preview("training", "p.png"))
 say(Warned("one photo is blurred"))
 print("not an event", flush=True)
@@ -47,7 +49,8 @@ say(Finished("done", {"objects": ["vase"]}))
     )
     state = job.wait()
     assert (state.stage, state.fraction, state.seconds_left, state.message) == ("training", 0.25, 12.0, "done")
-    assert (state.metrics, state.preview, state.warnings) == ({"psnr": 21.5}, "p.png", ["one photo is blurred"])
+    assert (state.preview, state.warnings) == ("p.png", ["one photo is blurred"])
+    assert (state.metrics, state.curve) == ({"psnr": 21.5, "loss": 0.1}, [(0.8, 20.0), (1.5, 21.5)])
     assert state.finished and not state.error and state.outputs == {"objects": ["vase"]}
 
 

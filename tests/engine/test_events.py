@@ -28,7 +28,7 @@ from engine.events import (
         StageStarted("photos"),
         StageFinished("photos", 1.5, reused=True),
         Progress("masks", 0.5, 12.0, "Büste.jpg"),
-        Metric("training", "psnr", 25.5, 100),
+        Metric("training", "psnr", 25.5, 100, 12.5),
         Preview("training", "checkpoints/preview.png"),
         Warned("one photo is dark"),
         ErrorEvent("No photos.", "PhotoError"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import stat
 import sys
@@ -82,13 +83,13 @@ def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_p
     return SimpleNamespace(folder=folder, gaussians=gaussians)
 
 
-def write_object(project: Path, object_id: str, name: str, membership: np.ndarray) -> None:
+def write_object(project: Path, object_id: str, name: str, membership: np.ndarray, **known: Any) -> None:
     """Write an object as the engine does."""
     folder = project / "objects" / object_id
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "membership.npy", membership)
     record = {"version": 1, "id": object_id, "name": name, "prompt": {"text": name}, "score": 0.8, "threshold": 0.5}
-    (folder / "object.json").write_text(json.dumps(record))
+    (folder / "object.json").write_text(json.dumps({**record, **known}))
 
 
 @pytest.fixture
@@ -102,6 +103,7 @@ def engine_stand_in(installed: str, tmp_path: Path) -> Iterator[Callable[[str], 
             f"#!{sys.executable}\nimport json, sys\nimport numpy as np\nfrom pathlib import Path\n"
             f"Path({str(arguments)!r}).write_text(json.dumps(sys.argv[1:]))\n"
             "def say(kind, **fields): print(json.dumps({'v': 1, 'kind': kind, 'time': 0.0, **fields}), flush=True)\n"
+            + inspect.getsource(write_object).replace("**known: Any", "**known")
             + text
         )
         program.chmod(program.stat().st_mode | stat.S_IXUSR)
@@ -110,3 +112,77 @@ def engine_stand_in(installed: str, tmp_path: Path) -> Iterator[Callable[[str], 
 
     yield make
     bpy.context.preferences.addons[installed].preferences.engine_python = ""
+
+
+class Drawn:
+    """Stands in for a layout: checks what is drawn against Blender's own description, and remembers it.
+
+    Attributes
+    ----------
+    texts : list of str
+        Labels, and the texts of properties that have one.
+    props : list of str
+        Names of the properties drawn.
+    buttons : list of (str, dict)
+        Operators and what their buttons set.
+    """
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.props: list[str] = []
+        self._buttons: list[tuple[str, SimpleNamespace]] = []
+
+    @property
+    def buttons(self) -> list[tuple[str, dict[str, Any]]]:
+        return [(name, vars(options)) for name, options in self._buttons]
+
+    def button(self, name: str) -> dict[str, Any]:
+        """What the only button of an operator sets."""
+        (options,) = [options for other, options in self.buttons if other == f"heritage.{name}"]
+        return options
+
+    def __getattr__(self, method: str) -> Callable[..., Any]:
+        known = bpy.types.UILayout.bl_rna.functions[method].parameters
+
+        def draw(*places: Any, **options: Any) -> Any:
+            assert set(options) <= set(known.keys()), (method, options)
+            icon = options.get("icon", "NONE")
+            assert "icon" not in known or icon in known["icon"].enum_items, icon
+            if "text" in options:
+                self.texts.append(options["text"])
+            if method == "prop":
+                assert places[1] in places[0].bl_rna.properties, places[1]
+                self.props.append(places[1])
+            if method == "operator":
+                return self._operator(places[0])
+            return self
+
+        return draw
+
+    def separator(self) -> None:
+        """Blender's description lacks it in some versions."""
+
+    def _operator(self, name: str) -> Any:
+        properties = getattr(bpy.ops.heritage, name.partition(".")[2]).get_rna_type().properties
+        button = SimpleNamespace()
+        self._buttons.append((name, button))
+
+        class Checked:
+            def __setattr__(self, option: str, value: Any) -> None:
+                assert option in properties, (name, option)
+                setattr(button, option, value)
+
+        return Checked()
+
+
+@pytest.fixture
+def draw(part: Part) -> Callable[[str], Drawn]:
+    """``draw("HERITAGE_PT_objects")``: what a panel of that name shows now."""
+
+    def make(name: str) -> Drawn:
+        panel, drawn = getattr(bpy.types, name), Drawn()
+        assert not hasattr(panel, "poll") or panel.poll(bpy.context)
+        panel.draw(SimpleNamespace(layout=drawn), bpy.context)
+        return drawn
+
+    return make

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -54,21 +53,6 @@ def test_slider_changes_what_is_drawn_and_exported(project: Any, part: Part, tmp
         bpy.ops.heritage.export_objects(directory=str(tmp_path), overwrite=True)
         back = part("engine.formats").read_ply(tmp_path / "Vase.ply")
         np.testing.assert_array_equal(back.means, project.gaussians.means[:40][wanted])
-
-
-def test_slider_is_quick_with_300000_gaussians(part: Part, random_gaussians: Callable[..., Any]) -> None:
-    splats = part("gaussian_heritage_addon.splats").SplatScene.create(
-        "big",
-        random_gaussians(300_000, degree=1),
-        bpy.context.scene.collection,
-        membership=np.linspace(0, 1, 300_000).astype(np.float32),
-    )
-    bpy.context.view_layer.update()
-    before = time.perf_counter()
-    splats.object.heritage.threshold = 0.7
-    bpy.context.view_layer.update()
-    # Measured: 0.07 s. The bound leaves room for a busy machine; the figure to reach is 0.2 s.
-    assert time.perf_counter() - before < 1.0
 
 
 def test_scene_and_objects_are_never_drawn_twice(project: Any) -> None:
@@ -143,19 +127,12 @@ def test_isolate_asks_the_engine_and_adds_its_collection(project: Any, engine_st
     arguments = engine_stand_in(SEGMENT)
     assert bpy.ops.heritage.isolate(prompt=" bust ") == {"FINISHED"}
     assert json.loads(arguments.read_text()) == [
-        *["-m", "engine", "segment", str(project.folder), "--prompt", "bust", "--name", "bust", "--events"]
+        *["-m", "engine", "segment", str(project.folder), "--prompt", "bust", "--events"]
     ]
     bust = bpy.data.collections["Bust"].objects[0]
     assert len(bust.data.vertices) == 10 and tuple(bust.matrix_world.translation) == (0, 0, 5)
     assert scene.hide_render and not bust.hide_render
     assert len([obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"]) == 2
-
-
-def test_click_is_given_in_photo_pixels(project: Any, engine_stand_in: Callable[[str], Path]) -> None:
-    open_project(project)
-    arguments = engine_stand_in(SEGMENT)
-    bpy.ops.heritage.isolate(photo="a b/view 1.jpg", x=12.5, y=7, name="thing")
-    assert json.loads(arguments.read_text())[4:8] == ["--click", "a b/view 1.jpg=12.5,7", "--name", "thing"]
 
 
 def test_engine_error_is_what_the_person_reads(project: Any, engine_stand_in: Callable[[str], Path]) -> None:

@@ -47,6 +47,13 @@ def test_damaged_file_is_found_by_verify(cache: Path, capsys: pytest.CaptureFixt
     assert "is damaged" in capsys.readouterr().out
 
 
+def test_blender_is_told_which_files_are_wrong(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (cache / "two").write_bytes(b"2")
+    for action, code in (("list", 0), ("verify", 1)):
+        answer = call(capsys, "models", action)
+        assert (answer.code, answer.of_kind("finished")[0]["outputs"]["problems"]) == (code, ["two"])
+
+
 def test_unknown_name_lists_the_known_ones(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "Known: one, two." in call(capsys, "models", "fetch", "three").error
 

@@ -1,0 +1,143 @@
+"""Clicks in the viewport, looking through the camera of a photo: what the modal operator asks of Blender."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import blf
+import bpy
+import numpy as np
+
+from ..engine.cameras.camera import Camera
+from ..engine.errors import HeritageError, ObjectError
+from .backdrop import show_backdrop
+from .cameras import current_photo, look_through
+from .picking import View, photo_pixel, require_same_place
+from .project import photo_camera
+from .prompts import Click
+from .scene_file import whole_scene
+
+__all__ = ["Viewport"]
+
+_MARK_SIZE = 24
+_MARK_COLORS = {True: (0.3, 0.9, 0.3, 1.0), False: (1.0, 0.3, 0.2, 1.0)}
+_MARKS = {True: "+", False: "\N{MINUS SIGN}"}
+
+
+@dataclass
+class Viewport:
+    """A 3D viewport in which photos are clicked.
+
+    Attributes
+    ----------
+    scene : Scene
+    area : Area
+        A ``VIEW_3D``.
+    note : str
+        Why the photo looked through is not shown; empty when it is.
+    """
+
+    scene: bpy.types.Scene
+    area: bpy.types.Area
+    note: str = ""
+
+    @classmethod
+    def of(cls, context: bpy.types.Context) -> Viewport:
+        """Return the viewport the operator was started in, looking through the photo's camera.
+
+        Raises
+        ------
+        ObjectError
+            Outside of a 3D viewport, or without a photo's camera in the scene.
+        """
+        if context.area is None or context.area.type != "VIEW_3D":
+            raise ObjectError("Objects are clicked in a 3D viewport: press the button in its sidebar (N).")
+        viewport = cls(context.scene, context.area)
+        viewport.show_photo(0)
+        return viewport
+
+    @property
+    def _region(self) -> bpy.types.Region:
+        return next(region for region in self.area.regions if region.type == "WINDOW")
+
+    @property
+    def _space(self) -> bpy.types.SpaceView3D:
+        return self.area.spaces.active
+
+    def show_photo(self, step: int) -> None:
+        """Look through the camera of the photo `step` further than the present one, and show it."""
+        render = self.scene.render
+        look_through(self.scene, "", max(render.resolution_x, render.resolution_y), step=step)
+        self._space.region_3d.view_perspective = "CAMERA"
+        project = self._project
+        try:
+            show_backdrop(self.scene.camera, photo_camera(project, current_photo(self.scene)), project)
+        except HeritageError as error:
+            # The splats can be clicked as well.
+            self.note = str(error)
+        else:
+            self.note = ""
+
+    @property
+    def _project(self) -> Path:
+        return Path(bpy.path.abspath(self.scene.heritage.project))
+
+    def is_over(self, x: int, y: int) -> bool:
+        """Return whether a place of the window lies in the picture, not on a header or sidebar over it."""
+
+        def inside(region: bpy.types.Region) -> bool:
+            # A region that is closed has a width or height of 1.
+            return region.x <= x < region.x + region.width and region.y <= y < region.y + region.height > 1
+
+        return inside(self._region) and not any(
+            inside(region) for region in self.area.regions if region.type != "WINDOW" and region.width > 1
+        )
+
+    def click(self, x: int, y: int, wanted: bool) -> tuple[Click, tuple[float, float]]:
+        """Return the pixel of the photo at a place of the window, and its direction, for the mark.
+
+        Raises
+        ------
+        ObjectError
+            When the viewport does not look through a photo's camera.
+        CameraError
+            When the place lies outside of the photo, or camera and scene were moved apart.
+        """
+        camera = self._camera()
+        region = self._region
+        # The middle of the window's pixel.
+        direction = self._view().direction(x - region.x + 0.5, y - region.y + 0.5)
+        column, row = photo_pixel(camera, direction)
+        return Click(camera.photo, column, row, wanted), direction
+
+    def _camera(self) -> Camera:
+        photo = current_photo(self.scene)
+        if not photo or self._space.region_3d.view_perspective != "CAMERA":
+            raise ObjectError("Look through a photo's camera to click (Numpad 0, or the arrow keys).")
+        camera, whole = photo_camera(self._project, photo), whole_scene(self.scene, Path(self.scene.heritage.project))
+        if whole is not None:
+            require_same_place(camera, np.array(self.scene.camera.matrix_world), np.array(whole.matrix_world))
+        return camera
+
+    def _view(self) -> View:
+        return View(
+            self._region.width,
+            self._region.height,
+            np.array(self._space.region_3d.perspective_matrix, np.float64),
+            np.array(self.scene.camera.matrix_world, np.float64),
+        )
+
+    def draw_marks(self, marks: list[tuple[Click, tuple[float, float]]]) -> None:
+        """Draw the clicks on the photo looked through; called by Blender while it draws the viewport."""
+        if self._space.region_3d.view_perspective != "CAMERA":
+            return
+        photo, view = current_photo(self.scene), self._view()
+        blf.size(0, _MARK_SIZE)
+        for click, direction in marks:
+            if click.photo == photo:
+                x, y = view.place(direction)
+                width, height = blf.dimensions(0, _MARKS[click.wanted])
+                blf.position(0, x - width / 2, y - height / 2, 0)
+                blf.color(0, *_MARK_COLORS[click.wanted])
+                blf.draw(0, _MARKS[click.wanted])

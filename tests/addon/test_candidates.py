@@ -1,0 +1,64 @@
+"""What came nearest to a text that was not found is read from the project as the engine writes it."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .conftest import PACKAGE
+
+candidates = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.candidates")
+errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+
+STORED = {
+    "version": 1,
+    "created": "2026-11-21T10:45:00+00:00",
+    "refused": [{"text": "banana", "message": "Nothing looks enough like 'banana'."}],
+    "candidates": [
+        {
+            "number": 2, "text": "banana", "score": 0.21, "photo": "view_05.jpg", "x": 412.0, "y": 300.5,
+            "box": [380.0, 250.0, 450.0, 350.0], "n_gaussians": 345, "picture": "objects/_candidates/2.png",
+        }
+    ],
+}  # fmt: skip
+
+
+def write(project: Path, content: Any) -> Path:
+    file = project / "objects" / "candidates.json"
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    return file
+
+
+def test_candidates_come_with_the_sentence_and_their_pictures(tmp_path: Path) -> None:
+    write(tmp_path, STORED)
+    not_found = candidates.read_not_found(tmp_path)
+    assert not_found.messages == ("Nothing looks enough like 'banana'.",)
+    picture = tmp_path / "objects" / "_candidates" / "2.png"
+    assert not_found.candidates == (candidates.Candidate(2, "banana", 0.21, "view_05.jpg", picture),)
+
+
+def test_words_outside_the_vocabulary_have_a_sentence_and_no_candidates(tmp_path: Path) -> None:
+    write(tmp_path, {"version": 1, "refused": STORED["refused"]})
+    assert candidates.read_not_found(tmp_path).candidates == ()
+
+
+def test_a_later_search_replaces_the_list_and_dismissing_removes_it(tmp_path: Path) -> None:
+    assert candidates.read_not_found(tmp_path) is None
+    write(tmp_path, STORED)
+    assert len(candidates.read_not_found(tmp_path).candidates) == 1
+    write(tmp_path, {"version": 1, "refused": [{"text": "x", "message": "No x."}], "candidates": []})
+    assert candidates.read_not_found(tmp_path).messages == ("No x.",)
+    candidates.dismiss(tmp_path)
+    candidates.dismiss(tmp_path)
+    assert candidates.read_not_found(tmp_path) is None
+
+
+def test_damaged_list_is_a_sentence(tmp_path: Path) -> None:
+    write(tmp_path, "{")
+    with pytest.raises(errors.FormatError, match="Delete it and ask again"):
+        candidates.read_not_found(tmp_path)

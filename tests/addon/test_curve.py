@@ -1,0 +1,69 @@
+"""The panel's picture of error against run time is what was measured."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from .conftest import PACKAGE
+
+curve = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.curve")
+MEASURED = [(0.8, 20.9), (3.0, 23.0), (12.0, 25.5), (50.0, 27.6), (195.0, 28.7)]
+
+
+def on_the_line(picture: np.ndarray) -> np.ndarray:
+    """Pixels in the line's colour."""
+    return (picture[..., 3] > 0.9) & (np.abs(picture[..., :3] - curve._LINE).max(axis=-1) < 0.05)
+
+
+def test_line_leads_from_the_first_point_below_to_the_last_above() -> None:
+    picture = curve.curve_picture(MEASURED)
+    assert picture.shape == (160, 256, 4) and picture.dtype == np.float32
+    assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1
+    rows, columns = np.nonzero(on_the_line(picture))
+    assert rows[columns.argmin()] == pytest.approx(curve._BOTTOM, abs=3)
+    assert rows[columns.argmax()] == pytest.approx(160 - curve._BORDER, abs=3)
+    heights = [rows[columns == column].mean() for column in range(columns.min(), columns.max() + 1)]
+    assert np.all(np.diff(heights) > -0.6)
+
+
+def test_time_is_logarithmic() -> None:
+    """A point at the geometric mean of the times stands in the middle."""
+    rows, columns = np.nonzero(on_the_line(curve.curve_picture([(1.0, 20.0), (10.0, 30.0), (100.0, 20.0)])))
+    middle = columns[rows == rows.max()].mean()
+    assert middle == pytest.approx((curve._LEFT + 256 - curve._BORDER) / 2, abs=2)
+
+
+def test_numbers_stand_at_round_values() -> None:
+    assert list(curve._round_seconds(0.8, 195.0)) == [1, 2, 5, 10, 20, 50, 100]
+    assert list(curve._round_seconds(0.8, 2500.0)) == [1, 10, 100, 1000]
+    assert list(curve._round_values(20.9, 28.7)) == [22, 24, 26, 28]
+
+
+@pytest.mark.parametrize("points", [[], [(1.0, 20.0)], [(0.0, 1.0), (np.nan, 2.0), (5.0, 3.0)], [(2.0, 1.0)] * 2])
+def test_too_little_gives_no_picture(points: list[tuple[float, float]]) -> None:
+    assert curve.curve_picture(points) is None
+
+
+@pytest.mark.parametrize("points", [[(1e-4, 5.0), (1e6, 5.0)], [(1.0, -300.0), (2.0, 900.0)], [(0.01, 3), (0.02, 4)]])
+def test_extreme_curves_are_drawn_too(points: list[tuple[float, float]]) -> None:
+    assert on_the_line(curve.curve_picture(points)).any()
+
+
+def test_curve_of_a_finished_training_is_read_and_read_again(tmp_path: Path) -> None:
+    assert curve.stored_curve(tmp_path) == ()
+
+    def write(psnr: float) -> None:
+        figures = {"curve": [{"step": 1, "wall_seconds": 2.0, "psnr": psnr}]}
+        (tmp_path / "project.json").write_text(json.dumps({"stages": {"training": {"figures": figures}}}))
+
+    write(20.0)
+    assert curve.stored_curve(tmp_path) == ((2.0, 20.0),)
+    write(21.25)
+    assert curve.stored_curve(tmp_path) == ((2.0, 21.25),)
+    (tmp_path / "project.json").write_text("{")
+    assert curve.stored_curve(tmp_path) == ()

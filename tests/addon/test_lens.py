@@ -1,0 +1,70 @@
+"""A direction falls on the same pixel of the photo as in the engine, for every lens model of COLMAP."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pycolmap
+import pytest
+
+from engine.cameras.camera import Camera
+from engine.cameras.lens import project
+
+from .conftest import PACKAGE
+
+lens = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.lens")
+errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+
+# Uneven, so that an exchanged coefficient shows.
+PARAMETERS = {
+    "SIMPLE_PINHOLE": (610.0, 390.0, 310.0),
+    "PINHOLE": (610.0, 590.0, 390.0, 310.0),
+    "SIMPLE_RADIAL": (610.0, 390.0, 310.0, -0.08),
+    "RADIAL": (610.0, 390.0, 310.0, -0.09, 0.03),
+    "OPENCV": (610.0, 590.0, 390.0, 310.0, -0.09, 0.03, 0.004, -0.007),
+    "FULL_OPENCV": (610.0, 590.0, 390.0, 310.0, -0.09, 0.03, 0.004, -0.007, 0.01, 0.05, 0.02, 0.01),
+    "SIMPLE_FISHEYE": (610.0, 390.0, 310.0),
+    "FISHEYE": (610.0, 590.0, 390.0, 310.0),
+    "SIMPLE_RADIAL_FISHEYE": (610.0, 390.0, 310.0, 0.05),
+    "RADIAL_FISHEYE": (610.0, 390.0, 310.0, 0.05, -0.02),
+    "OPENCV_FISHEYE": (610.0, 590.0, 390.0, 310.0, 0.05, -0.02, 0.01, -0.003),
+    "THIN_PRISM_FISHEYE": (610.0, 590.0, 390.0, 310.0, 0.05, -0.02, 0.004, -0.007, 0.01, -0.003, 0.002, -0.003),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (
+        610.0, 590.0, 390.0, 310.0, 0.05, -0.02, 0.01, -0.003, 0.002, 0.001, 0.004, -0.007, 0.002, -0.003, 0.001, 0.005,
+    ),
+    "FOV": (610.0, 590.0, 390.0, 310.0, 0.7),
+    "SIMPLE_DIVISION": (610.0, 390.0, 310.0, -0.1),
+    "DIVISION": (610.0, 590.0, 390.0, 310.0, -0.1),
+    "EUCM": (610.0, 590.0, 390.0, 310.0, 0.55, 1.1),
+}  # fmt: skip
+
+
+def camera_of(model: str, params: tuple[float, ...] | None = None) -> Camera:
+    return Camera("a.jpg", 800, 600, model, params or PARAMETERS[model], np.eye(4))
+
+
+def test_every_model_is_compared() -> None:
+    known = set(pycolmap.CameraModelId.__members__) - {"INVALID", "EQUIRECTANGULAR"}
+    assert known <= set(PARAMETERS) and set(lens._DISTORTIONS) == set(PARAMETERS)
+
+
+@pytest.mark.parametrize("model", [name for name in PARAMETERS if name in pycolmap.CameraModelId.__members__])
+def test_pixel_is_the_engines(model: str) -> None:
+    rng = np.random.default_rng(0)
+    directions = np.concatenate([rng.uniform(-0.7, 0.7, (200, 2)), [[0.0, 0.0]]])
+    expected, _ = project(camera_of(model), np.concatenate([directions, np.ones((201, 1))], axis=1) * 2.5)
+    assert np.isfinite(expected).all()
+    np.testing.assert_allclose(lens.photo_pixels(camera_of(model), directions), expected, atol=1e-6)
+
+
+def test_directions_far_outside_never_fold_back_into_the_photo() -> None:
+    camera = camera_of("SIMPLE_RADIAL", (610.0, 390.0, 310.0, -0.2))
+    # 1 - 3 * 0.2 r^2 is 0 at r = 1.29: the model turns back there, and at r = 2.2 is almost at the centre again.
+    pixels = lens.photo_pixels(camera, np.array([[1.2, 0.0], [2.2, 0.0]]))
+    assert np.isfinite(pixels[0]).all() and np.isnan(pixels[1]).all()
+
+
+def test_unknown_model_is_a_sentence() -> None:
+    with pytest.raises(errors.CameraError, match=r"lens model EQUIRECTANGULAR of a\.jpg is not known"):
+        lens.photo_pixels(camera_of("EQUIRECTANGULAR", (800.0, 600.0, 0.0, 0.0)), np.zeros((1, 2)))

