@@ -1,7 +1,7 @@
-"""How well words find the museum room's exhibits: ``python -m benchmarks.text_prompts PROJECT [--out FILE.md]``.
+"""How well words find a generated scene's exhibits: ``python -m benchmarks.text_prompts PROJECT [--out FILE.md]``.
 
-PROJECT is the default photo set, trained: what `make demo` leaves in out/museum_room/project. Every exhibit is asked
-for by its name, and so are things that are not there. The truth is that of the scene the photos were rendered from.
+PROJECT is a photo set of ours, trained: what `make demo` leaves in out/museum_room/project. Every exhibit is asked for
+by its prompt, and so are things that are not there. The truth is that of the scene the photos were rendered from.
 
 example: python -m benchmarks.text_prompts out/museum_room/project
 """
@@ -9,7 +9,6 @@ example: python -m benchmarks.text_prompts out/museum_room/project
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterator
@@ -18,10 +17,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from PIL import Image
 
 from engine.cameras.storage import read_camera_set
 from engine.errors import PromptError
+from engine.evaluation.document import write_section
+from engine.evaluation.ground_truth import read_ground_truth
+from engine.evaluation.isolation import visible_masks
+from engine.evaluation.mask_metrics import iou
 from engine.events import ignore_events, never_stop
 from engine.gaussians.storage import load_gaussians
 from engine.grounding.default import load_default_detector
@@ -29,23 +31,26 @@ from engine.masks.sam import load_default_sam
 from engine.objects.prompts import TextPrompt
 from engine.objects.segment import find_objects, label_maps_of
 from engine.objects.settings import BETTER, SegmentSettings
-from engine.objects.views import Views
 from engine.pictures.scene import Scene
-from engine.project_folder import atomic_write
 
-_ROOM = Path(__file__).parent.parent / "demo" / "museum_room"
-_NOT_THERE = (
-    "guitar", "piano", "dog", "bicycle", "umbrella", "lamp", "laptop", "banana", "pillow", "wall clock", "bookcase",
-    "candle", "sword", "helmet", "car", "teddy bear",
-)  # fmt: skip
-
+_DEMO = Path(__file__).parent.parent / "demo"
+_NOT_THERE = {
+    "museum_room": (
+        "guitar", "piano", "dog", "bicycle", "umbrella", "lamp", "laptop", "banana", "pillow", "wall clock", "bookcase",
+        "candle", "sword", "helmet", "car", "teddy bear",
+    ),
+    "store_room": (
+        "piano", "dog", "bicycle", "umbrella", "lamp", "laptop", "banana", "pillow", "sword", "helmet", "car",
+        "teddy bear", "bell", "drum", "obelisk", "hourglass", "teapot", "flowerpot",
+    ),
+}  # fmt: skip
+"""Words for what no photo of a scene shows, not even as part of something else."""
 
 _INTRODUCTION = """# Words and what they find
 
-Written by `python -m benchmarks.text_prompts out/museum_room/project --out docs/text_prompts.md`, after `make demo`.
 The offline vocabulary (EfficientNet-Lite2, MiniLM) on SAM's segments; the first word of a process loads the models and
-classifies the segments of eight photos. Thresholds were chosen on this very room: on others expect less.
-"""
+classifies the segments of eight photos. Thresholds were chosen on the museum room and nothing on the store room, whose
+figures are the ones to expect elsewhere. Equal exhibits share a word, and either is right."""
 _HEAD = """| word | first object (mean IoU) | right | objects | confidence | CPU s | wall s |
 | --- | --- | --- | ---: | ---: | ---: | ---: |"""
 
@@ -58,9 +63,9 @@ class Answer:
     ----------
     word : str
     found : str
-        The exhibit that the first object is, ``something else``, or empty when the word was refused.
+        The prompt of the exhibit that the first object is, ``something else``, or empty when the word was refused.
     iou : float
-        Mean over all photos that show the exhibit, of the first object with its true mask.
+        Of the first object with that exhibit's true masks, the mean over photos spread over the room.
     n_objects : int
     score : float
     cpu_seconds, wall_seconds : float
@@ -76,22 +81,22 @@ class Answer:
 
 
 class Room:
-    """A trained museum room and its truth."""
+    """A trained scene and its truth."""
 
-    def __init__(self, project: Path) -> None:
-        names = json.loads((_ROOM / "truth" / "names.json").read_text(encoding="utf-8"))
-        self.names = {int(number): entry["name"] for number, entry in names.items()}
+    def __init__(self, project: Path, scene: Path) -> None:
+        self.photos = scene / "photos"
         self.cameras = read_camera_set(project / "cameras")
         self.gaussians = load_gaussians(project / "gaussians")
         self.scene = Scene(self.gaussians)
         self.label_maps = label_maps_of(project, self.cameras)
+        self.truth = read_ground_truth(scene / "truth", [camera.photo for camera in self.cameras.cameras])
 
     def ask(self, word: str, settings: SegmentSettings) -> Answer:
         """Look for `word`."""
         cpu, wall = time.process_time(), time.perf_counter()
         try:
             objects = find_objects(
-                self.gaussians, self.cameras, _ROOM / "photos", TextPrompt(word), settings,
+                self.gaussians, self.cameras, self.photos, TextPrompt(word), settings,
                 label_maps=self.label_maps, detector_factory=load_default_detector, sam_factory=load_default_sam,
                 emit=ignore_events, should_stop=never_stop,
             )  # fmt: skip
@@ -101,24 +106,18 @@ class Room:
         if not objects:
             return Answer(word, "", 0.0, 0, 0.0, *spent)
         ious = self._ious(objects[0].membership >= 0.5)
-        best = max(ious, key=lambda number: ious[number])
-        found = self.names[best] if ious[best] >= 0.3 else "something else"
+        best = max(ious, key=lambda name: ious[name])
+        found = self.truth.prompts[best] if ious[best] >= 0.3 else "something else"
         return Answer(word, found, ious[best], len(objects), objects[0].score, *spent)
 
-    def _ious(self, members: np.ndarray) -> dict[int, float]:
-        """Return the mean IoU of a set of Gaussians with every exhibit, over eight photos spread over the room."""
-        views = Views(self.scene, self.cameras, render_side=480)
-        sums: dict[int, list[float]] = {number: [] for number in self.names}
+    def _ious(self, members: np.ndarray) -> dict[str, float]:
+        """Return the mean IoU of a set of Gaussians with every exhibit, over photos spread over the room."""
+        sums: dict[str, list[float]] = {name: [] for name in self.truth.objects}
         for camera in self.cameras.cameras[::6]:
-            view = views.of(camera)
-            shown = views.visible_share(view, members) > 0.5
-            with Image.open(_ROOM / "truth" / "masks" / f"{Path(camera.photo).stem}.png") as file:
-                truth = view.labels_from_photo(np.asarray(file, np.int32))
-            for number, values in sums.items():
-                mask = truth == number
-                if mask.sum() >= 100:
-                    values.append(float((shown & mask).sum() / (shown | mask).sum()))
-        return {number: float(np.mean(values)) if values else 0.0 for number, values in sums.items()}
+            (shown,) = visible_masks(self.scene, camera, [members])
+            for name, mask in self.truth.masks(camera.photo).items():
+                sums[name].append(iou(shown, mask))
+        return {name: float(np.mean(values)) if values else 0.0 for name, values in sums.items()}
 
 
 def rows(answers: list[Answer], there: bool) -> Iterator[str]:
@@ -135,29 +134,33 @@ def rows(answers: list[Answer], there: bool) -> Iterator[str]:
 def main() -> None:
     """Ask, print and, if wanted, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("project", type=Path, help="the museum room, trained")
-    parser.add_argument("--out", type=Path, help="Markdown file for the tables")
+    parser.add_argument("project", type=Path, help="one of our scenes, trained")
+    parser.add_argument(
+        "--scene", choices=sorted(_NOT_THERE), default="museum_room", help="which (default: %(default)s)"
+    )
+    parser.add_argument("--out", type=Path, help="Markdown file for the tables; its sections on other scenes stay")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    room, text = Room(arguments.project), _INTRODUCTION
-    there = list(room.names.values())
+    room = Room(arguments.project, _DEMO / arguments.scene)
+    there, not_there = list(dict.fromkeys(room.truth.prompts.values())), _NOT_THERE[arguments.scene]
+    command = f"python -m benchmarks.text_prompts out/{arguments.scene}/project --scene {arguments.scene}"
     ways = (
-        ("As it is", BETTER),
-        ("Without looking again from all sides", replace(BETTER, n_rescored=0, least_score=0.0)),
+        ("as it is", BETTER),
+        ("without looking again from all sides", replace(BETTER, n_rescored=0, least_score=0.0)),
     )
     for title, settings in ways:
         found = [room.ask(word, settings) for word in there]
-        missing = [room.ask(word, settings) for word in _NOT_THERE]
+        missing = [room.ask(word, settings) for word in not_there]
         n_right = sum(a.found == a.word for a in found)
         n_refused = sum(a.n_objects == 0 for a in missing)
-        text += f"\n## {title}\n\n{n_right} of {len(found)} exhibits right, {n_refused} of {len(missing)} things that "
-        text += "are not there refused.\n\n"
-        text += "\n".join([_HEAD, *rows(found, True), *rows(missing, False)]) + "\n"
-        sys.stdout.write(text.split("\n## ")[-1])
+        body = (
+            f"`{command}`\n\n{n_right} of {len(found)} exhibits right, {n_refused} of {len(missing)} things that are "
+            "not there refused.\n\n" + "\n".join([_HEAD, *rows(found, True), *rows(missing, False)])
+        )
+        sys.stdout.write(f"{arguments.scene}, {title}\n\n{body}\n\n")
         sys.stdout.flush()
-    if arguments.out:
-        with atomic_write(arguments.out) as stream:
-            stream.write(text.encode())
+        if arguments.out:
+            write_section(arguments.out, introduction=_INTRODUCTION, title=f"{arguments.scene}, {title}", body=body)
 
 
 if __name__ == "__main__":

@@ -9,25 +9,12 @@ from math import cos, pi, sin
 import bpy
 import numpy as np
 from mathutils import Matrix
+from studio import materials
+from studio.materials import bronze, mottled, painted, plain, wood
+from studio.meshes import box, from_arrays, lathe, relief, smooth, tube
+from studio.stage import Parts
 
-import materials
 import pictures
-from materials import mottled, painted, plain
-from meshes import box, from_arrays, lathe, relief, smooth, tube
-
-Parts = list[bpy.types.Object]
-
-
-def bronze(name: str) -> bpy.types.Material:
-    """Make brown bronze with traces of verdigris."""
-    stops = [(0.3, "#5f3d1c"), (0.5, "#9a6a32"), (0.6, "#a97b40"), (0.72, "#6c7a58")]
-    return mottled(name, stops, 9, roughness=0.45, metallic=0.65, speckle=0.5, bump=0.25)
-
-
-def wood(name: str, dark: str, light: str) -> bpy.types.Material:
-    """Make turned wood with upright grain."""
-    stops = [(0.3, dark), (0.5, light), (0.58, dark), (0.75, light)]
-    return mottled(name, stops, 7, 0.45, distortion=0.6, stretch=(5, 5, 0.8), speckle=0.45, bump=0.1)
 
 
 def vase() -> Parts:

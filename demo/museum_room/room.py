@@ -3,33 +3,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import radians
-
 import bpy
 import numpy as np
-from mathutils import Matrix, Vector
+from mathutils import Matrix
+from studio.materials import mottled, painted
+from studio.meshes import box, quad
+from studio.stage import Place, Scene, exhibit, frame, lamp, sky, turned_to, upright
+from studio.textures import label
+from studio.views import Walk
 
 import pictures
-from materials import linear, mottled, painted
-from meshes import Point3, box, quad
 from objects import BUILDERS
 
 BACK, SIDE, FRONT, HEIGHT = 1.6, 2.95, -3.6, 3.8
 SKY_STRENGTH = 0.85
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where an exhibit is: its base, its turn about Z in degrees, its size, and its plinth's stone."""
-
-    name: str
-    x: float
-    y: float
-    z: float
-    turn: float = 0.0
-    scale: float = 1.0
-    stone: str = ""
 
 
 # Instance ids in the masks follow this order, from 1.
@@ -53,28 +40,22 @@ STONES = {
 }
 
 
+WALKS = (
+    Walk(17, 2.45, 82, 1.58, 1.12, 0.0),
+    Walk(12, 2.0, 72, 1.25, 1.08, 0.15),
+    Walk(9, 2.2, 70, 2.1, 0.98, 0.1),
+    Walk(10, 1.75, 62, 1.62, 1.32, 0.45),
+)
+
+
 def build() -> None:
     """Fill the empty scene."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
     surfaces()
     for identity, place in enumerate(PLACES, start=1):
-        exhibit(place, identity)
+        exhibit(place, identity, BUILDERS)
+        if place.stone:
+            plinth(place, identity)
     light()
-
-
-def exhibit(place: Place, identity: int) -> None:
-    """Build one exhibit where it belongs, with its plinth if it stands on one."""
-    pose = (
-        Matrix.Translation((place.x, place.y, place.z))
-        @ Matrix.Rotation(radians(place.turn), 4, "Z")
-        @ Matrix.Scale(place.scale, 4)
-    )
-    for part in BUILDERS[place.name]():
-        # matrix_world of a new object is not evaluated yet, matrix_basis is.
-        part.matrix_world = pose @ part.matrix_basis
-        part.pass_index = identity
-    if place.stone:
-        plinth(place, identity)
 
 
 def plinth(place: Place, seed: int) -> None:
@@ -94,7 +75,7 @@ def plinth(place: Place, seed: int) -> None:
     ]
     y, z = -(wide - 0.04) / 2 - 0.004, place.z - 0.22
     corners = [(-0.08, y, z - 0.05), (0.08, y, z - 0.05), (0.08, y, z + 0.05), (-0.08, y, z + 0.05)]
-    parts.append(quad("Label", corners, painted(f"Label {seed}", pictures.label(seed), 0.6, wear=0.1)))
+    parts.append(quad("Label", corners, painted(f"Label {seed}", label(seed), 0.6, wear=0.1)))
     for part in parts:
         part.matrix_world = Matrix.Translation((place.x, place.y, 0)) @ part.matrix_basis
 
@@ -167,31 +148,16 @@ def hang(
     wide: float,
     tall: float,
     picture: np.ndarray,
-    frame: bpy.types.Material,
+    edges: bpy.types.Material,
 ) -> None:
     """Hang a framed picture; `along` is x on the back wall and y on the side walls."""
-    corners = [
-        (-wide / 2, -0.02, -tall / 2),
-        (wide / 2, -0.02, -tall / 2),
-        (wide / 2, -0.02, tall / 2),
-        (-wide / 2, -0.02, tall / 2),
-    ]
-    parts = [quad(name, corners, painted(name, picture, 0.6, wear=0.2, wear_scale=30))]
-    edge = 0.06
-    for side in (-1, 1):
-        parts.append(
-            box("Frame", (wide + 2 * edge, 0.05, edge), (0, -0.02, side * (tall + edge) / 2), frame, 0.015)
-        )
-        parts.append(box("Frame", (edge, 0.05, tall), (side * (wide + edge) / 2, -0.02, 0), frame, 0.015))
+    canvas = upright(name, wide, tall, -0.02, painted(name, picture, 0.6, wear=0.2, wear_scale=30))
     where, turn = {
         "back": ((along, BACK, z), 0),
         "left": ((-SIDE, along, z), 90),
         "right": ((SIDE, along, z), -90),
     }[wall]
-    for part in parts:
-        part.matrix_world = (
-            Matrix.Translation(where) @ Matrix.Rotation(radians(turn), 4, "Z") @ part.matrix_basis
-        )
+    turned_to([canvas, *frame(wide, tall, 0.06, edges)], where, turn)
 
 
 def light() -> None:
@@ -200,27 +166,9 @@ def light() -> None:
     The room has no ceiling and no front wall, which no photo shows:
     open sky converges much faster than bounced light.
     """
-    world = bpy.data.worlds.new("Sky")
-    world.use_nodes = True
-    sky = world.node_tree.nodes["Background"].inputs
-    sky["Color"].default_value, sky["Strength"].default_value = linear("#e4ecf5"), SKY_STRENGTH
-    bpy.context.scene.world = world
+    sky("#e4ecf5", SKY_STRENGTH)
     lamp("Window", (-2.6, -3.2, 3.3), (0, 0.3, 1.0), 1.5, 2.0, 250, "#ffe9cc")
     lamp("Skylight", (0.6, 0.0, 3.9), (0.2, 0.3, 1.0), 2.4, 1.2, 60, "#fff4e4")
 
 
-def lamp(name: str, where: Point3, aim: Point3, wide: float, tall: float, watts: float, colour: str) -> None:
-    """Add a rectangular area light that the camera does not see."""
-    data = bpy.data.lights.new(name, "AREA")
-    data.shape, data.size, data.size_y, data.energy, data.color = (
-        "RECTANGLE",
-        wide,
-        tall,
-        watts,
-        linear(colour)[:3],
-    )
-    made = bpy.data.objects.new(name, data)
-    made.location = where
-    made.rotation_euler = (Vector(aim) - Vector(where)).to_track_quat("-Z", "Y").to_euler()
-    made.visible_camera = False
-    bpy.context.scene.collection.objects.link(made)
+SCENE = Scene("Museum room", build, PLACES, WALKS, centre=(0.0, 0.1), photos=48, samples=16)

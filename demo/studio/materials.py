@@ -55,9 +55,7 @@ class Graph:
         position = self.node("ShaderNodeNewGeometry").outputs["Position"]
         if tuple(stretch) != (1, 1, 1):
             position = self.node("ShaderNodeMapping", Vector=position, Scale=stretch).outputs[0]
-        made = self.node(
-            "ShaderNodeTexNoise", Vector=position, Scale=scale, Detail=detail, Distortion=distortion
-        )
+        made = self.node("ShaderNodeTexNoise", Vector=position, Scale=scale, Detail=detail, Distortion=distortion)
         return made.outputs["Fac"]
 
     def ramp(self, factor: bpy.types.NodeSocket, stops: Stops) -> bpy.types.NodeSocket:
@@ -144,6 +142,18 @@ def plain(name: str, colour: str, roughness: float = 0.6, metallic: float = 0.0)
     return graph.material
 
 
+def bronze(name: str) -> bpy.types.Material:
+    """Make brown bronze with traces of verdigris."""
+    stops = [(0.3, "#5f3d1c"), (0.5, "#9a6a32"), (0.6, "#a97b40"), (0.72, "#6c7a58")]
+    return mottled(name, stops, 9, roughness=0.45, metallic=0.65, speckle=0.5, bump=0.25)
+
+
+def wood(name: str, dark: str, light: str) -> bpy.types.Material:
+    """Make turned wood with upright grain."""
+    stops = [(0.3, dark), (0.5, light), (0.58, dark), (0.75, light)]
+    return mottled(name, stops, 7, 0.45, distortion=0.6, stretch=(5, 5, 0.8), speckle=0.45, bump=0.1)
+
+
 def thin_glass(name: str, tint: str, veil: float) -> bpy.types.Material:
     """Make blown glass that does not bend light: cheap to trace, kind to reconstruction."""
     graph = Graph(name, 0.12, 0.0)
@@ -165,6 +175,11 @@ def thin_glass(name: str, tint: str, veil: float) -> bpy.types.Material:
     ):
         graph.tree.links.new(source, target)
     return graph.material
+
+
+def mirror(name: str, tint: str) -> bpy.types.Material:
+    """Make silvered glass: no picture of its own, only that of the room."""
+    return plain(name, tint, 0.02, 1.0)
 
 
 def image(name: str, picture: np.ndarray) -> bpy.types.Image:

@@ -52,11 +52,11 @@ def remap_ids(ids: np.ndarray) -> np.ndarray:
     return cv2.remap(ids, *ideal_positions(), cv2.INTER_NEAREST)
 
 
-def save_photo(pixels: np.ndarray, path: Path) -> None:
+def save_photo(pixels: np.ndarray, path: Path, description: str) -> None:
     """Write a JPEG with the phone's EXIF tags; a half-written file never has the final name."""
     picture = Image.fromarray(pixels)
     exif = Image.Exif()
-    exif[0x010E] = "Museum room, synthetic, CC0"  # ImageDescription
+    exif[0x010E] = description  # ImageDescription
     exif[0x010F] = "Gaussian Heritage"  # Make
     exif[0x0110] = "Synthetic phone"  # Model
     details = exif.get_ifd(0x8769)

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the visitor stands for every photo."""
+"""Where the photographer stands for every photo."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, radians, sin
 
 import numpy as np
 
-CENTRE = np.array([0.0, 0.1])
+from .meshes import Point2
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Walk:
     Attributes
     ----------
     share
-        How many of 48 photos.
+        How many photos, beside those of the other walks.
     spread
         The arc runs from -spread to +spread degrees about the front.
     follow
@@ -42,34 +43,26 @@ class Walk:
     follow: float
 
 
-WALKS = (
-    Walk(17, 2.45, 82, 1.58, 1.12, 0.0),
-    Walk(12, 2.0, 72, 1.25, 1.08, 0.15),
-    Walk(9, 2.2, 70, 2.1, 0.98, 0.1),
-    Walk(10, 1.75, 62, 1.62, 1.32, 0.45),
-)
-
-
-def plan(count: int, seed: int) -> list[View]:
-    """Spread `count` photos over the walks, with the unsteadiness of a hand."""
+def plan(walks: Sequence[Walk], centre: Point2, count: int, seed: int) -> list[View]:
+    """Spread `count` photos over walks around a place on the floor, with the unsteadiness of a hand."""
     rng = np.random.default_rng(seed)
-    total = sum(walk.share for walk in WALKS)
+    total = sum(walk.share for walk in walks)
     views: list[View] = []
     done = 0
-    for way, walk in enumerate(WALKS):
+    for way, walk in enumerate(walks):
         done += walk.share
         number = round(count * done / total) - len(views)
         # Every second walk goes back the other way, as one does.
         angles = np.linspace(-walk.spread, walk.spread, number) if number > 1 else np.zeros(number)
         for angle in angles[:: -1 if way % 2 else 1]:
-            views.append(_view(len(views), walk, radians(angle + rng.normal(0, 1.2)), rng))
+            views.append(_view(len(views), walk, np.array(centre), radians(angle + rng.normal(0, 1.2)), rng))
     return views
 
 
-def _view(index: int, walk: Walk, angle: float, rng: np.random.Generator) -> View:
-    ground = CENTRE + walk.radius * np.array([sin(angle), -cos(angle)])
+def _view(index: int, walk: Walk, centre: np.ndarray, angle: float, rng: np.random.Generator) -> View:
+    ground = centre + walk.radius * np.array([sin(angle), -cos(angle)])
     eye = np.array([*ground, walk.eye]) + rng.normal(0, 0.035, 3)
-    aim = np.array([CENTRE[0] + walk.follow * eye[0], CENTRE[1] + 0.1, walk.aim]) + rng.normal(0, 0.05, 3)
+    aim = np.array([centre[0] + walk.follow * eye[0], centre[1] + 0.1, walk.aim]) + rng.normal(0, 0.05, 3)
     return View(
         f"view_{index:02d}",
         look_at(eye, aim, radians(rng.normal(0, 2.2))),

@@ -34,8 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where to compare: photos that training did not see, or all (default: %(default)s)",
     )
     parser.add_argument("--ablations", action="store_true", help="also `better` without one ingredient at a time")
+    parser.add_argument(
+        "--view-counts", default="", metavar="N,N", help="also with so many photos looked at, e.g. 1,2,4,8,16"
+    )
     parser.add_argument("--objects", default="", help='only these, e.g. "vase;bust"')
-    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the tables there")
+    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write this scene's section there")
 
 
 def project_folder(options: argparse.Namespace) -> None:
@@ -58,6 +61,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         seed=options.seed,
         views=options.views,
         ablations=options.ablations,
+        view_counts=_counts(options.view_counts),
         objects=tuple(name.strip() for name in options.objects.split(";") if name.strip()),
     )
     evaluation = evaluate_project(
@@ -78,6 +82,15 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     return 0
 
 
+def _counts(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(count) for count in text.split(",") if count.strip())
+    except ValueError:
+        raise SettingsError(
+            f"--view-counts {text!r} are no numbers. Write for example: --view-counts 1,2,4,8."
+        ) from None
+
+
 def _title(project: Path) -> str:
     name = project.resolve().name
     return project.resolve().parent.name if name.lower() == "project" else name
@@ -89,11 +102,13 @@ def _command(options: argparse.Namespace) -> str:
     words += [f"--layout {options.layout}"] if options.layout != "auto" else []
     words += [f"--presets {options.presets}", f"--seed {options.seed}", f"--views {options.views}"]
     words += ["--ablations"] if options.ablations else []
+    words += [f"--view-counts {options.view_counts}"] if options.view_counts else []
     words += [f"--objects {shlex.quote(options.objects)}"] if options.objects else []
-    return " ".join([*words, f"--doc {options.doc.name}"])
+    return " ".join([*words, f"--doc {_short(options.doc, 1)}"])
 
 
-def _short(path: Path) -> str:
-    """Return the last two parts of a path."""
-    whole = path.resolve()
-    return shlex.quote(f"{whole.parent.name}/{whole.name}")
+def _short(path: Path, n_parts: int = 2) -> str:
+    """Return a path from where the command was given, or the last parts of one that lies elsewhere."""
+    whole, here = path.resolve(), Path.cwd().resolve()
+    kept = whole.relative_to(here) if whole.is_relative_to(here) else Path(*whole.parts[-n_parts:])
+    return shlex.quote(kept.as_posix())

@@ -22,7 +22,7 @@ _SIDE = 800
 
 
 def gaussian_truth(scene: Scene, cameras: CameraSet, truth: GroundTruth, should_stop: StopCheck) -> NDArray[np.int32]:
-    """Return the index into ``truth.prompts`` that most of each Gaussian's pixels truly show.
+    """Return the index into ``truth.objects`` that most of each Gaussian's pixels truly show.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def gaussian_truth(scene: Scene, cameras: CameraSet, truth: GroundTruth, should_
     Returns
     -------
     array of shape [N], int32
-        ``len(truth.prompts)`` for what is in no mask, `UNSEEN` for Gaussians that make up less than a pixel of all
+        ``len(truth.objects)`` for what is in no mask, `UNSEEN` for Gaussians that make up less than a pixel of all
         photos together. Pixels count with the blending weight alpha * transmittance.
 
     Raises
@@ -47,21 +47,21 @@ def gaussian_truth(scene: Scene, cameras: CameraSet, truth: GroundTruth, should_
     """
     if not truth.every_pixel:
         raise ValueError("these masks do not say of every pixel what it shows")
-    n_prompts = len(truth.prompts)
-    votes = np.zeros((len(scene), n_prompts + 1), np.float32)
+    n_objects = len(truth.objects)
+    votes = np.zeros((len(scene), n_objects + 1), np.float32)
     for camera in cameras.cameras:
         if camera.photo not in truth.readers:
             continue
         if should_stop():
             raise Cancelled("Stopped while the true masks were counted; nothing was written.")
         frame = covering_pinhole(camera, max_side=_SIDE)
-        weights = np.zeros((frame.height, frame.width, n_prompts + 1), np.float32)
-        for prompt, mask in truth.masks(camera.photo).items():
+        weights = np.zeros((frame.height, frame.width, n_objects + 1), np.float32)
+        for name, mask in truth.masks(camera.photo).items():
             taken = undistort(mask.astype(np.uint8), camera, frame, interpolation="nearest")
-            weights[..., truth.prompts.index(prompt)] = taken
+            weights[..., truth.objects.index(name)] = taken
         within = np.ones((max(1, camera.height // 4), max(1, camera.width // 4)), np.uint8)
         photo = undistort(within, camera, frame, interpolation="nearest") > 0
-        weights[..., n_prompts] = photo & (weights[..., :n_prompts].max(axis=-1, initial=0.0) == 0)
+        weights[..., n_objects] = photo & (weights[..., :n_objects].max(axis=-1, initial=0.0) == 0)
         votes += scene.votes(frame, weights)
     return np.where(votes.sum(axis=1) < _LEAST_SEEN, UNSEEN, votes.argmax(axis=1)).astype(np.int32)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -39,24 +39,27 @@ class GroundTruth:
         What it was read from, one of `LAYOUTS`.
     photos : tuple of str
         Photos with at least one mask, by their names in the project, in order.
-    prompts : tuple of str
+    objects : tuple of str
         All that is named in any photo, in order.
+    prompts : mapping of str to str
+        What each object is asked for by as a text; equal objects share theirs.
     unplaced : tuple of str
         Views with masks whose photo has no camera in the project.
     every_pixel : bool
-        Whether a pixel in no mask is known to show none of the prompts. Then the masks of all photos together say
+        Whether a pixel in no mask is known to show none of the objects. Then the masks of all photos together say
         which Gaussian belongs to what.
     """
 
     layout: Layout
     photos: tuple[str, ...]
-    prompts: tuple[str, ...]
+    objects: tuple[str, ...]
+    prompts: Mapping[str, str]
     unplaced: tuple[str, ...]
     every_pixel: bool
     readers: dict[str, Callable[[], dict[str, Mask]]]
 
     def masks(self, photo: str) -> dict[str, Mask]:
-        """Return the masks of a photo by prompt, bool [h, w]: the whole photo, upright, at any resolution.
+        """Return the masks of a photo by object, bool [h, w]: the whole photo, upright, at any resolution.
 
         What the photo does not show has no mask: none is empty.
 
@@ -65,7 +68,7 @@ class GroundTruth:
         MaskError
             When a file cannot be read.
         """
-        return {prompt: mask for prompt, mask in self.readers[photo]().items() if mask.any()}
+        return {name: mask for name, mask in self.readers[photo]().items() if mask.any()}
 
 
 def read_ground_truth(
@@ -78,7 +81,8 @@ def read_ground_truth(
     folder : Path
         In one of the layouts:
 
-        - ``museum``: ``masks/<photo>.png`` with instance ids and ``names.json`` (id: name, prompt).
+        - ``museum``: ``masks/<photo>.png`` with instance ids and ``names.json`` (id: prompt, and a name where several
+          share one).
         - ``lerf-mask``, as Gaussian Grouping ships it: ``test_mask/<view>/<prompt>.png``. A view is a number counting,
           in order of their names, the pictures of ``images/`` that are not in ``images_train/`` beside it; or the
           name of a photo.
@@ -106,7 +110,7 @@ def read_ground_truth(
         raise FormatError(f"{folder} is no folder. Name the one with the true masks: {_WHAT_THERE_IS}.")
     known = layout if layout != "auto" else _recognised(folder)
     readers = {"museum": _museum, "lerf-mask": _lerf_mask, "3d-ovs": _three_d_ovs, "lerf-ovs": _lerf_ovs}
-    views, prompts = readers[known](folder, _Photos(placed, unregistered))
+    views, named = readers[known](folder, _Photos(placed, unregistered))
     found = {photo: read for photo, read in views.items() if photo in placed}
     if not found:
         names = ", ".join(sorted(views)[:3]) or "none"
@@ -115,11 +119,13 @@ def read_ground_truth(
             "made from the same photos."
         )
     unplaced = tuple(sorted(set(views) - set(found)))
-    return GroundTruth(known, tuple(sorted(found)), tuple(prompts), unplaced, known == "museum", found)
+    prompts = dict(named) if isinstance(named, Mapping) else {name: name for name in named}
+    return GroundTruth(known, tuple(sorted(found)), tuple(prompts), prompts, unplaced, known == "museum", found)
 
 
-_Read = tuple[dict[str, Callable[[], dict[str, Mask]]], Sequence[str]]
-"""A reader by photo, or by the view's own name where no photo is called like it; and all prompts."""
+_Read = tuple[dict[str, Callable[[], dict[str, Mask]]], Mapping[str, str] | Sequence[str]]
+"""A reader by photo, or by the view's own name where no photo is called like it; and all objects, with prompts where
+those are not their names."""
 
 
 def _recognised(folder: Path) -> Layout:
@@ -187,21 +193,25 @@ def _museum(folder: Path, photos: _Photos) -> _Read:
     data = _json(folder / "names.json")
     try:
         prompts = {int(number): str(entry["prompt"]) for number, entry in data.items()}
+        names = {int(number): str(entry.get("name") or entry["prompt"]) for number, entry in data.items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FormatError(f'{folder / "names.json"} is not of the form {{"1": {{"prompt": "vase"}}}}.') from error
+    twice = next((name for name in names.values() if list(names.values()).count(name) > 1), None)
+    if twice is not None:
+        raise FormatError(f"{folder / 'names.json'} calls several objects {twice!r}. Give each a name of its own.")
 
     def read(file: Path) -> dict[str, Mask]:
         ids = _picture(file, "ids")
         return {
-            prompt: ids == number
-            for number, prompt in prompts.items()
-            if np.count_nonzero(ids == number) >= _LEAST_PIXELS
+            name: ids == number for number, name in names.items() if np.count_nonzero(ids == number) >= _LEAST_PIXELS
         }
 
     files = sorted((folder / "masks").glob("*.png"))
     if not files:
         raise FormatError(f"{folder / 'masks'} holds no PNG with instance ids.")
-    return {photos.called(file.stem): _later(read, file) for file in files}, list(prompts.values())
+    return {photos.called(file.stem): _later(read, file) for file in files}, {
+        name: prompts[number] for number, name in names.items()
+    }
 
 
 def _lerf_mask(folder: Path, photos: _Photos) -> _Read:

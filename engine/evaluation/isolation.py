@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from ..cameras.camera import Camera, CameraSet
 from ..cameras.lens import covering_pinhole, distort
@@ -63,8 +64,8 @@ class Row:
         dB, of the object alone over black with the photo, over the true mask.
     gaussian_iou : float
         See `engine.evaluation.gaussian_truth`.
-    seconds : float
-        Wall time from the prompt to the Gaussians.
+    seconds, cpu_seconds : float
+        From the prompt to the Gaussians.
     n_views : int
     seed : str
         Photo with the true mask or the click; empty for a text.
@@ -83,6 +84,7 @@ class Row:
     psnr: float
     gaussian_iou: float
     seconds: float
+    cpu_seconds: float
     n_views: int
     seed: str
     remark: str = ""
@@ -107,6 +109,8 @@ class Evaluation:
     left_out : tuple of str
         Objects that no photo is left to evaluate in.
     n_gaussians : int
+    stages : tuple of (str, float, float)
+        What the project's making took: stage, wall seconds, CPU seconds.
     """
 
     rows: tuple[Row, ...]
@@ -117,6 +121,7 @@ class Evaluation:
     unplaced: tuple[str, ...]
     left_out: tuple[str, ...]
     n_gaussians: int
+    stages: tuple[tuple[str, float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -143,15 +148,24 @@ class _Scores(NamedTuple):
 _NOTHING_FOUND = _Scores(0.0, 0.0, np.nan, np.nan, 1.0, np.nan)
 
 
+@dataclass(frozen=True)
+class _Answer:
+    """What a prompt brought, the best first, bool [N] each; or why nothing."""
+
+    finds: tuple[Mask, ...]
+    seconds: float
+    cpu_seconds: float
+    remark: str
+
+
 @dataclass
 class _Result:
-    """What one way found for one object, bool [N] or None; and its scores in each view."""
+    """What of one way's answer is taken for one object, bool [N] or None; and its scores in each view."""
 
     task: _Task
     way: Way
+    answer: _Answer
     members: Mask | None
-    seconds: float
-    remark: str
     scores: list[_Scores]
 
 
@@ -213,16 +227,22 @@ def evaluate_project(
         label_maps = {photo: labels for photo, labels in label_maps.items() if photo not in photos}
     scene = _TrainedScene(gaussians, cameras, photo_folder_of(project), label_maps, detector_factory, sam_factory)
 
-    results: list[_Result] = []
+    answers: dict[tuple[str, str], _Answer] = {}
+    asked: list[tuple[_Task, Way, _Answer]] = []
     ways = ways_of(settings)
     for number, (task, way) in enumerate((task, way) for task in tasks for way in ways):
         if should_stop():
             raise Cancelled("Stopped while isolating; nothing was written.")
         share = _SHARE_OF_FINDING * number / (len(tasks) * len(ways))
         emit(Progress(STAGE, share, message=f"{task.object}: {way.name}"))
-        results.append(scene.isolate(task, way, truth, should_stop))
-    _score(scene, results, truth, photos, emit, should_stop)
+        # Equal objects are asked for by one text, once.
+        key = (truth.prompts[task.object] if task.seed is None else task.object, way.name)
+        if key not in answers:
+            answers[key] = scene.isolate(task, way, truth, should_stop)
+        asked.append((task, way, answers[key]))
     labels = gaussian_truth(Scene(gaussians), cameras, truth, should_stop) if truth.every_pixel else None
+    results = [_Result(task, way, answer, _own(task, answer, truth, labels), []) for task, way, answer in asked]
+    _score(scene, results, truth, photos, emit, should_stop)
     return Evaluation(
         rows=tuple(_row(result, truth, labels) for result in results),
         settings=settings,
@@ -232,7 +252,32 @@ def evaluate_project(
         unplaced=truth.unplaced,
         left_out=tuple(name for name in wanted if name not in {task.object for task in tasks}),
         n_gaussians=len(gaussians),
+        stages=_stages(project),
     )
+
+
+def _stages(project: ProjectFolder) -> tuple[tuple[str, float, float], ...]:
+    records = ((stage, project.stage_record(stage)) for stage in ("photos", "cameras", "masks", "training"))
+    return tuple((stage, done["wall_seconds"], done["cpu_seconds"]) for stage, done in records if done)
+
+
+def _own(task: _Task, answer: _Answer, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Mask | None:
+    """Return the find that counts for an object: the first, unless equal objects were asked for by one text.
+
+    Then as many finds as there are objects count, and each object gets one of its own, so that the IoU of the Gaussians
+    is largest in all.
+    """
+    prompt = truth.prompts[task.object]
+    equal = [name for name in truth.objects if truth.prompts[name] == prompt]
+    if task.seed is not None or labels is None or len(equal) == 1:
+        return answer.finds[0] if answer.finds else None
+    finds = answer.finds[: len(equal)]
+    likeness = np.array(
+        [[gaussian_iou(find, labels, truth.objects.index(name)) for find in finds] for name in equal]
+    ).reshape(len(equal), len(finds))
+    given = dict(zip(*linear_sum_assignment(likeness, maximize=True), strict=True))
+    number = given.get(equal.index(task.object))
+    return None if number is None else finds[number]
 
 
 def visible_masks(scene: Scene, camera: Camera, members: Sequence[Mask]) -> Iterator[Mask]:
@@ -265,12 +310,12 @@ class _TrainedScene:
         self._label_maps = label_maps
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
 
-    def isolate(self, task: _Task, way: Way, truth: GroundTruth, should_stop: StopCheck) -> _Result:
-        """Ask for an object; of several finds of a text the first counts."""
-        members, remark = None, ""
+    def isolate(self, task: _Task, way: Way, truth: GroundTruth, should_stop: StopCheck) -> _Answer:
+        """Ask for an object."""
+        found, remark = [], ""
         with tempfile.TemporaryDirectory() as folder:
             prompt = self._prompt(task, truth, Path(folder))
-            started = time.perf_counter()
+            started, started_cpu = time.perf_counter(), time.process_time()
             try:
                 found = find_objects(
                     self.gaussians,
@@ -284,15 +329,14 @@ class _TrainedScene:
                     emit=ignore_events,
                     should_stop=should_stop,
                 )
-                members = found[0].membership >= THRESHOLD
             except PromptError as error:
                 remark = str(error)
-            seconds = time.perf_counter() - started
-        return _Result(task, way, members, seconds, remark, [])
+            seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
+        return _Answer(tuple(one.membership >= THRESHOLD for one in found), seconds, cpu_seconds, remark)
 
     def _prompt(self, task: _Task, truth: GroundTruth, folder: Path) -> Prompt:
         if task.seed is None:
-            return TextPrompt(task.object)
+            return TextPrompt(truth.prompts[task.object])
         camera = self.camera_of[task.seed]
         mask = _resized(truth.masks(task.seed)[task.object], (camera.height, camera.width), task.seed)
         if task.kind == "click":
@@ -319,10 +363,10 @@ def _evaluated(truth: GroundTruth, held_out: Sequence[str], settings: Evaluation
 
 
 def _wanted(truth: GroundTruth, settings: EvaluationSettings) -> tuple[str, ...]:
-    unknown = [name for name in settings.objects if name not in truth.prompts]
+    unknown = [name for name in settings.objects if name not in truth.objects]
     if unknown:
-        raise SettingsError(f"There are no true masks of {unknown[0]!r}, only of: {', '.join(truth.prompts)}.")
-    return tuple(name for name in truth.prompts if not settings.objects or name in settings.objects)
+        raise SettingsError(f"There are no true masks of {unknown[0]!r}, only of: {', '.join(truth.objects)}.")
+    return tuple(name for name in truth.objects if not settings.objects or name in settings.objects)
 
 
 def _tasks(
@@ -414,17 +458,18 @@ def _resized(mask: Mask, shape: tuple[int, ...], photo: str) -> Mask:
 
 def _row(result: _Result, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Row:
     means = _Scores(*(mean_of(values) for values in zip(*result.scores, strict=True)))
-    index = truth.prompts.index(result.task.object)
+    index = truth.objects.index(result.task.object)
     return Row(
         object=result.task.object,
         way=result.way.name,
         found=result.members is not None,
         **means._asdict(),
         gaussian_iou=float("nan") if labels is None else gaussian_iou(result.members, labels, index),
-        seconds=result.seconds,
+        seconds=result.answer.seconds,
+        cpu_seconds=result.answer.cpu_seconds,
         n_views=len(result.scores),
         seed=result.task.seed or "",
-        remark=result.remark,
+        remark=result.answer.remark or ("" if result.members is not None else "Fewer were found than there are."),
     )
 
 

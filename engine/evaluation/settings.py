@@ -28,14 +28,18 @@ class EvaluationSettings:
         Photos with true masks that are compared: those that training did not see, or all but the seed's.
     ablations : bool
         Also ``better`` with one ingredient switched off at a time.
+    view_counts : tuple of int
+        Also every preset with so many photos looked at, where that makes a difference to it: those that vote, and for
+        a text those that are searched.
     objects : tuple of str
-        Only these prompts; all by default.
+        Only these; all by default.
     """
 
     presets: tuple[str, ...] = ("paper", "better")
     seed: SeedKind = "mask"
     views: Literal["held-out", "all"] = "held-out"
     ablations: bool = False
+    view_counts: tuple[int, ...] = ()
     objects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -44,6 +48,9 @@ class EvaluationSettings:
         require(self, "presets", known, f"of {', '.join(PRESETS)}")
         require(self, "presets", len(set(self.presets)) == len(self.presets), "different from each other")
         require(self, "presets", not self.ablations or "better" in self.presets, "with better among them for ablations")
+        require(self, "view_counts", all(count >= 1 for count in self.view_counts), "at least 1 each")
+        different = len(set(self.view_counts)) == len(self.view_counts)
+        require(self, "view_counts", different, "different from each other")
         require(self, "seed", self.seed in ("text", "mask", "click"), "'text', 'mask' or 'click'")
         require(self, "views", self.views in ("held-out", "all"), "'held-out' or 'all'")
 
@@ -58,19 +65,26 @@ class Way:
     settings : SegmentSettings
     snaps : bool
         Whether votes may snap to SAM's segments.
+    preset : str
+        Whose number of views is varied, where the way is one of those or the preset itself; else empty.
+    n_views : int
+        That number; 0 without `preset`.
     """
 
     name: str
     settings: SegmentSettings
     snaps: bool = True
+    preset: str = ""
+    n_views: int = 0
 
 
 def ways_of(settings: EvaluationSettings) -> list[Way]:
-    """Return the presets and then the ablations that are asked for.
+    """Return the presets, then the ablations and then the numbers of views that are asked for.
 
     Snapping can only be left out where segments are not what a text is looked for in.
     """
-    ways = [Way(name, PRESETS[name]) for name in settings.presets]
+    counts = {name: _n_views(PRESETS[name], settings.seed) for name in settings.presets}
+    ways = [Way(name, PRESETS[name], preset=name, n_views=counts[name]) for name in settings.presets]
     if settings.ablations:
         ways += [
             Way("better, one part", replace(BETTER, parts=1)),
@@ -83,4 +97,19 @@ def ways_of(settings: EvaluationSettings) -> list[Way]:
             ways.append(Way("better, given mask only by its features", replace(BETTER, keep_given=False)))
         if settings.seed != "text":
             ways.append(Way("better, no snapping to segments", BETTER, snaps=False))
+    for name in settings.presets:
+        for count in settings.view_counts:
+            if counts[name] not in (0, count):
+                fewer = replace(PRESETS[name], n_text_views=count, n_vote_views=count)
+                ways.append(
+                    Way(f"{name}, {count} {'view' if count == 1 else 'views'}", fewer, preset=name, n_views=count)
+                )
     return ways
+
+
+def _n_views(settings: SegmentSettings, seed: SeedKind) -> int:
+    """Return how many photos are looked at, at most; 0 where only the one that the person gave."""
+    return max(
+        settings.n_text_views if seed == "text" else 0,
+        settings.n_vote_views if settings.refinement == "votes" else 0,
+    )

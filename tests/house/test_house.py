@@ -74,16 +74,3 @@ def test_no_machine_path_is_committed() -> None:
 
 def test_tracked_files_stay_small() -> None:
     assert sum(path.stat().st_size for path in tracked_files()) < 50e6
-
-
-def test_default_photos_and_masks_stay_below_twelve_megabytes() -> None:
-    files = [
-        path
-        for path in (ROOT / "demo" / "museum_room").rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
-    ]
-    assert sum(path.stat().st_size for path in files) <= 12e6
-    photos = {path.stem for path in (ROOT / "demo/museum_room/photos").glob("*.jpg")}
-    masks = {path.stem for path in (ROOT / "demo/museum_room/truth/masks").glob("*.png")}
-    assert photos == masks
-    assert len(photos) >= 40

@@ -13,7 +13,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ROOT / "requirements"
-DISTRIBUTIONS = {"PIL": "pillow", "cv2": "opencv-contrib-python-headless", "pillow_heif": "pillow-heif"}
+DISTRIBUTIONS = {
+    "PIL": "pillow",
+    "cv2": "opencv-contrib-python-headless",
+    "flip_evaluator": "flip-evaluator",
+    "pillow_heif": "pillow-heif",
+    "sklearn": "scikit-learn",
+}
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
 ENVIRONMENTS = {"engine-dev": "engine", "engine": "engine", "blender-4.5": "blender-4.5", "blender-5.2": "blender-5.2"}

@@ -25,16 +25,32 @@ def test_table_is_told_and_written_and_the_project_untouched(
         return {path: path.read_bytes() for path in scene.rglob("*") if path.is_file()}
 
     before, doc = content(), tmp_path / "table.md"
-    answer = call(capsys, "evaluate", scene, tmp_path / "truth", "--objects", "blue ball", "--doc", doc)
+    asked = ("--view-counts", "2", "--objects", "blue ball", "--doc", doc)
+    answer = call(capsys, "evaluate", scene, tmp_path / "truth", *asked)
     (finished,) = answer.of_kind("finished")
     assert answer.code == 0 and finished["outputs"] == {"table": str(doc)}
-    for line in ("| mean of 1 objects | not found | IoU", "| paper | 0 |", "| blue ball | better | 2 |"):
+    for line in (
+        "| mean of 1 objects | not found | IoU",
+        "| paper | 0 |",
+        "| better, 2 views | 0 |",
+        "| blue ball | better | 2 |",
+    ):
         assert line in finished["message"] and line in doc.read_text(encoding="utf-8")
     command = (
         f"evaluate {tmp_path.name}/project {tmp_path.name}/truth --presets paper,better --seed mask --views held-out"
     )
-    assert f"{command} --objects 'blue ball' --doc table.md" in doc.read_text(encoding="utf-8")
+    assert f"{command} --view-counts 2 --objects 'blue ball' --doc table.md" in doc.read_text(encoding="utf-8")
     assert content() == before
+
+
+def test_document_tells_the_command_as_it_was_given(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked = ("--presets", "paper", "--objects", "blue ball", "--doc", "docs/table.md")
+    assert call(capsys, "evaluate", "project", "truth", *asked).code == 0
+    text = (tmp_path / "docs" / "table.md").read_text(encoding="utf-8")
+    assert "engine evaluate project truth --presets paper " in text and "--doc docs/table.md" in text
 
 
 @pytest.mark.parametrize(
@@ -44,6 +60,7 @@ def test_table_is_told_and_written_and_the_project_untouched(
         (("--objects", "ghost"), "no true masks of 'ghost'"),
         (("--layout", "3d-ovs"), r"classes.txt is missing"),
         (("--doc", "."), "is a folder"),
+        (("--view-counts", "few"), "--view-counts 'few' are no numbers"),
     ],
 )
 def test_what_cannot_be_compared_is_said_in_a_sentence(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def truth(request: pytest.FixtureRequest, tmp_path: Path) -> GroundTruth:
 
 def test_every_layout_gives_the_same_masks(truth: GroundTruth) -> None:
     assert truth.photos == tuple(photo(view) for view in TRUE_VIEWS)
-    assert {"teapot", "vase"} <= set(truth.prompts)
+    assert {"teapot", "vase"} <= set(truth.objects) and truth.prompts["vase"] == "vase"
     for view in TRUE_VIEWS:
         masks = truth.masks(photo(view))
         expected = {name: mask for name, mask in true_masks(view).items() if mask.any()}
@@ -100,6 +101,29 @@ def test_wrong_layout_is_refused(layout: str, tmp_path: Path) -> None:
     (other / "masks").mkdir(exist_ok=True)
     with pytest.raises(FormatError):
         read_ground_truth(other if layout != "lerf-ovs" else other / "masks", PHOTOS, layout=layout)
+
+
+def test_equal_objects_share_a_prompt_and_keep_their_own_masks(tmp_path: Path) -> None:
+    folder = as_museum(tmp_path / "truth", TRUE_VIEWS)
+    before = read_ground_truth(folder, PHOTOS)
+    names = json.loads((folder / "names.json").read_text(encoding="utf-8"))
+    for entry in names.values():
+        entry["prompt"] = "exhibit"
+    (folder / "names.json").write_text(json.dumps(names), encoding="utf-8")
+    truth = read_ground_truth(folder, PHOTOS)
+    assert truth.objects == before.objects and set(truth.prompts.values()) == {"exhibit"}
+    view = truth.photos[0]
+    assert {name: mask.sum() for name, mask in truth.masks(view).items()} == {
+        name: mask.sum() for name, mask in before.masks(view).items()
+    }
+
+
+def test_two_objects_of_one_name_are_refused(tmp_path: Path) -> None:
+    folder = as_museum(tmp_path, TRUE_VIEWS)
+    twins = {"1": {"prompt": "vase"}, "2": {"prompt": "vase"}}
+    (folder / "names.json").write_text(json.dumps(twins), encoding="utf-8")
+    with pytest.raises(FormatError, match=r"names\.json calls several objects 'vase'"):
+        read_ground_truth(folder, PHOTOS)
 
 
 def test_masks_of_other_photos_are_refused(tmp_path: Path) -> None:

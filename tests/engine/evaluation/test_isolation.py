@@ -20,6 +20,7 @@ from engine.evaluation.settings import EvaluationSettings, ways_of
 from engine.evaluation.table import markdown, write_evaluation
 from engine.events import Progress, Warned, ignore_events, never_stop
 from engine.masks.storage import label_map_path, write_label_map
+from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER, PAPER, PRESETS
 from engine.objects.storage import list_objects
 from engine.pictures.render import render_view
@@ -32,11 +33,14 @@ HELD_OUT = ("view_2.png", "view_6.png")
 NAMES = {RED: "red ball", TWIN: "other red ball", BLUE: "blue ball"}
 
 
-def write_truth(scene: BlobScene, folder: Path, *, names: dict[int, str] | None = None) -> Path:
+def write_truth(
+    scene: BlobScene, folder: Path, *, names: dict[int, str] | None = None, prompts: dict[int, str] | None = None
+) -> Path:
     (folder / "masks").mkdir(parents=True)
     for photo, labels in scene.labels.items():
         Image.fromarray(labels.astype(np.uint8)).save(folder / "masks" / photo)
-    entries = {str(part): {"name": name, "prompt": name} for part, name in (names or NAMES).items()}
+    names = names or NAMES
+    entries = {str(part): {"name": name, "prompt": (prompts or names)[part]} for part, name in names.items()}
     (folder / "names.json").write_text(json.dumps(entries), encoding="utf-8")
     return folder
 
@@ -92,6 +96,48 @@ def test_text_that_finds_nothing_counts_0_and_says_why(evaluate, blobs: BlobScen
     table = markdown(found)
     assert "| unicorn | paper (**not found**) |" in table and "'unicorn' is not known" in table
     assert f"| paper | 1 | {50 * ball.iou:.1f} |" in table
+
+
+def test_equal_objects_asked_for_by_one_text_get_a_find_each(
+    evaluate, blobs: BlobScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def counted(*arguments, **others):  # type: ignore[no-untyped-def]
+        asked.append(arguments[3])
+        # In the order that the truth does not have them in.
+        return find_objects(*arguments, **others)[::-1]
+
+    monkeypatch.setattr("engine.evaluation.isolation.find_objects", counted)
+    truth = write_truth(blobs, tmp_path / "twins", prompts={RED: "red ball", TWIN: "red ball", BLUE: "blue ball"})
+    found = evaluate(truth, seed="text", presets=("better",))
+    assert [row.object for row in found.rows] == list(NAMES.values()) and len(asked) == 2
+    for row in found.rows:
+        assert row.found and row.iou > 0.9 and row.gaussian_iou > 0.9, row
+    (only,) = evaluate(truth, seed="text", presets=("better",), objects=("other red ball",)).rows
+    assert only.iou > 0.9 and only.seed == ""
+
+
+def test_equal_object_without_a_find_of_its_own_counts_0(
+    evaluate, blobs: BlobScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.evaluation.isolation.find_objects", lambda *a, **o: find_objects(*a, **o)[:1])
+    truth = write_truth(blobs, tmp_path / "twins", prompts={RED: "red ball", TWIN: "red ball", BLUE: "blue ball"})
+    rows = evaluate(truth, seed="text", presets=("better",), objects=("red ball", "other red ball")).rows
+    assert sorted(row.found for row in rows) == [False, True]
+    (missing,) = [row for row in rows if not row.found]
+    assert (missing.iou, missing.holes, missing.remark) == (0.0, 1.0, "Fewer were found than there are.")
+
+
+def test_numbers_of_views_are_compared_where_they_make_a_difference(evaluate) -> None:
+    found = evaluate(view_counts=(1, 8, 24), objects=("blue ball",))
+    assert [row.way for row in found.rows] == ["paper", "better", "better, 1 view", "better, 8 views"]
+    one = ways_of(found.settings)[2]
+    assert (one.settings.n_vote_views, one.n_views, one.preset) == (1, 1, "better")
+    by_text = ways_of(replace(found.settings, seed="text", presets=("paper",)))
+    assert [(way.name, way.settings.n_text_views) for way in by_text] == [
+        ("paper", 8), ("paper, 1 view", 1), ("paper, 24 views", 24)
+    ]  # fmt: skip
 
 
 def test_all_views_leave_out_only_the_seeds(evaluate, blobs: BlobScene) -> None:
@@ -203,10 +249,29 @@ def test_document_holds_its_command_and_where_it_was_measured(evaluate, tmp_path
         "2 photos with true masks (museum) are compared, and training saw none of them: view_2.png, view_6.png" in text
     )
     assert str(tmp_path) not in text
+    with Image.open(tmp_path / "docs" / "table_blobs_mask.png") as picture:
+        assert picture.format == "PNG"
+    assert "](table_blobs_mask.png)" in text and text.count("## What the columns mean") == 1
+
+
+def test_document_keeps_the_sections_of_other_scenes(evaluate, tmp_path: Path) -> None:
+    found, doc = evaluate(presets=("paper",), objects=("blue ball",)), tmp_path / "table.md"
+    for title, command in (("one", "command 1"), ("two", "command 2"), ("one", "command 3")):
+        write_evaluation(doc, found, title=title, command=command)
+    text = doc.read_text(encoding="utf-8")
+    headings = [line for line in text.splitlines() if line.startswith("#")]
+    assert headings == [
+        "# How well objects are isolated",
+        "## one, asked for by true masks",
+        "## two, asked for by true masks",
+        "## What the columns mean",
+    ]
+    assert "command 1" not in text and text.index("command 3") < text.index("command 2")
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
-    for wrong in ({"presets": ()}, {"presets": ("best",)}, {"presets": ("paper", "paper")}, {"seed": "box"}):
+    for wrong in ({"presets": ()}, {"presets": ("best",)}, {"presets": ("paper", "paper")}, {"seed": "box"},
+        {"view_counts": (0,)}, {"view_counts": (4, 4)}):  # fmt: skip
         with pytest.raises(SettingsError):
             EvaluationSettings(**wrong)
     with pytest.raises(SettingsError, match="better among them"):

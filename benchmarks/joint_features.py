@@ -1,0 +1,224 @@
+"""What joint features cost, and whether the paper's own are trained to the end.
+
+Trains one of our scenes with the standard budget and picture size several times: without features and with them, by
+the same seed for the same number of steps; and with the paper's feature losses, start and rates for more and more
+steps, each with its own schedule. Cameras and masks are made once, in OUT/scene; what is trained is kept, and a further
+run goes on.
+
+example: python -m benchmarks.joint_features demo/museum_room --out out/joint --paper-steps 750,1500,3000,6000
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from engine.cameras.settings import CameraSettings
+from engine.evaluation.document import write_section
+from engine.evaluation.isolation import evaluate_project, mean_of
+from engine.evaluation.settings import EvaluationSettings
+from engine.evaluation.table import INTRODUCTION, MEANINGS
+from engine.events import ignore_events, never_stop
+from engine.grounding.default import load_default_detector
+from engine.masks.sam import load_default_sam
+from engine.pipeline import PipelineSettings, Prepared, prepare, prepare_masks, train_prepared
+from engine.planning.decisions import PlanSettings, WorkPlan, plan_work
+from engine.project_folder import ProjectFolder, atomic_write
+from engine.training.settings import PRESETS, TrainingSettings
+
+_STANDARD = replace(PRESETS["standard"], stop_when_flat=0.0)
+_OF_THE_PAPER = (
+    "feature_init", "feature_gradient", "lr_features", "clustering_interval", "clustering_pixels", "regularisation",
+    "regularisation_interval", "lambda_ray",
+)  # fmt: skip
+_PAPER_FEATURES = replace(_STANDARD, **{name: getattr(PRESETS["paper"], name) for name in _OF_THE_PAPER})
+
+
+@dataclass(frozen=True)
+class Converged:
+    """How well objects come out, in percent, after a number of steps; means over the objects by their true masks."""
+
+    features: str
+    steps: int
+    paper: tuple[float, float]
+    better: tuple[float, float]
+    psnr: float
+    cpu_seconds: float
+
+
+class Bench:
+    """A scene of ours whose cameras and masks are made."""
+
+    def __init__(self, scene: Path, out: Path) -> None:
+        self.scene, self.out = scene, out
+        settings = PipelineSettings()
+        self.prepared = prepare(scene / "photos", out / "scene", settings, emit=ignore_events, should_stop=never_stop)
+        self.prepared, _ = prepare_masks(
+            self.prepared, out / "scene", self._plan(True), settings, emit=ignore_events, should_stop=never_stop
+        )
+
+    def _plan(self, features: bool) -> WorkPlan:
+        wishes = PlanSettings(preset="standard", wants_objects=features)
+        given = self.prepared.camera_set.poses_given
+        return plan_work(
+            self.prepared.photo_set, self.prepared.looks, wishes, cameras=CameraSettings(), poses_given=given,
+            points_given=given,
+        )  # fmt: skip
+
+    def trained(self, name: str, training: TrainingSettings) -> ProjectFolder:
+        """Return a project of its own, trained so; what was trained before is taken as it is."""
+        sys.stderr.write(f"{name}...\n")
+        folder, given = self.out / name, self.prepared
+        prepared = (
+            given if training.features else Prepared(given.photo_set, given.looks, given.camera_set, {}, given.earlier)
+        )
+        project = train_prepared(
+            prepared, folder, self._plan(training.features), training, emit=ignore_events, should_stop=never_stop
+        )
+        for part in ("cameras", "masks"):
+            shutil.copytree(self.out / "scene" / part, folder / part, dirs_exist_ok=True)
+        with project:
+            project.put("photo_folder", str((self.scene / "photos").resolve()))
+        return project
+
+    def converged(self, features: str, name: str, training: TrainingSettings) -> Converged:
+        """Train, and isolate every object by its true mask."""
+        project = self.trained(name, training)
+        rows = evaluate_project(
+            project, self.scene / "truth", EvaluationSettings(), detector_factory=load_default_detector,
+            sam_factory=load_default_sam, emit=ignore_events, should_stop=never_stop,
+        ).rows  # fmt: skip
+        scores = {
+            way: tuple(
+                100 * mean_of([getattr(row, measure) for row in rows if row.way == way])
+                for measure in ("iou", "boundary_iou")
+            )
+            for way in ("paper", "better")
+        }
+        figures = (project.stage_record("training") or {})["figures"]
+        paper, better = scores["paper"], scores["better"]
+        return Converged(
+            features, training.steps, (paper[0], paper[1]), (better[0], better[1]), figures["psnr"],
+            figures["cpu_seconds"],
+        )  # fmt: skip
+
+
+def cost(bench: Bench, seeds: Sequence[int]) -> str:
+    """Return the table of what features cost the pictures."""
+    lines = [
+        "| seed | features | steps | PSNR dB | SSIM | L1 | CPU s |",
+        "| ---: | --- | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    lost = []
+    for seed in seeds:
+        psnr = {}
+        for features in (False, True):
+            name = f"{'joint' if features else 'none'}-{seed}"
+            training = replace(_STANDARD, features=features, seed=seed)
+            figures = (bench.trained(name, training).stage_record("training") or {})["figures"]
+            psnr[features] = figures["psnr"]
+            lines.append(
+                f"| {seed} | {'joint' if features else 'none'} | {figures['steps']:,} | {figures['psnr']:.2f} "
+                f"| {figures['ssim']:.4f} | {figures['l1']:.4f} | {figures['cpu_seconds']:.0f} |"
+            )
+        lost.append(psnr[False] - psnr[True])
+    each = ", ".join(f"{value:+.2f}" for value in lost)
+    return (
+        "\n".join(lines) + f"\n\nPSNR lost through the features: {mean_of(lost):+.2f} dB"
+        f"{f' on average ({each})' if len(lost) > 1 else ''}, on held-out photos; same seed, same steps."
+    )
+
+
+def convergence(bench: Bench, steps: Sequence[int]) -> tuple[str, bytes]:
+    """Return the table of the paper's features after more and more steps, ours beside them; and its picture."""
+    rows = [bench.converged("ours", f"ours-{_STANDARD.steps}", _STANDARD)]
+    rows += [
+        bench.converged("the paper's", f"paper-{count}", replace(_PAPER_FEATURES, steps=count))
+        for count in sorted(steps)
+    ]
+    lines = [
+        "| features | steps | `paper` IoU | BIoU | `better` IoU | BIoU | PSNR dB | CPU s |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for row in rows:
+        cells = " | ".join(f"{value:.1f}" for value in (*row.paper, *row.better))
+        lines.append(f"| {row.features} | {row.steps:,} | {cells} | {row.psnr:.2f} | {row.cpu_seconds:.0f} |")
+    return "\n".join(lines), picture(rows)
+
+
+def picture(rows: Sequence[Converged]) -> bytes:
+    """Draw mean IoU against steps: one line for each way of isolating, on the paper's features; ours as stars."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    for way, colour in (("paper", "#8a4b2a"), ("better", "#3f6673")):
+        for features, style in (("the paper's", "o-"), ("ours", "*")):
+            own = [row for row in rows if row.features == features]
+            values = [getattr(row, way)[0] for row in own]
+            axes.plot([row.steps for row in own], values, style, color=colour, label=f"`{way}`, {features} features")
+    axes.set_xlabel("training steps", fontsize=8)
+    axes.set_title("IoU, %", fontsize=9, loc="left")
+    axes.grid(alpha=0.25, linewidth=0.6)
+    axes.legend(fontsize=7, frameon=False)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def main() -> None:
+    """Train, compare and, if wanted, write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", type=Path, help="folder with photos/ and truth/, one of ours")
+    parser.add_argument("--out", type=Path, required=True, help="folder for what is trained")
+    parser.add_argument(
+        "--seeds", default="0", metavar="N,N", help="to train by, with and without (default: 0); '' for none"
+    )
+    parser.add_argument("--paper-steps", default="", metavar="N,N", help="to train the paper's features for")
+    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write sections there")
+    arguments = parser.parse_args()
+    bench = Bench(arguments.scene, arguments.out)
+    name, seeds, steps = arguments.scene.name, _numbers(arguments.seeds), _numbers(arguments.paper_steps)
+    command = f"python -m benchmarks.joint_features demo/{name} --out out/joint"
+    if seeds:
+        table = cost(bench, seeds)
+        _tell(
+            arguments.doc,
+            f"{name}: what joint features cost",
+            f"```\n{command} --seeds {arguments.seeds}\n```\n\n{table}",
+        )
+    if steps:
+        table, image = convergence(bench, steps)
+        text = f"```\n{command} --seeds '' --paper-steps {arguments.paper_steps}\n```\n\n{table}\n\n"
+        text += (
+            "The paper's feature losses, start, rates and intervals on the standard preset's Gaussians and pictures, "
+            "every row trained anew with a schedule of its length. All objects by their true masks, held-out photos."
+        )
+        if arguments.doc:
+            file = arguments.doc.with_name(f"{arguments.doc.stem}_{name}_steps.png")
+            with atomic_write(file) as stream:
+                stream.write(image)
+            text += f"\n\n![IoU against steps]({file.name})"
+        _tell(arguments.doc, f"{name}: the paper's features, trained for longer", text)
+
+
+def _numbers(text: str) -> list[int]:
+    return [int(number) for number in text.split(",") if number.strip()]
+
+
+def _tell(doc: Path | None, title: str, body: str) -> None:
+    sys.stdout.write(f"{title}\n\n{body}\n\n")
+    sys.stdout.flush()
+    if doc:
+        write_section(doc, introduction=INTRODUCTION, title=title, body=body, closing=MEANINGS)
+
+
+if __name__ == "__main__":
+    main()

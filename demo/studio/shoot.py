@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Photographing a scene: the command line, the ground truth and the rendering."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+
+# Blender reads this when bpy is imported; the user's own settings must neither matter nor change.
+_SETTINGS = tempfile.TemporaryDirectory(prefix="heritage-demo-")
+os.environ["BLENDER_USER_RESOURCES"] = _SETTINGS.name
+
+import bpy  # noqa: E402
+import numpy as np  # noqa: E402
+from mathutils import Matrix  # noqa: E402
+
+from . import materials, phone  # noqa: E402
+from .stage import SEEN_THROUGH, Place, Scene  # noqa: E402
+from .views import View, plan, useful_order  # noqa: E402
+
+
+def main(folder: Path, description: str) -> None:
+    """Parse the command line and make whatever is missing of the scene that `room.py` in a folder describes."""
+    # Not before bpy has its settings.
+    scene: Scene = import_module("room").SCENE
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument(
+        "--out", type=Path, default=folder, help="folder for photos/ and truth/ (default: beside this script)"
+    )
+    parser.add_argument("--views", type=int, default=scene.photos, help="number of photos (default: %(default)s)")
+    parser.add_argument(
+        "--samples", type=int, default=scene.samples, help="Cycles samples per pixel, denoised (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="varies the walk, the exposures and the noise (default: 0)")
+    parser.add_argument("--only", type=int, nargs="+", help="render these photos only, by number")
+    parser.add_argument("--masks-only", action="store_true", help="write the ground truth and stop")
+    arguments = parser.parse_args()
+
+    photos, masks = arguments.out / "photos", arguments.out / "truth" / "masks"
+    for place in (photos, masks):
+        place.mkdir(parents=True, exist_ok=True)
+        for unfinished in place.glob("*.part"):
+            unfinished.unlink()
+    views = plan(scene.walks, scene.centre, arguments.views, arguments.seed)
+    try:
+        write_truth(views, scene.places, arguments.out / "truth")
+    except FileExistsError as error:
+        parser.error(str(error))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene.build()
+    camera()
+    sky = bpy.context.scene.world.node_tree.nodes["Background"].inputs["Strength"]
+    brightness = sky.default_value
+    panes = [thing for thing in bpy.context.scene.objects if thing.get(SEEN_THROUGH)]
+    order = arguments.only or useful_order(len(views))
+
+    setup_masks()
+    sky.default_value = 0
+    for pane in panes:
+        pane.hide_render = True
+    for index in order:
+        path = masks / f"{views[index].name}.png"
+        if not path.exists():
+            aim_camera(views[index])
+            phone.save_ids(phone.remap_ids(np.rint(render()[..., 0] * 255).astype(np.uint8)), path)
+    if arguments.masks_only:
+        return
+
+    setup_photos(arguments.samples, scene.bounces)
+    sky.default_value = brightness
+    for pane in panes:
+        pane.hide_render = False
+    for done, index in enumerate(order, start=1):
+        path = photos / f"{views[index].name}.jpg"
+        if not path.exists():
+            started = time.perf_counter()
+            aim_camera(views[index])
+            bpy.context.scene.cycles.seed = arguments.seed + index
+            rng = np.random.default_rng((arguments.seed, index))
+            phone.save_photo(phone.expose(render(), views[index].exposure, rng), path, f"{scene.title}, synthetic, CC0")
+            print(f"{path.name} {done}/{len(order)} {time.perf_counter() - started:.0f} s", flush=True)
+
+
+def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) -> None:
+    """Write the cameras and the names of the ids.
+
+    Raises
+    ------
+    FileExistsError
+        The folder holds the cameras of another walk: its photos and masks would be taken for this one's.
+    """
+    cameras = {
+        "convention": (
+            "world_to_camera is a 4x4 row-major matrix into camera axes x right, y down, z forward (OpenCV). "
+            "The world is Blender's: Z up, metres. "
+            "Intrinsics are pixels with the centre of the upper left pixel at (0.5, 0.5), as in COLMAP. "
+            "SIMPLE_RADIAL: distorted = ideal * (1 + k1 * r^2), "
+            "r in ideal normalised coordinates."
+        ),
+        "photos": [
+            {
+                "file": f"{view.name}.jpg",
+                "model": "SIMPLE_RADIAL",
+                "width": phone.WIDTH,
+                "height": phone.HEIGHT,
+                "params": {"f": phone.FOCAL, "cx": phone.CX, "cy": phone.CY, "k1": phone.K1},
+                "exposure_stops": round(view.exposure, 4),
+                "world_to_camera": np.round(view.world_to_camera, 9).tolist(),
+            }
+            for view in views
+        ],
+    }
+    known = folder / "cameras.json"
+    if known.exists() and json.loads(known.read_text(encoding="utf-8"))["photos"] != cameras["photos"]:
+        raise FileExistsError(f"{folder.parent} holds photos of other views or another seed; choose another --out")
+    names = {
+        str(i): {"name": place.name, "prompt": place.prompt or place.name} for i, place in enumerate(places, start=1)
+    }
+    for name, content in (("cameras.json", cameras), ("names.json", names)):
+        unfinished = folder / f"{name}.part"
+        unfinished.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        os.replace(unfinished, folder / name)
+
+
+def camera() -> None:
+    """Add the camera: the photo's focal length over a slightly larger sensor, see `phone`."""
+    data = bpy.data.cameras.new("Phone")
+    data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
+    data.lens = 36.0 * phone.FOCAL / phone.IDEAL_WIDTH
+    data.clip_start = 0.05
+    scene = bpy.context.scene
+    scene.camera = bpy.data.objects.new("Phone", data)
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x, scene.render.resolution_y = phone.IDEAL_WIDTH, phone.IDEAL_HEIGHT
+    scene.render.resolution_percentage = 100
+
+
+def aim_camera(view: View) -> None:
+    """Put the camera where a view is; Blender's cameras look along -Z with +Y up."""
+    to_blender = np.diag([1.0, -1.0, -1.0, 1.0])
+    bpy.context.scene.camera.matrix_world = Matrix((np.linalg.inv(view.world_to_camera) @ to_blender).tolist())
+
+
+def setup_masks() -> None:
+    """One unfiltered sample per pixel of the object index."""
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.view_layers[0].material_override = materials.instance_id()
+    scene.cycles.samples = 1
+    scene.cycles.use_denoising = False
+    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.max_bounces = 0
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01
+
+
+def setup_photos(samples: int, bounces: int) -> None:
+    """Path tracing tuned for a few CPU cores."""
+    scene = bpy.context.scene
+    scene.view_layers[0].material_override = None
+    cycles = scene.cycles
+    cycles.samples, cycles.use_adaptive_sampling, cycles.adaptive_threshold = samples, True, 0.03
+    cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
+    cycles.denoising_quality = "BALANCED"
+    # Past the first bounce the room is bright and even enough for the sky's light to stand in.
+    cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 2, 2, bounces
+    cycles.use_fast_gi, cycles.fast_gi_method, cycles.ao_bounces_render = True, "REPLACE", 1
+    cycles.use_light_tree = False
+    cycles.transparent_max_bounces = 8
+    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.sample_clamp_indirect = 4.0
+    cycles.pixel_filter_type, cycles.filter_width = "BLACKMAN_HARRIS", 1.5
+    scene.render.use_persistent_data = True
+
+
+def render() -> np.ndarray:
+    """Render the scene to an (h, w, 3) linear float picture, first row at the top."""
+    scene = bpy.context.scene
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGB"
+    scene.render.filepath = str(Path(_SETTINGS.name) / "render.exr")
+    bpy.ops.render.render(write_still=True)
+    picture = bpy.data.images.load(scene.render.filepath)
+    pixels = np.empty(picture.size[0] * picture.size[1] * picture.channels, np.float32)
+    picture.pixels.foreach_get(pixels)
+    shape = (picture.size[1], picture.size[0], picture.channels)
+    bpy.data.images.remove(picture)
+    return np.ascontiguousarray(pixels.reshape(shape)[::-1, :, :3])
