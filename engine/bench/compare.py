@@ -25,7 +25,7 @@ from ..planning.decisions import PlanSettings, WorkPlan, plan_scene, plan_work, 
 from ..planning.forecast import forecast_work, require_fit
 from ..project_folder import PROJECT_FILE, ProjectFolder
 from ..settings import to_dict
-from ..training.checkpoint import read_progress
+from ..training.checkpoint import latest_run, read_progress
 from ..training.judge import gaussians_so_far, judge
 from ..training.settings import PRESETS, TrainingSettings
 from .settings import EVERYTHING, BenchSettings
@@ -45,7 +45,7 @@ class Row:
         The preset, with `EVERYTHING` behind it when leaving-out was switched off.
     steps, planned_steps : int
     n_gaussians : int
-    psnr, ssim, l1 : float or None
+    psnr, ssim, l1, flip : float or None
         Of what it ended with, on held-out photos at the largest preset's picture size, the same for all rows; None
         when there is nothing to measure.
     wall_seconds, cpu_seconds : float
@@ -69,6 +69,7 @@ class Row:
     psnr: float | None
     ssim: float | None
     l1: float | None
+    flip: float | None
     wall_seconds: float
     cpu_seconds: float
     peak_memory: int | None
@@ -119,7 +120,7 @@ class _Scenes:
 
     def __init__(self, scene: Path, out: Path, settings: BenchSettings, emit: Emit, should_stop: StopCheck) -> None:
         self.out, self.settings, self.emit, self.should_stop = out, settings, emit, should_stop
-        self._pipeline = PipelineSettings(camera_model=settings.camera_model)
+        self._pipeline = PipelineSettings(camera_model=settings.camera_model, photo_masks=settings.photo_masks)
         if (scene / PROJECT_FILE).is_file():
             self._base = _of_project(scene, should_stop)
             self._mask_record = ProjectFolder.open_existing(scene).stage_record("masks") or {}
@@ -145,17 +146,19 @@ class _Scenes:
             return row
         held_out = plan_scene(work, self._base.camera_set).held_out
         names = held_out or tuple(camera.photo for camera in self._base.camera_set.cameras)
-        quality = judge(
+        judged = judge(
             gaussians,
             self._base.photo_set.folder,
             self._base.camera_set,
             names,
             max_side=max(PRESETS[preset].max_side for preset in self.settings.presets),
+            photo_masks=self._base.photo_set.mask_files,
             should_stop=self.should_stop,
         )
         measured_on = "held-out photos" if held_out else "training photos"
+        quality = judged.quality
         return replace(
-            row, n_gaussians=len(gaussians), psnr=quality.psnr, ssim=quality.ssim, l1=quality.l1,
+            row, n_gaussians=len(gaussians), psnr=quality.psnr, ssim=quality.ssim, l1=quality.l1, flip=judged.flip,
             measured_on=measured_on,
         )  # fmt: skip
 
@@ -212,7 +215,7 @@ def _row(scenes: _Scenes, preset: str, leave_out: bool, calibration: Calibration
         refused = str(error)
     prepared, masks = scenes.with_masks(work, leave_out) if not refused else (None, {})
     row = Row(
-        name, 0, training.steps, 0, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
+        name, 0, training.steps, 0, None, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
         masks.get("wall_seconds"), "", refused, (),
     )  # fmt: skip
     if prepared is None:
@@ -268,16 +271,13 @@ def _named(emit: Emit, name: str) -> Emit:
 
 def _so_far(folder: Path) -> dict[str, Any] | None:
     """Return how far an unfinished training in a project came."""
-    for checkpoint in sorted((folder / "checkpoints").glob("*")):
-        found = read_progress(checkpoint)
-        if found is not None:
-            return found
-    return None
+    run = latest_run(folder / "checkpoints")
+    return None if run is None else read_progress(run)
 
 
 def _gaussians_so_far(folder: Path) -> Gaussians | None:
-    found = (gaussians_so_far(checkpoint) for checkpoint in sorted((folder / "checkpoints").glob("*")))
-    return next((gaussians for gaussians in found if gaussians is not None), None)
+    run = latest_run(folder / "checkpoints")
+    return None if run is None else gaussians_so_far(run)
 
 
 def _stopped(row: Row, so_far: dict[str, Any] | None, minutes: float) -> Row:

@@ -29,7 +29,7 @@ class BenchSettings:
         brightness correction. What leaving out saves and costs is the difference, measured.
     limit_minutes : float or None
         Training of a preset is stopped after this much wall time; its row says so.
-    camera_model : Path or None
+    camera_model, photo_masks : Path or None
         As for `reconstruct`.
     """
 
@@ -38,6 +38,7 @@ class BenchSettings:
     everything: bool = False
     limit_minutes: float | None = None
     camera_model: Path | None = None
+    photo_masks: Path | None = None
 
     def __post_init__(self) -> None:
         require(self, "presets", len(self.presets) > 0, "at least one preset")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..evaluation.document import write_section
 from ..machine import describe_machine
 from ..project_folder import atomic_write, finite_or_null, write_json
 from ..report.plots import compare_curves
@@ -16,24 +17,29 @@ from .compare import Row, pareto_front, savings
 
 __all__ = ["markdown", "write_comparison"]
 
-_NO_PERCEPTUAL = (
-    "LPIPS is not measured: no weights for it can be had here. FLIP is not measured either: there is no package for it "
-    "among ours, and writing it ourselves would be outside this house's purpose."
-)
+_EXPLANATION = """## What the columns mean
+
+Errors are told for all rows at the picture size of the largest preset; the curves were measured while training, each at
+its own preset's size. FLIP is the mean difference a person sees (Andersson et al. 2020), lower is better; LPIPS is not
+measured: no weights for it can be had here. Seconds are of training alone, without the measurements; cameras and masks
+are shared. A row is on the Pareto front when no other is at least as good in less CPU time; CPU seconds, because wall
+seconds also say what else the machine did. Memory is that of the whole process while it trained, in the order of the
+rows."""
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table, and what leaving out saved where that was measured."""
     lines = [
-        "| preset | steps | Gaussians | PSNR dB | SSIM | L1 | wall s | CPU s | peak memory | on the Pareto front |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
+        "| preset | steps | Gaussians | PSNR dB | SSIM | L1 | FLIP | wall s | CPU s | peak memory "
+        "| on the Pareto front |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
     ]
     for row, on_front in zip(rows, pareto_front(rows), strict=True):
         memory = f"{row.peak_memory / 1e9:.2f} GB" if row.peak_memory else "not known"
         cells = [
             f"`{row.name}`", f"{row.steps:,}", f"{row.n_gaussians:,}", _number(row.psnr, ".2f"),
-            _number(row.ssim, ".3f"), _number(row.l1, ".4f"), f"{row.wall_seconds:.0f}", f"{row.cpu_seconds:.0f}",
-            memory, "yes" if on_front else "no",
+            _number(row.ssim, ".3f"), _number(row.l1, ".4f"), _number(row.flip, ".4f"), f"{row.wall_seconds:.0f}",
+            f"{row.cpu_seconds:.0f}", memory, "yes" if on_front else "no",
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
     remarks = [f"- `{row.name}`: {row.remark}" for row in rows if row.remark]
@@ -69,7 +75,7 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
     command : str
         That made the table, stands above it.
     doc : Path, optional
-        Another Markdown file; its picture lies beside it under the same name.
+        Another Markdown file, which gets or keeps a section for each scene; the picture lies beside it.
 
     Returns
     -------
@@ -79,30 +85,35 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
     front = [(row.cpu_seconds, row.psnr) for row, on in zip(rows, pareto_front(rows), strict=True) if on and row.psnr]
     picture = compare_curves([(row.name, row.curve) for row in rows], front)
     write_json(out / "bench.json", finite_or_null(_as_json(rows, title=title, command=command)))
-    targets = [out / "bench.md"] + ([doc] if doc else [])
-    for target in targets:
-        image = target.with_suffix(".png")
-        if picture:
-            with atomic_write(image) as stream:
-                stream.write(picture)
-        with atomic_write(target, "w") as stream:
-            stream.write(_text(rows, title=title, command=command, image=image.name if picture else None))
-    return targets[0]
+    body = _body(rows, command=command)
+    _write_picture(out / "bench.png", picture)
+    with atomic_write(out / "bench.md", "w") as stream:
+        stream.write(f"# {title}: error against run time\n\n{body}\n\n{_shown('bench.png', picture)}{_EXPLANATION}\n")
+    if doc:
+        image = doc.with_name(f"{doc.stem}_{title}.png".replace(" ", "_"))
+        _write_picture(image, picture)
+        text = f"{body}\n\n{_shown(image.name, picture)}"
+        write_section(doc, introduction="# Error against run time", title=title, body=text, closing=_EXPLANATION)
+    return out / "bench.md"
 
 
-def _text(rows: Sequence[Row], *, title: str, command: str, image: str | None) -> str:
+def _write_picture(path: Path, picture: bytes | None) -> None:
+    if picture:
+        with atomic_write(path) as stream:
+            stream.write(picture)
+
+
+def _shown(name: str, picture: bytes | None) -> str:
+    return f"![Error against run time, all presets]({name})\n\n" if picture else ""
+
+
+def _body(rows: Sequence[Row], *, command: str) -> str:
     measured = next((row.measured_on for row in rows if row.measured_on), "held-out photos")
     machine = describe_machine()
-    picture = f"![Error against run time, all presets]({image})\n\n" if image else ""
     return (
-        f"# {title}: error against run time\n\n```\n{command}\n```\n\n{markdown(rows)}\n\n{picture}"
-        f"Errors on {measured}, for all rows at the picture size of the largest preset; the curves were measured while "
-        "training, each at its own preset's size. Seconds are of training alone, without the measurements; cameras and "
-        "masks are shared. "
-        "A row is on the Pareto front when no other is at least as good in less CPU time; CPU seconds, because wall "
-        "seconds also say what else the machine did. Memory is that of the whole process while it trained, in the "
-        f"order of the rows. {_NO_PERCEPTUAL}\n\n"
-        f"Gaussian Heritage {__version__}, {machine.cores} cores, {platform.system()} {platform.machine()}.\n"
+        f"```\n{command}\n```\n\n{markdown(rows)}\n\n"
+        f"Errors on {measured}. Gaussian Heritage {__version__}, {machine.cores} cores, "
+        f"{platform.system()} {platform.machine()}."
     )
 
 

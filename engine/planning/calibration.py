@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 CALIBRATION_VARIABLE = "GAUSSIAN_HERITAGE_CALIBRATION"
 """Names another file than that in the user's cache folder."""
 
-_VERSION = 1
+_VERSION = 2
 _PACKAGES = ("torch", "numba", "numpy", "pycolmap", "onnxruntime")
 _NEWEST = 0.4
 """Weight of a run's outcome in the mean; the first ones weigh more, see `Learned.after`."""
@@ -81,6 +81,9 @@ class Benchmark:
         SIFT on two pictures, and matching them.
     sam_encode : float or None
         None where the model is not there.
+    libraries : int or None
+        Bytes of a process that has only loaded them (torch built for CUDA holds a GB more than for the CPU); None where
+        the system cannot tell.
     rasterizer : str
         Which version of our rasterizer was measured; another one is measured anew.
     """
@@ -88,10 +91,11 @@ class Benchmark:
     training_step: float
     features: float
     sam_encode: float | None
+    libraries: int | None
     rasterizer: str
 
 
-REFERENCE = Benchmark(training_step=0.030, features=2.1, sam_encode=1.85, rasterizer="")
+REFERENCE = Benchmark(training_step=0.030, features=2.1, sam_encode=1.85, libraries=404_000_000, rasterizer="")
 """The same figures on the machine that the formulas were fitted on."""
 
 
@@ -129,6 +133,14 @@ class Calibration:
             assert REFERENCE.sam_encode is not None
             return measured.sam_encode / REFERENCE.sam_encode
         return measured.features / REFERENCE.features
+
+    @property
+    def more_memory(self) -> int:
+        """Bytes that the libraries hold here beyond what they hold on the reference machine."""
+        if self.benchmark is None or self.benchmark.libraries is None:
+            return 0
+        assert REFERENCE.libraries is not None
+        return self.benchmark.libraries - REFERENCE.libraries
 
     def learned(self, stage: str, what: str) -> Learned:
         """Return the correction of a stage's formula for ``cpu``, ``wall`` or ``memory``."""

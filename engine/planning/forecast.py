@@ -176,7 +176,7 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: i
     for step in range(settings.steps if steps is None else min(steps, settings.steps)):
         degree = schedule.sh_degree(step)
         # Bands not yet used are carried along, but neither evaluated nor stepped.
-        one = step_seconds(n, pixels >> 2 * schedule.halvings(step), sh_degree=degree, features=work.features)
+        one = step_seconds(n, round(pixels * schedule.scale(step) ** 2), sh_degree=degree, features=work.features)
         growing = settings.grow_from * settings.steps <= step < settings.grow_until * settings.steps
         seconds += one * (_GROWTH if growing else 1.0)
         if schedule.grows(step):
@@ -229,8 +229,17 @@ def _copy_pixels(work: WorkPlan) -> float:
     return work.photo_width * work.photo_height * scale**2
 
 
-def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: int) -> int:
+def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: int, libraries: int = 0) -> int:
     """Return the most bytes the process holds in a stage.
+
+    Parameters
+    ----------
+    stage : str
+    work : WorkPlan
+    settings : TrainingSettings
+    cores : int
+    libraries : int
+        What Python's libraries hold beyond the 500 MB of the reference machine.
 
     Notes
     -----
@@ -240,23 +249,23 @@ def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: 
     number and 256 a feature-carrying Gaussian, the picture being made with its channels and their gradients, and 220 MB
     that SAM left. A process gives little back: objects and report hold what training held.
     """
-    pixels = work.width * work.height
+    pixels, python = work.width * work.height, _PYTHON + libraries
     full = work.photo_width * work.photo_height
     if stage == "photos":
         return _BARE_PYTHON + 15 * full * min(8, cores)
     if stage == "cameras":
-        return _PYTHON if work.pairs == "none" else int(_PYTHON + _COLMAP_PIXEL * _copy_pixels(work) * min(4, cores))
+        return python if work.pairs == "none" else int(python + _COLMAP_PIXEL * _copy_pixels(work) * min(4, cores))
     if stage == "masks":
-        return _PYTHON + _SAM
+        return python + _SAM
     targets = _TARGET_PIXEL * pixels * work.n_photos
     kept = targets if targets <= _MOST_TARGETS else _TARGET_PIXEL * pixels
     channels = 3 + 16 * work.features
     numbers = 11 + 3 * (work.sh_degree + 1) ** 2 + 16 * work.features
     gaussians = settings.max_gaussians * (_GAUSSIAN_FLOAT * numbers + _GAUSSIAN_FEATURE * work.features)
     photos = pixels * (3 * work.n_photos + 12 * work.n_mask_photos)
-    training = _PYTHON + photos + kept + gaussians + pixels * (60 + 16 * channels)
+    training = python + photos + kept + gaussians + pixels * (60 + 16 * channels)
     training += _LEFT_BY_MASKS if work.n_mask_photos else 0
-    return max(training, _PYTHON + _SAM + gaussians // 4) if stage == "objects" else training
+    return max(training, python + _SAM + gaussians // 4) if stage == "objects" else training
 
 
 def forecast_work(
@@ -299,7 +308,7 @@ def _stage(
     n_prompts: int,
 ) -> StageForecast:
     model_cpu = cpu_seconds_of(stage, work, settings, n_prompts=n_prompts) * calibration.slowness(stage)
-    model_memory = memory_of(stage, work, settings, cores=machine.cores)
+    model_memory = memory_of(stage, work, settings, cores=machine.cores, libraries=calibration.more_memory)
     cpu, wall, memory = (calibration.learned(stage, what) for what in ("cpu", "wall", "memory"))
     cpu_seconds = model_cpu * math.exp(cpu.mean)
     seconds = cpu_seconds * wall_share(stage, machine.cores) * math.exp(wall.mean)
@@ -354,7 +363,10 @@ def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free
         )  # fmt: skip
         stages = ["photos", "cameras", "training"] + (["masks"] if work.n_mask_photos else [])
         need = max(
-            int(memory_of(stage, other, preset, cores=cores) * math.exp(calibration.learned(stage, "memory").mean))
+            int(
+                memory_of(stage, other, preset, cores=cores, libraries=calibration.more_memory)
+                * math.exp(calibration.learned(stage, "memory").mean)
+            )
             for stage in stages
         )
         if need <= free and name != work.preset and preset.max_gaussians < work.max_gaussians:

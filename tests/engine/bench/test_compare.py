@@ -6,7 +6,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import flip_evaluator
+import numpy as np
 import pytest
+from PIL import Image
 
 from engine.bench.compare import Row, pareto_front, savings
 from engine.bench.settings import BenchSettings
@@ -22,7 +25,13 @@ SECOND = "second"
 
 def row(name: str, psnr: float | None, cpu: float, *, masks: float | None = None, remark: str = "") -> Row:
     curve = ({"step": 10, "wall_seconds": cpu / 2, "cpu_seconds": cpu, "psnr": psnr, "l1": 0.1},)
-    return Row(name, 10, 10, 100, psnr, 0.5, 0.1, cpu / 2, cpu, None, masks, masks, "held-out photos", remark, curve)
+    return Row(
+        name, 10, 10, 100, psnr, 0.5, 0.1, 0.2, cpu / 2, cpu, None, masks, masks, "held-out photos", remark, curve
+    )
+
+
+def picture_of(folder: Path) -> np.ndarray:
+    return np.asarray(Image.open(folder / "0.jpg"), np.float32) / np.float32(255.0)
 
 
 @pytest.fixture
@@ -68,9 +77,12 @@ def test_presets_are_compared_on_the_same_cameras_and_nothing_is_done_twice(
     assert all(row["psnr"] > 5 and len(row["curve"]) >= 2 and row["cpu_seconds"] > 0 for row in data["rows"])
     text = doc.read_text(encoding="utf-8")
     assert "python -m engine bench" in text and f"| `{SECOND}` | 40 |" in text and "held-out photos" in text
-    assert "LPIPS is not measured" in text
+    # FLIP of one grey picture against the photos; ours must look more like them than that.
+    grey = flip_evaluator.evaluate(picture_of(photos), np.full((144, 192, 3), 0.5, np.float32), "LDR")[1]
+    assert all(0.0 < row["flip"] < grey for row in data["rows"]) and "| FLIP |" in text
+    assert "no weights for it can be had here" in text
     assert str(tmp_path) not in text
-    assert doc.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert doc.with_name(f"comparison_{tmp_path.name}.png").read_bytes().startswith(b"\x89PNG")
     assert "| `test` | 20 |" in again.of_kind("finished")[0]["message"]
 
 

@@ -112,3 +112,21 @@ def test_spread_keeps_order_and_ends() -> None:
     names = [str(i) for i in range(10)]
     assert spread(names, 3) == ("1", "5", "8")
     assert spread(names, 20) == tuple(names)
+
+
+def test_few_photos_get_fewer_steps_and_the_plan_says_why() -> None:
+    standard = PRESETS["standard"]
+    few, many = work(32), work(80)
+    assert many.steps == standard.steps and not [left for left in many.left_out if "training steps" in left.what]
+    assert few.steps == standard.rounds * 28 < standard.steps
+    (told,) = [left for left in few.left_out if "training steps" in left.what]
+    assert told.what == "1,320 of 3,000 training steps" and "28 photos" in told.why and "60 times" in told.why
+    assert training_settings(few).steps == few.steps
+    assert training_settings(few).sh_interval == standard.sh_interval * few.steps // standard.steps
+    # However few there are, half of the steps are done.
+    assert work(3).steps == standard.steps // 2
+
+
+def test_people_are_left_out_only_when_asked_for() -> None:
+    assert not training_settings(work(32)).passers_by
+    assert training_settings(work(32, settings=PlanSettings(passers_by=True))).passers_by
