@@ -113,3 +113,20 @@ class Detector(Protocol):
             When the prompt is empty or not known.
         """
         ...
+
+    def name_crops(
+        self, crops: Sequence[tuple[NDArray[np.uint8], ArrayLike, NDArray[np.bool_]]]
+    ) -> list[tuple[str, float]]:
+        """Return words for one thing that several photos show, each with a confidence 0 to 1, the best first.
+
+        Parameters
+        ----------
+        crops : sequence of (pixels, box, mask)
+            Pixels [H, W, 3], uint8; the box x0, y0, x1, y1 in them, and the thing's mask, bool [H, W].
+
+        Returns
+        -------
+        list of (str, float)
+            Empty without crops, and from a detector that can only be asked for given words.
+        """
+        ...

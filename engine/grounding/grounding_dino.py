@@ -205,6 +205,10 @@ class GroundingDino:
             places = np.array([_extent(mask, box) for mask, box in zip(masks, places, strict=True)]).reshape(-1, 4)
         return [self._score_crop(pixels, box, prompt) for box in places]
 
+    def name_crops(self, crops: Sequence[tuple[Pixels, ArrayLike, NDArray[np.bool_]]]) -> list[tuple[str, float]]:
+        """Return nothing: this model looks for given words and has none of its own; see `Detector.name_crops`."""
+        return []
+
     def _score_crop(self, pixels: Pixels, box: NDArray[np.float64], prompt: str) -> float:
         margin = _MARGIN * (box[2:] - box[:2])
         height, width = pixels.shape[:2]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
 
@@ -36,7 +37,7 @@ Box = tuple[float, float, float, float]
 # in their surroundings 50 %).
 _MARGIN = 0.2
 _WHITE = 255
-_BATCH = 8
+_BATCH = 4
 # A probability that turns into a score of 0.5; see `_score`.
 _EVEN = 0.02
 _MIN_SCORE = 0.2
@@ -132,6 +133,22 @@ class OfflineVocabulary:
         probabilities = self._classify(pixels, places, masks)
         return [_score(_meant(row, weights)) for row in probabilities]
 
+    def name_crops(self, crops: Sequence[tuple[Pixels, ArrayLike, NDArray[np.bool_]]]) -> list[tuple[str, float]]:
+        """Return the five likeliest words for what all crops show; see `Detector.name_crops`.
+
+        Notes
+        -----
+        Probabilities of the classes, averaged over the crops: what looks like something else from one side only loses.
+        """
+        rows = [
+            self._classify(pixels, [_as_box(np.asarray(box, np.float64))], [mask])[0] for pixels, box, mask in crops
+        ]
+        if not rows:
+            return []
+        mean = np.mean(rows, axis=0)
+        best = np.argsort(-mean, kind="stable")[:5]
+        return [(self._vocabulary.name(int(number)), _score(float(mean[number]))) for number in best]
+
     def _weights(self, prompt: str) -> dict[int, float]:
         weights = self._vocabulary.weights(prompt)
         if not weights:
@@ -163,14 +180,29 @@ class OfflineVocabulary:
         key = digest.hexdigest()
         if key not in self._probabilities:
             crops = [_crop(pixels, box, None if masks is None else masks[i]) for i, box in enumerate(boxes)]
-            parts = []
-            for start in range(0, len(crops), _BATCH):
-                batch = torch.from_numpy(np.stack(crops[start : start + _BATCH])).permute(0, 3, 1, 2).float()
-                parts.append(self._classifier.logits(batch).softmax(dim=1).numpy())
-            self._probabilities[key] = np.concatenate(parts)
+            self._probabilities[key] = np.concatenate(self._probabilities_of(crops))
             while sum(len(rows) for rows in self._probabilities.values()) > _KEPT_ROWS:
                 self._probabilities.popitem(last=False)
         return self._probabilities[key]
+
+    def _probabilities_of(self, crops: Sequence[Pixels]) -> list[Float32]:
+        """Return class probabilities in batches, each in a thread of its own.
+
+        Threads inside of an operation wait for each other by spinning: the network's layers are so small that on a busy
+        machine they spent ten times the CPU seconds of one thread (0.7 against 0.07 a crop).
+        """
+
+        def answer(batch: Sequence[Pixels]) -> Float32:
+            pictures = torch.from_numpy(np.stack(batch)).permute(0, 3, 1, 2).float()
+            return np.asarray(self._classifier.logits(pictures).softmax(dim=1).numpy(), np.float32)
+
+        batches = [crops[start : start + _BATCH] for start in range(0, len(crops), _BATCH)]
+        threads = torch.get_num_threads()
+        try:
+            with ThreadPoolExecutor(max_workers=threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+                return list(pool.map(answer, batches))
+        finally:
+            torch.set_num_threads(threads)
 
 
 def _meant(row: Float32, weights: dict[int, float]) -> float:

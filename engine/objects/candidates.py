@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,27 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PromptError
 from ..events import StopCheck
 from .lifting import Lifted, lift
-from .seeds import Photos, Seed
+from .photos import Photos
+from .seeds import Seed
 from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
 
 if TYPE_CHECKING:
     from ..grounding.detector import Detector
 
-__all__ = ["THRESHOLD", "Candidate", "fit_of", "gather", "overlap", "rank_for_text"]
+__all__ = [
+    "THRESHOLD",
+    "Candidate",
+    "NothingAlike",
+    "crop_of",
+    "crops_of",
+    "fit_of",
+    "gather",
+    "looks_like",
+    "overlap",
+    "rank_for_text",
+    "whole_as",
+]
 
 THRESHOLD = 0.5
 """Membership from which on a Gaussian belongs to an object, until the person moves the slider."""
@@ -49,6 +62,20 @@ class Candidate:
     best: Lifted
     seeds: list[Seed]
     fit: float
+
+
+class NothingAlike(PromptError):
+    """A text that nothing in the photos looks enough like.
+
+    Attributes
+    ----------
+    candidates : tuple of (float, Candidate)
+        What comes nearest with its score, the best first.
+    """
+
+    def __init__(self, message: str, candidates: Sequence[tuple[float, Candidate]]) -> None:
+        super().__init__(message)
+        self.candidates = tuple(candidates)
 
 
 def fit_of(views: Views, view: View, mask: Mask, membership: Float32) -> float:
@@ -117,7 +144,7 @@ def rank_for_text(
 
     Raises
     ------
-    PromptError
+    NothingAlike
         When even the best is not worth keeping.
     Cancelled
         When `should_stop` says so.
@@ -137,14 +164,15 @@ def rank_for_text(
         for score, candidate in scored[: settings.n_rescored]:
             if should_stop():
                 raise Cancelled("Stopped while comparing what was found; no object was stored.")
-            seen = _looks_like(text, views, candidate, photos, detector, settings)
+            seen = looks_like(text, views, candidate.best.members, photos, detector, settings)
             again.append((float(np.sqrt(score * seen)), candidate))
         scored = sorted(again, key=lambda pair: -pair[0])
     best = scored[0][0]
     if best < settings.least_score:
-        raise PromptError(
+        raise NothingAlike(
             f"Nothing in the photos looks enough like {text!r} (best match {best:.2f}, needed "
-            f"{settings.least_score:.2f}). Use another word, or click on the object instead."
+            f"{settings.least_score:.2f}). Use another word, or click on the object instead.",
+            scored,
         )
     return [pair for pair in scored if pair[0] >= settings.relative_score * best][: settings.max_objects]
 
@@ -155,7 +183,8 @@ def _agreement(views: Views, candidate: Candidate, looked_at: set[str]) -> float
     Where the detector found something else in such a view, it counts 0: a find that several views agree on wins over
     a louder one of a single view.
     """
-    facing = [camera.photo for camera in views.facing(_center(views, candidate)) if camera.photo in looked_at]
+    center = _center(views, candidate.best.members)
+    facing = [camera.photo for camera in views.facing(center) if camera.photo in looked_at]
     by_photo: dict[str, float] = {}
     for seed in candidate.seeds:
         photo = seed.view.camera.photo
@@ -163,26 +192,62 @@ def _agreement(views: Views, candidate: Candidate, looked_at: set[str]) -> float
     return min(1.0, sum(by_photo.values()) / max(len(facing), len(by_photo)) * candidate.fit)
 
 
-def _center(views: Views, candidate: Candidate) -> NDArray[np.floating]:
-    center: NDArray[np.floating] = np.median(views.scene.gaussians.means[candidate.best.members], axis=0)
+def _center(views: Views, members: Mask) -> NDArray[np.floating]:
+    center: NDArray[np.floating] = np.median(views.scene.gaussians.means[members], axis=0)
     return center
 
 
-def _looks_like(
-    text: str, views: Views, candidate: Candidate, photos: Photos, detector: Detector, settings: SegmentSettings
+def looks_like(
+    text: str, views: Views, members: Mask, photos: Photos, detector: Detector, settings: SegmentSettings
 ) -> float:
-    """Return the detector's mean score of the candidate as it is seen in photos from all around, 0 to 1."""
-    scores = []
-    for camera in spread_cameras(views.facing(_center(views, candidate)), settings.n_crop_views):
+    """Return the detector's mean score of members, bool [N], as they are seen in photos from all around, 0 to 1."""
+    scores = _scores_of(text, views, members, photos, detector, settings)
+    return float(np.mean(scores)) if scores else 0.0
+
+
+def whole_as(
+    text: str, views: Views, members: Mask, photos: Photos, detector: Detector, settings: SegmentSettings
+) -> float:
+    """Return how much members, bool [N], look like a whole one of what `text` names, 0 to 1.
+
+    Half of it is the mean over the photos, half the median: a version must win from most sides. A flowerpot with its
+    plinth looked better than the pot from the one side where that alone was not recognised.
+    """
+    scores = _scores_of(text, views, members, photos, detector, settings)
+    return float(np.mean(scores) + np.median(scores)) / 2 if scores else 0.0
+
+
+def _scores_of(
+    text: str, views: Views, members: Mask, photos: Photos, detector: Detector, settings: SegmentSettings
+) -> list[float]:
+    scores: list[float] = []
+    for pixels, box, mask in crops_of(views, members, photos, settings):
+        scores += detector.score_crops(pixels, [box], text, masks=[mask])
+    return scores
+
+
+def crops_of(
+    views: Views, members: Mask, photos: Photos, settings: SegmentSettings
+) -> Iterator[tuple[NDArray[np.uint8], list[int], Mask]]:
+    """Yield photos from all around members, bool [N]: pixels, the box x0, y0, x1, y1 and the mask of what is seen."""
+    if not members.any():
+        return
+    for camera in spread_cameras(views.facing(_center(views, members)), settings.n_crop_views):
         view = views.of(camera)
-        shown = views.visible_share(view, candidate.best.members) > 0.5
+        shown = views.visible_share(view, members) > 0.5
         if int(shown.sum()) < _FEWEST_PIXELS:
             continue
-        pixels = photos.pixels(camera)
-        size = (pixels.shape[1], pixels.shape[0])
-        mask = cv2.resize(view.to_photo(shown).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-        columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-        if len(columns):
-            box = [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]
-            scores += detector.score_crops(pixels, [box], text, masks=[mask])
-    return float(np.mean(scores)) if scores else 0.0
+        crop = crop_of(view, shown, photos)
+        if crop is not None:
+            yield crop
+
+
+def crop_of(view: View, shown: Mask, photos: Photos) -> tuple[NDArray[np.uint8], list[int], Mask] | None:
+    """Return a photo, the box x0, y0, x1, y1 and the mask in its pixels of what a view shows; None of nothing."""
+    pixels = photos.pixels(view.camera)
+    size = (pixels.shape[1], pixels.shape[0])
+    mask = cv2.resize(view.to_photo(shown).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
+    if len(columns) == 0:
+        return None
+    return pixels, [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1], mask

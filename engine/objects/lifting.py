@@ -16,7 +16,7 @@ from .selection import calibrated, connected_parts, inside_hull, mean_direction,
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
 
-__all__ = ["Lifted", "complete", "lift", "refine_by_votes", "snap_to_segments"]
+__all__ = ["Lifted", "behind", "complete", "lift", "refine_by_votes", "snap_to_segments"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -205,7 +205,7 @@ def refine_by_votes(
         When `should_stop` says so.
     """
     prior = lifted.membership
-    given = _behind(views, *seed) if seed is not None and settings.keep_given else None
+    given = behind(views, *seed) if seed is not None and settings.keep_given else None
     inside = seen = np.zeros(len(prior), np.float32)
     for number in range(settings.vote_rounds):
         center = np.median(views.scene.gaussians.means[lifted.members], axis=0)
@@ -234,7 +234,7 @@ def refine_by_votes(
     return lifted, seen
 
 
-def _behind(views: Views, view: View, mask: Mask) -> Mask:
+def behind(views: Views, view: View, mask: Mask) -> Mask:
     """Return the Gaussians that make up at least half a pixel of `mask`, and more of it than of what is beside it."""
     votes = views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
     return np.asarray((votes[:, 0] >= _HALF) & (votes[:, 0] > votes[:, 1]))

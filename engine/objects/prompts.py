@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,16 @@ __all__ = [
     "BoxPrompt",
     "ClickPrompt",
     "MaskPrompt",
+    "Point",
     "Prompt",
     "TextPrompt",
     "camera_of_prompt",
+    "describe_points",
     "describe_prompt",
     "load_mask",
+    "parse_point",
     "parse_prompt",
+    "parse_texts",
 ]
 
 
@@ -45,8 +50,8 @@ class TextPrompt:
 
 
 @dataclass(frozen=True)
-class ClickPrompt:
-    """A point in a photo; (0, 0) is the top left corner, x to the right, y down."""
+class Point:
+    """A pixel of a photo; (0, 0) is the top left corner, x to the right, y down."""
 
     photo: str
     x: float
@@ -54,8 +59,35 @@ class ClickPrompt:
 
 
 @dataclass(frozen=True)
+class ClickPrompt:
+    """One click on an object, or several.
+
+    Attributes
+    ----------
+    photo : str
+    x, y : float
+        Of the first click; (0, 0) is the top left corner, x to the right, y down.
+    more : tuple of Point
+        Further clicks on the same object, in this photo or others.
+    excluded : tuple of Point
+        Clicks on what does not belong to it.
+    """
+
+    photo: str
+    x: float
+    y: float
+    more: tuple[Point, ...] = ()
+    excluded: tuple[Point, ...] = ()
+
+    @property
+    def clicks(self) -> tuple[Point, ...]:
+        """All clicks on the object."""
+        return (Point(self.photo, self.x, self.y), *self.more)
+
+
+@dataclass(frozen=True)
 class BoxPrompt:
-    """A box in a photo by two opposite corners; stored with x0 < x1 and y0 < y1.
+    """A box in a photo by two opposite corners, stored with x0 < x1 and y0 < y1; `excluded` as of a click.
 
     Raises
     ------
@@ -68,6 +100,7 @@ class BoxPrompt:
     y0: float
     x1: float
     y1: float
+    excluded: tuple[Point, ...] = ()
 
     def __post_init__(self) -> None:
         left, right = sorted((self.x0, self.x1))
@@ -80,17 +113,23 @@ class BoxPrompt:
 
 @dataclass(frozen=True)
 class MaskPrompt:
-    """A picture of the photo's size, white where the object is."""
+    """A picture of the photo's size, white where the object is; `excluded` as of a click."""
 
     photo: str
     mask: Path
+    excluded: tuple[Point, ...] = ()
 
 
 Prompt = TextPrompt | ClickPrompt | BoxPrompt | MaskPrompt
 
 
 def parse_prompt(
-    *, text: str | None = None, click: str | None = None, box: str | None = None, seed_mask: str | None = None
+    *,
+    text: str | None = None,
+    click: str | Sequence[str] | None = None,
+    box: str | None = None,
+    seed_mask: str | None = None,
+    excluded: Sequence[str] = (),
 ) -> Prompt:
     """Return the one prompt that is given, from the forms of the command line.
 
@@ -98,12 +137,14 @@ def parse_prompt(
     ----------
     text : str, optional
         Words.
-    click : str, optional
-        ``PHOTO=x,y``.
+    click : str or sequence of str, optional
+        ``PHOTO=x,y``; several mean one object.
     box : str, optional
         ``PHOTO=x0,y0,x1,y1``.
     seed_mask : str, optional
         ``PHOTO=MASK.png``.
+    excluded : sequence of str
+        ``PHOTO=x,y`` of what does not belong to the object; not with a text.
 
     Returns
     -------
@@ -114,18 +155,48 @@ def parse_prompt(
     PromptError
         When none or several are given, or one is not of its form.
     """
-    if sum(value is not None for value in (text, click, box, seed_mask)) != 1:
+    clicks = [click] if isinstance(click, str) else list(click or ())
+    if sum((text is not None, bool(clicks), box is not None, seed_mask is not None)) != 1:
         raise PromptError("Give exactly one prompt: a text, a click, a box or a mask.")
+    without = tuple(parse_point(point) for point in excluded)
     if text is not None:
+        if without:
+            raise PromptError("A text takes no clicks. Isolate it first, then correct the object with --refine.")
         return TextPrompt(text)
-    if click is not None:
-        photo, (x, y) = _photo_and_numbers(click, 2, "PHOTO=x,y")
-        return ClickPrompt(photo, x, y)
+    if clicks:
+        first, *more = (parse_point(point) for point in clicks)
+        return ClickPrompt(first.photo, first.x, first.y, tuple(more), without)
     if box is not None:
         photo, (x0, y0, x1, y1) = _photo_and_numbers(box, 4, "PHOTO=x0,y0,x1,y1")
-        return BoxPrompt(photo, x0, y0, x1, y1)
+        return BoxPrompt(photo, x0, y0, x1, y1, without)
     assert seed_mask is not None
-    return _parse_mask(seed_mask)
+    return _parse_mask(seed_mask, without)
+
+
+def parse_point(text: str) -> Point:
+    """Return a click from its form ``PHOTO=x,y``.
+
+    Raises
+    ------
+    PromptError
+        When it has another form.
+    """
+    photo, (x, y) = _photo_and_numbers(text, 2, "PHOTO=x,y")
+    return Point(photo, x, y)
+
+
+def parse_texts(text: str) -> list[str]:
+    """Return the texts of ``"vase;teapot"``, each once, in their order.
+
+    Raises
+    ------
+    PromptError
+        When there is none.
+    """
+    texts = list(dict.fromkeys(part.strip() for part in text.split(";") if part.strip()))
+    if not texts:
+        raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
+    return texts
 
 
 def _photo_and_numbers(text: str, count: int, form: str) -> tuple[str, list[float]]:
@@ -140,34 +211,41 @@ def _photo_and_numbers(text: str, count: int, form: str) -> tuple[str, list[floa
     return photo, numbers
 
 
-def _parse_mask(text: str) -> MaskPrompt:
+def _parse_mask(text: str, excluded: tuple[Point, ...]) -> MaskPrompt:
     splits = [(text[:i], text[i + 1 :]) for i, letter in enumerate(text) if letter == "="]
     splits = [(photo, mask) for photo, mask in splits if photo and mask]
     if not splits:
         raise PromptError(f"{text!r} is not of the form PHOTO=MASK.png.")
     # Both names may hold an "=": the mask is the part that is a file.
     photo, mask = next((split for split in splits if Path(split[1]).is_file()), splits[0])
-    return MaskPrompt(photo, Path(mask))
+    return MaskPrompt(photo, Path(mask), excluded)
 
 
-def describe_prompt(prompt: Prompt) -> dict[str, str | float]:
+def describe_prompt(prompt: Prompt) -> dict[str, Any]:
     """Return the prompt as JSON values, as ``object.json`` stores it."""
     if isinstance(prompt, TextPrompt):
         return {"kind": "text", "text": prompt.text}
+    excluded = {"not": describe_points(prompt.excluded)} if prompt.excluded else {}
     if isinstance(prompt, ClickPrompt):
-        return {"kind": "click", "photo": prompt.photo, "x": prompt.x, "y": prompt.y}
+        clicks = {"clicks": describe_points(prompt.clicks)} if prompt.more else {}
+        return {"kind": "click", "photo": prompt.photo, "x": prompt.x, "y": prompt.y, **clicks, **excluded}
     if isinstance(prompt, BoxPrompt):
         box = {"x0": prompt.x0, "y0": prompt.y0, "x1": prompt.x1, "y1": prompt.y1}
-        return {"kind": "box", "photo": prompt.photo, **box}
-    return {"kind": "mask", "photo": prompt.photo, "mask": prompt.mask.name}
+        return {"kind": "box", "photo": prompt.photo, **box, **excluded}
+    return {"kind": "mask", "photo": prompt.photo, "mask": prompt.mask.name, **excluded}
 
 
-def camera_of_prompt(prompt: ClickPrompt | BoxPrompt | MaskPrompt, cameras: CameraSet) -> Camera:
+def describe_points(points: Sequence[Point]) -> list[dict[str, Any]]:
+    """Return clicks as JSON values."""
+    return [{"photo": point.photo, "x": point.x, "y": point.y} for point in points]
+
+
+def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, cameras: CameraSet) -> Camera:
     """Return the camera of the photo the prompt points into.
 
     Parameters
     ----------
-    prompt : ClickPrompt, BoxPrompt or MaskPrompt
+    prompt : Point, ClickPrompt, BoxPrompt or MaskPrompt
     cameras : CameraSet
 
     Returns
@@ -184,7 +262,7 @@ def camera_of_prompt(prompt: ClickPrompt | BoxPrompt | MaskPrompt, cameras: Came
     if camera is None:
         raise PromptError(_unknown_photo(prompt.photo, [c.photo for c in cameras.cameras], cameras.unregistered))
     size = f"{prompt.photo} is {camera.width} x {camera.height} pixels"
-    if isinstance(prompt, ClickPrompt) and not (0 <= prompt.x < camera.width and 0 <= prompt.y < camera.height):
+    if isinstance(prompt, Point | ClickPrompt) and not (0 <= prompt.x < camera.width and 0 <= prompt.y < camera.height):
         raise PromptError(f"The click {prompt.x:g},{prompt.y:g} lies outside of the photo: {size}.")
     if isinstance(prompt, BoxPrompt) and (
         prompt.x1 <= 0 or prompt.y1 <= 0 or prompt.x0 >= camera.width or prompt.y0 >= camera.height

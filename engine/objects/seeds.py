@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -14,19 +13,17 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck
-from ..photos.pixels import load_pixels
-from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, camera_of_prompt, load_mask
+from .photos import Photos, SamFactory
+from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, camera_of_prompt, load_mask
 from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
 
 if TYPE_CHECKING:
     from ..grounding.detector import Detector
-    from ..masks.sam import Embedding, SegmentAnything
 
-__all__ = ["DetectorFactory", "Photos", "SamFactory", "Seed", "find_seeds"]
+__all__ = ["DetectorFactory", "Photos", "SamFactory", "Seed", "find_seeds", "seeds_of_clicks"]
 
 DetectorFactory = Callable[[], "Detector"]
-SamFactory = Callable[[], "SegmentAnything"]
 
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
@@ -58,41 +55,6 @@ class Seed:
     start: Float32 | None = None
     given: bool = False
     whole: bool = True
-
-
-class Photos:
-    """Photos at the size the models see, each encoded by SAM at most once."""
-
-    def __init__(self, folder: Path, side: int, sam_factory: SamFactory) -> None:
-        self._folder, self._side, self._sam_factory = folder, side, sam_factory
-        self._sam: SegmentAnything | None = None
-        self._embeddings: dict[str, Embedding] = {}
-
-    def pixels(self, camera: Camera) -> NDArray[np.uint8]:
-        """Return the photo, uint8 [H, W, 3]."""
-        return load_pixels(self._folder / camera.photo, max_side=self._side)
-
-    def segment(
-        self,
-        camera: Camera,
-        pixels: NDArray[np.uint8],
-        *,
-        point: tuple[float, float] | None = None,
-        box: tuple[float, float, float, float] | None = None,
-    ) -> tuple[Mask, float]:
-        """Return SAM's mask and its guess of the IoU for a point or box in the pixels of `pixels`."""
-        if self._sam is None:
-            self._sam = self._sam_factory()
-        if camera.photo not in self._embeddings:
-            self._embeddings = {camera.photo: self._sam.encode(pixels)}
-        points = np.asarray([point] if point is not None else np.zeros((0, 2)), np.float32)
-        found = self._sam.predict(
-            self._embeddings[camera.photo],
-            points if len(points) else None,
-            np.ones(len(points), np.float32) if len(points) else None,
-            None if box is None else np.asarray(box, np.float32),
-        )
-        return found.mask, float(np.clip(found.iou, 0, 1))
 
 
 def find_seeds(
@@ -132,47 +94,92 @@ def find_seeds(
     """
     if isinstance(prompt, TextPrompt):
         return _from_text(prompt, views, photos, label_maps, settings, detector_factory, emit, should_stop)
+    for point in prompt.excluded:
+        camera_of_prompt(point, views.cameras)
+    if isinstance(prompt, ClickPrompt):
+        return seeds_of_clicks(prompt.clicks, prompt.excluded, views, photos, settings)
     camera = camera_of_prompt(prompt, views.cameras)
     view = views.of(camera)
     if isinstance(prompt, MaskPrompt):
-        seed = Seed(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True)
-    elif isinstance(prompt, ClickPrompt):
-        seed = _from_click(prompt, view, photos, settings)
-    else:
-        seed = _from_box(prompt, view, photos)
+        return [_something(Seed(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True))]
+    return [_something(_from_box(prompt, view, photos))]
+
+
+def seeds_of_clicks(
+    clicks: Sequence[Point], excluded: Sequence[Point], views: Views, photos: Photos, settings: SegmentSettings
+) -> list[Seed]:
+    """Return a seed for each photo that was clicked into, from all clicks in it.
+
+    Parameters
+    ----------
+    clicks : sequence of Point
+        On the object.
+    excluded : sequence of Point
+        On what is not part of it; SAM is told of those in the same photo.
+    views : Views
+    photos : Photos
+    settings : SegmentSettings
+
+    Raises
+    ------
+    PromptError
+        For a click beside a photo, or where nothing is.
+    """
+    by_photo: dict[str, list[Point]] = {}
+    for point in clicks:
+        camera_of_prompt(point, views.cameras)
+        by_photo.setdefault(point.photo, []).append(point)
+    seeds = []
+    for photo, points in by_photo.items():
+        view = views.of(camera_of_prompt(points[0], views.cameras))
+        outside = [point for point in excluded if point.photo == photo]
+        seeds.append(_something(_from_clicks(points, outside, view, photos, settings)))
+    return seeds
+
+
+def _something(seed: Seed) -> Seed:
     if not seed.mask.any():
-        raise PromptError(f"Nothing was found at that place of {camera.photo}. Click on the middle of the object.")
-    return [seed]
+        photo = seed.view.camera.photo
+        raise PromptError(f"Nothing was found at that place of {photo}. Click on the middle of the object.")
+    return seed
 
 
-def _from_click(prompt: ClickPrompt, view: View, photos: Photos, settings: SegmentSettings) -> Seed:
-    """Return SAM's mask that best fits the instance the features show at the clicked pixel.
+def _from_clicks(
+    clicks: Sequence[Point], outside: Sequence[Point], view: View, photos: Photos, settings: SegmentSettings
+) -> Seed:
+    """Return SAM's mask that best fits the instance the features show at the clicked pixels.
 
-    SAM's answer to a single point is often only a part of the object. The box of the pixels with a feature like the
+    SAM's answer to a single point is often only a part of the object. The box of the pixels with a feature like a
     clicked one asks it again. The second answer is taken when it is more like those pixels (the paper's best-fitting
-    instance mask) and SAM is no less sure of it: features that leak into a plinth ask for object and plinth.
+    instance mask) and SAM is no less sure of it: features that leak into a plinth ask for object and plinth. With
+    clicks on what is not part of the object the box is not asked: features have shown not to part the two.
     """
     camera = view.camera
-    pixels = photos.pixels(camera)
-    scale = pixels.shape[1] / camera.width
-    mask, score = photos.segment(camera, pixels, point=(prompt.x * scale, prompt.y * scale))
+    points, others = [(point.x, point.y) for point in clicks], [(point.x, point.y) for point in outside]
+    mask, score = photos.segment(camera, points=points, outside=others)
     by_point = view.from_photo(mask)
-    column, row = _pixel_of(view, prompt.x, prompt.y)
-    if not view.covered[row, column]:
+    places = [_pixel_of(view, point.x, point.y) for point in clicks]
+    places = [(column, row) for column, row in places if view.covered[row, column]]
+    if not places:
         return Seed(view, by_point, score, whole=False)
-    clicked = view.features[row, column]
-    areas = cv2.connectedComponents(view.like(clicked[None], settings.cosine).astype(np.uint8))[1]
-    instance = areas == areas[row, column]
-    seed = Seed(view, by_point, score, _if_agreed(clicked, view, by_point, settings), whole=False)
+    clicked = [view.features[row, column] for column, row in places]
+    # Several clicks mean several parts: the mask as a whole leads, and not one pixel of it.
+    start = _if_agreed(clicked[0], view, by_point, settings) if len(clicks) == 1 else None
+    seed = Seed(view, by_point, score, start, whole=len(clicks) > 1)
+    if others:
+        return seed
+    areas = cv2.connectedComponents(view.like(np.stack(clicked), settings.cosine).astype(np.uint8))[1]
+    instance = np.isin(areas, [areas[row, column] for column, row in places])
     rows, columns = np.nonzero(view.to_photo(instance))
     if len(rows) == 0:
         return seed
-    box = np.array([columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]) * scale
-    mask, second = photos.segment(camera, pixels, box=(float(box[0]), float(box[1]), float(box[2]), float(box[3])))
+    box = (float(columns.min()), float(rows.min()), float(columns.max() + 1), float(rows.max() + 1))
+    mask, second = photos.segment(camera, points=points if len(points) > 1 else (), box=box)
     by_box = view.from_photo(mask)
     if second < score or _likeness(by_box, instance) <= _likeness(by_point, instance):
         return seed
-    return Seed(view, by_box, second, _if_agreed(clicked, view, by_box, settings), whole=False)
+    start = _if_agreed(clicked[0], view, by_box, settings) if len(clicks) == 1 else None
+    return Seed(view, by_box, second, start, whole=len(clicks) > 1)
 
 
 def _if_agreed(clicked: Float32, view: View, mask: Mask, settings: SegmentSettings) -> Float32 | None:
@@ -199,12 +206,11 @@ def _pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
 
 def _from_box(prompt: BoxPrompt, view: View, photos: Photos) -> Seed:
     camera = view.camera
-    pixels = photos.pixels(camera)
-    scale = pixels.shape[1] / camera.width
     left, right = np.clip([prompt.x0, prompt.x1], 0, camera.width)
     top, bottom = np.clip([prompt.y0, prompt.y1], 0, camera.height)
-    box = (float(left * scale), float(top * scale), float(right * scale), float(bottom * scale))
-    mask, score = photos.segment(camera, pixels, box=box)
+    outside = [(point.x, point.y) for point in prompt.excluded if point.photo == camera.photo]
+    box = (float(left), float(top), float(right), float(bottom))
+    mask, score = photos.segment(camera, outside=outside, box=box)
     return Seed(view, view.from_photo(mask), score)
 
 
@@ -253,7 +259,10 @@ def _detections(
     pixels = photos.pixels(camera)
     if labels is not None:
         return [(labels == found.region, found.score) for found in detector.detect(pixels, text, labels=labels)]
-    return [(photos.segment(camera, pixels, box=found.box)[0], found.score) for found in detector.detect(pixels, text)]
+    scale = photos.scale(camera)
+    found = [(detection.box, detection.score) for detection in detector.detect(pixels, text)]
+    boxes = [(x0 / scale, y0 / scale, x1 / scale, y1 / scale) for (x0, y0, x1, y1), _ in found]
+    return [(photos.segment(camera, box=box)[0], score) for box, (_, score) in zip(boxes, found, strict=True)]
 
 
 def _outside_vocabulary(text: str, message: str, nearest: list[str]) -> str:

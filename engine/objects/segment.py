@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,17 +19,37 @@ from ..gaussians.gaussians import Gaussians
 from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder
 from ..settings import to_dict
-from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap, rank_for_text
+from .candidate_file import remember_candidates
+from .candidates import THRESHOLD, Candidate, NothingAlike, fit_of, gather, overlap, rank_for_text, whole_as
+from .correction import taken_away, without
+from .growing import Levels, levels_of
 from .lifting import complete, refine_by_votes
-from .prompts import Prompt, TextPrompt, describe_prompt
-from .seeds import DetectorFactory, Photos, SamFactory, Seed, find_seeds
+from .photos import Photos, SamFactory
+from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
+from .seeds import DetectorFactory, Seed, find_seeds
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
 from .views import Views
 
-__all__ = ["THRESHOLD", "FoundObject", "find_objects", "label_maps_of", "photo_folder_of", "segment_project"]
+__all__ = [
+    "THRESHOLD",
+    "FoundObject",
+    "Trained",
+    "find_objects",
+    "finish",
+    "isolate",
+    "label_maps_of",
+    "load_trained",
+    "photo_folder_of",
+    "record_of",
+    "segment_project",
+    "store_found",
+]
 
 Float32 = NDArray[np.float32]
+
+_EMPTY: Float32 = np.zeros(0, np.float32)
+"""Of what is not finished yet."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +66,46 @@ class FoundObject:
         Intersection over union with the best seed mask in its view.
     seeds : tuple of Seed
         Masks that show it, the best first.
+    levels : Levels
+        Smaller and larger versions; the chosen one is `membership`.
     """
 
     membership: Float32
     score: float
     fit: float
     seeds: tuple[Seed, ...]
+    levels: Levels
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained scene and what is remembered of it from prompt to prompt: rendered views, photos, SAM's embeddings."""
+
+    views: Views
+    photos: Photos
+    label_maps: Mapping[str, NDArray[np.int32]]
+
+
+def load_trained(
+    project: ProjectFolder, settings: SegmentSettings, sam_factory: SamFactory, *, backend: Backend = "cpu"
+) -> Trained:
+    """Return what `project` holds.
+
+    Raises
+    ------
+    HeritageError
+        When a part of the project is missing or damaged.
+    """
+    from ..cameras.storage import read_camera_set
+    from ..gaussians.storage import load_gaussians
+
+    cameras = read_camera_set(project.path / "cameras")
+    scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
+    return Trained(
+        Views(scene, cameras, render_side=settings.render_side),
+        Photos(photo_folder_of(project), settings.photo_side, sam_factory),
+        label_maps_of(project.path, cameras),
+    )
 
 
 def find_objects(
@@ -103,51 +158,163 @@ def find_objects(
     Dahaghin et al., "Gaussian Heritage" (2024): feature of the best-fitting mask over sampled views, cosine 0.7,
     convex hull.
     """
-    views = Views(Scene(gaussians, backend=backend), cameras, render_side=settings.render_side)
-    photos = Photos(photo_folder, settings.photo_side, sam_factory)
+    trained = Trained(
+        Views(Scene(gaussians, backend=backend), cameras, render_side=settings.render_side),
+        Photos(photo_folder, settings.photo_side, sam_factory),
+        label_maps,
+    )
+    return _find(trained, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop)
+
+
+def _find(
+    trained: Trained,
+    prompt: Prompt,
+    settings: SegmentSettings,
+    *,
+    detector_factory: DetectorFactory,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> list[FoundObject]:
     seeds = find_seeds(
         prompt,
-        views,
-        photos,
-        label_maps,
+        trained.views,
+        trained.photos,
+        trained.label_maps,
         settings,
         detector_factory=detector_factory,
         emit=emit,
         should_stop=should_stop,
     )
+    return isolate(
+        trained, prompt, seeds, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
+    )
+
+
+def isolate(
+    trained: Trained,
+    prompt: Prompt,
+    seeds: Sequence[Seed],
+    settings: SegmentSettings,
+    *,
+    detector_factory: DetectorFactory,
+    emit: Emit,
+    should_stop: StopCheck,
+    accepted: bool = False,
+) -> list[FoundObject]:
+    """Return the objects that seed masks show, the best first; at least one.
+
+    Parameters
+    ----------
+    trained : Trained
+    prompt : Prompt
+        What `seeds` were found by. The seeds of a click are one object, those of a text may be several.
+    seeds : sequence of Seed
+    settings : SegmentSettings
+    detector_factory : callable
+        Called only for a text.
+    emit, should_stop
+        See `engine.events`.
+    accepted : bool
+        The person said that these are it: a text is not refused.
+
+    Raises
+    ------
+    PromptError
+        When nothing was found; `NothingAlike` when what was found is too little like the text.
+    Cancelled
+        When `should_stop` says so.
+    """
+    views, photos = trained.views, trained.photos
     candidates = gather(views, seeds, settings, should_stop)
     if not candidates:
         raise PromptError(
             "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
         )
+    judge: Callable[[NDArray[np.bool_]], float] | None = None
     if isinstance(prompt, TextPrompt):
+        detector, text = detector_factory(), prompt.text
+
+        def judge(members: NDArray[np.bool_]) -> float:
+            return whole_as(text, views, members, photos, detector, settings)
+
+    scored = [(candidate.seeds[0].score, candidate) for candidate in candidates]
+    if isinstance(prompt, TextPrompt) and not accepted:
         scored = rank_for_text(prompt.text, candidates, views, photos, detector_factory(), settings, should_stop)
+    if isinstance(prompt, ClickPrompt) and len(scored) > 1:
+        # Clicks in several photos show one object, even where no mask shows all of it.
+        finished = [finish(trained, candidate, settings, should_stop) for _, candidate in scored]
+        best = max(scored, key=lambda pair: pair[0])[1]
+        everything = [seed for candidate in candidates for seed in candidate.seeds]
+        whole = Candidate(best.best, [*best.seeds, *(seed for seed in everything if seed not in best.seeds)], best.fit)
+        memberships = [(max(score for score, _ in scored), whole, np.maximum.reduce(finished))]
     else:
-        scored = [(candidate.seeds[0].score, candidate) for candidate in candidates]
+        memberships = [(score, candidate, _EMPTY) for score, candidate in scored]
     found: list[FoundObject] = []
-    for number, (score, candidate) in enumerate(scored):
-        membership = _finished(views, candidate, label_maps, settings, should_stop)
+    for number, (score, candidate, membership) in enumerate(memberships):
+        if membership is _EMPTY:
+            membership = finish(trained, candidate, settings, should_stop)
+        if not isinstance(prompt, TextPrompt) and prompt.excluded:
+            membership = _corrected(trained, prompt, membership, seeds, settings, should_stop)
         if not any(overlap(membership, other.membership) > settings.same_object for other in found):
-            best = candidate.seeds[0]
-            fit = fit_of(views, best.view, best.mask, membership)
-            found.append(FoundObject(membership, score, fit, tuple(candidate.seeds)))
-        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(scored), message="Isolating"))
+            levels = _levels(trained, candidate, membership, judge, settings, should_stop)
+            best_seed = candidate.seeds[0]
+            fit = fit_of(views, best_seed.view, best_seed.mask, levels.membership)
+            found.append(FoundObject(levels.membership, score, fit, tuple(candidate.seeds), levels))
+        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(memberships), message="Isolating"))
     return found
 
 
-def _finished(
-    views: Views,
-    candidate: Candidate,
-    label_maps: Mapping[str, NDArray[np.int32]],
+def _corrected(
+    trained: Trained,
+    prompt: ClickPrompt | BoxPrompt | MaskPrompt,
+    membership: Float32,
+    seeds: Sequence[Seed],
     settings: SegmentSettings,
     should_stop: StopCheck,
 ) -> Float32:
+    clicks = prompt.clicks if isinstance(prompt, ClickPrompt) else ()
+    kept = membership >= THRESHOLD
+    away = taken_away(
+        prompt.excluded, clicks, kept, trained.views, trained.photos, trained.label_maps, settings, should_stop
+    )
+    corrected = without(membership, away)
+    if not (corrected >= THRESHOLD).any():
+        raise PromptError("Nothing is left of the object without what the other clicks took away. Click elsewhere.")
+    return corrected
+
+
+def _levels(
+    trained: Trained,
+    candidate: Candidate,
+    membership: Float32,
+    judge: Callable[[NDArray[np.bool_]], float] | None,
+    settings: SegmentSettings,
+    should_stop: StopCheck,
+) -> Levels:
+    # A mask that the person drew is the whole object.
+    if settings.n_level_views == 0 or candidate.seeds[0].given:
+        return Levels((membership,))
+    return levels_of(
+        trained.views,
+        trained.photos,
+        membership,
+        candidate.best.directions,
+        settings,
+        judge=judge,
+        should_stop=should_stop,
+    )
+
+
+def finish(trained: Trained, candidate: Candidate, settings: SegmentSettings, should_stop: StopCheck) -> Float32:
+    """Return the membership of a candidate after the votes and the completion, shape [N], float32."""
     lifted, seen = candidate.best, None
     if settings.refinement == "votes":
         best = candidate.seeds[0]
         seed = (best.view, best.mask) if best.given else None
-        lifted, seen = refine_by_votes(views, lifted, seed, label_maps, settings, should_stop=should_stop)
-    return complete(views, lifted, settings, seen)
+        lifted, seen = refine_by_votes(
+            trained.views, lifted, seed, trained.label_maps, settings, should_stop=should_stop
+        )
+    return complete(trained.views, lifted, settings, seen)
 
 
 def segment_project(
@@ -161,6 +328,7 @@ def segment_project(
     emit: Emit,
     should_stop: StopCheck,
     backend: Backend = "cpu",
+    trained: Trained | None = None,
 ) -> list[ObjectRecord]:
     """Isolate what `prompt` asks for in a trained project and store each match as an object of its own.
 
@@ -177,6 +345,8 @@ def segment_project(
     emit, should_stop
         See `engine.events`.
     backend : {"cpu", "reference"}
+    trained : Trained, optional
+        Of this project, when several prompts follow each other.
 
     Returns
     -------
@@ -186,55 +356,98 @@ def segment_project(
     Raises
     ------
     PromptError
-        When nothing was found.
+        When nothing was found. What came nearest to a text is then kept (`engine.objects.candidate_file`).
     HeritageError
         When a part of the project is missing or damaged.
     """
-    from ..cameras.storage import read_camera_set
-    from ..gaussians.storage import load_gaussians
-
     started = time.perf_counter()
-    cameras = read_camera_set(project.path / "cameras")
-    found = find_objects(
-        load_gaussians(project.path / "gaussians"),
-        cameras,
-        photo_folder_of(project),
-        prompt,
-        settings,
-        label_maps=label_maps_of(project.path, cameras),
-        detector_factory=detector_factory,
-        sam_factory=sam_factory,
-        emit=emit,
-        should_stop=should_stop,
-        backend=backend,
-    )
-    taken = list_objects(project.path)
-    asked: dict[str, str | float] = dict(describe_prompt(prompt))
+    trained = trained or load_trained(project, settings, sam_factory, backend=backend)
+    try:
+        found = _find(trained, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop)
+    except PromptError as error:
+        if isinstance(prompt, TextPrompt):
+            nearest = error.candidates if isinstance(error, NothingAlike) else ()
+            remember_candidates(project.path, prompt.text, str(error), nearest, trained.photos)
+        raise PromptError(str(error)) from error
+    asked = describe_prompt(prompt)
     if isinstance(prompt, TextPrompt):
         asked["detector"] = detector_factory().name
+    return store_found(project, found, asked, name, settings, started)
+
+
+def store_found(
+    project: ProjectFolder,
+    found: Sequence[FoundObject],
+    asked: dict[str, Any],
+    name: str,
+    settings: SegmentSettings,
+    started: float,
+) -> list[ObjectRecord]:
+    """Store objects under names of their own and return their records.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    found : sequence of FoundObject
+    asked : dict
+        The prompt as `describe_prompt` gives it.
+    name : str
+    settings : SegmentSettings
+    started : float
+        `time.perf_counter` of the prompt.
+    """
     records: list[ObjectRecord] = []
-    seconds = round(time.perf_counter() - started, 3)
     for item in found:
-        everyone = [*taken, *records]
-        record = ObjectRecord(
-            id=new_id(name, [other.id for other in everyone]),
-            name=new_name(name, [other.name for other in everyone]),
-            prompt=asked,
-            threshold=THRESHOLD,
-            score=round(item.score, 4),
-            fit=round(item.fit, 4),
-            n_gaussians=int((item.membership >= THRESHOLD).sum()),
-            n_scene_gaussians=len(item.membership),
+        record = record_of(
+            project.path,
+            item.levels,
+            asked,
+            name,
+            settings,
+            started,
+            score=item.score,
+            fit=item.fit,
             seeds=tuple({"photo": seed.view.camera.photo, "score": round(seed.score, 4)} for seed in item.seeds),
-            settings=to_dict(settings),
-            seconds=seconds,
-            created=datetime.now(UTC).isoformat(timespec="microseconds"),
         )
         best = item.seeds[0]
         preview = np.where(best.view.to_photo(best.mask), np.uint8(255), np.uint8(0))
-        save_object(project.path, record, item.membership, [("seed", preview)])
+        save_object(project.path, record, item.membership, [("seed", preview)], levels=item.levels.memberships)
         records.append(record)
     return records
+
+
+def record_of(
+    project: Path,
+    levels: Levels,
+    asked: dict[str, Any],
+    name: str,
+    settings: SegmentSettings,
+    started: float,
+    *,
+    score: float,
+    fit: float,
+    seeds: tuple[dict[str, Any], ...] = (),
+) -> ObjectRecord:
+    """Return the record of a new object, with an id and a name that are free in `project`."""
+    taken = list_objects(project)
+    several = len(levels.memberships) > 1
+    counts = [int((one >= THRESHOLD).sum()) for one in levels.memberships]
+    return ObjectRecord(
+        id=new_id(name, [other.id for other in taken]),
+        name=new_name(name, [other.name for other in taken]),
+        prompt=asked,
+        threshold=THRESHOLD,
+        score=round(score, 4),
+        fit=round(fit, 4),
+        n_gaussians=counts[levels.chosen],
+        n_scene_gaussians=len(levels.membership),
+        seeds=seeds,
+        settings=to_dict(settings),
+        seconds=round(time.perf_counter() - started, 3),
+        created=datetime.now(UTC).isoformat(timespec="microseconds"),
+        level=levels.chosen if several else 0,
+        levels=tuple({"n_gaussians": count} for count in counts) if several else (),
+    )
 
 
 def photo_folder_of(project: ProjectFolder) -> Path:

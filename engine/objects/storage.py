@@ -1,4 +1,4 @@
-"""Objects on disk: ``objects/<id>/`` with ``object.json``, ``membership.npy`` and previews of the seed masks."""
+"""Objects on disk: ``objects/<id>/`` with ``object.json``, ``membership.npy``, levels, previews of the seed masks."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ __all__ = [
     "ObjectRecord",
     "delete_object",
     "list_objects",
+    "load_levels",
     "load_membership",
     "load_object",
     "new_id",
@@ -33,6 +34,7 @@ __all__ = [
 OBJECT_VERSION = 1
 _RECORD = "object.json"
 _MEMBERSHIP = "membership.npy"
+_LEVELS = "levels.npy"
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,12 @@ class ObjectRecord:
         Wall time of the extraction.
     created : str
         ISO 8601 time in UTC.
+    level : int
+        Which of `levels` the membership is.
+    levels : tuple of dict
+        Versions from part to whole, each within the next: ``n_gaussians``. Empty when there is only one.
+    refined : tuple of dict
+        Corrections since, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
     """
 
     id: str
@@ -80,6 +88,9 @@ class ObjectRecord:
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     created: str = ""
+    level: int = 0
+    levels: tuple[dict[str, Any], ...] = ()
+    refined: tuple[dict[str, Any], ...] = ()
 
 
 def _folder(project: Path) -> Path:
@@ -121,6 +132,8 @@ def save_object(
     record: ObjectRecord,
     membership: NDArray[np.float32],
     previews: Sequence[tuple[str, NDArray[np.uint8]]] = (),
+    *,
+    levels: Sequence[NDArray[np.float32]] = (),
 ) -> None:
     """Write an object; it is listed only once all of it lies on the disk.
 
@@ -133,6 +146,8 @@ def save_object(
         In [0, 1], one for each Gaussian of the scene.
     previews : sequence of (str, array of shape [H, W] or [H, W, 3], uint8)
         File names without ending, and pictures.
+    levels : sequence of arrays of shape [N], float32
+        Memberships that `record.levels` tells of; earlier ones are removed when there is no choice.
 
     Raises
     ------
@@ -144,6 +159,11 @@ def save_object(
     folder = _folder(project) / record.id
     with atomic_write(folder / _MEMBERSHIP) as stream:
         np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
+    if record.levels:
+        with atomic_write(folder / _LEVELS) as stream:
+            np.save(stream, np.stack(list(levels)).astype(np.float32), allow_pickle=False)
+    else:
+        (folder / _LEVELS).unlink(missing_ok=True)
     for name, picture in previews:
         with atomic_write(folder / f"{name}.png") as stream:
             Image.fromarray(picture).save(stream, format="PNG")
@@ -157,7 +177,8 @@ def _read_record(file: Path) -> ObjectRecord:
             raise FormatError(f"{file} was written by another version of Gaussian Heritage. Isolate the object again.")
         known = {f.name for f in fields(ObjectRecord)}
         values = {key: value for key, value in data.items() if key in known}
-        values["seeds"] = tuple(values.get("seeds", ()))
+        for several in ("seeds", "levels", "refined"):
+            values[several] = tuple(values.get(several, ()))
         return ObjectRecord(**values)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Delete its folder and isolate the object again.") from error
@@ -211,15 +232,41 @@ def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
         When its file is damaged.
     """
     file = _folder(project) / object_id / _MEMBERSHIP
+    membership = _load(file)
+    if membership.ndim != 1:
+        raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
+    return membership
+
+
+def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
+    """Return the memberships of the object's levels, part first, shape [K, N], float32; one row without a choice.
+
+    Raises
+    ------
+    ObjectError
+        When there is no such object.
+    FormatError
+        When its file is damaged.
+    """
+    file = _folder(project) / object_id / _LEVELS
+    if not file.is_file():
+        return load_membership(project, object_id)[None]
+    levels = _load(file)
+    if levels.ndim != 2:
+        raise FormatError(f"{file} does not hold one row for each level. Isolate the object again.")
+    return levels
+
+
+def _load(file: Path) -> NDArray[np.float32]:
     if not file.is_file():
         raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
     try:
-        membership = np.load(file, allow_pickle=False)
+        values = np.load(file, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
-    if membership.ndim != 1 or not np.isfinite(membership).all():
+    if not np.isfinite(values).all():
         raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
-    return membership.astype(np.float32)
+    return np.asarray(values, np.float32)
 
 
 def delete_object(project: Path, name: str) -> ObjectRecord:

@@ -13,16 +13,19 @@ from ..cameras.camera import Camera
 from ..errors import PhotoError
 from ..gaussians.gaussians import Gaussians
 from ..objects.storage import load_membership
+from ..pictures.png import write_png
 from ..pictures.scene import Backend
 from ..project_folder import ProjectFolder, atomic_write, finite_or_null, write_json
 from .facts import collect_facts
 from .page import Pictures, page
-from .views import PhotoPair, measure_feature_agreement, orbit_pictures, photo_pair
+from .sheet import picture_sheet
+from .views import PAPER_WHITE, PhotoPair, measure_feature_agreement, orbit_pictures, photo_pair
 
 __all__ = ["build_report"]
 
 log = logging.getLogger(__name__)
 
+SHEET = "objects.png"
 _MOST_PAIRS = 3
 
 
@@ -39,7 +42,8 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
     Returns
     -------
     Path
-        ``report/report.html``, one file with all its pictures; ``report.json`` lies beside it.
+        ``report/report.html``, one file with all its pictures; beside it lie ``report.json`` and, where there are
+        objects, ``objects.png``: each of them from four sides.
 
     Raises
     ------
@@ -64,6 +68,12 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
             objects=_object_pictures(project, cameras, facts, gaussians, backend),
         )
     folder = project.path / "report"
+    names = {record["id"]: str(record["name"]) for record in facts["objects"]}
+    sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()], PAPER_WHITE)
+    if sheet is not None:
+        write_png(folder / SHEET, sheet, description="Every object from four sides")
+    else:
+        (folder / SHEET).unlink(missing_ok=True)
     write_json(folder / "report.json", finite_or_null(facts))
     path = folder / "report.html"
     with atomic_write(path, "w") as stream:

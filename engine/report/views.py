@@ -15,8 +15,9 @@ from ..evaluation.mask_metrics import feature_agreement
 from ..gaussians.gaussians import Gaussians
 from ..pictures.render import render_view
 from ..pictures.scene import Backend, Scene
+from .sheet import alone
 
-__all__ = ["PhotoPair", "measure_feature_agreement", "orbit_cameras", "orbit_pictures", "photo_pair"]
+__all__ = ["PAPER_WHITE", "PhotoPair", "measure_feature_agreement", "orbit_cameras", "orbit_pictures", "photo_pair"]
 
 PAPER_WHITE = (0.965, 0.957, 0.937)
 """Behind objects: the page's own colour."""
@@ -111,7 +112,7 @@ def orbit_pictures(
     if not members.any():
         return []
     return [
-        render_view(gaussians, camera, members=members, background=PAPER_WHITE, backend=backend)
+        alone(gaussians[members], camera, PAPER_WHITE, backend=backend)
         for camera in orbit_cameras(gaussians.means[members], cameras)
     ]
 

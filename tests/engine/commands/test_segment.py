@@ -11,8 +11,8 @@ from PIL import Image
 from engine.objects.storage import list_objects
 from tests.engine.command_line import call
 from tests.engine.models.weights import fetched
-from tests.engine.objects.fakes import trained_project
-from tests.engine.pictures.blob_scene import BLUE, BlobScene
+from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
 
 @pytest.fixture
@@ -84,3 +84,72 @@ def test_photos_that_moved_away_are_named(scene: Path, capsys: pytest.CaptureFix
     (scene.parent / "photos").rename(scene.parent / "elsewhere")
     error = call(capsys, "segment", scene, "--click", "view_1.png=80,60").error
     assert "view_1.png" in error
+
+
+@pytest.fixture
+def knowing(blobs: BlobScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Models that know the scene stand for the real ones."""
+    monkeypatch.setattr("engine.grounding.default.load_default_detector", lambda: FakeDetector(blobs))
+    monkeypatch.setattr("engine.masks.sam.load_sam", lambda name: FakeSam(blobs))
+
+
+@pytest.mark.usefixtures("knowing")
+def test_some_texts_are_found_and_some_refused(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = call(capsys, "segment", scene, "--prompt", "blue ball;ghost")
+    assert answer.code == 0
+    outputs = answer.of_kind("finished")[0]["outputs"]
+    assert outputs["objects"] == ["blue-ball"] and list(outputs["refused"]) == ["ghost"]
+    assert (scene / outputs["candidates"]).is_file()
+    assert [event["message"] for event in answer.of_kind("warning")] == [outputs["refused"]["ghost"]]
+    assert call(capsys, "segment", scene, "--prompt", "ghost").code == 3
+    assert "no candidate 1" in call(capsys, "segment", scene, "--accept", "1").error
+    assert "several texts" in call(capsys, "segment", scene, "--prompt", "a;b", "--name", "c").error
+
+
+@pytest.mark.usefixtures("knowing")
+def test_object_is_clicked_together_and_corrected(
+    scene: Path, blobs: BlobScene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def at(part: int, photo: str) -> str:
+        x, y = blobs.center_of(part, photo)
+        return f"{photo}={x:g},{y:g}"
+
+    clicks = ("--click", at(RED, "view_1.png"), "--click", at(BLUE, "view_2.png"))
+    assert call(capsys, "segment", scene, *clicks, "--name", "pair").code == 0
+    (before,) = list_objects(scene)
+    answer = call(capsys, "segment", scene, "--refine", "pair", "--not", at(BLUE, "view_4.png"))
+    assert answer.of_kind("finished")[0]["outputs"] == {"objects": ["pair"]}
+    (after,) = list_objects(scene)
+    assert 0.4 * before.n_gaussians < after.n_gaussians < 0.6 * before.n_gaussians
+    assert "only one level" in call(capsys, "segment", scene, "--refine", "pair", "--level", "3").error
+
+
+@pytest.mark.usefixtures("knowing")
+def test_all_objects_and_the_background_without_a_prompt(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = call(capsys, "segment", scene, "--all")
+    outputs = answer.of_kind("finished")[0]["outputs"]
+    assert sorted(outputs["objects"]) == ["background", "blue-ball", "red-ball", "red-ball-2"]
+    assert outputs["background"] == "background" and outputs["kept"] == []
+    assert call(capsys, "segment", scene, "--complement").of_kind("finished")[0]["outputs"] == {
+        "objects": ["background"], "background": "background"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((), "exactly one thing"),
+        (("--all", "--prompt", "vase"), "exactly one thing"),
+        (("--refine", "vase", "--box", "a=1,2,3,4"), "exactly one thing"),
+        (("--refine", "vase"), "--refine needs"),
+        (("--refine", "vase", "--level", "0", "--click", "a=1,2"), "--level goes without clicks"),
+        (("--prompt", "vase", "--not", "a=1,2"), "--not goes with"),
+        (("--click", "a=1,2", "--level", "0"), "--level goes with --refine"),
+        (("--all", "--name", "x"), "--name does not go with --all"),
+    ],
+)
+def test_options_that_do_not_go_together_say_so(
+    given: tuple[str, ...], message: str, scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = call(capsys, "segment", scene, *given)
+    assert answer.code == 2 and message in answer.error

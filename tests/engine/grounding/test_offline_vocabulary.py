@@ -81,3 +81,14 @@ def test_unknown_prompt_is_a_prompt_error_with_the_nearest_words(detector: Offli
 def test_missing_weights_name_the_command(tmp_path: Path) -> None:
     with pytest.raises(ModelFileError, match="python -m engine models fetch minilm"):
         OfflineVocabulary(tmp_path)
+
+
+@pytest.mark.parametrize("exhibit", ["teapot", "obelisk", "hourglass"])
+def test_thing_nobody_asked_for_is_given_its_name(detector: OfflineVocabulary, room: Room, exhibit: str) -> None:
+    mask = room.labels == room.ids[exhibit]
+    rows, columns = np.nonzero(mask)
+    box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+    names = detector.name_crops([(room.pixels, box, mask)])
+    assert names[0][0] == exhibit and names[0][1] > 0.8
+    assert [score for _, score in names] == sorted((score for _, score in names), reverse=True)
+    assert detector.name_crops([]) == []

@@ -21,11 +21,12 @@ class FakePrediction:
 
 
 class FakeSam:
-    """Gives the true part at a point, or the one whose own box is most like the given one."""
+    """Gives the true parts at points without those at points outside, or the one whose box is most like the given."""
 
     def __init__(self, scene: BlobScene) -> None:
         self.scene = scene
         self.n_encoded = 0
+        self.asked: list[tuple[object, ...]] = []
 
     def encode(self, pixels: np.ndarray) -> str:
         self.n_encoded += 1
@@ -33,9 +34,12 @@ class FakeSam:
 
     def predict(self, embedding, points, labels, box, mask_prompt=None) -> FakePrediction:  # type: ignore[no-untyped-def]
         truth = self.scene.labels[embedding]
-        if points is not None:
-            x, y = points[0]
-            mask = truth == truth[int(y), int(x)]
+        self.asked.append((embedding, points, labels, box))
+        if points is not None and box is None:
+            parts = {1.0: set(), 0.0: set()}
+            for (x, y), label in zip(points, labels, strict=True):
+                parts[float(label)].add(int(truth[int(y), int(x)]))
+            mask = np.isin(truth, list(parts[1.0] - parts[0.0]))
         else:
             mask = min((truth == part for part in np.unique(truth)[1:]), key=lambda m: np.abs(box_of(m) - box).sum())
         return FakePrediction(mask, 0.9, np.zeros((256, 256), np.float32))
@@ -88,6 +92,14 @@ class FakeDetector:
         photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
         meant = [part for part, name in PART_NAMES.items() if name == prompt]
         return [float(np.isin(self.scene.labels[photo][mask], meant).mean()) for mask in masks]
+
+    def name_crops(self, crops):  # type: ignore[no-untyped-def]
+        """Name what most of the first mask truly shows; sure of it as far as it is that alone."""
+        for pixels, _, mask in crops:
+            photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
+            counts = np.bincount(self.scene.labels[photo][mask], minlength=4)
+            return [(PART_NAMES.get(int(counts.argmax()), "floor"), float(counts.max() / counts.sum()))]
+        return []
 
 
 def trained_project(scene: BlobScene, folder: Path, *, features: bool = True) -> ProjectFolder:

@@ -208,3 +208,25 @@ def test_report_of_a_stage_that_was_continued_does_not_judge_its_forecast(projec
 def test_picture_of_several_presets_shows_what_was_measured() -> None:
     assert compare_curves([("a", CURVE), ("b", CURVE[:2])], [(25.0, 25.0)]).startswith(b"\x89PNG")
     assert compare_curves([("a", [])], []) == b""
+
+
+def test_sheet_shows_every_object_from_four_sides_with_clean_edges(project: ProjectFolder) -> None:
+    from PIL import Image
+
+    from engine.report.views import PAPER_WHITE
+
+    build_report(project)
+    with Image.open(project.path / "report" / "objects.png") as picture:
+        sheet = np.asarray(picture.convert("RGB"), np.int32)
+    ground = np.rint(255 * np.asarray(PAPER_WHITE)).astype(int)
+    different = np.abs(sheet - ground).max(axis=2) > 40
+    columns = np.array_split(different[60:], 4, axis=1)
+    assert all(0.05 < column.mean() < 0.9 for column in columns)
+    blue = (sheet[..., 2] > sheet[..., 0] + 60) & different
+    assert blue.sum() > 0.8 * different[60:].sum(), "the ball alone, without what stands around it"
+
+
+def test_sheet_of_nothing_is_none() -> None:
+    from engine.report.sheet import picture_sheet
+
+    assert picture_sheet([("a", [])], (1, 1, 1)) is None

@@ -1,0 +1,225 @@
+"""Part or whole: larger memberships around an object, proposed along gravity, outlined by SAM and voted on by views."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cameras.camera import Camera
+from ..cameras.lens import project
+from ..errors import Cancelled
+from ..events import StopCheck
+from .lifting import Lifted, complete
+from .photos import Photos
+from .selection import connected_parts
+from .settings import SegmentSettings
+from .views import Views, spread_cameras
+
+__all__ = ["Levels", "levels_of"]
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_HALF = np.float32(0.5)
+_DOWNWARD = (0.35, 0.7, 1.2, 2.0)
+"""How far the box reaches below the object, in its heights. What SAM cuts off is mostly a foot: it is merged with what
+it stands on, in pictures and so in features. In its own box SAM tells the two apart."""
+
+_LEAST_KEPT = 0.85
+"""Of an object, in what is grown from it: a box that SAM fills with something else is no level of it."""
+
+_MOST_GROWN = 6.0
+_NEW = 0.9
+"""Levels with a higher IoU are one."""
+
+_IN_PICTURE = 0.8
+_ASKED_AGAIN = 1
+_FEWEST_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Memberships from part to whole, each within the next.
+
+    Attributes
+    ----------
+    memberships : tuple of arrays of shape [N], float32
+        At least one.
+    chosen : int
+        Index of the one that is meant, as long as the person does not say otherwise.
+    """
+
+    memberships: tuple[Float32, ...]
+    chosen: int = 0
+
+    @property
+    def membership(self) -> Float32:
+        """The one that is meant."""
+        return self.memberships[self.chosen]
+
+
+def levels_of(
+    views: Views,
+    photos: Photos,
+    membership: Float32,
+    directions: Float32,
+    settings: SegmentSettings,
+    *,
+    judge: Callable[[Mask], float] | None,
+    should_stop: StopCheck,
+) -> Levels:
+    """Return an object with smaller and larger versions of it.
+
+    Parameters
+    ----------
+    views : Views
+    photos : Photos
+    membership : array of shape [N], float32
+        The object.
+    directions : array of shape [K, D], float32
+        Of its features, the main one first: those of the object that are like the first alone are its part.
+    settings : SegmentSettings
+        `n_level_views`, `level_gain`, `cosine`, `completion`.
+    judge : callable or None
+        Returns how much members, bool [N], look like what was asked for, 0 to 1. With it the level that scores best
+        is chosen, without it the object as it came.
+    should_stop : callable
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` says so.
+
+    Notes
+    -----
+    What SAM and the features take for the object is often only its main part; which version is meant, the detector says
+    best, which knows how a whole one looks. Figures are with `SegmentSettings.n_level_views`.
+    """
+    grown = _grown(views, photos, membership, settings, should_stop)
+    chosen = membership
+    if judge is not None and grown:
+        score = judge(membership >= _HALF)
+        judged = sorted(((judge(one >= _HALF), i) for i, one in enumerate(grown)), reverse=True)
+        # Once more from its own box, where SAM's answer no longer depends on how far the first one reached.
+        for _, i in judged[:_ASKED_AGAIN]:
+            again = _voted(views, photos, grown[i], membership, 0.0, settings, should_stop)
+            if again is not None and _is_level(again, membership):
+                grown.append(again)
+                judged.append((judge(again >= _HALF), len(grown) - 1))
+        best, i = max(judged)
+        if best > settings.level_gain * score:
+            chosen = grown[i]
+    return _chain(chosen, [membership, *grown, *_parts(views, chosen, directions, settings)])
+
+
+def _grown(
+    views: Views, photos: Photos, membership: Float32, settings: SegmentSettings, should_stop: StopCheck
+) -> list[Float32]:
+    grown: list[Float32] = []
+    for downward in _DOWNWARD:
+        one = _voted(views, photos, membership, membership, downward, settings, should_stop)
+        if one is not None and _is_level(one, membership) and not any(_iou(one, other) > _NEW for other in grown):
+            grown.append(one)
+    return grown
+
+
+def _is_level(grown: Float32, membership: Float32) -> bool:
+    old, new = membership >= _HALF, grown >= _HALF
+    kept = (old & new).sum() >= _LEAST_KEPT * old.sum()
+    return bool(kept and new.sum() <= _MOST_GROWN * old.sum())
+
+
+def _voted(
+    views: Views,
+    photos: Photos,
+    membership: Float32,
+    core: Float32,
+    downward: float,
+    settings: SegmentSettings,
+    should_stop: StopCheck,
+) -> Float32 | None:
+    """Return the membership that SAM's masks, of the object's box reaching `downward`, vote for; None without."""
+    points = _reaching(views.scene.gaussians.means[membership >= _HALF], downward)
+    facing = [camera for camera in views.facing(points.mean(axis=0)) if _box(camera, points) is not None]
+    cameras = spread_cameras(facing, settings.n_level_views)
+    if len(cameras) < min(_FEWEST_VIEWS, settings.n_level_views):
+        return None
+    inside, seen = np.zeros(len(membership), np.float32), np.zeros(len(membership), np.float32)
+    for camera in cameras:
+        if should_stop():
+            raise Cancelled("Stopped while looking for the whole object; no object was stored.")
+        view = views.of(camera)
+        mask = view.from_photo(photos.segment(camera, box=_box(camera, points))[0])
+        votes = views.scene.votes(view.frame, np.dstack([mask, view.within]).astype(np.float32))
+        inside += votes[:, 0]
+        seen += votes[:, 1]
+    # As in `refine_by_votes`, what was known counts as one pixel.
+    voted = ((inside + core) / (seen + 1.0)).astype(np.float32)
+    members = np.flatnonzero(voted >= _HALF)
+    if len(members) == 0:
+        return None
+    hangs = connected_parts(views.scene.gaussians.means[members], (inside * (core >= _HALF))[members])
+    below = np.nextafter(_HALF, np.float32(0))
+    result = np.minimum(voted, below)
+    result[members[hangs]] = voted[members[hangs]]
+    return complete(views, Lifted(np.zeros((0, 0), np.float32), result, inside), settings, seen)
+
+
+def _reaching(points: Float32, downward: float) -> Float32:
+    """Return the points without stray ones, and the same again `downward` heights lower (Z is up)."""
+    low, high = np.percentile(points, [1, 99], axis=0)
+    inner = points[((points >= low) & (points <= high)).all(axis=1)]
+    inner = inner if len(inner) else points
+    lower = inner - np.array([0, 0, downward * (high[2] - low[2])], np.float32)
+    return np.concatenate([inner, lower]) if downward else inner
+
+
+def _box(camera: Camera, points: Float32) -> tuple[float, float, float, float] | None:
+    """Return the box around the points in a photo; None where less than 0.8 of it lies in the photo."""
+    pixels, depth = project(camera, points.astype(np.float64))
+    if (depth <= 0).any() or not np.isfinite(pixels).all():
+        return None
+    low, high = pixels.min(axis=0), pixels.max(axis=0)
+    left, top = max(0.0, float(low[0])), max(0.0, float(low[1]))
+    right, bottom = min(float(camera.width), float(high[0])), min(float(camera.height), float(high[1]))
+    whole = float(np.prod(high - low))
+    if right - left < 4 or bottom - top < 4 or (right - left) * (bottom - top) < _IN_PICTURE * whole:
+        return None
+    return left, top, right, bottom
+
+
+def _parts(views: Views, membership: Float32, directions: Float32, settings: SegmentSettings) -> list[Float32]:
+    """Return the part that the first direction in feature space alone stands for, if it is one."""
+    if len(directions) == 0:
+        return []
+    like = views.directions @ directions[0] >= settings.cosine
+    below = np.nextafter(_HALF, np.float32(0))
+    return [np.where(like, membership, np.minimum(membership, below)).astype(np.float32)]
+
+
+def _iou(one: Float32, other: Float32) -> float:
+    a, b = one >= _HALF, other >= _HALF
+    return float((a & b).sum() / max(1, (a | b).sum()))
+
+
+def _chain(chosen: Float32, others: Sequence[Float32]) -> Levels:
+    """Return the chosen one and those of the others that are clearly smaller or larger, nested into each other."""
+    size = int((chosen >= _HALF).sum())
+    smaller: list[Float32] = []
+    larger: list[Float32] = []
+    for one in sorted(others, key=lambda one: int((one >= _HALF).sum())):
+        count = int((one >= _HALF).sum())
+        if count == 0 or any(_iou(one, kept) > _NEW for kept in (chosen, *smaller, *larger)):
+            continue
+        if count < size and int(((one >= _HALF) & (chosen >= _HALF)).sum()) >= _LEAST_KEPT * count:
+            smaller.append(np.minimum(one, chosen))
+        elif count > size and int(((one >= _HALF) & (chosen >= _HALF)).sum()) >= _LEAST_KEPT * size:
+            larger.append(np.maximum(one, chosen))
+    for i in range(1, len(larger)):
+        larger[i] = np.maximum(larger[i], larger[i - 1])
+    for i in range(len(smaller) - 2, -1, -1):
+        smaller[i] = np.minimum(smaller[i], smaller[i + 1])
+    return Levels((*smaller, chosen, *larger), len(smaller))

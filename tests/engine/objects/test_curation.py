@@ -1,0 +1,281 @@
+"""Several texts, corrections by clicks, part and whole, and candidates: on the blob scene, with models that know it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from engine.errors import FormatError, ObjectError, PromptError
+from engine.events import Event, Warned, ignore_events, never_stop
+from engine.objects.candidate_file import CANDIDATES, load_candidate
+from engine.objects.curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
+from engine.objects.growing import levels_of
+from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
+from engine.objects.segment import load_trained, segment_project
+from engine.objects.settings import BETTER
+from engine.objects.storage import list_objects, load_levels, load_membership
+from engine.project_folder import ProjectFolder
+from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
+from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
+
+SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=0)
+
+
+@pytest.fixture
+def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
+    return trained_project(blobs, tmp_path)
+
+
+def models(scene: BlobScene, detector: FakeDetector | None = None, sam: FakeSam | None = None) -> dict[str, object]:
+    return {
+        "detector_factory": lambda: detector or FakeDetector(scene),
+        "sam_factory": lambda: sam or FakeSam(scene),
+        "should_stop": never_stop,
+    }
+
+
+def point(scene: BlobScene, part: int, photo: str) -> Point:
+    return Point(photo, *scene.center_of(part, photo))
+
+
+def members(project: ProjectFolder, name: str) -> np.ndarray:
+    return load_membership(project.path, name) >= 0.5
+
+
+def overlap(found: np.ndarray, truth: np.ndarray) -> float:
+    return float((found & truth).sum() / (found | truth).sum())
+
+
+def test_several_texts_are_told_one_by_one(blobs: BlobScene, project: ProjectFolder) -> None:
+    events: list[Event] = []
+    texts = parse_texts("blue ball; ghost;astrolabe;blue ball")
+    assert texts == ["blue ball", "ghost", "astrolabe"]
+    records, refused = segment_texts(project, texts, None, SMALL, **models(blobs), emit=events.append)  # type: ignore[arg-type]
+    assert [record.name for record in records] == ["blue ball"] and list(refused) == ["ghost", "astrolabe"]
+    assert "not known" in refused["astrolabe"] and "was not found" in refused["ghost"]
+    assert [event.message for event in events if isinstance(event, Warned)] == list(refused.values())
+    with pytest.raises(PromptError, match="prompt is empty"):
+        parse_texts(" ; ")
+
+
+def test_text_that_finds_nothing_at_all_stores_only_why(blobs: BlobScene, project: ProjectFolder) -> None:
+    with pytest.raises(PromptError, match="'ghost' was not found"):
+        segment_texts(project, ["ghost"], None, SMALL, **models(blobs), emit=ignore_events)  # type: ignore[arg-type]
+    assert list_objects(project.path) == []
+    known = json.loads((project.path / CANDIDATES).read_text(encoding="utf-8"))
+    assert [entry["text"] for entry in known["refused"]] == ["ghost"] and known["candidates"] == []
+
+
+class Unsure(FakeDetector):
+    """Sees the right thing, but never believes it from all sides."""
+
+    def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+        return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
+
+
+def refuse(blobs: BlobScene, project: ProjectFolder) -> list[dict[str, object]]:
+    with pytest.raises(PromptError, match="looks enough like"):
+        segment_texts(
+            project,
+            ["red ball"],
+            None,
+            SMALL,
+            **models(blobs, Unsure(blobs)),
+            emit=ignore_events,  # type: ignore[arg-type]
+        )
+    candidates: list[dict[str, object]] = json.loads((project.path / CANDIDATES).read_text())["candidates"]
+    return candidates
+
+
+def test_refused_text_leaves_ranked_candidates_to_click_on(blobs: BlobScene, project: ProjectFolder) -> None:
+    candidates = refuse(blobs, project)
+    assert list_objects(project.path) == []
+    assert [entry["number"] for entry in candidates] == [1, 2]
+    scores = [entry["score"] for entry in candidates]
+    assert scores == sorted(scores, reverse=True) and scores[-1] > 0 and scores[0] < SMALL.least_score  # type: ignore[operator]
+    parts = set()
+    for entry in candidates:
+        x, y, (x0, y0, x1, y1) = entry["x"], entry["y"], entry["box"]  # type: ignore[misc]
+        assert x0 < x < x1 and y0 < y < y1  # type: ignore[operator]
+        parts.add(int(blobs.labels[entry["photo"]][int(y), int(x)]))  # type: ignore[index, arg-type]
+        with Image.open(project.path / str(entry["picture"])) as picture:
+            assert picture.mode == "RGB" and max(picture.size) <= 256
+    assert parts == {RED, TWIN}
+
+
+def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: ProjectFolder) -> None:
+    refuse(blobs, project)
+    (record,) = accept_candidate(
+        project,
+        2,
+        None,
+        SMALL,
+        **models(blobs, Unsure(blobs)),
+        emit=ignore_events,  # type: ignore[arg-type]
+    )
+    assert record.name == "red ball" and record.prompt["accepted"] is True
+    assert max(overlap(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
+    with pytest.raises(PromptError, match=r"no candidate 7\. Known: 1 \(red ball\), 2 \(red ball\)"):
+        load_candidate(project.path, 7)
+
+
+def test_candidates_are_those_of_the_last_texts(blobs: BlobScene, project: ProjectFolder) -> None:
+    refuse(blobs, project)
+    segment_texts(project, ["blue ball"], None, SMALL, **models(blobs), emit=ignore_events)  # type: ignore[arg-type]
+    with pytest.raises(PromptError, match="no candidates to accept"):
+        load_candidate(project.path, 1)
+    (project.path / CANDIDATES).write_text("{")
+    with pytest.raises(FormatError, match=r"candidates\.json cannot be read"):
+        load_candidate(project.path, 1)
+
+
+def isolate(blobs: BlobScene, project: ProjectFolder, prompt, name: str = "ball", sam: FakeSam | None = None):  # type: ignore[no-untyped-def]
+    (record,) = segment_project(project, prompt, name, SMALL, **models(blobs, sam=sam), emit=ignore_events)  # type: ignore[arg-type]
+    return record
+
+
+@pytest.mark.parametrize("second", ["view_1.png", "view_2.png"])
+def test_clicks_on_two_things_make_one_object(blobs: BlobScene, project: ProjectFolder, second: str) -> None:
+    first = point(blobs, RED, "view_1.png")
+    prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, second),))
+    record = isolate(blobs, project, prompt)
+    assert overlap(members(project, record.id), np.isin(blobs.part, [RED, TWIN])) > 0.9
+    assert [click["photo"] for click in record.prompt["clicks"]] == ["view_1.png", second]
+
+
+@pytest.mark.parametrize("photo", ["view_1.png", "view_3.png"])
+def test_what_a_negative_click_hits_is_taken_away(blobs: BlobScene, project: ProjectFolder, photo: str) -> None:
+    first = point(blobs, RED, "view_1.png")
+    unwanted = point(blobs, TWIN, photo)
+    prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, "view_2.png"),), (unwanted,))
+    sam = FakeSam(blobs)
+    record = isolate(blobs, project, prompt, sam=sam)
+    assert overlap(members(project, record.id), blobs.part == RED) > 0.9
+    assert record.prompt["not"] == [{"photo": photo, "x": unwanted.x, "y": unwanted.y}]
+    told = [labels for name, _, labels, _ in sam.asked if name == "view_1.png" and labels is not None]
+    assert any(0.0 in labels for labels in told) == (photo == "view_1.png")
+
+
+def test_box_and_mask_take_negative_clicks_too(blobs: BlobScene, project: ProjectFolder, tmp_path: Path) -> None:
+    both = np.isin(blobs.labels["view_4.png"], [RED, BLUE])
+    Image.fromarray((both * 255).astype(np.uint8)).save(tmp_path / "mask.png")
+    unwanted = (point(blobs, BLUE, "view_4.png"),)
+    record = isolate(blobs, project, MaskPrompt("view_4.png", tmp_path / "mask.png", unwanted))
+    assert overlap(members(project, record.id), blobs.part == RED) > 0.8
+    box = box_of(blobs.labels["view_2.png"] == BLUE)
+    record = isolate(blobs, project, BoxPrompt("view_2.png", *box, (point(blobs, RED, "view_2.png"),)))
+    assert overlap(members(project, record.id), blobs.part == BLUE) > 0.9
+
+
+def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) -> None:
+    before = isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")))
+    arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
+    added = point(blobs, BLUE, "view_5.png")
+    more = refine_object(project, "ball", [added], [], SMALL, **arguments)  # type: ignore[arg-type]
+    assert overlap(members(project, "ball"), np.isin(blobs.part, [RED, BLUE])) > 0.9
+    less = refine_object(project, "ball", [], [point(blobs, RED, "view_6.png")], SMALL, **arguments)  # type: ignore[arg-type]
+    assert overlap(members(project, "ball"), blobs.part == BLUE) > 0.9
+    assert [record.id for record in list_objects(project.path)] == ["ball"]
+    assert before.created == more.created == less.created
+    assert less.n_gaussians == members(project, "ball").sum() and len(less.refined) == 2
+    assert less.refined[0] == {"clicks": [{"photo": added.photo, "x": added.x, "y": added.y}], "not": []}
+
+
+def _place(blobs: BlobScene, part: int, photo: str) -> tuple[str, float, float]:
+    return photo, *blobs.center_of(part, photo)
+
+
+def test_correction_that_leaves_nothing_leaves_the_object(blobs: BlobScene, project: ProjectFolder) -> None:
+    isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")))
+    before = members(project, "ball")
+    arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
+    everywhere = [point(blobs, RED, f"view_{i}.png") for i in range(8)]
+    with pytest.raises(PromptError, match="Nothing would be left of 'ball'"):
+        refine_object(project, "ball", [], everywhere, SMALL, **arguments)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(members(project, "ball"), before)
+    with pytest.raises(ObjectError, match="No object is called"):
+        refine_object(project, "cube", [], everywhere, SMALL, **arguments)  # type: ignore[arg-type]
+
+
+def on_a_foot() -> BlobScene:
+    """The blob scene whose blue ball has a lower half of another material."""
+    from tests.engine.pictures.blob_scene import make_scene
+
+    scene = make_scene()
+    low = (scene.part == BLUE) & (scene.gaussians.means[:, 2] < -0.02)
+    features = scene.gaussians.features.copy()
+    features[low] = np.roll(features[low], 1, axis=1)
+    return replace(scene, gaussians=replace(scene.gaussians, features=features))
+
+
+def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
+    scene = on_a_foot()
+    whole = scene.part == BLUE
+    upper = whole & (scene.gaussians.means[:, 2] >= -0.02)
+    settings = replace(SMALL, n_level_views=6)
+    trained = load_trained(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
+    part = upper.astype(np.float32)
+
+    def judge(found: np.ndarray) -> float:
+        return overlap(found, whole)
+
+    for given, chosen in ((judge, True), (None, False)):
+        levels = levels_of(
+            trained.views, trained.photos, part, np.zeros((0, 16), np.float32), settings, judge=given,
+            should_stop=never_stop,
+        )  # fmt: skip
+        sizes = [int((one >= 0.5).sum()) for one in levels.memberships]
+        assert sizes == sorted(sizes) and len(sizes) >= 2
+        assert all(
+            (small <= large).all() for small, large in zip(levels.memberships, levels.memberships[1:], strict=False)
+        )
+        assert overlap(levels.memberships[-1] >= 0.5, whole) > 0.85
+        assert (overlap(levels.membership >= 0.5, whole) > 0.85) == chosen
+
+
+def test_another_level_is_chosen_without_any_model(blobs: BlobScene, project: ProjectFolder) -> None:
+    from engine.objects.storage import ObjectRecord, save_object
+
+    small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
+    counts = tuple({"n_gaussians": int(one.sum())} for one in (small, large))
+    record = ObjectRecord(
+        "pair", "Pair", {"kind": "click"}, 0.5, 0.9, 0.9, counts[1]["n_gaussians"], len(small), level=1, levels=counts
+    )
+    save_object(project.path, record, large, levels=[small, large])
+    changed = choose_level(project, "Pair", 0)
+    assert changed.level == 0 and changed.n_gaussians == int(small.sum())
+    np.testing.assert_array_equal(load_membership(project.path, "pair"), small)
+    np.testing.assert_array_equal(load_levels(project.path, "pair"), [small, large])
+    with pytest.raises(ObjectError, match="levels 0 to 1, and no level 2"):
+        choose_level(project, "Pair", 2)
+    arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
+    refined = refine_object(project, "Pair", [point(blobs, BLUE, "view_1.png")], [], SMALL, **arguments)  # type: ignore[arg-type]
+    assert refined.levels == () and len(load_levels(project.path, "pair")) == 1
+    with pytest.raises(ObjectError, match="only one level"):
+        choose_level(project, "Pair", 1)
+
+
+def test_background_is_what_belongs_to_no_object(blobs: BlobScene, project: ProjectFolder) -> None:
+    with pytest.raises(ObjectError, match="no objects yet"):
+        store_background(project, SMALL)
+    isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")), "one")
+    store_background(project, SMALL)
+    isolate(blobs, project, ClickPrompt(*_place(blobs, BLUE, "view_1.png")), "two")
+    record = store_background(project, SMALL)
+    assert [other.id for other in list_objects(project.path)] == ["one", "two", "background"]
+    rest = members(project, record.id)
+    np.testing.assert_array_equal(rest, ~(members(project, "one") | members(project, "two")))
+
+
+def test_forms_of_several_clicks_are_read() -> None:
+    prompt = parse_prompt(click=["a.jpg=1,2", "b.jpg=3,4"], excluded=["a.jpg=5,6"])
+    assert prompt == ClickPrompt("a.jpg", 1, 2, (Point("b.jpg", 3, 4),), (Point("a.jpg", 5, 6),))
+    with pytest.raises(PromptError, match="PHOTO=x,y"):
+        parse_prompt(click=["a.jpg=1,2"], excluded=["a.jpg"])
+    with pytest.raises(PromptError, match="--refine"):
+        parse_prompt(text="vase", excluded=["a.jpg=1,2"])

@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import Cancelled
+from engine.events import Event, Progress, ignore_events, never_stop
+from engine.objects.everything import Something, find_everything, segment_everything_in
+from engine.objects.segment import Trained, load_trained
+from engine.objects.settings import BETTER
+from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
+from engine.project_folder import ProjectFolder
+from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
+
+SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1)
+
+
+def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, Trained]:
+    project = trained_project(blobs, folder)
+    return project, load_trained(project, SMALL, lambda: FakeSam(blobs))
+
+
+def everything(blobs: BlobScene, trained: Trained, **given: object) -> list[Something]:
+    arguments = {"emit": ignore_events, "should_stop": never_stop, **given}
+    return find_everything(trained, SMALL, detector_factory=lambda: FakeDetector(blobs), **arguments)  # type: ignore[arg-type]
+
+
+def overlap(members: np.ndarray, truth: np.ndarray) -> float:
+    return float((members & truth).sum() / (members | truth).sum())
+
+
+def test_every_object_is_found_once_and_the_floor_is_none(blobs: BlobScene, tmp_path: Path) -> None:
+    _, trained = look(blobs, tmp_path)
+    events: list[Event] = []
+    found = everything(blobs, trained, emit=events.append)
+    assert len(found) == 3
+    for part, name in ((RED, "red ball"), (TWIN, "red ball"), (BLUE, "blue ball")):
+        best = max(found, key=lambda one: overlap(one.members, blobs.part == part))
+        assert overlap(best.members, blobs.part == part) > 0.9
+        assert best.name == name and best.score > 0.8
+    assert not np.logical_and.reduce([one.members for one in found]).any()
+    fractions = [event.fraction for event in events if isinstance(event, Progress)]
+    assert fractions == sorted(fractions)
+
+
+def test_parts_that_look_better_together_are_one_object(blobs: BlobScene, tmp_path: Path) -> None:
+    features = blobs.gaussians.features.copy()
+    left = (blobs.part == BLUE) & (blobs.gaussians.means[:, 0] < 0)
+    features[left] = np.roll(features[left], 1, axis=1)
+    scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
+    _, trained = look(scene, tmp_path)
+
+    class WholeBalls(FakeDetector):
+        def name_crops(self, crops):  # type: ignore[no-untyped-def]
+            pixels, _, mask = crops[0]
+            photo = next(name for name, other in scene.pixels.items() if np.array_equal(other, pixels))
+            labels = scene.labels[photo]
+            part = int(np.bincount(labels[mask], minlength=4).argmax())
+            return [("ball", float((mask & (labels == part)).sum() / (mask | (labels == part)).sum()))]
+
+    found = find_everything(
+        trained, SMALL, detector_factory=lambda: WholeBalls(scene), emit=ignore_events, should_stop=never_stop
+    )
+    assert max(overlap(one.members, scene.part == BLUE) for one in found) > 0.9
+    assert len(found) == 3
+
+
+def test_unsure_names_are_numbers_and_the_background_is_the_rest(blobs: BlobScene, tmp_path: Path) -> None:
+    project, _ = look(blobs, tmp_path)
+
+    class Unsure(FakeDetector):
+        def name_crops(self, crops):  # type: ignore[no-untyped-def]
+            return [(word, 0.3 * score) for word, score in super().name_crops(crops)]
+
+    models = {"detector_factory": lambda: Unsure(blobs), "sam_factory": lambda: FakeSam(blobs)}
+    made, kept, background = segment_everything_in(
+        project,
+        SMALL,
+        **models,
+        emit=ignore_events,
+        should_stop=never_stop,  # type: ignore[arg-type]
+    )
+    assert sorted(record.name for record in made) == ["object 1", "object 2", "object 3"] and not kept
+    assert all(record.prompt == {"kind": "all"} and record.score == 0.0 for record in made)
+    assert background.id == "background"
+    objects = [load_membership(project.path, record.id) >= 0.5 for record in made]
+    rest = load_membership(project.path, "background") >= 0.5
+    np.testing.assert_array_equal(rest, ~np.logical_or.reduce(objects))
+    assert rest[blobs.part == FLOOR].mean() > 0.95
+
+
+def test_objects_that_are_there_are_kept_and_not_made_twice(blobs: BlobScene, tmp_path: Path) -> None:
+    project, _ = look(blobs, tmp_path)
+    mine = ObjectRecord("kugel", "Kugel", {"kind": "click"}, 0.5, 0.9, 0.9, 150, len(blobs.gaussians))
+    save_object(project.path, mine, (blobs.part == BLUE).astype(np.float32))
+    models = {"detector_factory": lambda: FakeDetector(blobs), "sam_factory": lambda: FakeSam(blobs)}
+    made, kept, _ = segment_everything_in(
+        project,
+        SMALL,
+        **models,
+        emit=ignore_events,
+        should_stop=never_stop,  # type: ignore[arg-type]
+    )
+    assert kept == ["kugel"] and [record.name for record in made] == ["red ball", "red ball-2"]
+    assert sorted(record.id for record in list_objects(project.path)) == [
+        "background", "kugel", "red-ball", "red-ball-2"
+    ]  # fmt: skip
+
+
+def test_stopping_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
+    project, trained = look(blobs, tmp_path)
+    with pytest.raises(Cancelled):
+        everything(blobs, trained, should_stop=lambda: True)
+    assert list_objects(project.path) == []
