@@ -45,6 +45,8 @@ class PipelineSettings:
         The rooms' own settings; `plan.preset` names the training preset.
     camera_model : Path or None
         An existing COLMAP model folder or ``transforms.json`` to read instead of estimating the cameras.
+    photo_masks : Path or None
+        Folder of masks that say which pixels of the photos count, see `photos.photo_masks`.
     prompts : tuple of str
         Objects to isolate at the end, as text.
     """
@@ -55,6 +57,7 @@ class PipelineSettings:
     plan: PlanSettings = field(default_factory=PlanSettings)
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     camera_model: Path | None = None
+    photo_masks: Path | None = None
     prompts: tuple[str, ...] = ()
 
 
@@ -225,9 +228,10 @@ def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> tuple[PhotoS
 
     stored = run.project.path / "photos" / "photos.json"
     looked = run.project.path / "photos" / "looks.json"
+    masks = settings.photo_masks
 
     def work() -> dict[str, Any]:
-        photo_set = read_photos(folder, settings.photos, emit=run.emit, should_stop=run.should_stop)
+        photo_set = read_photos(folder, settings.photos, masks=masks, emit=run.emit, should_stop=run.should_stop)
         if stored.exists():
             _refuse_another_scene(run.project, folder, photo_set, read_photo_set(stored))
         looks = look_at_photos(photo_set, should_stop=run.should_stop)
@@ -237,10 +241,15 @@ def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> tuple[PhotoS
         return {"n_photos": len(photo_set.photos), "rejected": [asdict(photo) for photo in photo_set.rejected]}
 
     # Changes whenever a photo is added, edited or removed, and not with what else lies there, this project say.
-    stats = [(path, path.stat()) for path in picture_files(folder)]
-    listing = [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
-    run.stage("photos", stage_key(listing, to_dict(settings.photos)), work, [stored, looked])
+    listing = _listing(folder, picture_files(folder, without=masks))
+    of_masks = [] if masks is None else [_listing(masks, sorted(masks.rglob("*.png")))]
+    run.stage("photos", stage_key(listing, to_dict(settings.photos), *of_masks), work, [stored, looked])
     return replace(read_photo_set(stored), folder=folder), read_looks(looked)
+
+
+def _listing(folder: Path, files: Iterable[Path]) -> list[list[Any]]:
+    stats = [(path, path.stat()) for path in files]
+    return [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
 
 
 def _refuse_another_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSet, before: PhotoSet) -> None:
@@ -254,7 +263,7 @@ def _refuse_another_scene(project: ProjectFolder, folder: Path, photo_set: Photo
 
 
 def _photo_hashes(photo_set: PhotoSet) -> list[list[str]]:
-    return [[photo.name, photo.sha256] for photo in photo_set.photos]
+    return [photo.hashes for photo in photo_set.photos]
 
 
 def _cameras(run: _Run, photo_set: PhotoSet, settings: PipelineSettings) -> CameraSet:
@@ -334,7 +343,7 @@ def _masks(
         )
         return {"n_photos": len(made), "seconds_per_photo": (time.perf_counter() - start) / max(1, len(made))}
 
-    hashes = [pair for pair in _photo_hashes(photo_set) if pair[0] in plan.mask_photos]
+    hashes = [[photo.name, photo.sha256] for photo in photo_set.photos if photo.name in plan.mask_photos]
     paths = {name: label_map_path(folder, name) for name in plan.mask_photos}
     run.stage("masks", stage_key(hashes, to_dict(settings.masks)), work, paths.values())
     return paths
@@ -355,15 +364,21 @@ def _training(
 
     def work() -> dict[str, Any]:
         from .gaussians.storage import save_gaussians
+        from .training.checkpoint import forget_old_runs
         from .training.start import start_gaussians
         from .training.train import train
         from .training.views import load_views
 
         checkpoints = run.project.path / "checkpoints"
-        for old in checkpoints.glob("*"):
-            if old.name != key[:12]:
-                shutil.rmtree(old)
-        views = load_views(photo_set.folder, camera_set, masks, training, should_stop=run.should_stop)
+        forget_old_runs(checkpoints, keep=key[:12])
+        views = load_views(
+            photo_set.folder,
+            camera_set,
+            masks,
+            training,
+            photo_masks=photo_set.mask_files,
+            should_stop=run.should_stop,
+        )
         start = start_gaussians(camera_set, views, training, emit=run.emit)
         result = train(
             start, views, training, checkpoints=checkpoints / key[:12], emit=run.emit, should_stop=run.should_stop

@@ -22,7 +22,7 @@ from .camera import Camera
 from .colmap_calls import threads_for_colmap, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings
-from .working_copies import WorkingCopy, plan_copies, write_copies
+from .working_copies import WorkingCopy, plan_copies, write_copies, write_whole_masks
 
 __all__ = ["Workshop", "match_features"]
 
@@ -58,6 +58,7 @@ class Workshop:
         lenses: Mapping[str, Camera] | None = None,
     ) -> None:
         self.images = folder / "images"
+        self.masks = folder / "masks"
         self.database = folder / "database.db"
         self.sparse = folder / "sparse"
         self.pairs = folder / "pairs.txt"
@@ -76,7 +77,7 @@ class Workshop:
 
     def _prepare(self) -> None:
         made_from = stage_key(
-            [[copy.name, copy.photo.sha256, copy.width, copy.height] for copy in self.copies],
+            [[copy.name, *copy.photo.hashes[1:], copy.width, copy.height] for copy in self.copies],
             [self._lens_of(copy.photo) for copy in self.copies],
             to_dict(self.settings),
             pycolmap.__version__,
@@ -93,7 +94,7 @@ class Workshop:
     def clear(self) -> None:
         """Remove what this class keeps in the folder, and nothing else."""
         (self._folder / "made_from.json").unlink(missing_ok=True)
-        for path in (self.images, self.sparse):
+        for path in (self.images, self.masks, self.sparse):
             shutil.rmtree(path, ignore_errors=True)
         for path in self._folder.glob("database.db*"):
             path.unlink()
@@ -126,6 +127,7 @@ def match_features(workshop: Workshop, *, report: _Report, should_stop: StopChec
         workshop.copies,
         workshop.photo_set.folder,
         workshop.images,
+        workshop.masks,
         report=lambda done: report(_COPIED * done, "copying the photos"),
         should_stop=should_stop,
     )
@@ -184,6 +186,10 @@ def _detect(workshop: Workshop, report: _Report, should_stop: StopCheck) -> None
     options.sift.first_octave = settings.first_octave
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = settings.model
+    if workshop.masks.is_dir():
+        # COLMAP finds nothing in a photo whose mask is missing.
+        write_whole_masks(workshop.copies, workshop.masks)
+        reader.mask_path = workshop.masks
     names = [copy.name for copy in workshop.copies]
 
     with pycolmap.Database.open(workshop.database) as database:

@@ -14,10 +14,10 @@ from PIL import Image
 from ..errors import Cancelled
 from ..events import StopCheck
 from ..photos.photo import Photo, PhotoSet
-from ..photos.pixels import load_pixels
+from ..photos.photo_masks import load_with_valid
 from ..project_folder import atomic_write
 
-__all__ = ["WorkingCopy", "plan_copies", "write_copies"]
+__all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_whole_masks"]
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,12 @@ def write_copies(
     copies: list[WorkingCopy],
     source: Path,
     folder: Path,
+    masks: Path,
     *,
     report: Callable[[float], None],
     should_stop: StopCheck,
 ) -> None:
-    """Write the copies that are not in `folder` yet.
+    """Write the copies that are not in `folder` yet; in `masks`, named as COLMAP wants it, which pixels count.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def write_copies(
     missing = [copy for copy in copies if not (folder / copy.name).is_file()]
     pool = ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1))
     try:
-        for index, _ in enumerate(pool.map(lambda copy: _write_copy(copy, source, folder), missing)):
+        for index, _ in enumerate(pool.map(lambda copy: _write_copy(copy, source, folder, masks), missing)):
             report((index + 1) / len(missing))
             if should_stop():
                 raise Cancelled("Stopped while copying the photos. The next run continues from here.")
@@ -106,13 +107,35 @@ def write_copies(
         pool.shutdown(cancel_futures=True)
 
 
-def _write_copy(copy: WorkingCopy, source: Path, folder: Path) -> None:
-    pixels = load_pixels(source / copy.photo.name, max_side=max(copy.width, copy.height))
+def write_whole_masks(copies: list[WorkingCopy], masks: Path) -> None:
+    """Write a mask that leaves nothing out for each copy that has none in `masks`.
+
+    Raises
+    ------
+    DiskError
+        When it cannot be written.
+    """
+    for copy in copies:
+        if not (file := masks / f"{copy.name}.png").is_file():
+            _write(file, Image.new("1", (copy.width, copy.height), 1), "PNG")
+
+
+def _write_copy(copy: WorkingCopy, source: Path, folder: Path, masks: Path) -> None:
+    mask = None if copy.photo.mask is None else Path(copy.photo.mask)
+    pixels, valid = load_with_valid(source / copy.photo.name, mask, max_side=max(copy.width, copy.height))
+    if valid is not None:
+        # Before the copy: a copy that is there has its mask.
+        shown = Image.fromarray(valid).resize((copy.width, copy.height), Image.Resampling.NEAREST)
+        _write(masks / f"{copy.name}.png", shown, "PNG")
     picture = Image.fromarray(pixels)
     if picture.size != (copy.width, copy.height):
         # Sides that are half-way between two pixels may round the other way.
         picture = picture.resize((copy.width, copy.height), Image.Resampling.BICUBIC)
+    _write(folder / copy.name, picture, "JPEG", quality=97, subsampling=0)
+
+
+def _write(path: Path, picture: Image.Image, kind: str, **options: int) -> None:
     encoded = io.BytesIO()
-    picture.save(encoded, "JPEG", quality=97, subsampling=0)
-    with atomic_write(folder / copy.name) as stream:
+    picture.save(encoded, kind, **options)
+    with atomic_write(path) as stream:
         stream.write(encoded.getvalue())

@@ -27,6 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, help="folder for the runs and tables (default: SCENE-bench beside it)")
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table and its picture there")
     parser.add_argument("--cameras", type=Path, help="COLMAP model folder or transforms.json to use")
+    parser.add_argument(
+        "--photo-masks",
+        type=Path,
+        metavar="FOLDER",
+        help="masks named like photo.jpg.png: what is black in them is ignored in photo.jpg",
+    )
     parser.add_argument("--no-objects", action="store_true", help="no masks, no segmentation features")
     parser.add_argument("--limit", type=float, metavar="MINUTES", help="stop the training of a preset after this long")
     parser.add_argument(
@@ -49,6 +55,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     is_project = (scene / PROJECT_FILE).is_file()
     if is_project and options.cameras is not None:
         raise SettingsError(f"{scene} is a project and has its cameras. Leave out --cameras, or name its photos.")
+    if is_project and options.photo_masks is not None:
+        raise SettingsError(f"{scene} is a project and has its masks. Leave out --photo-masks, or name its photos.")
     out: Path = options.out or scene.resolve().with_name(f"{scene.resolve().name}-bench")
     if out.resolve() == scene.resolve() or (out / PROJECT_FILE).is_file():
         raise ProjectError(f"{out} is a scene. Choose another folder for the comparison with --out.")
@@ -58,6 +66,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         everything=options.everything,
         limit_minutes=options.limit,
         camera_model=options.cameras,
+        photo_masks=options.photo_masks,
     )
     rows = compare(scene, out, settings, emit=emit, should_stop=should_stop)
     file = write_comparison(out, rows, title=_title(scene), command=_command(options), doc=options.doc)
@@ -80,6 +89,7 @@ def _command(options: argparse.Namespace) -> str:
     """Return the command for the document, without where files lie on this machine."""
     words = ["python -m engine bench", f"{_title(options.scene)}/{options.scene.name}", f"--presets {options.presets}"]
     words += [f"--cameras {options.cameras.name}"] if options.cameras else []
+    words += [f"--photo-masks {options.photo_masks.name}"] if options.photo_masks else []
     words += ["--no-objects"] if options.no_objects else []
     words += ["--everything"] if options.everything else []
     words += [f"--limit {options.limit:g}"] if options.limit is not None else []

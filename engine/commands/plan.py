@@ -31,6 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
     parser.add_argument("--cameras", type=Path, help="COLMAP model folder or transforms.json to use")
+    parser.add_argument(
+        "--photo-masks",
+        type=Path,
+        metavar="FOLDER",
+        help="masks named like photo.jpg.png: what is black in them is ignored in photo.jpg",
+    )
     parser.add_argument("--json", action="store_true", help="the plan as JSON instead of words")
 
 
@@ -46,6 +52,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         photos=PhotoSettings(),
         cameras=CameraSettings(),
         model=options.cameras,
+        photo_masks=options.photo_masks,
         emit=emit,
         should_stop=should_stop,
     )

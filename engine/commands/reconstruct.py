@@ -31,6 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--cameras", type=Path, help="COLMAP model folder or transforms.json to use instead of estimating"
     )
+    parser.add_argument(
+        "--photo-masks",
+        type=Path,
+        metavar="FOLDER",
+        help="masks named like photo.jpg.png: what is black in them is ignored in photo.jpg",
+    )
+    parser.add_argument(
+        "--passers-by", action="store_true", help="people walk through some of the photos: leave them out of the scene"
+    )
     parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
     parser.add_argument(
         "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
@@ -51,9 +60,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if options.no_objects and prompts:
         raise SettingsError("--no-objects leaves out what --prompts needs. Give only one of them.")
     settings = PipelineSettings(
-        plan=PlanSettings(preset=options.preset, wants_objects=not options.no_objects),
+        plan=PlanSettings(preset=options.preset, wants_objects=not options.no_objects, passers_by=options.passers_by),
         masks=MaskSettings(model=options.sam),
         camera_model=options.cameras,
+        photo_masks=options.photo_masks,
         prompts=prompts,
     )
     project = reconstruct(options.photos, options.out, settings, emit=emit, should_stop=should_stop)

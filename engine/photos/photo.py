@@ -22,6 +22,8 @@ class Photo:
         Focal length in those pixels from EXIF, None when the file does not say.
     sha256 : str
         Of the file as it lies on disk.
+    mask, mask_sha256 : str or None
+        Picture that says which of its pixels count (see `photo_masks`), as a path, and its hash; None for none.
     """
 
     name: str
@@ -29,6 +31,13 @@ class Photo:
     height: int
     focal_px: float | None
     sha256: str
+    mask: str | None = None
+    mask_sha256: str | None = None
+
+    @property
+    def hashes(self) -> list[str]:
+        """Name and hash of the photo, and its mask's hash where it has one: what results depend on."""
+        return [self.name, self.sha256, *([self.mask_sha256] if self.mask_sha256 else [])]
 
 
 @dataclass(frozen=True)
@@ -46,3 +55,8 @@ class PhotoSet:
     folder: Path
     photos: tuple[Photo, ...]
     rejected: tuple[RejectedPhoto, ...]
+
+    @property
+    def mask_files(self) -> dict[str, Path]:
+        """Files of the photos' masks by the photos' names; photos without one are left out."""
+        return {photo.name: Path(photo.mask) for photo in self.photos if photo.mask is not None}

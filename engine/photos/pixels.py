@@ -15,7 +15,7 @@ from PIL import Image, ImageCms
 from ..errors import PhotoError
 from .exif import TURNS, focal_in_pixels, orientation_of, without_exif_warnings
 
-__all__ = ["can_read_heic", "load_pixels", "open_photo", "upright_pixels"]
+__all__ = ["can_read_heic", "load_pixels", "open_photo", "upright_pixels", "upright_with_alpha"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -130,6 +130,13 @@ def upright_pixels(image: Image.Image, *, max_side: int | None = None) -> NDArra
     PhotoError
         For 32-bit float pictures, whose range is unknown.
     """
+    return upright_with_alpha(image, max_side=max_side)[0]
+
+
+def upright_with_alpha(
+    image: Image.Image, *, max_side: int | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Return the pixels as of `upright_pixels`, and their alpha [H, W], 0 to 255, None where the file has none."""
     turn = TURNS.get(orientation_of(image))
     full_size = image.info.get("full_size", image.size)
     profile = image.info.get("icc_profile")
@@ -145,10 +152,13 @@ def upright_pixels(image: Image.Image, *, max_side: int | None = None) -> NDArra
         picture = picture.resize(size, Image.Resampling.HAMMING, box=box)
         if picture.mode == "RGBa":
             picture = picture.convert("RGBA")
+    alpha = picture.getchannel("A") if picture.mode == "RGBA" else None
     picture = _to_srgb(picture, profile)
-    if turn is not None:
-        picture = picture.transpose(turn)
-    return np.ascontiguousarray(np.asarray(picture, dtype=np.uint8))
+    return _turned(picture, turn), None if alpha is None else _turned(alpha, turn)
+
+
+def _turned(picture: Image.Image, turn: Image.Transpose | None) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(np.asarray(picture if turn is None else picture.transpose(turn), dtype=np.uint8))
 
 
 def _eight_bits(image: Image.Image) -> Image.Image:

@@ -18,6 +18,7 @@ from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_sto
 from ..project_folder import file_sha256
 from .exif import TURNS, orientation_of
 from .photo import Photo, PhotoSet, RejectedPhoto
+from .photo_masks import with_masks
 from .pixels import can_read_heic, open_photo, upright_pixels
 from .settings import PhotoSettings
 
@@ -50,6 +51,7 @@ def read_photos(
     folder: Path,
     settings: PhotoSettings | None = None,
     *,
+    masks: Path | None = None,
     emit: Emit = ignore_events,
     should_stop: StopCheck = never_stop,
 ) -> PhotoSet:
@@ -65,6 +67,8 @@ def read_photos(
         The photo folder. Links to folders are not followed.
     settings : PhotoSettings, optional
         Bounds of what is used.
+    masks : Path, optional
+        Folder with the photos' masks, see `photo_masks`; what lies in it is no photo.
     emit : Emit
         Gets `Progress` per photo and one `Warned` per rejected file.
     should_stop : StopCheck
@@ -78,7 +82,8 @@ def read_photos(
     Raises
     ------
     PhotoError
-        When the folder is missing, not a folder, a project, without pictures, or without a usable one.
+        When the folder is missing, not a folder, a project, without pictures, or without a usable one; or the masks
+        do not fit the photos.
     Cancelled
         When `should_stop` says so.
 
@@ -89,7 +94,7 @@ def read_photos(
     """
     settings = settings or PhotoSettings()
     folder = folder.expanduser()
-    files = picture_files(folder)
+    files = picture_files(folder, without=masks)
     rejected = [RejectedPhoto(_name(folder, path), reason) for path in files if (reason := _unsupported(path))]
     candidates = [path for path in files if not _unsupported(path)]
     looks: list[_Look] = []
@@ -108,11 +113,20 @@ def read_photos(
     if not looks:
         why = f"{rejected[0].name}: {rejected[0].reason}" if rejected else ""
         raise PhotoError(f"None of the {len(files)} pictures in {folder} can be used. {why}")
-    return PhotoSet(folder, tuple(look.photo for look in looks), tuple(rejected))
+    photos = tuple(look.photo for look in looks)
+    if masks is not None:
+        photos = with_masks(folder, photos, masks, emit=emit, should_stop=should_stop)
+    return PhotoSet(folder, photos, tuple(rejected))
 
 
-def picture_files(folder: Path) -> list[Path]:
+def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
     """Return every file in `folder` that looks like a picture or a video, ordered by name; `read_photos` says which.
+
+    Parameters
+    ----------
+    folder : Path
+    without : Path, optional
+        A folder inside that is passed over.
 
     Raises
     ------
@@ -125,6 +139,7 @@ def picture_files(folder: Path) -> list[Path]:
         raise PhotoError(f"{folder} is a file. Choose the folder that holds the photos.")
     if (folder / "project.json").is_file():
         raise PhotoError(f"{folder} is a Gaussian Heritage project. Choose the folder that holds the photos.")
+    left_out = None if without is None else without.resolve()
     known = _PICTURES | _HEIC | _RAW | _VIDEO | _OTHER_PICTURES
     found: list[Path] = []
     try:
@@ -132,7 +147,9 @@ def picture_files(folder: Path) -> list[Path]:
             folders[:] = [
                 name
                 for name in folders
-                if not name.startswith((".", "__MACOSX")) and not (Path(place, name) / "project.json").is_file()
+                if not name.startswith((".", "__MACOSX"))
+                and not (Path(place, name) / "project.json").is_file()
+                and Path(place, name).resolve() != left_out
             ]
             found += [
                 Path(place, name) for name in names if not name.startswith(".") and Path(name).suffix.lower() in known

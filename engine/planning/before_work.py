@@ -39,6 +39,7 @@ def plan_photos(
     photos: PhotoSettings,
     cameras: CameraSettings,
     model: Path | None,
+    photo_masks: Path | None,
     emit: Emit,
     should_stop: StopCheck,
 ) -> BeforeWork:
@@ -51,7 +52,7 @@ def plan_photos(
     Cancelled
         When `should_stop` says so.
     """
-    photo_set = read_photos(folder, photos, emit=emit, should_stop=should_stop)
+    photo_set = read_photos(folder, photos, masks=photo_masks, emit=emit, should_stop=should_stop)
     looks = look_at_photos(photo_set, should_stop=should_stop)
     return plan_and_forecast(photo_set, looks, settings, cameras=cameras, model=model, n_prompts=0, emit=emit)
 

@@ -51,6 +51,8 @@ class PlanSettings:
         Whether objects are to be isolated; without, no masks are made and no features trained.
     n_mask_photos : int
         Photos that get SAM masks, at most; neighbouring photos show nearly the same segments.
+    passers_by : bool
+        Whether people walk through some of the photos: what stands in one photo only is left out then.
     leave_out : bool
         False does everything, to measure what leaving out saves and costs: masks of all photos, features, exposure
         correction, every step.
@@ -59,6 +61,7 @@ class PlanSettings:
     preset: str = "standard"
     wants_objects: bool = True
     n_mask_photos: int = 28
+    passers_by: bool = False
     leave_out: bool = True
 
     def __post_init__(self) -> None:
@@ -99,6 +102,8 @@ class WorkPlan:
         Numbers of photos; their names are known once the cameras are.
     features, exposure : bool
         Whether segmentation features, and a brightness factor per photo, are trained.
+    passers_by : bool
+        Whether what stands in one photo only is left out of it.
     sh_degree, max_gaussians, steps : int
         See `TrainingSettings`.
     stop_when_flat : float
@@ -128,6 +133,7 @@ class WorkPlan:
     stop_when_flat: float
     left_out: tuple[LeftOut, ...]
     notes: tuple[str, ...]
+    passers_by: bool = False
 
 
 @dataclass(frozen=True)
@@ -211,6 +217,7 @@ def plan_work(
             )
         )
     texture = float(np.median([look.texture for look in looks])) if looks else 1.0
+    steps = _steps(count - n_held_out, preset, settings, left_out)
     flat = preset.stop_when_flat if settings.leave_out and n_held_out else 0.0
     return WorkPlan(
         preset=settings.preset,
@@ -229,11 +236,27 @@ def plan_work(
         exposure=exposure,
         sh_degree=preset.sh_degree,
         max_gaussians=preset.max_gaussians,
-        steps=preset.steps,
+        steps=steps,
         stop_when_flat=flat,
         left_out=tuple(left_out),
         notes=_notes(photo_set, texture, poses_given),
+        passers_by=settings.passers_by,
     )
+
+
+def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
+    """Return the steps worth doing: `TrainingSettings.rounds` through the photos, at least half of the preset's."""
+    if not preset.rounds or not settings.leave_out:
+        return preset.steps
+    steps = min(preset.steps, max(preset.steps // 2, preset.rounds * n_trained))
+    if steps < preset.steps:
+        left_out.append(
+            LeftOut(
+                f"{preset.steps - steps:,} of {preset.steps:,} training steps",
+                f"{n_trained} photos hold no more: each is trained on {steps / max(1, n_trained):.0f} times",
+            )
+        )
+    return steps
 
 
 def _pairs(count: int, cameras: CameraSettings, points_given: bool, left_out: list[LeftOut]) -> tuple[Pairs, int]:
@@ -317,10 +340,14 @@ def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str,
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
     """Return the preset with what the plan decided about it."""
+    preset = PRESETS[work.preset]
     return replace(
-        PRESETS[work.preset],
+        preset,
+        steps=work.steps,
+        sh_interval=max(1, preset.sh_interval * work.steps // preset.steps),
         features=work.features,
         exposure=work.exposure,
+        passers_by=work.passers_by,
         stop_when_flat=work.stop_when_flat,
     )
 

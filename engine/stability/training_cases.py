@@ -14,7 +14,7 @@ from ..training.settings import PRESETS, TrainingSettings
 from ..training.train import TrainingResult
 from .training_floors import EASIER, HOLES, LEARNT, SAME, SIMILAR, Floor, flat, known, undisturbed
 from .training_measure import Ending, TrainingFinding, measured_run
-from .training_rules import continues_exactly, continues_without_memory
+from .training_rules import continues_exactly, continues_without_memory, stays_empty
 from .training_scenes import FOCAL, SETTINGS, Capture, TrainingInput, faster, known_capture, training_input
 
 __all__ = ["TRAINING_CASES", "TrainingCase"]
@@ -125,7 +125,8 @@ def _photos() -> list[TrainingCase]:
                       undisturbed(HOLES, points=False))
             for name, level in (("black", 0), ("gray", 128), ("white", 255))
         ],
-        _finishes("black_background", "the balls before nothing", _before_nothing, undisturbed(SIMILAR)),
+        _finishes("black_background", "the balls before nothing", _before_nothing, undisturbed(SIMILAR),
+                  replace(SETTINGS, lambda_opacity=PRESETS["standard"].lambda_opacity), more=stays_empty),
         _finishes("over_exposed", "photos 3 times as bright, most of them white", exposed(3.0), flat(exposed(3.0))),
         _finishes("under_exposed", "photos a tenth as bright, 25 levels", exposed(0.1), flat(exposed(0.1))),
         _finishes("mixed_exposure", "photos half to twice as bright, exposure learnt", _mixed, flat(_mixed),

@@ -11,17 +11,25 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from ..errors import Cancelled
 from ..events import StopCheck
+from ..training.parameters import Parameters, render
+from ..training.settings import TrainingSettings
+from ..training.train import TrainingResult
 from .starved import ENVIRONMENT
 from .training_measure import TrainingFinding, Watch, same_gaussians, trained
 from .training_scenes import SETTINGS, known_capture, training_input
 
-__all__ = ["continues_exactly", "continues_without_memory"]
+__all__ = ["continues_exactly", "continues_without_memory", "stays_empty"]
 
 _STOPPED_AFTER = (1, 47, 20, 35)
 """Steps that each attempt is given: it ends before the first checkpoint, between two, after growth, near the end."""
+
+
+_MOST_COVERED = 0.05
+"""Of the black pixels; soft edges of the balls are 1 to 2 %."""
 
 
 class _Killed(BaseException):
@@ -69,6 +77,22 @@ def _ends_after(steps: int, *, killed: bool) -> StopCheck:
         return ends
 
     return stop
+
+
+def stays_empty(result: TrainingResult, settings: TrainingSettings) -> list[str]:
+    """Return whether Gaussians cover what is black in all photos of the balls before nothing: floaters, unseen there.
+
+    They cost no photo anything and would stand, black, before whatever is seen from elsewhere.
+    """
+    views = training_input(known_capture(ground=False)[0], settings).views
+    values = Parameters.from_gaussians(result.gaussians, sh_degree=settings.sh_degree, features=False).values
+    covers = []
+    for view in views:
+        with torch.no_grad():
+            raster = render(values, view.pinhole, settings, sh_degree=settings.sh_degree)
+        covers.append(float((1.0 - raster.transmittance.numpy())[view.pixels.max(axis=2) == 0].mean()))
+    most = float(np.mean(covers))
+    return [f"{most:.1%} of what is black in the photos is covered"] if most > _MOST_COVERED else []
 
 
 def continues_without_memory() -> TrainingFinding:

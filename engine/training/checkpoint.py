@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import zipfile
 from collections import Counter
 from collections.abc import Sequence
@@ -33,6 +34,8 @@ from .views import TrainingView
 __all__ = [
     "CHECKPOINT_FILE",
     "RunState",
+    "forget_old_runs",
+    "latest_run",
     "read_checkpoint",
     "read_progress",
     "read_state",
@@ -41,7 +44,9 @@ __all__ = [
 ]
 
 CHECKPOINT_FILE = "training.npz"
-_VERSION = 1
+_VERSION = 2
+_OTHER_RUNS_KEPT = 2
+_OUT_OF_PLACE = "out_of_place."
 _NOT_PART_OF_THE_RESULT = ("checkpoint_interval", "preview_seconds")
 
 
@@ -57,6 +62,10 @@ class RunState:
     exposure_moments : AdamState
     step : int
         Finished steps.
+    cooling_from : int or None
+        Step at which the cooldown began because the curve was flat.
+    out_of_place : dict of int to bool array of shape [h, w]
+        Pixels left out of training photos because they show what no other photo does, by number of the photo.
     neighbours : int tensor of shape [N, k] or None
         Cache for L_reg.
     neighbours_step : int
@@ -72,6 +81,8 @@ class RunState:
     exposure: torch.Tensor
     exposure_moments: AdamState
     step: int = 0
+    cooling_from: int | None = None
+    out_of_place: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
     neighbours: torch.Tensor | None = None
     neighbours_step: int = 0
     curve: list[CurvePoint] = field(default_factory=list)
@@ -90,6 +101,8 @@ def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingS
     for view in views:
         digest.update(f"{view.photo}|{view.held_out}|".encode())
         parts: tuple[NDArray[Any] | None, ...] = (view.pixels, view.labels, view.pinhole.K, view.pinhole.viewmat)
+        if view.valid is not None:
+            parts += (view.valid,)
         for part in parts:
             digest.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
     return digest.hexdigest()
@@ -109,6 +122,7 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         arrays[f"first.{name}"] = moment.mean.numpy()
         arrays[f"second.{name}"] = moment.square.numpy()
     arrays["exposure"] = state.exposure.detach().numpy()
+    arrays |= {f"{_OUT_OF_PLACE}{view}": mask for view, mask in state.out_of_place.items()}
     if state.neighbours is not None:
         arrays["neighbours"] = state.neighbours.numpy()
     _check_finite(arrays, state.step)
@@ -116,6 +130,7 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         "version": _VERSION,
         "key": key,
         "step": state.step,
+        "cooling_from": state.cooling_from,
         "adam_steps": {name: moment.step for name, moment in moments.items()},
         "neighbours_step": state.neighbours_step,
         "curve": [asdict(point) for point in state.curve],
@@ -171,6 +186,28 @@ def read_progress(folder: Path) -> dict[str, Any] | None:
         return None
 
 
+def forget_old_runs(folder: Path, *, keep: str) -> None:
+    """Delete the checkpoints in `folder`, one folder a run, but those of the run `keep` and of the two latest others.
+
+    Who tries another preset and comes back continues where the first stopped; three of the largest preset's
+    checkpoints take half a gigabyte.
+    """
+    others = [path for path in folder.glob("*") if path.name != keep]
+    for old in sorted(others, key=_changed, reverse=True)[_OTHER_RUNS_KEPT:]:
+        shutil.rmtree(old)
+
+
+def latest_run(folder: Path) -> Path | None:
+    """Return the folder of the run in `folder` whose checkpoint was written last, None when there is none."""
+    return max((path for path in folder.glob("*") if (path / CHECKPOINT_FILE).is_file()), key=_changed, default=None)
+
+
+def _changed(run: Path) -> float:
+    """Return when the checkpoint of a run was written; before all others where it has none."""
+    file = run / CHECKPOINT_FILE
+    return file.stat().st_mtime if file.is_file() else 0.0
+
+
 def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunState:
     steps = record["adam_steps"]
 
@@ -188,6 +225,12 @@ def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunS
         exposure=torch.from_numpy(arrays["exposure"]),
         exposure_moments=moments("exposure"),
         step=int(record["step"]),
+        cooling_from=record["cooling_from"],
+        out_of_place={
+            int(name.removeprefix(_OUT_OF_PLACE)): mask
+            for name, mask in arrays.items()
+            if name.startswith(_OUT_OF_PLACE)
+        },
         neighbours=None if neighbours is None else torch.from_numpy(neighbours),
         neighbours_step=int(record["neighbours_step"]),
         curve=[CurvePoint(**point) for point in record["curve"]],

@@ -107,6 +107,8 @@ def error_votes(
             raster = render(values, level.camera, settings, sh_degree=sh_degree, extra=votes)
             photo = torch.from_numpy(level.pixels).float().div_(255.0)
             error = (raster.image[..., :3].detach() - photo).abs().mean(dim=2)
+            if level.valid is not None:
+                error[torch.from_numpy(~level.valid)] = 0.0
             (raster.image[..., 3] * error).sum().backward()  # type: ignore[no-untyped-call]
     assert votes.grad is not None
     return votes.grad[:, 0]

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from .settings import TrainingSettings
+from .spectrum import TYPICAL_SHARES
 
 __all__ = ["Schedule"]
 
@@ -16,8 +17,12 @@ _WORK_BESIDE_PIXELS = 0.25
 """Share of a full-size step that does not depend on the picture's size: projection, Adam. For the time left only."""
 
 _FLAT_CHECKS = 40
-"""Looks at the held-out error in as many steps as there are, of which those after growth has ended are taken: each
-costs as much as 3 steps, one in 75 in `standard`."""
+"""Looks at the held-out error in as many steps as there are, of which those at full size before the cooldown are taken:
+each costs as much as 3 steps, one in 75 in `standard`."""
+
+_LOOKS_FOR_PASSERS_BY = (0.2, 0.4)
+"""Parts of the steps after which it is looked for what stands in one photo only. Each look replaces what the one before
+found: what the Gaussians have learned of somebody who walks by is forgotten once he is left out."""
 
 _LARGEST_FACTOR = 1.3
 """Of one growth: those just split must settle before their error says where the next are needed."""
@@ -35,18 +40,31 @@ class Schedule:
         Of the scene, world units.
     labelled : sequence of int
         Numbers of those with segments.
+    shares : sequence of float
+        How much of the photos' detail smaller pictures show, see `spectrum.coarse_shares`.
     """
 
     def __init__(
-        self, settings: TrainingSettings, n_views: int, extent: float, *, labelled: Sequence[int] = ()
+        self,
+        settings: TrainingSettings,
+        n_views: int,
+        extent: float,
+        *,
+        labelled: Sequence[int] = (),
+        shares: Sequence[float] = TYPICAL_SHARES,
     ) -> None:
         self._settings = settings
         self._n_views = n_views
         self._labelled = labelled
         self._extent = extent
-        per_step = [_WORK_BESIDE_PIXELS + 0.25 ** self.halvings(step) for step in range(settings.steps)]
+        coarse = settings.coarse_until * settings.steps
+        self._coarse_ends = [coarse * share for share in shares[1 : 2 * settings.coarse_levels + 1]]
+        self._cooling_steps = round(settings.cooldown * settings.steps)
+        per_step = [_WORK_BESIDE_PIXELS + self.scale(step) ** 2 for step in range(settings.steps)]
         self._work = np.concatenate([[0.0], np.cumsum(per_step)])
-        self.flat_checks = _flat_checks(settings)
+        looks = _LOOKS_FOR_PASSERS_BY if settings.passers_by else ()
+        self.looks_for_passers_by = frozenset(max(1, round(part * settings.steps)) for part in looks)
+        self.flat_checks = _flat_checks(settings, self.cooling_start(None))
         self.curve_steps = _log_spaced(settings.steps, settings.curve_points) | self.flat_checks
 
     def view(self, step: int) -> int:
@@ -65,10 +83,17 @@ class Schedule:
         round_number, place = divmod(index, n)
         return int(np.random.default_rng((self._settings.seed, kind, round_number)).permutation(n)[place])
 
-    def halvings(self, step: int) -> int:
-        """How often the pictures are halved at the step."""
-        levels, until = self._settings.coarse_levels, self._settings.coarse_until * self._settings.steps
-        return levels - int(levels * step / until) if levels and step < until else 0
+    def shrinks(self, step: int) -> int:
+        """How often the pictures are made smaller by sqrt(2) at the step.
+
+        DashGaussian's idea (Chen et al. 2025), from the idea: a picture of a given size is trained on for as large a
+        part of the coarse steps as the share of the photos' detail that it adds to those still smaller.
+        """
+        return sum(step < end for end in self._coarse_ends)
+
+    def scale(self, step: int) -> float:
+        """Return the pictures' size at the step, 1 for full size."""
+        return float(2.0 ** (-self.shrinks(step) / 2))
 
     def sh_degree(self, step: int) -> int:
         """Highest band of spherical harmonics at the step."""
@@ -79,13 +104,32 @@ class Schedule:
         state = np.random.SeedSequence((self._settings.seed, step, purpose)).generate_state(1, np.uint64)[0]
         return torch.Generator().manual_seed(int(state >> np.uint64(1)))
 
-    def learning_rates(self, step: int) -> dict[str, float]:
-        """Return the rate of every parameter at the step."""
+    def cooling_start(self, cooling_from: int | None) -> int:
+        """Return the step at which the cooldown begins: `cooling_from`, or so late that it ends with the last step."""
+        return self._settings.steps - self._cooling_steps if cooling_from is None else cooling_from
+
+    def last_step(self, cooling_from: int | None) -> int:
+        """Return the number of steps after which training ends."""
+        return min(self._settings.steps, self.cooling_start(cooling_from) + self._cooling_steps)
+
+    def _cooled(self, step: int, cooling_from: int | None) -> float:
+        done = step - self.cooling_start(cooling_from)
+        return float(self._settings.cooldown_end ** (done / self._cooling_steps)) if done > 0 else 1.0
+
+    def learning_rates(self, step: int, cooling_from: int | None = None) -> dict[str, float]:
+        """Return the rate of every parameter at the step.
+
+        Parameters
+        ----------
+        step : int
+        cooling_from : int, optional
+            Step at which the cooldown began because the curve was flat.
+        """
         s = self._settings
         t = step / max(s.steps - 1, 1)
-        decay = s.lr_end ** max(0.0, 2.0 * t - 1.0)
+        decay = s.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step, cooling_from)
         return {
-            "means": self.means_rate(step) * self._extent,
+            "means": self.means_rate(step, cooling_from) * self._extent,
             "log_scales": s.lr_scales * decay,
             "quats": s.lr_quats * decay,
             "opacity_logits": s.lr_opacity * decay,
@@ -94,41 +138,43 @@ class Schedule:
             "features": s.lr_features * decay,
         }
 
-    def means_rate(self, step: int) -> float:
+    def means_rate(self, step: int, cooling_from: int | None = None) -> float:
         """Return the rate of the positions per extent at the step."""
         t = step / max(self._settings.steps - 1, 1)
-        return float(self._settings.lr_means ** (1 - t) * self._settings.lr_means_end**t)
+        rate = self._settings.lr_means ** (1 - t) * self._settings.lr_means_end**t
+        return float(rate * self._cooled(step, cooling_from))
 
-    def grows(self, step: int) -> bool:
+    def grows(self, step: int, cooling_from: int | None = None) -> bool:
         """Whether Gaussians are relocated and added after the step."""
         s = self._settings
-        return step > 0 and step % s.grow_interval == 0 and s.grow_from * s.steps <= step < s.grow_until * s.steps
+        due = step > 0 and step % s.grow_interval == 0 and step >= s.grow_from * s.steps
+        return due and not self.growth_ended(step, cooling_from)
 
     def gaussians_after_growth(self, step: int, n: int) -> int:
-        """Return how many Gaussians `n` become when they grow at the step."""
-        s = self._settings
-        factor = s.grow_factor
-        if s.growth == "error":
-            half_way = (s.grow_from + s.grow_until) / 2 * s.steps
-            growths_left = max(1.0, (half_way - step) / s.grow_interval)
-            factor = min(_LARGEST_FACTOR, max(factor, (s.max_gaussians / n) ** (1.0 / growths_left)))
-        return max(n, min(s.max_gaussians, max(n + 1, int(n * factor))))
+        """Return how many Gaussians `n` become when they grow at the step.
 
-    def growth_ended(self, step: int) -> bool:
+        With ``growth="error"`` as many as the pictures' size asks for: a small picture shows no more detail.
+        """
+        s = self._settings
+        if s.growth == "error":
+            return max(n, min(int(s.max_gaussians * self.scale(step)), max(n + 1, int(n * _LARGEST_FACTOR))))
+        return max(n, min(s.max_gaussians, max(n + 1, int(n * s.grow_factor))))
+
+    def growth_ended(self, step: int, cooling_from: int | None = None) -> bool:
         """Whether no Gaussian is relocated or added any more."""
-        return step >= self._settings.grow_until * self._settings.steps
+        return step >= min(self._settings.grow_until * self._settings.steps, self.cooling_start(cooling_from))
 
     def done(self, step: int) -> float:
         """Return the share of the whole work done before the step, 0 to 1."""
         return float(self._work[step] / self._work[-1])
 
 
-def _flat_checks(settings: TrainingSettings) -> frozenset[int]:
+def _flat_checks(settings: TrainingSettings, cooling_start: int) -> frozenset[int]:
     """Return the numbers of finished steps after which it is asked whether more are worth it."""
     if settings.stop_when_flat == 0:
         return frozenset()
-    first = math.ceil(settings.grow_until * settings.steps)
-    return frozenset(range(first, settings.steps, max(1, settings.steps // _FLAT_CHECKS)))
+    first = math.ceil(settings.coarse_until * settings.steps)
+    return frozenset(range(first, cooling_start, max(1, settings.steps // _FLAT_CHECKS)))
 
 
 def _log_spaced(steps: int, n: int) -> frozenset[int]:

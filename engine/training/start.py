@@ -22,6 +22,8 @@ _FEWEST_POINTS = 30
 """In a photo; with fewer, their depth says nothing."""
 _UNCOVERED = 0.02
 """A pixel is uncovered when no sparse point lies within this part of the picture's longest side."""
+_BLACK = 10
+"""Of 255 in all colours: nothing is black already, a guess there would stand before what is seen from elsewhere."""
 _DEPTHS = (4.0, 100.0)
 """Of guesses, in median depths of the photo's points: what shows no points mostly lies behind what does."""
 
@@ -69,7 +71,7 @@ def start_gaussians(
 def guess_uncovered(
     views: Sequence[TrainingView], points: Float64, n: int, rng: np.random.Generator
 ) -> tuple[Float64, Float64]:
-    """Return about `n` points behind pixels that no sparse point is near to, and the colours of those pixels.
+    """Return about `n` points behind pixels that count, are not black and have no sparse point near, and their colours.
 
     Each lies on its pixel's ray, 4 to 100 times as deep as the photo's points (evenly in 1 / depth). What only one or
     two photos show (sky, a far street) cannot be placed by training: too near, it looks right in those alone. After 400
@@ -98,7 +100,11 @@ def guess_uncovered(
             continue
         drawn = rng.random((-(-n // len(views)) * 4, 2)) * (camera.width, camera.height)
         distance, _ = cKDTree(pixels).query(drawn)
-        uncovered = np.flatnonzero(distance > _UNCOVERED * max(camera.width, camera.height))
+        x, y = drawn.astype(int).T
+        counts = view.pixels[y, x].max(axis=1) > _BLACK
+        if view.valid is not None:
+            counts &= view.valid[y, x]
+        uncovered = np.flatnonzero(counts & (distance > _UNCOVERED * max(camera.width, camera.height)))
         uncovered = uncovered[: -(-n // len(views))]
         depth = np.median(depths) / rng.uniform(1.0 / _DEPTHS[1], 1.0 / _DEPTHS[0], size=len(uncovered))
         rays = (drawn[uncovered] - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]

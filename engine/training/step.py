@@ -53,7 +53,7 @@ def step_loss(
         and settings.lambda_clustering + settings.lambda_ray > 0
     )
     detached = settings.feature_gradient == "detached" or (
-        settings.feature_gradient == "until_grown" and schedule.growth_ended(step)
+        settings.feature_gradient == "until_grown" and schedule.growth_ended(step, state.cooling_from)
     )
     joint = clusters and not detached
     raster = render(values, level.camera, settings, sh_degree=schedule.sh_degree(step), features=joint)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -30,8 +31,10 @@ from .guards import (
 )
 from .held_out import Clock, CurvePoint, expected_gain, flat_psnr, measure, render_picture, write_picture
 from .parameters import Parameters
+from .passers_by import find_passers_by
 from .schedule import Schedule
 from .settings import TrainingSettings
+from .spectrum import coarse_shares
 from .step import step_loss
 from .views import Level, TrainingView, ViewPyramid, scene_extent
 
@@ -44,6 +47,8 @@ _MOST_MEASURED = 8
 _VIEWS_THAT_VOTE = 3
 _LIKE_THE_PHOTOS = 30.0
 """dB, a mean error of 3 %: better pictures are never complained about, however flat the photos are."""
+_SIDE_TO_FIND = 100.0
+"""Pixels of the longest side that are enough to look for who walks by."""
 _RELOCATE, _GROW, _NOISE = 3, 4, 5
 """Purposes of random draws."""
 
@@ -126,6 +131,7 @@ def train(
         run = _Run(start, views, settings, checkpoints, emit)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
+            run.tell_curve(run.state.curve)
         while not run.finished:
             if should_stop():
                 run.write_checkpoint()
@@ -168,9 +174,11 @@ class _Run:
         self.extent = scene_extent([view.pinhole for view in training])
         self.center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)
         labelled = [i for i, view in enumerate(training) if settings.features and view.labels is not None]
-        self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled)
+        shares = coarse_shares(training, 2 * settings.coarse_levels)
+        self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled, shares=shares)
         self.key = run_key(start, views, settings)
         self.state = read_checkpoint(checkpoints, self.key) or self._begin(start)
+        self.pyramid.leave_out(self.state.out_of_place)
         self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
         self._loss = float("nan")
@@ -193,12 +201,12 @@ class _Run:
     @property
     def finished(self) -> bool:
         """Whether all steps are done or the rest is not worth it; follows from the state alone: resuming is exact."""
-        return self.state.step >= self.settings.steps or self._is_flat()
+        return self.state.step >= self.schedule.last_step(self.state.cooling_from)
 
     def _is_flat(self) -> bool:
         state, schedule = self.state, self.schedule
         # Photos that are trained on get better for ever: their curve says nothing.
-        if state.step not in schedule.flat_checks or not self._has_held_out:
+        if state.step not in schedule.flat_checks or not self._has_held_out or state.cooling_from is not None:
             return False
         return expected_gain(state.curve, schedule.flat_checks, self.settings.steps) < self.settings.stop_when_flat
 
@@ -207,8 +215,8 @@ class _Run:
         state, settings, schedule = self.state, self.settings, self.schedule
         with self.clock:
             view = schedule.view(state.step)
-            halvings = schedule.halvings(state.step)
-            level = self.pyramid.level(view, halvings)
+            shrinks = schedule.shrinks(state.step)
+            level = self.pyramid.level(view, shrinks)
             state.parameters.track()
             state.exposure.requires_grad_(settings.exposure).grad = None
             loss = step_loss(state, level, view, schedule, settings, self.extent)
@@ -219,12 +227,14 @@ class _Run:
                 hold_in_bounds(state.parameters, self.center, self.extent, state.guards)
             state.step += 1
             self._loss = loss.item()
-            if schedule.halvings(state.step) != halvings:
-                self.pyramid.forget(schedule.halvings(state.step))
+            if state.step in schedule.looks_for_passers_by:
+                self._look_for_passers_by()
+            if schedule.shrinks(state.step) != shrinks:
+                self.pyramid.forget(schedule.shrinks(state.step))
 
     def _update(self) -> None:
         state = self.state
-        state.parameters.step(self.schedule.learning_rates(state.step))
+        state.parameters.step(self.schedule.learning_rates(state.step, state.cooling_from))
         if state.exposure.grad is not None:
             exposure = state.exposure.detach()
             adam_step([(exposure, state.exposure.grad, self.settings.lr_exposure)], [state.exposure_moments])
@@ -234,7 +244,7 @@ class _Run:
     def _explore(self) -> None:
         """Relocate and add Gaussians when it is time; let the nearly transparent ones wander until growth ends."""
         state, settings, schedule = self.state, self.settings, self.schedule
-        if schedule.grows(state.step):
+        if schedule.grows(state.step, state.cooling_from):
             n = len(state.parameters)
             n_new = schedule.gaussians_after_growth(state.step, n) - n
             if settings.growth == "error":
@@ -243,29 +253,45 @@ class _Run:
                 moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
                 relocate(state.parameters, min_opacity=settings.min_opacity, generator=moves)
                 grow(state.parameters, n_new, generator=additions)
-        if settings.noise > 0 and not schedule.growth_ended(state.step):
+        if settings.noise > 0 and not schedule.growth_ended(state.step, state.cooling_from):
             position_noise(
                 state.parameters,
-                learning_rate=schedule.means_rate(state.step),
+                learning_rate=schedule.means_rate(state.step, state.cooling_from),
                 extent=self.extent,
                 strength=settings.noise,
                 generator=schedule.generator(state.step, _NOISE),
             )
 
+    def _look_for_passers_by(self) -> None:
+        side = max(max(view.pinhole.width, view.pinhole.height) for view in self.pyramid.views)
+        # Never larger than what was trained on until now: what is blurred yet is not out of place.
+        enough = math.floor(2.0 * math.log2(max(1.0, side / _SIDE_TO_FIND)))
+        shrinks = max(self.schedule.shrinks(self.state.step - 1), enough)
+        found = find_passers_by(
+            self.state.parameters,
+            [self.pyramid.as_given(view, shrinks) for view in range(len(self.pyramid.views))],
+            self.settings,
+            sh_degree=self.schedule.sh_degree(self.state.step - 1),
+        )
+        self.state.out_of_place = {view: mask for view, mask in enumerate(found) if mask is not None}
+        self.pyramid.leave_out(self.state.out_of_place)
+
     def _grow_where_wrong(self, n_new: int) -> None:
         state, settings, schedule = self.state, self.settings, self.schedule
         generator = schedule.generator(state.step, _GROW)
         views = torch.randint(len(self.pyramid.views), (_VIEWS_THAT_VOTE,), generator=generator).tolist()
-        levels = [self.pyramid.level(view, schedule.halvings(state.step)) for view in views]
+        levels = [self.pyramid.level(view, schedule.shrinks(state.step)) for view in views]
         votes = error_votes(state.parameters, levels, settings, sh_degree=schedule.sh_degree(state.step))
         grow_where_wrong(state.parameters, votes, n_new, min_opacity=settings.min_opacity, generator=generator)
 
     def report(self) -> None:
         """Measure, show, save and tell, each when it is due."""
         state, now = self.state, time.monotonic()
-        if state.step in self.schedule.curve_steps:
-            self._measure()
         finished = self.finished
+        if state.step in self.schedule.curve_steps or finished:
+            self._measure()
+        if self._is_flat():
+            state.cooling_from = state.step
         if now - self._previewed >= self.settings.preview_seconds or finished:
             self._previewed = now
             self._preview()
@@ -296,7 +322,12 @@ class _Run:
                 len(state.parameters),
             )
         )  # fmt: skip
-        self.emit(Metric(STAGE, "psnr", quality.psnr, state.step))
+        self.tell_curve(state.curve[-1:])
+
+    def tell_curve(self, points: Sequence[CurvePoint]) -> None:
+        """Say what was measured; after a resume the whole curve, for whoever draws it while it grows."""
+        for point in points:
+            self.emit(Metric(STAGE, "psnr", point.psnr, point.step, point.wall_seconds))
 
     def _preview(self) -> None:
         level = self.measured.level(len(self.measured.views) // 2, 0)
@@ -314,7 +345,7 @@ class _Run:
         """Refuse a result that is none; warn of one that a flat colour would be as good as."""
         psnr = self.state.curve[-1].psnr
         check_result(self.state.parameters, photos_are_black=psnr >= _LIKE_THE_PHOTOS)
-        flat = flat_psnr([view.pixels for view in self.pyramid.views], self._levels())
+        flat = flat_psnr(self.pyramid.views, self._levels())
         if psnr < min(flat, _LIKE_THE_PHOTOS):
             self.emit(
                 Warned(
@@ -343,6 +374,10 @@ class _Run:
             "guards": {name: count for name, count in state.guards.items() if name not in LIMITS},
             "limits": {name: state.guards[name] for name in LIMITS},
             "curve": [asdict(point) for point in state.curve],
+            "out_of_place": {
+                self.pyramid.views[view].photo: round(float(mask.mean()), 4)
+                for view, mask in sorted(state.out_of_place.items())
+            },
         }
         if self.settings.exposure:
             figures["exposure"] = {
@@ -354,14 +389,15 @@ class _Run:
 
     def _stopped_early(self) -> dict[str, float] | None:
         """Return what the steps that were left out would have cost, at the speed of the last ones."""
-        curve, steps = self.state.curve, self.settings.steps
-        if self.state.step >= steps:
+        curve, steps, since = self.state.curve, self.settings.steps, self.state.cooling_from
+        if since is None:
             return None
         before, last = curve[-2], curve[-1]
         share = (steps - last.step) / (last.step - before.step)
+        until_then = [point for point in curve if point.step <= since]
         return {
             "planned_steps": steps,
-            "expected_gain": expected_gain(curve, self.schedule.flat_checks, steps),
+            "expected_gain": expected_gain(until_then, self.schedule.flat_checks, steps),
             "limit": self.settings.stop_when_flat,
             "wall_seconds_saved": share * (last.wall_seconds - before.wall_seconds),
             "cpu_seconds_saved": share * (last.cpu_seconds - before.cpu_seconds),

@@ -1,9 +1,9 @@
-"""What training reads of each photo: pinhole picture, camera, labels; at full size and halved."""
+"""What training reads of each photo: pinhole picture, camera, labels; at full size and smaller."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -39,6 +39,8 @@ class TrainingView:
         SAM segments in the same frame, 0 for none.
     held_out : bool
         Never trained on.
+    valid : bool array of shape [h, w], or None
+        Pixels that count, in the loss and in what is measured; None for all.
     """
 
     photo: str
@@ -46,6 +48,7 @@ class TrainingView:
     pixels: NDArray[np.uint8]
     labels: NDArray[np.int32] | None
     held_out: bool
+    valid: NDArray[np.bool_] | None = None
 
 
 def is_held_out(index: int, every: int) -> bool:
@@ -59,6 +62,7 @@ def load_views(
     masks: Mapping[str, Path],
     settings: TrainingSettings,
     *,
+    photo_masks: Mapping[str, Path] | None = None,
     should_stop: StopCheck = never_stop,
 ) -> list[TrainingView]:
     """Return the training views of all registered photos: undistorted, at most ``settings.max_side`` wide and high.
@@ -72,24 +76,29 @@ def load_views(
     masks : mapping of str to Path
         Label maps of the masks room by photo name; photos without one are trained on without labels.
     settings : TrainingSettings
+    photo_masks : mapping of str to Path, optional
+        Which pixels of a photo count, see `photos.photo_masks`, by photo name.
     should_stop : StopCheck
         Asked per photo.
 
     Returns
     -------
     list of TrainingView
+        Pixels that do not count have no label.
 
     Raises
     ------
     Cancelled
         When asked to stop.
+    PhotoError
+        When a photo or mask went away or they do not fit.
     TrainingError
-        When a photo has another aspect than its camera.
+        When a photo has another aspect than its camera, or nothing of it counts.
     """
     from ..cameras.lens import training_pinhole, undistort
     from ..errors import Cancelled
     from ..masks.storage import read_label_map
-    from ..photos.pixels import load_pixels
+    from ..photos.photo_masks import load_with_valid
 
     views = []
     for index, camera in enumerate(camera_set.cameras):
@@ -97,13 +106,23 @@ def load_views(
             raise Cancelled("Stopped while the photos were loaded for training.")
         pinhole = training_pinhole(camera, max_side=settings.max_side)
         # Twice the target size is all that resampling needs; a 48-megapixel photo would cost half a second each.
-        source = load_pixels(photo_folder / camera.photo, max_side=2 * max(pinhole.width, pinhole.height))
+        source, counted = load_with_valid(
+            photo_folder / camera.photo,
+            (photo_masks or {}).get(camera.photo),
+            max_side=2 * max(pinhole.width, pinhole.height),
+        )
         _check_aspect(source, camera)
         pixels = undistort(source, camera, pinhole, interpolation="linear")
+        valid = None
+        if counted is not None:
+            # Linear as the pixels: one counts when all that it is mixed of does.
+            valid = undistort(counted.astype(np.float32), camera, pinhole, interpolation="linear") > 1.0 - 1e-4
         labels = None
         if settings.features and camera.photo in masks:
             labels = undistort(read_label_map(masks[camera.photo]), camera, pinhole, interpolation="nearest")
-        views.append(TrainingView(camera.photo, pinhole, pixels, labels, is_held_out(index, settings.held_out_every)))
+            labels = labels if valid is None else np.where(valid, labels, 0).astype(np.int32)
+        held_out = is_held_out(index, settings.held_out_every)
+        views.append(TrainingView(camera.photo, pinhole, pixels, labels, held_out, valid))
     return views
 
 
@@ -113,6 +132,10 @@ def _check_size(view: TrainingView) -> None:
         raise TrainingError(
             f"{view.photo} has {width} x {height} pixels, its camera {view.pinhole.width} x {view.pinhole.height}. "
             "Put back the photo that the cameras were found with, or find them anew."
+        )
+    if view.valid is not None and not view.valid.any():
+        raise TrainingError(
+            f"The mask or transparency of {view.photo} leaves nothing of it. Take it out of the folder, or its mask."
         )
 
 
@@ -145,27 +168,31 @@ class Level:
     prepared : Target or None
         The photo made ready for the loss, None where keeping it would take too much memory.
     labelled : LabelledPixels or None
+    valid : bool array of shape [h, w], or None
+        Pixels that count; None for all.
     """
 
     camera: PinholeCamera
     pixels: NDArray[np.uint8]
     prepared: Target | None
     labelled: LabelledPixels | None
+    valid: NDArray[np.bool_] | None = None
 
     @property
     def target(self) -> Target:
         """The photo ready for the loss."""
-        return self.prepared or Target(self.pixels)
+        return self.prepared or Target(self.pixels, valid=self.valid)
 
 
 @dataclass
 class ViewPyramid:
-    """The views at every level; a level of a view is made when it is first asked for."""
+    """The views at every size; a size of a view is made when it is first asked for."""
 
     views: Sequence[TrainingView]
     settings: TrainingSettings
     _keep_targets: bool = field(init=False)
     _levels: dict[tuple[int, int], Level] = field(default_factory=dict)
+    _left_out: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.views:
@@ -175,30 +202,62 @@ class ViewPyramid:
         pixels = sum(view.pixels.shape[0] * view.pixels.shape[1] for view in self.views)
         self._keep_targets = pixels * _TARGET_BYTES <= _MOST_TARGET_BYTES
 
-    def level(self, view: int, halvings: int) -> Level:
-        """Return view number `view` halved `halvings` times."""
-        key = (view, halvings)
+    def level(self, view: int, shrinks: int) -> Level:
+        """Return view number `view` made smaller by sqrt(2) `shrinks` times."""
+        key = (view, shrinks)
         if key not in self._levels:
-            self._levels[key] = _make_level(self.views[view], halvings, self.settings, keep_target=self._keep_targets)
+            chosen = _without(self.views[view], self._left_out.get(view))
+            self._levels[key] = _make_level(chosen, shrinks, self.settings, keep_target=self._keep_targets)
         return self._levels[key]
 
-    def forget(self, halvings: int) -> None:
-        """Free the levels that are halved more often than `halvings` times."""
-        self._levels = {key: level for key, level in self._levels.items() if key[1] <= halvings}
+    def as_given(self, view: int, shrinks: int) -> Level:
+        """Return a view as `level` does, but with what was left out of it; it is made anew each time."""
+        return _make_level(self.views[view], shrinks, self.settings, keep_target=False)
+
+    def leave_out(self, masks: Mapping[int, NDArray[np.bool_]]) -> None:
+        """From now on, leave these pixels out of the views of these numbers, and none that were left out before.
+
+        Parameters
+        ----------
+        masks : mapping of int to bool array of shape [h, w]
+            True where a pixel does not count; at any size.
+        """
+        changed = {*self._left_out, *masks}
+        self._left_out = dict(masks)
+        self._levels = {key: level for key, level in self._levels.items() if key[0] not in changed}
+
+    def forget(self, shrinks: int) -> None:
+        """Free the levels that are made smaller more often than `shrinks` times."""
+        self._levels = {key: level for key, level in self._levels.items() if key[1] <= shrinks}
 
 
-def _make_level(view: TrainingView, halvings: int, settings: TrainingSettings, *, keep_target: bool) -> Level:
-    pinhole, pixels, labels = view.pinhole, view.pixels, view.labels
-    if halvings:
-        width, height = (max(8, round(side / 2**halvings)) for side in (pinhole.width, pinhole.height))
+def _without(view: TrainingView, mask: NDArray[np.bool_] | None) -> TrainingView:
+    """Return the view with the pixels of `mask` not counting any more, nor their segments."""
+    if mask is None:
+        return view
+    height, width = view.pixels.shape[:2]
+    out = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    valid = ~out if view.valid is None else view.valid & ~out
+    labels = None if view.labels is None else np.where(valid, view.labels, 0).astype(np.int32)
+    return replace(view, valid=valid, labels=labels)
+
+
+def _make_level(view: TrainingView, shrinks: int, settings: TrainingSettings, *, keep_target: bool) -> Level:
+    pinhole, pixels, labels, valid = view.pinhole, view.pixels, view.labels, view.valid
+    if shrinks:
+        width, height = (max(8, round(side * 2.0 ** (-shrinks / 2))) for side in (pinhole.width, pinhole.height))
         factors = np.array([width / pinhole.width, height / pinhole.height, 1.0])
         pinhole = PinholeCamera(pinhole.viewmat, pinhole.K * factors[:, None], width, height)
         pixels = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
         if labels is not None:
             labels = np.asarray(cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST_EXACT))
+        if valid is not None:
+            share = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
+            # A pixel counts when all that it stands for does; of a mask finer than that, what counts most.
+            valid = np.asarray(share >= min(1.0 - 1e-4, float(share.max())))
     labelled = None
     if labels is not None and settings.features and not view.held_out:
         min_pixels = max(8, round(settings.min_segment_pixels * labels.size / PAPER_PIXELS))
         labelled = labelled_pixels(labels, min_pixels=min_pixels)
     pixels = np.ascontiguousarray(pixels)
-    return Level(pinhole, pixels, Target(pixels) if keep_target else None, labelled)
+    return Level(pinhole, pixels, Target(pixels, valid=valid) if keep_target else None, labelled, valid)

@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from engine.cli import main
 from engine.errors import Cancelled
-from engine.events import Event, Metric, StageFinished, Warned, ignore_events, never_stop
+from engine.events import Event, Metric, Progress, StageFinished, Warned, ignore_events, never_stop
 from engine.masks.storage import read_label_map
 from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
 from engine.pipeline import STAGES, PipelineSettings, reconstruct
@@ -23,7 +25,7 @@ from engine.project_folder import ProjectFolder
 from engine.training.settings import PRESETS
 from tests.engine.command_line import Answer, call_alone, start
 from tests.engine.models.weights import fetched
-from tests.engine.museum import VIEWS, write_cameras, write_photos
+from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 
 # Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short.
 QUICK = """
@@ -230,3 +232,51 @@ def test_objects_stay_until_the_scene_they_belong_to_is_replaced_and_are_kept_th
     assert "objects-of-earlier-training-1" in aside
     assert (small.path / "objects-of-earlier-training-1" / "vase" / "membership.npy").is_file()
     reconstruct(small.photos, small.path, small.settings, emit=ignore_events, should_stop=never_stop)
+
+
+def test_a_run_stopped_with_one_preset_goes_on_after_another_was_tried(small: Small) -> None:
+    def stopped_in_training(seed: int) -> None:
+        seen: list[Event] = []
+        small.monkeypatch.setitem(PRESETS, "test", replace(PRESETS["test"], seed=seed))
+        with pytest.raises(Cancelled):
+            reconstruct(
+                small.photos, small.path, small.settings,
+                emit=lambda event: seen.append(event) if isinstance(event, Metric) else None,
+                should_stop=lambda: bool(seen),
+            )  # fmt: skip
+
+    stopped_in_training(1)
+    stopped_in_training(2)
+    continued = [event for event in small.run(seed=1) if isinstance(event, Progress) and "continued" in event.message]
+    assert continued and continued[0].fraction > 0
+
+
+def test_what_masks_leave_out_of_the_photos_changes_nothing_of_the_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Through the command line, with cameras that are given: the same scene whatever is painted under the masks."""
+    monkeypatch.setitem(PRESETS, "test", replace(PRESETS["test"], steps=20))
+    cameras = write_cameras(tmp_path, {f"view_{view:02}.png": view for view in VIEWS})
+    valid = np.ones((144, 192), bool)
+    valid[60:100, 50:120] = False
+    scenes = []
+    for value in (0, 255):
+        photos, masks = tmp_path / f"photos{value}", tmp_path / f"masks{value}"
+        photos.mkdir()
+        masks.mkdir()
+        for view in VIEWS:
+            pixels = np.asarray(picture(view, (192, 144))).copy()
+            pixels[~valid] = value
+            Image.fromarray(pixels).save(photos / f"view_{view:02}.png")
+            Image.fromarray(valid).save(masks / f"view_{view:02}.png.png")
+        out = tmp_path / f"scene{value}"
+        command = ["reconstruct", str(photos), "--out", str(out), "--preset", "test", "--no-objects"]
+        assert main([*command, "--cameras", str(cameras), "--photo-masks", str(masks)]) == 0
+        scenes.append((out / "gaussians" / "scene.ply").read_bytes())
+        # An edited mask makes the cameras and the scene anew.
+        key = ProjectFolder.open_existing(out).stage_record("cameras")["key"]
+    assert scenes[0] == scenes[1]
+    Image.fromarray(~valid).save(masks / f"view_{VIEWS[0]:02}.png.png")
+    assert main([*command, "--cameras", str(cameras), "--photo-masks", str(masks)]) == 0
+    assert ProjectFolder.open_existing(out).stage_record("cameras")["key"] != key
+    assert (out / "gaussians" / "scene.ply").read_bytes() != scenes[1]

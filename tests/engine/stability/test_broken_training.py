@@ -45,9 +45,11 @@ def test_values_that_are_not_held_in_bounds_are_seen(monkeypatch: pytest.MonkeyP
 
 def test_rates_that_rise_instead_of_falling_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = Schedule.learning_rates
-    monkeypatch.setattr(
-        Schedule, "learning_rates", lambda self, step: {n: 2.0 ** (step / 20) * r for n, r in whole(self, step).items()}
-    )
+
+    def rising(self: Schedule, step: int, *more: Any) -> dict[str, float]:
+        return {name: 2.0 ** (step / 20) * rate for name, rate in whole(self, step, *more).items()}
+
+    monkeypatch.setattr(Schedule, "learning_rates", rising)
     assert "less than" in red("undisturbed")
 
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 
 from engine.errors import SettingsError
 from engine.settings import from_dict, to_dict
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS, TrainingSettings
+from engine.training.spectrum import coarse_shares
+
+from .conftest import Scene
 
 STANDARD = PRESETS["standard"]
 
@@ -30,20 +35,51 @@ def test_segments_are_learned_from_the_photos_that_have_them() -> None:
     assert sorted(others[:7]) == sorted(others[7:14]) == list(range(7))
 
 
-def test_pictures_grow_to_full_size_and_stay() -> None:
-    settings = replace(STANDARD, steps=100, coarse_levels=2, coarse_until=0.4)
-    halvings = [Schedule(settings, 3, 1.0).halvings(step) for step in range(100)]
-    assert halvings == [2] * 20 + [1] * 20 + [0] * 60
+def test_pictures_grow_as_the_photos_detail_asks_for_and_stay_at_full_size() -> None:
+    settings = replace(STANDARD, steps=100, coarse_levels=2, coarse_until=0.5)
+
+    def sizes(*shares: float) -> list[int]:
+        schedule = Schedule(settings, 3, 1.0, shares=shares)
+        return [schedule.shrinks(step) for step in range(100)]
+
+    assert sizes(1.0, 0.9, 0.8, 0.6, 0.4) == [4] * 20 + [3] * 10 + [2] * 10 + [1] * 5 + [0] * 55
+    # Photos without fine detail need full size later, those of nothing but noise sooner.
+    assert sizes(1.0, 1.0, 1.0, 1.0, 0.8) == [4] * 40 + [3] * 10 + [0] * 50
+    assert sizes(1.0, 0.5, 0.25, 0.125, 0.0625).count(0) == 75
+    assert Schedule(settings, 3, 1.0).scale(0) == 0.25
+    assert Schedule(settings, 3, 1.0).scale(99) == 1.0
+
+
+def test_detail_of_blurred_photos_is_coarse_and_that_of_noise_is_fine(scene: Scene) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 3.0)
+
+    def shares(pixels: np.ndarray, valid: np.ndarray | None = None) -> tuple[float, ...]:
+        return coarse_shares([replace(scene.views[0], pixels=pixels, valid=valid)], 4)
+
+    for found in (shares(noise), shares(blurred)):
+        assert found[0] == 1.0 and list(found) == sorted(found, reverse=True)
+    # Of noise, as many amplitudes as pixels: a quarter below half the Nyquist frequency.
+    assert shares(noise)[2] == pytest.approx(0.25, abs=0.05)
+    assert shares(blurred)[2] > 0.8
+    assert shares(np.full_like(noise, 77)) == (1.0,) * 5
+    # What does not count has no part in it.
+    valid = np.ones((48, 64), bool)
+    valid[:, 30:] = False
+    painted = noise.copy()
+    painted[~valid] = 0
+    assert shares(noise, valid) == shares(painted, valid)
 
 
 @pytest.mark.parametrize("start", [500, 7000, 39_990, 40_000, 50_000])
-def test_the_budget_is_reached_half_way_and_never_passed(start: int) -> None:
+def test_the_number_of_gaussians_follows_the_pictures_size_to_the_budget(start: int) -> None:
     schedule = Schedule(STANDARD, 3, 1.0)
     n = start
     for step in range(STANDARD.steps):
         if schedule.grows(step):
-            n = schedule.gaussians_after_growth(step, n)
-        if step == STANDARD.steps // 2:
+            before, n = n, schedule.gaussians_after_growth(step, n)
+            assert before <= n <= max(start, STANDARD.max_gaussians * schedule.scale(step))
+        if step == STANDARD.coarse_until * STANDARD.steps:
             assert n >= 0.9 * STANDARD.max_gaussians
     assert n == max(start, STANDARD.max_gaussians)
 
@@ -73,10 +109,22 @@ def test_random_draws_depend_on_step_and_purpose_alone() -> None:
     assert len(others) == 4
 
 
-def test_position_rate_falls_exponentially() -> None:
+def test_rates_fall_to_the_end_and_further_in_the_cooldown_wherever_that_begins() -> None:
     schedule = Schedule(STANDARD, 3, extent=2.0)
     assert schedule.learning_rates(0)["means"] == pytest.approx(2 * STANDARD.lr_means)
-    assert schedule.learning_rates(STANDARD.steps - 1)["means"] == pytest.approx(2 * STANDARD.lr_means_end)
+    last = schedule.learning_rates(STANDARD.steps)
+    assert last["means"] == pytest.approx(2 * STANDARD.lr_means_end * STANDARD.cooldown_end, rel=0.01)
+    assert last["sh_dc"] == pytest.approx(STANDARD.lr_sh * STANDARD.lr_end * STANDARD.cooldown_end, rel=0.01)
+    early, cooling = 2000, round(STANDARD.cooldown * STANDARD.steps)
+    assert schedule.last_step(None) == STANDARD.steps
+    assert schedule.last_step(early) == early + cooling
+    for name, rate in schedule.learning_rates(early + cooling, early).items():
+        undisturbed = schedule.learning_rates(early + cooling)[name]
+        assert rate == pytest.approx(STANDARD.cooldown_end * undisturbed), name
+    assert not schedule.growth_ended(early) and schedule.growth_ended(early, early)
+    without = Schedule(replace(STANDARD, cooldown=0.0), 3, extent=2.0)
+    assert without.learning_rates(STANDARD.steps - 1)["means"] == pytest.approx(2 * STANDARD.lr_means_end)
+    assert without.last_step(early) == early
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
@@ -98,7 +146,8 @@ def test_paper_features_have_no_ray_term() -> None:
         replace(STANDARD, feature_init="paper", lambda_ray=0.1)
 
 
-def test_whether_more_steps_are_worth_it_is_asked_only_after_growth() -> None:
+def test_whether_more_steps_are_worth_it_is_asked_between_the_small_pictures_and_the_cooldown() -> None:
     checks = Schedule(replace(STANDARD, stop_when_flat=0.05), 3, 1.0).flat_checks
-    assert min(checks) == STANDARD.grow_until * STANDARD.steps and max(checks) < STANDARD.steps
+    assert min(checks) == STANDARD.coarse_until * STANDARD.steps
+    assert max(checks) < (1 - STANDARD.cooldown) * STANDARD.steps
     assert Schedule(replace(STANDARD, stop_when_flat=0.0), 3, 1.0).flat_checks == frozenset()

@@ -74,3 +74,16 @@ def test_held_out_photos_are_not_looked_at() -> None:
         for views in ([view], [view, spoiled])
     )
     assert np.array_equal(alone.sh, both.sh)
+
+
+def test_nothing_is_guessed_behind_black_or_where_pixels_do_not_count() -> None:
+    view, points = wall_with_a_hole()
+    pixels = view.pixels.copy()
+    pixels[:, 60:] = 8
+    valid = np.ones((60, 80), bool)
+    valid[30:] = False
+    places, colors = guess_uncovered([replace(view, pixels=pixels, valid=valid)], points, 40, np.random.default_rng(0))
+    assert len(places) > 10
+    assert (70 * places[:, 0] / places[:, 2] + 40 < 60).all()
+    assert (70 * places[:, 1] / places[:, 2] + 30 < 30).all()
+    assert (colors[:, 0] == 200).all()

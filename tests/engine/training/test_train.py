@@ -20,7 +20,7 @@ from engine.errors import Cancelled, NumericalError, TrainingError
 from engine.evaluation.feature_agreement import feature_agreement, untrained_features
 from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
 from engine.gaussians.gaussians import Gaussians
-from engine.training.checkpoint import CHECKPOINT_FILE
+from engine.training.checkpoint import CHECKPOINT_FILE, forget_old_runs, latest_run
 from engine.training.guards import hold_in_bounds, step_finite_rows
 from engine.training.held_out import CurvePoint, expected_gain
 from engine.training.parameters import Parameters
@@ -126,6 +126,8 @@ def test_cancelled_training_resumes_exactly(scene: Scene, quick: TrainingResult,
     assert any(isinstance(event, Progress) and "continued" in event.message for event in events)
     assert same(resumed.gaussians, quick.gaussians)
     assert [(p.step, p.psnr) for p in resumed.curve] == [(p.step, p.psnr) for p in quick.curve]
+    told = [(e.step, e.value, e.seconds) for e in events if isinstance(e, Metric) and e.name == "psnr"]
+    assert told == [(p.step, p.psnr, p.wall_seconds) for p in resumed.curve]
     assert list(tmp_path.glob(".writing-*")) == []
 
 
@@ -260,6 +262,42 @@ def test_without_photos_held_out_the_person_is_told(scene: Scene, tmp_path: Path
     assert any(isinstance(event, Warned) for event in events)
 
 
+def test_what_is_shown_where_nothing_counts_changes_not_a_bit(scene: Scene, tmp_path: Path) -> None:
+    valid = np.ones((48, 64), bool)
+    valid[5:40, 10:30] = False
+
+    def painted(value: int) -> Scene:
+        views = []
+        for view in scene.views:
+            pixels, labels = view.pixels.copy(), np.where(valid, view.labels, 0).astype(np.int32)
+            pixels[~valid] = value
+            views.append(replace(view, pixels=pixels, labels=labels, valid=valid))
+        return replace(scene, views=views)
+
+    settings = replace(QUICK, coarse_levels=1)
+    black, white = run(painted(0), settings, tmp_path / "a"), run(painted(255), settings, tmp_path / "b")
+    assert same(black.gaussians, white.gaussians)
+    # The errors measured leave it out too, and a photo's loss is not diluted by it.
+    assert [(p.psnr, p.ssim, p.l1) for p in black.curve] == [(p.psnr, p.ssim, p.l1) for p in white.curve]
+    with pytest.raises(Cancelled):
+        run(painted(0), settings, tmp_path / "c", stop=stop_after(25))
+    assert same(run(painted(0), settings, tmp_path / "c").gaussians, black.gaussians)
+    # Another mask is another run: its checkpoint is not continued.
+    assert not same(run(scene, settings, tmp_path / "c").gaussians, black.gaussians)
+
+
+def test_runs_stopped_with_other_settings_are_kept_but_not_more_than_two(tmp_path: Path) -> None:
+    for age, name in enumerate(("new", "middle", "old", "older")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / CHECKPOINT_FILE).write_bytes(b"")
+        os.utime(tmp_path / name / CHECKPOINT_FILE, (1e9 - age, 1e9 - age))
+    (tmp_path / "empty").mkdir()
+    assert latest_run(tmp_path) == tmp_path / "new"
+    forget_old_runs(tmp_path, keep="older")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["middle", "new", "older"]
+    assert latest_run(tmp_path / "nowhere") is None
+
+
 def test_nothing_to_train_from_or_on_is_an_error(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="Gaussians"):
         train(scene.start[:0], scene.views, QUICK, checkpoints=tmp_path, emit=ignore_events, should_stop=never_stop)
@@ -279,8 +317,8 @@ FLAT = replace(QUICK, steps=120, grow_until=0.4, checkpoint_interval=7)
 def test_training_stops_when_the_steps_left_would_gain_less_than_asked_for(scene: Scene, tmp_path: Path) -> None:
     events: list[Event] = []
     result = run(scene, replace(FLAT, stop_when_flat=1e3), tmp_path, events=events)
-    # Growth ends at step 48; the first three checks cannot tell a slope.
-    assert result.figures["steps"] == result.curve[-1].step == 48 + 3 * 3
+    # Full size from step 60 on; the first seven checks cannot tell a slope; the cooldown takes 12 steps.
+    assert result.figures["steps"] == result.curve[-1].step == 60 + 7 * 3 + 12
     stopped = result.figures["stopped_early"]
     assert stopped["planned_steps"] == 120 and stopped["wall_seconds_saved"] > 0
     progress = [event for event in events if isinstance(event, Progress)]
@@ -293,7 +331,7 @@ def test_training_does_every_step_when_told_never_to_stop_early(scene: Scene, tm
     assert result.figures["stopped_early"] is None
 
 
-@pytest.mark.parametrize("steps", [50, 55])
+@pytest.mark.parametrize("steps", [79, 88])
 def test_training_that_stops_early_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
     settings = replace(FLAT, stop_when_flat=1e3)
     whole = run(scene, settings, tmp_path / "whole")
@@ -315,8 +353,55 @@ def test_photos_trained_on_never_stop_training_early(scene: Scene, tmp_path: Pat
     assert result.figures["steps"] == 120
 
 
-def test_expected_gain_is_the_slope_of_four_checks_times_the_steps_left() -> None:
-    curve = [CurvePoint(step, 0.0, 0.0, 20 + 0.01 * step, 0.5, 0.1, 10) for step in (10, 20, 30, 40, 45)]
-    checks = frozenset({10, 20, 30, 40})
-    assert expected_gain(curve, checks, 100) == pytest.approx(0.6)
-    assert expected_gain(curve[:3], checks, 100) == float("inf")
+def test_expected_gain_is_the_slope_of_eight_checks_times_the_steps_left() -> None:
+    curve = [CurvePoint(step, 0.0, 0.0, 20 + 0.01 * step, 0.5, 0.1, 10) for step in (*range(10, 90, 10), 85)]
+    checks = frozenset(range(10, 90, 10))
+    assert expected_gain(curve, checks, 100) == pytest.approx(0.2)
+    assert expected_gain(curve[:7], checks, 100) == float("inf")
+
+
+def walked_by(scene: Scene) -> tuple[Scene, dict[int, np.ndarray]]:
+    """The scene with a dark figure pasted into three of the photos trained on, elsewhere in each."""
+    views, truth = list(scene.views), {}
+    for place, index in enumerate((1, 5, 9)):
+        figure = np.zeros((48, 64), bool)
+        figure[14:40, 12 + 14 * place : 20 + 14 * place] = True
+        pixels = views[index].pixels.copy()
+        pixels[figure] = (10, 90, 20)
+        views[index] = replace(views[index], pixels=pixels)
+        truth[index] = figure
+    return replace(scene, views=views), truth
+
+
+PEOPLE = replace(LONGER, passers_by=True, features=False)
+
+
+def test_people_in_some_photos_are_found_and_left_out(scene: Scene, tmp_path: Path) -> None:
+    peopled, truth = walked_by(scene)
+    result = run(peopled, PEOPLE, tmp_path / "on")
+    found = result.figures["out_of_place"]
+    assert sorted(found) == ["01.jpg", "05.jpg", "09.jpg"]
+    for index, figure in truth.items():
+        # With a margin, but not the whole picture.
+        assert figure.mean() < found[f"{index:02d}.jpg"] < 3 * figure.mean()
+    with_them = run(peopled, replace(PEOPLE, passers_by=False), tmp_path / "off")
+    assert result.curve[-1].psnr > with_them.curve[-1].psnr + 0.5
+
+
+def test_photos_without_people_are_left_whole_and_the_scene_is_the_same(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, PEOPLE, tmp_path / "on")
+    assert result.figures["out_of_place"] == {}
+    assert same(result.gaussians, run(scene, replace(PEOPLE, passers_by=False), tmp_path / "off").gaussians)
+
+
+@pytest.mark.parametrize("steps", [60, 85])
+def test_training_that_left_people_out_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
+    peopled, _ = walked_by(scene)
+    settings = replace(PEOPLE, steps=200, checkpoint_interval=7)
+    whole = run(peopled, settings, tmp_path / "whole")
+    assert whole.figures["out_of_place"]
+    with pytest.raises(Cancelled):
+        run(peopled, settings, tmp_path / "stopped", stop=stop_after(steps))
+    resumed = run(peopled, settings, tmp_path / "stopped")
+    assert same(resumed.gaussians, whole.gaussians)
+    assert resumed.figures["out_of_place"] == whole.figures["out_of_place"]

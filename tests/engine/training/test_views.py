@@ -68,12 +68,47 @@ def test_loading_stops_when_asked(tmp_path: Path) -> None:
 
 def test_a_halved_view_shows_the_same_point_at_half_the_pixel(scene: Scene) -> None:
     pyramid = ViewPyramid(scene.views, SETTINGS)
-    full, half = pyramid.level(0, 0), pyramid.level(0, 1)
+    full, half = pyramid.level(0, 0), pyramid.level(0, 2)
     assert half.pixels.shape == (24, 32, 3)
     point = full.camera.viewmat[:3, :3] @ [0.3, -0.2, 0.1] + full.camera.viewmat[:3, 3]
     pixels = [(level.camera.K @ point)[:2] / point[2] for level in (full, half)]
     assert np.allclose(pixels[0], 2 * pixels[1])
     assert np.allclose(half.pixels.mean(), full.pixels.mean(), atol=1)
+
+
+def test_masks_and_transparency_follow_the_lens_into_the_training_pictures(tmp_path: Path) -> None:
+    camera_set, masks = project(tmp_path)
+    black = np.zeros((80, 120), bool)
+    black[20:60, 40:80] = True
+    Image.fromarray(~black).save(tmp_path / "mask.png")
+    with Image.open(tmp_path / "2.png") as photo:
+        Image.fromarray(np.dstack([np.asarray(photo), 255 - 255 * black.astype(np.uint8)])).save(tmp_path / "2.png")
+    views = load_views(tmp_path, camera_set, masks, SETTINGS, photo_masks={"0.png": tmp_path / "mask.png"})
+    assert views[1].valid is None and views[3].valid is None
+    assert views[0].valid is not None and views[2].valid is not None
+    assert np.array_equal(views[0].valid, views[2].valid)
+    # The white square is what is masked; its border is mixed with black where pictures are made smaller.
+    assert not views[0].pixels[views[0].valid].any()
+    assert views[0].valid.mean() == pytest.approx(1 - 1600 / 9600, abs=0.06)
+    assert views[0].labels is not None and not views[0].labels[~views[0].valid].any()
+
+
+def test_a_halved_pixel_counts_when_all_it_stands_for_does_and_something_always_does(scene: Scene) -> None:
+    valid = np.ones((48, 64), bool)
+    valid[10, 11] = False
+    checkered = np.indices((48, 64)).sum(axis=0) % 2 == 0
+    views = [replace(scene.views[0], valid=valid), replace(scene.views[0], valid=checkered)]
+    pyramid = ViewPyramid(views, SETTINGS)
+    half = pyramid.level(0, 2).valid
+    assert half is not None and [tuple(at) for at in np.argwhere(~half)] == [(5, 5)]
+    finest = pyramid.level(1, 2).valid
+    assert finest is not None and finest.all()
+
+
+def test_a_photo_of_which_nothing_counts_is_refused(scene: Scene) -> None:
+    view = replace(scene.views[0], valid=np.zeros((48, 64), bool))
+    with pytest.raises(TrainingError, match="leaves nothing of it"):
+        ViewPyramid([view], SETTINGS)
 
 
 def test_held_out_photos_give_no_segments_to_learn_from(scene: Scene) -> None:

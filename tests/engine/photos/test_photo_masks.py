@@ -1,0 +1,149 @@
+"""Masks beside the photos and transparency inside them say which pixels count; what does not fit is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from engine.errors import Cancelled, PhotoError
+from engine.events import Event, Warned, ignore_events
+from engine.photos.photo import PhotoSet
+from engine.photos.photo_masks import load_valid, load_with_valid
+from engine.photos.reading import picture_files, read_photos
+from engine.photos.storage import read_photo_set, write_photo_set
+
+from .test_reading import SMALL, save, textured
+
+HEIGHT, WIDTH = 48, 64
+
+
+def left_half() -> NDArray[np.bool_]:
+    """A mask whose left half counts."""
+    valid = np.zeros((HEIGHT, WIDTH), bool)
+    valid[:, : WIDTH // 2] = True
+    return valid
+
+
+def scene(folder: Path, *masked: str) -> tuple[Path, Path]:
+    """Three photos, and masks that keep the left half of those named."""
+    photos, masks = folder / "photos", folder / "masks"
+    masks.mkdir(parents=True)
+    for index, name in enumerate(("a.jpg", "b.jpg", "in/c.png")):
+        save(photos / name, textured(index))
+    for name in masked:
+        save(masks / f"{name}.png", left_half().astype(np.uint8) * 255)
+    return photos, masks
+
+
+def read(photos: Path, masks: Path, events: list[Event] | None = None) -> PhotoSet:
+    return read_photos(photos, SMALL, masks=masks, emit=ignore_events if events is None else events.append)
+
+
+def test_masks_are_found_by_the_photos_names_and_others_are_used_whole_with_a_warning(tmp_path: Path) -> None:
+    events: list[Event] = []
+    found = read(*scene(tmp_path, "a.jpg", "in/c.png"), events)
+    assert sorted(found.mask_files) == ["a.jpg", "in/c.png"]
+    (told,) = [event.message for event in events if isinstance(event, Warned)]
+    assert told == f"1 of 3 photos have no mask in {tmp_path / 'masks'} and are used whole: b.jpg."
+    assert [len(photo.hashes) for photo in found.photos] == [3, 2, 3]
+    write_photo_set(tmp_path / "photos.json", found)
+    assert read_photo_set(tmp_path / "photos.json") == found
+
+
+def test_an_edited_mask_has_another_hash(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path, "a.jpg")
+    before = read(photos, masks).photos[0].hashes
+    save(masks / "a.jpg.png", (~left_half()).astype(np.uint8) * 255)
+    assert read(photos, masks).photos[0].hashes != before
+
+
+def test_masks_inside_the_photo_folder_are_not_taken_for_photos(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path, "a.jpg")
+    inside = masks.rename(photos / "masks")
+    assert [photo.name for photo in read(photos, inside).photos] == ["a.jpg", "b.jpg", "in/c.png"]
+    assert len(picture_files(photos)) == 4
+
+
+@pytest.mark.parametrize("white", [1, 255])
+def test_only_black_pixels_are_left_out_whatever_the_mask_is_stored_as(tmp_path: Path, white: int) -> None:
+    save(tmp_path / "a.png", textured(0))
+    gray = left_half().astype(np.uint8) * white
+    kinds = [
+        Image.fromarray(gray),
+        Image.fromarray(np.dstack([gray * 0, gray, gray * 0])),
+        Image.fromarray(left_half()),
+    ]
+    kinds += [Image.fromarray(gray.astype(np.uint16) * 256), Image.fromarray(gray).convert("P")]
+    for index, picture in enumerate(kinds):
+        picture.save(tmp_path / f"{index}.png")
+        valid = load_valid(tmp_path / "a.png", tmp_path / f"{index}.png")
+        assert valid is not None and np.array_equal(valid, left_half()), picture.mode
+
+
+def test_what_does_not_count_has_no_part_in_a_pixel_of_a_smaller_picture_that_does(tmp_path: Path) -> None:
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[20:30, 33:40] = 0
+    save(tmp_path / "m.png", mask)
+    shown = []
+    for value in (0, 255):
+        pixels = textured(0)
+        pixels[mask == 0] = value
+        save(tmp_path / "a.png", pixels)
+        smaller, valid = load_with_valid(tmp_path / "a.png", tmp_path / "m.png", max_side=20)
+        assert smaller.shape == (15, 20, 3) and valid is not None and 0.8 < valid.mean() < 0.95
+        shown.append(smaller[valid])
+    assert np.array_equal(*shown)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "webp"])
+def test_transparent_pixels_do_not_count(tmp_path: Path, suffix: str) -> None:
+    alpha = np.where(left_half(), 255, 40).astype(np.uint8)
+    save(tmp_path / f"a.{suffix}", np.dstack([textured(0), alpha]), **({"lossless": True} if suffix == "webp" else {}))
+    valid = load_valid(tmp_path / f"a.{suffix}", None)
+    assert valid is not None and np.array_equal(valid, left_half())
+    save(tmp_path / f"b.{suffix}", np.dstack([textured(0), np.full_like(alpha, 255)]))
+    assert load_valid(tmp_path / f"b.{suffix}", None) is None
+    assert load_valid(tmp_path / f"b.{suffix}", tmp_path / f"b.{suffix}") is None
+
+
+def test_a_mask_follows_a_photo_that_exif_turns_upright_or_as_stored(tmp_path: Path) -> None:
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    Image.fromarray(textured(0)).save(tmp_path / "a.jpg", exif=turned)
+    upright = np.rot90(left_half(), -1)
+    save(tmp_path / "upright.png", upright.astype(np.uint8))
+    save(tmp_path / "stored.png", left_half().astype(np.uint8))
+    for name in ("upright.png", "stored.png"):
+        pixels, valid = load_with_valid(tmp_path / "a.jpg", tmp_path / name)
+        assert pixels.shape[:2] == (WIDTH, HEIGHT)
+        assert valid is not None and np.array_equal(valid, upright), name
+
+
+def test_masks_that_do_not_fit_are_refused_with_a_sentence(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path)
+    with pytest.raises(PhotoError, match=r"does not exist\. Choose the folder"):
+        read(photos, tmp_path / "elsewhere")
+    with pytest.raises(PhotoError, match=r"No file in .* is a mask of one of the photos.*: a\.jpg\.png\."):
+        read(photos, masks)
+    file = masks / "b.jpg.png"
+    save(file, np.full((HEIGHT, WIDTH + 1), 255, np.uint8))
+    with pytest.raises(PhotoError, match=r"b\.jpg\.png has 65 x 48 pixels, its photo b\.jpg 64 x 48"):
+        read(photos, masks)
+    save(file, np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(PhotoError, match=r"leaves nothing of b\.jpg"):
+        read(photos, masks)
+    file.write_bytes(b"no picture")
+    with pytest.raises(PhotoError, match=r"The mask .*b\.jpg\.png cannot be read"):
+        read(photos, masks)
+
+
+def test_reading_masks_stops_when_asked(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path, "a.jpg")
+    # Once per photo while photos are read, then per mask.
+    asked = iter([False] * 3 + [True])
+    with pytest.raises(Cancelled, match="masks"):
+        read_photos(photos, SMALL, masks=masks, should_stop=lambda: next(asked))
