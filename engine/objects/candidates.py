@@ -105,7 +105,7 @@ def gather(views: Views, seeds: Sequence[Seed], settings: SegmentSettings, shoul
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
         wanted = settings if seed.whole else replace(settings, parts=1)
-        lifted = lift(views, seed.view, seed.mask, wanted, start=seed.start)
+        lifted = lift(views, seed.view, seed.mask, wanted, start=seed.start, given=seed.given)
         if lifted is None:
             continue
         fit = fit_of(views, seed.view, seed.mask, lifted.membership)

@@ -23,6 +23,8 @@ Mask = NDArray[np.bool_]
 
 _HALF = np.float32(0.5)
 _SMALLEST_PART = 0.03
+_MOST_RADII = 2.0
+"""The radius holds 90 % of what lies behind the mask."""
 _JUST_BELOW = np.nextafter(_HALF, np.float32(0))
 
 
@@ -51,7 +53,13 @@ class Lifted:
 
 
 def lift(
-    views: Views, view: View, mask: Mask, settings: SegmentSettings, *, start: Float32 | None = None
+    views: Views,
+    view: View,
+    mask: Mask,
+    settings: SegmentSettings,
+    *,
+    start: Float32 | None = None,
+    given: bool = False,
 ) -> Lifted | None:
     """Return the Gaussians whose feature is like the mask's and that hang together with what it shows.
 
@@ -65,6 +73,8 @@ def lift(
     settings : SegmentSettings
     start : array of shape [D], optional
         Unit vector to begin the mean with, e.g. the feature of the clicked pixel.
+    given : bool
+        Whether the person drew the mask: then what it leaves out does not belong (see `_denied`).
 
     Returns
     -------
@@ -78,6 +88,8 @@ def lift(
     if directions is None:
         return None
     membership = calibrated((views.directions @ directions.T).max(axis=1), settings.cosine)
+    if given and settings.keep_given:
+        membership[_denied(views, view, mask)] = 0.0
     seed_mass = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
     membership = _only_connected(views, membership, seed_mass)
     if not (membership >= _HALF).any():
@@ -172,8 +184,8 @@ def refine_by_votes(
     blending averages out the noise of single Gaussians; and those that show what lies behind a mask the person gave
     (`keep_given`), for a part of an object may have the feature of what it stands on. In further rounds it is where
     the members found so far are more than half of a pixel. Either is snapped to the photo's SAM segments where there
-    are some. A Gaussian's membership becomes the part of its own pixels, weighted with its blending weights, that lies
-    in the masks.
+    are some, and loses what a mask the person gave leaves out. A Gaussian's membership becomes the part of its own
+    pixels, weighted with its blending weights, that lies in the masks.
 
     Parameters
     ----------
@@ -206,6 +218,7 @@ def refine_by_votes(
     """
     prior = lifted.membership
     given = behind(views, *seed) if seed is not None and settings.keep_given else None
+    denied = _denied(views, *seed) if seed is not None and settings.keep_given else None
     inside = seen = np.zeros(len(prior), np.float32)
     for number in range(settings.vote_rounds):
         center = np.median(views.scene.gaussians.means[lifted.members], axis=0)
@@ -223,6 +236,8 @@ def refine_by_votes(
                     mask = mask | (views.visible_share(view, given) > 0.5)
                 if camera.photo in label_maps:
                     mask = snap_to_segments(mask, view.labels_from_photo(label_maps[camera.photo]))
+                if denied is not None:
+                    mask = mask & ~(views.visible_share(view, denied) > 0.5)
             votes = views.scene.votes(view.frame, np.dstack([mask & view.within, view.within]).astype(np.float32))
             inside += votes[:, 0]
             seen += votes[:, 1]
@@ -238,6 +253,23 @@ def behind(views: Views, view: View, mask: Mask) -> Mask:
     """Return the Gaussians that make up at least half a pixel of `mask`, and more of it than of what is beside it."""
     votes = views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
     return np.asarray((votes[:, 0] >= _HALF) & (votes[:, 0] > votes[:, 1]))
+
+
+def _denied(views: Views, view: View, mask: Mask) -> Mask:
+    """Return the Gaussians that a mask the person gave says do not belong, bool [N].
+
+    Those are what `view` shows beside the mask rather than in it, and what is farther from the middle of what lies
+    `behind` it than two of its radii: a wall may have the feature of the ball before it, where SAM drew one segment
+    over both.
+    """
+    votes = views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
+    denied = np.asarray((votes[:, 1] >= _HALF) & (votes[:, 1] >= votes[:, 0]))
+    core = (votes[:, 0] >= _HALF) & (votes[:, 0] > votes[:, 1])
+    if core.any():
+        means = views.scene.gaussians.means
+        distances = np.linalg.norm(means - np.median(means[core], axis=0), axis=1)
+        denied |= distances > _MOST_RADII * np.percentile(distances[core], 90)
+    return denied
 
 
 def _mask_in(views: Views, view: View, lifted: Lifted, *, cosine: float | None) -> Mask:

@@ -110,6 +110,26 @@ def test_given_mask_keeps_a_part_that_looks_like_what_it_stands_on(find, tmp_pat
     assert overlaps[True] > 0.65 > 0.45 > overlaps[False]
 
 
+def test_given_mask_leaves_out_what_it_shows_beside_the_object(find, tmp_path: Path) -> None:
+    whole = make_scene()
+    features = whole.gaussians.features.copy()
+    blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
+    features[blue] = features[floor[np.arange(len(blue)) % len(floor)]]
+    scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
+    # SAM, too, sees one thing: the ball and the floor that it lies on.
+    segments = {photo: np.where(labels == BLUE, FLOOR, labels) for photo, labels in scene.labels.items()}
+    mask = tmp_path / "mask.png"
+    Image.fromarray(((scene.labels["view_4.png"] == BLUE) * 255).astype(np.uint8)).save(mask)
+    taken = {}
+    for keep in (True, False):
+        settings = replace(SMALL_BETTER, keep_given=keep)
+        (found,) = find(MaskPrompt("view_4.png", mask), settings=settings, scene=scene, label_maps=segments)
+        taken[keep] = float((found.membership >= 0.5)[floor].mean())
+        assert (found.membership >= 0.5)[blue].mean() > 0.6
+    # What the ball hides of the floor is left to its feature.
+    assert taken[True] < 0.15 < 0.5 < taken[False]
+
+
 def test_text_gives_each_of_two_equal_objects(find, blobs: BlobScene) -> None:
     found = find(TextPrompt("red ball"))
     assert len(found) == 2
