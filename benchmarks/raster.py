@@ -2,7 +2,9 @@
 
 The same scenes in our ``cpu`` rasterizer (one and two threads; this processor's vectors, and AVX2 alone), in a textbook
 Numba rasterizer and in the torch reference, all in one run. CPU time is the honest figure on a shared machine; the
-least of the repeats is told. Each row runs in a process of its own, since Numba fixes the processor at its start.
+least of the repeats is told. What the promised ratios are made of is measured in three rounds, minutes apart, and the
+least counts: on a shared machine everything is slower for seconds at a time, which no repeats in a row even out. Each
+row runs in a process of its own, since Numba fixes the processor at its start.
 
 example: python -m benchmarks.raster --quick
 """
@@ -77,6 +79,30 @@ def cases(quick: bool) -> Iterator[Case]:
     yield Case("parts")
     yield Case("compile", repeats=1)
     yield Case("memory", n=300_000, width=1600, height=1200, channels=19, repeats=1)
+
+
+_ROUNDS = 3
+
+
+def in_rounds(quick: bool) -> Iterator[Case]:
+    """Yield all `cases`, and those of the smallest scene, the reference left out, in two more rounds between and after.
+
+    They share out the larger scenes, so that the rounds are minutes apart.
+    """
+    every = list(cases(quick))
+    large = [case for case in every if (case.n, case.width) != (20_000, 640)]
+    small = [case for case in every if case not in large]
+    yield from small
+    again = [case for case in small if case.what not in ("reference", "parts")]
+    for number in range(1, _ROUNDS):
+        share = len(large) // (_ROUNDS - 1)
+        yield from large[(number - 1) * share : number * share if number < _ROUNDS - 1 else None]
+        yield from again
+
+
+def least(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
+    """Return the lesser of each figure of two rounds; of how fast the processor can be, the larger."""
+    return {name: (max if name == "peak_gflops" else min)(value, other[name]) for name, value in one.items()}
 
 
 def measure(case: Case) -> dict[str, float]:
@@ -185,14 +211,17 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="only 20,000 Gaussians at 640x480")
     parser.add_argument("--out", type=Path, help="Markdown file for the tables")
     arguments = parser.parse_args()
-    results = []
-    for case in cases(arguments.quick):
-        results.append((case, measure(case)))
-        print(case, results[-1][1], file=sys.stderr, flush=True)
+    found: dict[Case, dict[str, float]] = {}
+    for case in in_rounds(arguments.quick):
+        figures_now = measure(case)
+        found[case] = least(found[case], figures_now) if case in found else figures_now
+        print(case, figures_now, file=sys.stderr, flush=True)
+    results = list(found.items())
     peak = max(f["peak_gflops"] for c, f in results if c.what == "floor")
     text = f"""# Speed of the rasterizer
 
-Written by `make bench-raster`. Forward and backward pass with projection, CPU milliseconds, least of the repeats.
+Written by `make bench-raster`. Forward and backward pass with projection, CPU milliseconds, least of the repeats,
+those of 20,000 Gaussians at 640x480 in three rounds.
 Gaussians with radii of 2 to 15 pixels at three standard deviations, opacity the sigmoid of N(0, 1.5); K channels: 3 is
 colour of harmonics of degree 1, 16 features, 19 both. The textbook rasterizer has no projection: "blending alone" is
 ours without it, tile lists, forward and backward; the arithmetic floor is that of blending too. The reference's graph

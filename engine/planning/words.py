@@ -33,13 +33,15 @@ def decisions_in_words(work: WorkPlan) -> list[tuple[str, str]]:
     masks = f"{work.n_mask_photos} photos, chosen once the cameras are known" if work.n_mask_photos else "none"
     held_out = f"{work.n_held_out} photos measure the error, named once the cameras are known"
     flat = f", fewer when they would gain less than {work.stop_when_flat} dB" if work.stop_when_flat else ""
+    if_it_pays = ", if a trial shows that it pays" if work.trial and work.n_held_out else ""
+    bands = f"colour bands up to degree {work.sh_degree}{if_it_pays if work.sh_degree else ''}"
     return [
         ("cameras", pairs),
         ("masks", masks),
         ("pictures", f"{work.width} x {work.height} pixels for training"),
-        ("Gaussians", f"at most {work.max_gaussians:,}, colour bands up to degree {work.sh_degree}"),
+        ("Gaussians", f"at most {work.max_gaussians:,}, {bands}"),
         ("features", "16 numbers a Gaussian, trained together with the colour" if work.features else "none"),
-        ("exposure", "one brightness correction a photo" if work.exposure else "no correction"),
+        ("exposure", f"one brightness correction a photo{if_it_pays}" if work.exposure else "no correction"),
         ("steps", f"{work.steps:,}{flat}"),
         ("held out", held_out if work.n_held_out else "none"),
     ]

@@ -42,6 +42,10 @@ class AdamState:
         zeros = torch.zeros_like(parameter, requires_grad=False, memory_format=torch.contiguous_format)
         return cls(zeros, zeros.clone())
 
+    def copy(self) -> AdamState:
+        """Return a state of its own with the same values."""
+        return AdamState(self.mean.clone(), self.square.clone(), self.step)
+
 
 @njit(**JIT)
 def _count_bad(gradient: Float32) -> int:

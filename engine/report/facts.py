@@ -68,7 +68,11 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         "refused_prompts": figures["objects"].get("refused", {}),
         "plan": project.get("work_plan") or {},
         "forecast": _forecast(project.get("forecast"), records),
-        "left_out": [*(dict(item) for item in plan.get("left_out", ())), *_steps_left_out(training)],
+        "left_out": [
+            *(dict(item) for item in plan.get("left_out", ())),
+            *_tried_in_vain(training),
+            *_steps_left_out(training),
+        ],
         "measured_savings": (project.get("measured_savings") or {}).get(str(training.get("preset"))),
         "software": {
             "gaussian heritage": __version__,
@@ -98,6 +102,21 @@ def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any]
             }
         )
     return rows
+
+
+def _tried_in_vain(training: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what trials found not worth its steps, with what it would have changed on the held-out photos."""
+    return [
+        {
+            "what": "the brightness correction per photo"
+            if trial["what"] == "exposure"
+            else f"bands of view-dependent colour above {int(trial['what']) - 1}",
+            "why": f"{trial['n_steps']} steps with and without, from step {trial['step']:,} on: "
+            f"{trial['gain']:+.2f} dB on the held-out photos",
+        }
+        for trial in training.get("trials", ())
+        if not trial["kept"]
+    ]
 
 
 def _steps_left_out(training: dict[str, Any]) -> list[dict[str, Any]]:

@@ -213,7 +213,7 @@ def _photos(facts: dict[str, Any]) -> str:
 
 def _plan(facts: dict[str, Any]) -> str:
     """Return what was decided before the work, and what was forecast beside what it took."""
-    plan = facts["plan"]
+    plan, training = facts["plan"], facts["training"]
     if not plan:
         return ""
     pairs = {"none": "none", "all": "all", "promising": "promising ones, about"}[plan["pairs"]]
@@ -222,9 +222,9 @@ def _plan(facts: dict[str, Any]) -> str:
         ("pairs matched", f"{pairs} {_count(plan['n_pairs'])}" if plan["n_pairs"] else pairs),
         ("photos with segments", _count(plan["n_mask_photos"])),
         ("Gaussians, at most", _count(plan["max_gaussians"])),
-        ("colour bands up to degree", _count(plan["sh_degree"])),
+        ("colour bands up to degree", f"{training.get('sh_degree', plan['sh_degree'])} of {plan['sh_degree']}"),
         ("segmentation features", "yes" if plan["features"] else "no"),
-        ("brightness correction a photo", "yes" if plan["exposure"] else "no"),
+        ("brightness correction a photo", "yes" if "exposure" in training else "no"),
         ("steps, at most", _count(plan["steps"])),
     ]
     return _section("Plan and forecast", _pairs(table) + _forecast(facts["forecast"]))

@@ -12,7 +12,7 @@ import shutil
 import zipfile
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from .guards import ADVICE
 from .held_out import CurvePoint
 from .parameters import NAMES, Parameters
 from .settings import TrainingSettings
+from .trials import Trial
 from .views import TrainingView
 
 __all__ = [
@@ -44,7 +45,7 @@ __all__ = [
 ]
 
 CHECKPOINT_FILE = "training.npz"
-_VERSION = 2
+_VERSION = 3
 _OTHER_RUNS_KEPT = 2
 _OUT_OF_PLACE = "out_of_place."
 _NOT_PART_OF_THE_RESULT = ("checkpoint_interval", "preview_seconds")
@@ -64,6 +65,12 @@ class RunState:
         Finished steps.
     cooling_from : int or None
         Step at which the cooldown began because the curve was flat.
+    sh_limit : int or None
+        Highest band of view-dependent colour that trials found worth it so far; None where none are made.
+    uses_exposure : bool
+        Whether the brightness factors are in use.
+    trials : list of Trial
+        Those that were made.
     out_of_place : dict of int to bool array of shape [h, w]
         Pixels left out of training photos because they show what no other photo does, by number of the photo.
     neighbours : int tensor of shape [N, k] or None
@@ -82,6 +89,9 @@ class RunState:
     exposure_moments: AdamState
     step: int = 0
     cooling_from: int | None = None
+    sh_limit: int | None = None
+    uses_exposure: bool = False
+    trials: list[Trial] = field(default_factory=list)
     out_of_place: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
     neighbours: torch.Tensor | None = None
     neighbours_step: int = 0
@@ -89,6 +99,19 @@ class RunState:
     guards: Counter[str] = field(default_factory=Counter)
     wall_seconds: float = 0.0
     cpu_seconds: float = 0.0
+
+    def copy(self) -> RunState:
+        """Return a state that can be trained on while this one stays as it is."""
+        return replace(
+            self,
+            parameters=self.parameters.copy(),
+            exposure=self.exposure.detach().clone(),
+            exposure_moments=self.exposure_moments.copy(),
+            trials=list(self.trials),
+            out_of_place=dict(self.out_of_place),
+            curve=list(self.curve),
+            guards=Counter(self.guards),
+        )
 
 
 def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> str:
@@ -131,6 +154,9 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         "key": key,
         "step": state.step,
         "cooling_from": state.cooling_from,
+        "sh_limit": state.sh_limit,
+        "uses_exposure": state.uses_exposure,
+        "trials": [asdict(trial) for trial in state.trials],
         "adam_steps": {name: moment.step for name, moment in moments.items()},
         "neighbours_step": state.neighbours_step,
         "curve": [asdict(point) for point in state.curve],
@@ -226,6 +252,9 @@ def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunS
         exposure_moments=moments("exposure"),
         step=int(record["step"]),
         cooling_from=record["cooling_from"],
+        sh_limit=record["sh_limit"],
+        uses_exposure=record["uses_exposure"],
+        trials=[Trial(**trial) for trial in record["trials"]],
         out_of_place={
             int(name.removeprefix(_OUT_OF_PLACE)): mask
             for name, mask in arrays.items()

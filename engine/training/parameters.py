@@ -66,6 +66,22 @@ class Parameters:
         rest = self.values.get("sh_rest")
         return 0 if rest is None else int(round((1 + rest.shape[1]) ** 0.5)) - 1
 
+    def copy(self) -> Parameters:
+        """Return Gaussians with values and moments of their own."""
+        values = {name: value.detach().clone() for name, value in self.values.items()}
+        return Parameters(values, {name: moment.copy() for name, moment in self.moments.items()})
+
+    def cut_sh(self, degree: int) -> None:
+        """Drop all bands above `degree`, with their moments."""
+        rest = (degree + 1) ** 2 - 1
+        if "sh_rest" not in self.values or rest >= self.values["sh_rest"].shape[1]:
+            return
+        value, moment = self.values.pop("sh_rest"), self.moments.pop("sh_rest")
+        if rest:
+            self.values["sh_rest"] = value.detach()[:, :rest].contiguous()
+            mean, square = (part[:, :rest].contiguous() for part in (moment.mean, moment.square))
+            self.moments["sh_rest"] = AdamState(mean, square, moment.step)
+
     def track(self) -> None:
         """Ask for gradients of all values, starting from none."""
         for value in self.values.values():

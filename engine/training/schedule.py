@@ -10,6 +10,7 @@ import torch
 
 from .settings import TrainingSettings
 from .spectrum import TYPICAL_SHARES
+from .trials import EXPOSURE
 
 __all__ = ["Schedule"]
 
@@ -23,6 +24,9 @@ each costs as much as 3 steps, one in 75 in `standard`."""
 _LOOKS_FOR_PASSERS_BY = (0.2, 0.4)
 """Parts of the steps after which it is looked for what stands in one photo only. Each look replaces what the one before
 found: what the Gaussians have learned of somebody who walks by is forgotten once he is left out."""
+
+_EXPOSURE_TRIAL = 0.25
+"""Part of the steps after which the brightness factors are tried: the scene's colours are known, its detail is not."""
 
 _LARGEST_FACTOR = 1.3
 """Of one growth: those just split must settle before their error says where the next are needed."""
@@ -65,6 +69,8 @@ class Schedule:
         looks = _LOOKS_FOR_PASSERS_BY if settings.passers_by else ()
         self.looks_for_passers_by = frozenset(max(1, round(part * settings.steps)) for part in looks)
         self.flat_checks = _flat_checks(settings, self.cooling_start(None))
+        self.trial_steps = round(settings.trial * settings.steps)
+        self.trials = _trials(settings, self.trial_steps, self.cooling_start(None)) if self.trial_steps else {}
         self.curve_steps = _log_spaced(settings.steps, settings.curve_points) | self.flat_checks
 
     def view(self, step: int) -> int:
@@ -95,9 +101,10 @@ class Schedule:
         """Return the pictures' size at the step, 1 for full size."""
         return float(2.0 ** (-self.shrinks(step) / 2))
 
-    def sh_degree(self, step: int) -> int:
-        """Highest band of spherical harmonics at the step."""
-        return min(self._settings.sh_degree, step // self._settings.sh_interval)
+    def sh_degree(self, step: int, limit: int | None = None) -> int:
+        """Return the highest band of spherical harmonics at the step; never above `limit`, which trials set."""
+        degree = min(self._settings.sh_degree, step // self._settings.sh_interval)
+        return degree if limit is None else min(degree, limit)
 
     def generator(self, step: int, purpose: int) -> torch.Generator:
         """Return a fresh random generator for one `purpose` at one step."""
@@ -181,3 +188,14 @@ def _log_spaced(steps: int, n: int) -> frozenset[int]:
     """Return up to `n` numbers of finished steps, evenly spaced in the logarithm, the last one `steps`."""
     first = min(steps, max(10, steps // 64))
     return frozenset(int(round(value)) for value in np.geomspace(steps, first, n))
+
+
+def _trials(settings: TrainingSettings, n_steps: int, cooling_start: int) -> dict[int, str]:
+    """Return what is tried, by the number of finished steps after which it is: "exposure", or the number of a band."""
+    trials = {settings.sh_interval * band: str(band) for band in range(1, settings.sh_degree + 1)}
+    if settings.exposure:
+        step = round(_EXPOSURE_TRIAL * settings.steps)
+        while any(abs(step - other) <= n_steps for other in trials):
+            step += 1
+        trials[step] = EXPOSURE
+    return {step: what for step, what in trials.items() if step + n_steps <= cooling_start}

@@ -22,8 +22,8 @@ class TrainingSettings:
     steps : int
         Training steps, one photo each.
     rounds : int
-        How often each photo is trained on at most: with few photos the plan leaves out the steps beyond, down to half
-        of `steps`; 0 leaves out none.
+        How often each photo is trained on at most: with few photos the plan leaves out the steps beyond, which only
+        learn those photos by heart; 0 leaves out none.
     max_gaussians : int
         Budget: growth stops here.
     start_opacity : float
@@ -62,6 +62,11 @@ class TrainingSettings:
         unless asked for: without people the same room reached 29.05 against 29.27, as far apart as two seeds are.
     exposure : bool
         Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras on automatic.
+    trial : float
+        Part of the steps that are done twice, with and without, where a band of view-dependent colour or the brightness
+        factors are due; 0 uses them untried, as do runs without held-out photos.
+    trial_gain : float
+        dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run.
     lr_exposure : float
         Its rate.
     features : bool
@@ -130,7 +135,7 @@ class TrainingSettings:
     start_opacity: float = 0.5
     background: float = 0.1
     sh_degree: int = 1
-    sh_interval: int = 1000
+    sh_interval: int = 1500
     max_side: int = 640
     coarse_levels: int = 2
     coarse_until: float = 0.5
@@ -149,6 +154,8 @@ class TrainingSettings:
     passers_by: bool = False
     exposure: bool = False
     lr_exposure: float = 0.002
+    trial: float = 0.05
+    trial_gain: float = 0.05
     features: bool = True
     feature_init: Literal["unit", "paper"] = "unit"
     feature_gradient: Literal["joint", "until_grown", "detached"] = "joint"
@@ -188,9 +195,9 @@ class TrainingSettings:
                      "lr_features", "lr_exposure", "preview_seconds"):  # fmt: skip
             require(self, name, getattr(self, name) > 0, "greater than 0")
         for name in ("lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray", "lambda_opacity",
-                     "lambda_scale", "noise", "stop_when_flat"):  # fmt: skip
+                     "lambda_scale", "noise", "stop_when_flat", "trial_gain"):  # fmt: skip
             require(self, name, getattr(self, name) >= 0, "at least 0")
-        for name in ("coarse_until", "cooldown", "lambda_dssim", "grow_from", "grow_until"):
+        for name in ("coarse_until", "cooldown", "lambda_dssim", "trial", "grow_from", "grow_until"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
         require(self, "background", 0 <= self.background <= 0.5, "between 0 and 0.5")
@@ -227,14 +234,16 @@ PRESETS: dict[str, TrainingSettings] = {
     "preview": replace(_STANDARD, steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0),
     "standard": _STANDARD,
     "best": replace(
-        _STANDARD, steps=12_000, rounds=240, max_gaussians=120_000, max_side=1000, sh_degree=2, grow_interval=100,
+        _STANDARD, steps=12_000, rounds=100, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000,
+        grow_interval=100,
         lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
     ),
     "paper": replace(
         _STANDARD, steps=30_000, rounds=0, max_gaussians=1_000_000, start_opacity=0.1, background=0.0,
+        sh_interval=1000,
         lambda_opacity=0.01, lambda_scale=0.01, max_side=980, sh_degree=3, coarse_levels=0,
         lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001, lr_opacity=0.05, lr_sh=0.0025,
-        lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, cooldown=0.0, feature_init="paper",
+        lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, cooldown=0.0, trial=0.0, feature_init="paper",
         feature_gradient="joint", clustering_interval=50, clustering_pixels=0, regularisation="paper",
         regularisation_interval=100, lambda_ray=0.0, growth="opacity", grow_from=500 / 30_000,
         grow_until=25_000 / 30_000, grow_interval=100, stop_when_flat=0.0,

@@ -56,9 +56,10 @@ def step_loss(
         settings.feature_gradient == "until_grown" and schedule.growth_ended(step, state.cooling_from)
     )
     joint = clusters and not detached
-    raster = render(values, level.camera, settings, sh_degree=schedule.sh_degree(step), features=joint)
+    degree = schedule.sh_degree(step, state.sh_limit)
+    raster = render(values, level.camera, settings, sh_degree=degree, features=joint)
     image = raster.image[..., :3]
-    if settings.exposure:
+    if state.uses_exposure:
         image = image * state.exposure[view].exp()
     loss = photometric_loss(image, level.target, lambda_dssim=settings.lambda_dssim)
     if settings.lambda_opacity > 0:

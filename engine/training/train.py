@@ -36,19 +36,23 @@ from .schedule import Schedule
 from .settings import TrainingSettings
 from .spectrum import coarse_shares
 from .step import step_loss
+from .trials import EXPOSURE, Trial, brightness_factors, quality_but_for_brightness
 from .views import Level, TrainingView, ViewPyramid, scene_extent
 
 __all__ = ["PREVIEW_FILE", "TrainingResult", "train"]
 
 STAGE = "training"
 PREVIEW_FILE = "preview.png"
+_CANCELLED = "Training was cancelled; the next run continues from where it stopped."
 _SECONDS_BETWEEN_EVENTS = 1.0
 _MOST_MEASURED = 8
 _VIEWS_THAT_VOTE = 3
+_MEASURED_IN_TRIAL = 5
 _LIKE_THE_PHOTOS = 30.0
 """dB, a mean error of 3 %: better pictures are never complained about, however flat the photos are."""
 _SIDE_TO_FIND = 100.0
 """Pixels of the longest side that are enough to look for who walks by."""
+_NAMES_OF_TRIALS = "colours that change with the view", "a brightness factor per photo"
 _RELOCATE, _GROW, _NOISE = 3, 4, 5
 """Purposes of random draws."""
 
@@ -128,15 +132,15 @@ def train(
             # Here and not in the first step: the error curve's clock must not count what happens once per computer.
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
             warm_up()
-        run = _Run(start, views, settings, checkpoints, emit)
+        run = _Run(start, views, settings, checkpoints, emit, should_stop)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
             run.tell_curve(run.state.curve)
         while not run.finished:
             if should_stop():
                 run.write_checkpoint()
-                raise Cancelled("Training was cancelled; the next run continues from where it stopped.")
-            run.step()
+                raise Cancelled(_CANCELLED)
+            run.advance()
             run.report()
         run.check()
         return run.result()
@@ -161,12 +165,18 @@ class _Run:
     """One training run: what does not change, and `state`, which does and is what a checkpoint holds."""
 
     def __init__(
-        self, start: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings, checkpoints: Path, emit: Emit
+        self,
+        start: Gaussians,
+        views: Sequence[TrainingView],
+        settings: TrainingSettings,
+        checkpoints: Path,
+        emit: Emit,
+        should_stop: StopCheck,
     ) -> None:
         training = [view for view in views if not view.held_out]
         held_out = [view for view in views if view.held_out]
         check_start(start)
-        self.settings, self.checkpoints, self.emit = settings, checkpoints, emit
+        self.settings, self.checkpoints, self.emit, self.should_stop = settings, checkpoints, emit, should_stop
         self.pyramid = ViewPyramid(training, settings)  # Refuses to be empty.
         self._has_held_out = bool(held_out)
         self.measured_on = "held-out photos" if held_out else "training photos"
@@ -194,6 +204,8 @@ class _Run:
             Parameters.from_gaussians(start, sh_degree=settings.sh_degree, features=features),
             exposure,
             AdamState.zeros_like(exposure),
+            sh_limit=0 if self._tries else None,
+            uses_exposure=settings.exposure and not self._tries,
         )
         hold_in_bounds(state.parameters, self.center, self.extent, state.guards)
         return state
@@ -203,6 +215,11 @@ class _Run:
         """Whether all steps are done or the rest is not worth it; follows from the state alone: resuming is exact."""
         return self.state.step >= self.schedule.last_step(self.state.cooling_from)
 
+    @property
+    def _tries(self) -> bool:
+        # Photos that are trained on gain by everything: they cannot tell what a scene needs.
+        return self._has_held_out and self.schedule.trial_steps > 0
+
     def _is_flat(self) -> bool:
         state, schedule = self.state, self.schedule
         # Photos that are trained on get better for ever: their curve says nothing.
@@ -210,15 +227,78 @@ class _Run:
             return False
         return expected_gain(state.curve, schedule.flat_checks, self.settings.steps) < self.settings.stop_when_flat
 
-    def step(self) -> None:
-        """Do one training step."""
+    def advance(self) -> None:
+        """Do one training step, or those of a trial when one is due."""
+        state = self.state
+        what = self.schedule.trials.get(state.step) if self._tries and state.cooling_from is None else None
+        # A band is worth a trial only when the one below it was worth its own.
+        if what is None or (what != EXPOSURE and int(what) != (state.sh_limit or 0) + 1):
+            self._step()
+        else:
+            self._try(what)
+
+    def _try(self, what: str) -> None:
+        """Train on from here twice, without something and with it, and go on with what is better on held-out photos."""
+        begun, n_steps = self.state.step, self.schedule.trial_steps
+        self.write_checkpoint()  # Who is stopped in a trial begins it again.
+        without, with_it = self.state, self.state.copy()
+        if what == EXPOSURE:
+            self._begin_exposure(with_it)
+        else:
+            with_it.sh_limit = int(what)
+        apart = [self._psnr_in_trial(state, what, n_steps) for state in (without, with_it)]
+        gain = float(np.mean(np.subtract(apart[1], apart[0])))
+        kept = gain >= self.settings.trial_gain
+        self.state = with_it if kept else without
+        self.state.trials.append(Trial(what, begun, n_steps, gain, kept))
+        if what != EXPOSURE and not kept:
+            self.state.parameters.cut_sh(self.state.sh_limit or 0)
+        self.pyramid.leave_out(self.state.out_of_place)
+
+    def _psnr_in_trial(self, state: RunState, what: str, n_steps: int) -> list[float]:
+        """Train `state` on and return the PSNR on the held-out photos, several times in the second half of the steps.
+
+        One alone is good to 0.1 dB: it depends on the photos trained on last.
+        """
+        self.state = state
+        self.pyramid.leave_out(state.out_of_place)
+        due = {n_steps - round(k * n_steps / (2 * _MEASURED_IN_TRIAL)) for k in range(_MEASURED_IN_TRIAL)}
+        compared = quality_but_for_brightness if what == EXPOSURE else measure
+        found = []
+        for done in range(1, n_steps + 1):
+            if self.should_stop():
+                raise Cancelled(_CANCELLED)
+            self._step()
+            if done in due:
+                values = state.parameters.values
+                found.append(compared(values, self._levels(), self.settings, sh_degree=self._sh_degree()).psnr)
+            self._tell(f"step {state.step} of {self.settings.steps}, trying {_NAMES_OF_TRIALS[what == EXPOSURE]}")
+        return found
+
+    def _begin_exposure(self, state: RunState) -> None:
+        """Use the brightness factors from now on, beginning with those that fit the pictures best."""
+        shrinks = self.schedule.shrinks(state.step)
+        factors = []
+        for view in range(len(self.pyramid.views)):
+            level = self.pyramid.level(view, shrinks)
+            image = render_picture(state.parameters.values, level, self.settings, sh_degree=self._sh_degree())
+            factors.append(brightness_factors(image, level).log())
+        state.exposure = torch.stack(factors)
+        state.exposure -= state.exposure.mean(dim=0)
+        state.uses_exposure = True
+
+    def _sh_degree(self) -> int:
+        """Return the band that the last step used."""
+        return self.schedule.sh_degree(max(0, self.state.step - 1), self.state.sh_limit)
+
+    def _step(self) -> None:
         state, settings, schedule = self.state, self.settings, self.schedule
         with self.clock:
             view = schedule.view(state.step)
             shrinks = schedule.shrinks(state.step)
             level = self.pyramid.level(view, shrinks)
             state.parameters.track()
-            state.exposure.requires_grad_(settings.exposure).grad = None
+            state.exposure.requires_grad_(state.uses_exposure).grad = None
             loss = step_loss(state, level, view, schedule, settings, self.extent)
             if backward(loss, state.guards):
                 step_finite_rows(state.parameters, self._update, state.guards)
@@ -271,7 +351,7 @@ class _Run:
             self.state.parameters,
             [self.pyramid.as_given(view, shrinks) for view in range(len(self.pyramid.views))],
             self.settings,
-            sh_degree=self.schedule.sh_degree(self.state.step - 1),
+            sh_degree=self._sh_degree(),
         )
         self.state.out_of_place = {view: mask for view, mask in enumerate(found) if mask is not None}
         self.pyramid.leave_out(self.state.out_of_place)
@@ -281,7 +361,8 @@ class _Run:
         generator = schedule.generator(state.step, _GROW)
         views = torch.randint(len(self.pyramid.views), (_VIEWS_THAT_VOTE,), generator=generator).tolist()
         levels = [self.pyramid.level(view, schedule.shrinks(state.step)) for view in views]
-        votes = error_votes(state.parameters, levels, settings, sh_degree=schedule.sh_degree(state.step))
+        degree = schedule.sh_degree(state.step, state.sh_limit)
+        votes = error_votes(state.parameters, levels, settings, sh_degree=degree)
         grow_where_wrong(state.parameters, votes, n_new, min_opacity=settings.min_opacity, generator=generator)
 
     def report(self) -> None:
@@ -297,25 +378,30 @@ class _Run:
             self._preview()
         if state.step % self.settings.checkpoint_interval == 0 or finished:
             self.write_checkpoint()
-        if now - self._reported >= _SECONDS_BETWEEN_EVENTS or finished:
-            self._reported = now
-            self.emit(Metric(STAGE, "loss", self._loss, state.step))
-            self.emit(Metric(STAGE, "gaussians", float(len(state.parameters)), state.step))
-            done = self.schedule.done(state.step)
-            spent = (self.clock.wall - self._first_wall) / (done - self._first_done)
-            message = f"step {state.step} of {self.settings.steps}"
-            if finished and state.step < self.settings.steps:
-                done, message = 1.0, f"{message}: the curve is flat"
-            self.emit(Progress(STAGE, done, spent * (1.0 - done), message))
+        message = f"step {state.step} of {self.settings.steps}"
+        if finished and state.step < self.settings.steps:
+            message += ": the curve is flat"
+        self._tell(message, finished=finished)
+
+    def _tell(self, message: str, *, finished: bool = False) -> None:
+        """Say how far it is; not more than once a second, but for the end."""
+        state, now = self.state, time.monotonic()
+        if now - self._reported < _SECONDS_BETWEEN_EVENTS and not finished:
+            return
+        self._reported = now
+        self.emit(Metric(STAGE, "loss", self._loss, state.step))
+        self.emit(Metric(STAGE, "gaussians", float(len(state.parameters)), state.step))
+        done = self.schedule.done(state.step)
+        spent = (self.clock.wall - self._first_wall) / (done - self._first_done)
+        done = 1.0 if finished else done
+        self.emit(Progress(STAGE, done, spent * (1.0 - done), message))
 
     def _levels(self) -> list[Level]:
         return [self.measured.level(index, 0) for index in range(len(self.measured.views))]
 
     def _measure(self) -> None:
         state = self.state
-        quality = measure(
-            state.parameters.values, self._levels(), self.settings, sh_degree=self.schedule.sh_degree(state.step - 1)
-        )
+        quality = measure(state.parameters.values, self._levels(), self.settings, sh_degree=self._sh_degree())
         state.curve.append(
             CurvePoint(
                 state.step, self.clock.wall, self.clock.cpu, quality.psnr, quality.ssim, quality.l1,
@@ -331,9 +417,9 @@ class _Run:
 
     def _preview(self) -> None:
         level = self.measured.level(len(self.measured.views) // 2, 0)
-        degree = self.schedule.sh_degree(self.state.step - 1)
+        image = render_picture(self.state.parameters.values, level, self.settings, sh_degree=self._sh_degree())
         path = self.checkpoints / PREVIEW_FILE
-        write_picture(path, render_picture(self.state.parameters.values, level, self.settings, sh_degree=degree))
+        write_picture(path, image)
         self.emit(Preview(STAGE, str(path)))
 
     def write_checkpoint(self) -> None:
@@ -369,7 +455,8 @@ class _Run:
             "measured_on": self.measured_on,
             "measured_photos": [view.photo for view in self.measured.views],
             "background": "black",
-            "sh_degree": self.schedule.sh_degree(state.step - 1),
+            "sh_degree": self._sh_degree(),
+            "trials": [asdict(trial) for trial in state.trials],
             "features": "features" in state.parameters.values,
             "guards": {name: count for name, count in state.guards.items() if name not in LIMITS},
             "limits": {name: state.guards[name] for name in LIMITS},
@@ -379,7 +466,7 @@ class _Run:
                 for view, mask in sorted(state.out_of_place.items())
             },
         }
-        if self.settings.exposure:
+        if state.uses_exposure:
             figures["exposure"] = {
                 view.photo: [round(float(gain), 4) for gain in row.exp()]
                 for view, row in zip(self.pyramid.views, state.exposure.detach(), strict=True)

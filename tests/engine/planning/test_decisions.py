@@ -7,7 +7,15 @@ import pytest
 
 from engine.cameras.settings import CameraSettings
 from engine.errors import SettingsError
-from engine.planning.decisions import PlanSettings, WorkPlan, plan_scene, plan_work, spread, training_settings
+from engine.planning.decisions import (
+    FEWEST_STEPS,
+    PlanSettings,
+    WorkPlan,
+    plan_scene,
+    plan_work,
+    spread,
+    training_settings,
+)
 from engine.training.settings import PRESETS
 
 from .scenes import cameras, looks, photos, work
@@ -99,7 +107,11 @@ def test_everything_on_leaves_nothing_out_that_can_be_done() -> None:
     plan = work(48, PlanSettings(wants_objects=False, leave_out=False))
     training = training_settings(plan)
     assert plan.n_mask_photos == 48
-    assert training.features and training.exposure and training.stop_when_flat == 0
+    assert training.features and training.exposure and training.stop_when_flat == 0 and training.trial == 0
+    # In every step, each counting for less: the same loss on the whole.
+    standard = PRESETS["standard"]
+    assert training.clustering_interval == 1
+    assert training.lambda_clustering * standard.clustering_interval == pytest.approx(standard.lambda_clustering)
     assert training.steps == PRESETS["standard"].steps
 
 
@@ -123,8 +135,8 @@ def test_few_photos_get_fewer_steps_and_the_plan_says_why() -> None:
     assert told.what == "1,320 of 3,000 training steps" and "28 photos" in told.why and "60 times" in told.why
     assert training_settings(few).steps == few.steps
     assert training_settings(few).sh_interval == standard.sh_interval * few.steps // standard.steps
-    # However few there are, half of the steps are done.
-    assert work(3).steps == standard.steps // 2
+    # However few there are, so many are done.
+    assert work(3).steps == FEWEST_STEPS
 
 
 def test_people_are_left_out_only_when_asked_for() -> None:

@@ -178,6 +178,11 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
         "planned_steps": 3000, "expected_gain": 0.02, "limit": 0.05, "wall_seconds_saved": 33.4, "cpu_seconds_saved": 60
     }  # fmt: skip
     training = {"curve": CURVE, "steps": 2700, "stopped_early": stopped, "preset": "standard", "n_gaussians": 950}
+    training["sh_degree"] = 0
+    training["trials"] = [
+        {"what": "1", "step": 1500, "n_steps": 150, "gain": 0.012, "kept": False},
+        {"what": "exposure", "step": 750, "n_steps": 150, "gain": 0.4, "kept": True},
+    ]
     project.finish_stage(
         "training", "key", wall_seconds=61.0, cpu_seconds=100.0, figures=training, peak_memory=870_000_000
     )
@@ -185,9 +190,11 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
     for words in (
         "640 x 480", "promising ones, about 201", "45 s (30 s to 70 s)", "61 s", "0.90 GB (0.80 GB to 1.00 GB)",
         "0.87 GB", "being written", "300 of 3,000 training steps", "Saved: about 33 s", "Saved: not measured",
+        "view-dependent colour above 0", "+0.01 dB on the held-out photos", "0 of 1",
     ):  # fmt: skip
         assert words in text, words
     assert "nothing left out" not in text
+    assert "the brightness correction per photo" not in text
     project.put("measured_savings", {"standard": {"training_cpu_seconds": 120.0, "psnr_lost": 0.04}})
     text = read(build_report(project)).text
     assert "120 CPU s of training saved, at 0.04 dB less" in text

@@ -1,0 +1,139 @@
+"""What a scene may not need is tried on photos that were held out: kept where it pays, left out where it does not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from engine.errors import Cancelled
+from engine.events import StopCheck, ignore_events, never_stop
+from engine.gaussians.gaussians import Gaussians
+from engine.training.parameters import Parameters
+from engine.training.schedule import Schedule
+from engine.training.settings import PRESETS, TrainingSettings
+from engine.training.train import TrainingResult, train
+from engine.training.trials import brightness_factors, quality_but_for_brightness
+from engine.training.views import TrainingView, ViewPyramid
+
+from .conftest import N_VIEWS, Scene, camera_at, make_truth, photograph
+
+BANDS = replace(
+    PRESETS["test"], steps=300, sh_degree=2, sh_interval=120, trial=0.2, trial_gain=0.1, features=False,
+    coarse_levels=0, lr_sh_rest=0.003,
+)  # fmt: skip
+EXPOSURE = replace(BANDS, sh_degree=0, exposure=True, lr_exposure=0.01)
+
+
+def run(
+    scene: Scene,
+    settings: TrainingSettings,
+    folder: Path,
+    *,
+    views: list[TrainingView] | None = None,
+    stop: StopCheck = never_stop,
+) -> TrainingResult:
+    return train(
+        scene.start, views or scene.views, settings, checkpoints=folder, emit=ignore_events, should_stop=stop
+    )  # fmt: skip
+
+
+def shiny(scene: Scene) -> list[TrainingView]:
+    """Photos of the scene whose colours change with the side they are seen from."""
+    truth, part = make_truth()
+    sh = np.concatenate([truth.sh, np.zeros((len(truth), 3, 3), np.float32)], axis=1)
+    sh[:, 1] = 0.35
+    sh[:, 3] = -0.35
+    changing = Gaussians(truth.means, truth.log_scales, truth.quats, truth.opacity_logits, sh)
+    photos = [photograph(changing, part, camera_at(2 * np.pi * index / N_VIEWS))[0] for index in range(N_VIEWS)]
+    return [replace(view, pixels=photo) for view, photo in zip(scene.views, photos, strict=True)]
+
+
+def darkened(scene: Scene) -> list[TrainingView]:
+    """Photos of which every other one is much darker."""
+    factors = [0.6 if index % 2 else 1.0 for index in range(N_VIEWS)]
+    return [
+        replace(view, pixels=(view.pixels * factor).round().astype(np.uint8))
+        for view, factor in zip(scene.views, factors, strict=True)
+    ]
+
+
+def test_colours_that_change_with_the_view_are_used_where_photos_show_such(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, BANDS, tmp_path, views=shiny(scene))
+    first = result.figures["trials"][0]
+    assert (first["what"], first["step"], first["n_steps"], first["kept"]) == ("1", 120, 60, True)
+    assert first["gain"] > 0.3
+    assert result.gaussians.sh.shape[1] >= 4
+    untried = run(scene, replace(BANDS, sh_degree=0), tmp_path / "none", views=shiny(scene))
+    assert result.figures["psnr"] > untried.figures["psnr"] + 0.3
+
+
+def test_colours_that_do_not_change_cost_nothing_once_that_is_known(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, BANDS, tmp_path)
+    # The second band is not tried where the first did not pay.
+    assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("1", False)]
+    assert result.gaussians.sh.shape[1] == 1
+    assert result.figures["sh_degree"] == 0
+    without = run(scene, replace(BANDS, sh_degree=0), tmp_path / "none")
+    assert np.array_equal(result.gaussians.means, without.gaussians.means)
+
+
+def test_brightness_is_corrected_where_photos_differ_in_it(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, EXPOSURE, tmp_path, views=darkened(scene))
+    assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("exposure", True)]
+    gains = {int(name[:2]): float(np.mean(gain)) for name, gain in result.figures["exposure"].items()}
+    dark = np.mean([gain for index, gain in gains.items() if index % 2])
+    light = np.mean([gain for index, gain in gains.items() if not index % 2])
+    assert dark / light == pytest.approx(0.6, abs=0.05)
+
+
+def test_brightness_is_left_alone_where_photos_agree(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, EXPOSURE, tmp_path)
+    assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("exposure", False)]
+    assert "exposure" not in result.figures
+
+
+@pytest.mark.parametrize("asked", [10, 130, 155])
+def test_run_stopped_before_or_in_a_trial_resumes_exactly(scene: Scene, tmp_path: Path, asked: int) -> None:
+    whole = run(scene, BANDS, tmp_path / "whole")
+    times = iter(range(10**9))
+    with pytest.raises(Cancelled):
+        run(scene, BANDS, tmp_path / "cut", stop=lambda: next(times) >= asked)
+    resumed = run(scene, BANDS, tmp_path / "cut")
+    assert np.array_equal(resumed.gaussians.means, whole.gaussians.means)
+    assert resumed.figures["trials"] == whole.figures["trials"]
+
+
+def test_without_photos_held_out_everything_is_used_untried(scene: Scene, tmp_path: Path) -> None:
+    trained = [view for view in scene.views if not view.held_out][:3]
+    settings = replace(BANDS, steps=50, sh_interval=20, exposure=True)
+    result = run(scene, settings, tmp_path, views=trained)
+    assert result.figures["trials"] == []
+    assert result.figures["sh_degree"] == 2
+    assert "exposure" in result.figures
+
+
+def test_no_trial_overlaps_another_or_reaches_into_the_cooldown() -> None:
+    settings = replace(
+        PRESETS["standard"], steps=1000, sh_degree=3, sh_interval=240, exposure=True, trial=0.05, cooldown=0.1
+    )
+    trials = Schedule(settings, 5, 1.0).trials
+    steps = sorted(trials)
+    assert {trials[step] for step in steps} == {"1", "2", "3", "exposure"}
+    assert all(later - earlier > 50 for earlier, later in zip(steps, steps[1:], strict=False))
+    assert Schedule(replace(settings, sh_interval=450), 5, 1.0).trials.keys() >= {450}
+    assert 900 not in Schedule(replace(settings, sh_interval=450), 5, 1.0).trials
+    assert Schedule(replace(settings, trial=0.0), 5, 1.0).trials == {}
+
+
+def test_exposure_of_a_photo_does_not_count_as_error(scene: Scene) -> None:
+    view = replace(scene.views[4], pixels=(scene.views[4].pixels * 0.5).round().astype(np.uint8))
+    level = ViewPyramid([view], BANDS).level(0, 0)
+    picture = torch.from_numpy(scene.views[4].pixels).float() / 255.0
+    assert brightness_factors(picture, level).numpy() == pytest.approx(0.5, abs=0.01)
+    truth, _ = make_truth()
+    values = Parameters.from_gaussians(truth, sh_degree=0, features=False).values
+    assert quality_but_for_brightness(values, [level], BANDS, sh_degree=0).psnr > 40
