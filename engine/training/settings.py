@@ -234,7 +234,7 @@ PRESETS: dict[str, TrainingSettings] = {
     "preview": replace(_STANDARD, steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0),
     "standard": _STANDARD,
     "best": replace(
-        _STANDARD, steps=12_000, rounds=100, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000,
+        _STANDARD, steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000,
         grow_interval=100,
         lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
     ),
