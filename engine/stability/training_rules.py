@@ -58,11 +58,10 @@ def continues_exactly(*, killed: bool) -> TrainingFinding:
         again = trained(given, settings, folder / "again", lambda: False)
     if not same_gaussians(whole.gaussians, again.gaussians):
         problems.append("the Gaussians are others than those of a run that went through")
-    for figure in ("psnr", "guards", "limits", "exposure"):
-        if whole.figures[figure] != again.figures[figure]:
-            problems.append(
-                f"`{figure}` is {again.figures[figure]}, of a run that went through {whole.figures[figure]}"
-            )
+    for figure in ("psnr", "guards", "limits", "trials", "exposure"):
+        found, wanted = (run.figures.get(figure) for run in (again, whole))
+        if found != wanted:
+            problems.append(f"`{figure}` is {found}, of a run that went through {wanted}")
     guards = {**again.figures["guards"], **again.figures["limits"]}
     return TrainingFinding("finishes", again.curve[-1].psnr, "", guards, tuple(problems))
 

@@ -235,8 +235,7 @@ PRESETS: dict[str, TrainingSettings] = {
     "standard": _STANDARD,
     "best": replace(
         _STANDARD, steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000,
-        grow_interval=100,
-        lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
+        grow_interval=100, lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
     ),
     "paper": replace(
         _STANDARD, steps=30_000, rounds=0, max_gaussians=1_000_000, start_opacity=0.1, background=0.0,
