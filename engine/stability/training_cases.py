@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..training.result import TrainingResult
 from ..training.settings import PRESETS, TrainingSettings
-from ..training.train import TrainingResult
 from .training_floors import EASIER, HOLES, LEARNT, SAME, SIMILAR, Floor, flat, known, undisturbed
 from .training_measure import Ending, TrainingFinding, measured_run
 from .training_rules import continues_exactly, continues_without_memory, stays_empty

@@ -16,8 +16,8 @@ import torch
 from ..errors import Cancelled
 from ..events import StopCheck
 from ..training.parameters import Parameters, render
+from ..training.result import TrainingResult
 from ..training.settings import TrainingSettings
-from ..training.train import TrainingResult
 from .starved import ENVIRONMENT
 from .training_measure import TrainingFinding, Watch, same_gaussians, trained
 from .training_scenes import SETTINGS, known_capture, training_input

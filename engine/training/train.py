@@ -6,9 +6,7 @@ import contextlib
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -21,7 +19,6 @@ from ..rasterizer.warm_up import warm_up
 from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
 from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
 from .guards import (
-    LIMITS,
     backward,
     check_result,
     check_start,
@@ -32,6 +29,7 @@ from .guards import (
 from .held_out import Clock, CurvePoint, expected_gain, flat_psnr, measure, render_picture, write_picture
 from .parameters import Parameters
 from .passers_by import find_passers_by
+from .result import TrainingResult, result_of
 from .schedule import Schedule
 from .settings import TrainingSettings
 from .spectrum import coarse_shares
@@ -39,7 +37,7 @@ from .step import step_loss
 from .trials import EXPOSURE, Trial, brightness_factors, quality_but_for_brightness
 from .views import Level, TrainingView, ViewPyramid, scene_extent
 
-__all__ = ["PREVIEW_FILE", "TrainingResult", "train"]
+__all__ = ["PREVIEW_FILE", "train"]
 
 STAGE = "training"
 PREVIEW_FILE = "preview.png"
@@ -55,26 +53,6 @@ _SIDE_TO_FIND = 100.0
 _NAMES_OF_TRIALS = "colours that change with the view", "a brightness factor per photo"
 _RELOCATE, _GROW, _NOISE = 3, 4, 5
 """Purposes of random draws."""
-
-
-@dataclass(frozen=True)
-class TrainingResult:
-    """What training hands on.
-
-    Attributes
-    ----------
-    gaussians : Gaussians
-        With features as they are blended: normalised, unless ``feature_init="paper"``.
-    curve : tuple of CurvePoint
-        Error on held-out photos against run time.
-    figures : dict
-        JSON values: steps, Gaussians, seconds, final errors, which photos were measured, guards that fired,
-        and in ``limits`` how often values were kept at the method's limits, summed over the steps.
-    """
-
-    gaussians: Gaussians
-    curve: tuple[CurvePoint, ...]
-    figures: dict[str, Any]
 
 
 def train(
@@ -442,53 +420,11 @@ class _Run:
 
     def result(self) -> TrainingResult:
         """Return what was trained, measured and guarded against."""
-        state, last = self.state, self.state.curve[-1]
-        figures: dict[str, Any] = {
-            "steps": state.step,
-            "stopped_early": self._stopped_early(),
-            "n_gaussians": len(state.parameters),
-            "wall_seconds": last.wall_seconds,
-            "cpu_seconds": last.cpu_seconds,
-            "psnr": last.psnr,
-            "ssim": last.ssim,
-            "l1": last.l1,
-            "measured_on": self.measured_on,
-            "measured_photos": [view.photo for view in self.measured.views],
-            "background": "black",
-            "sh_degree": self._sh_degree(),
-            "trials": [asdict(trial) for trial in state.trials],
-            "features": "features" in state.parameters.values,
-            "guards": {name: count for name, count in state.guards.items() if name not in LIMITS},
-            "limits": {name: state.guards[name] for name in LIMITS},
-            "curve": [asdict(point) for point in state.curve],
-            "out_of_place": {
-                self.pyramid.views[view].photo: round(float(mask.mean()), 4)
-                for view, mask in sorted(state.out_of_place.items())
-            },
-        }
-        if state.uses_exposure:
-            figures["exposure"] = {
-                view.photo: [round(float(gain), 4) for gain in row.exp()]
-                for view, row in zip(self.pyramid.views, state.exposure.detach(), strict=True)
-            }
-        unit = self.settings.feature_init == "unit"
-        return TrainingResult(state.parameters.to_gaussians(unit_features=unit), tuple(state.curve), figures)
-
-    def _stopped_early(self) -> dict[str, float] | None:
-        """Return what the steps that were left out would have cost, at the speed of the last ones."""
-        curve, steps, since = self.state.curve, self.settings.steps, self.state.cooling_from
-        if since is None:
-            return None
-        before, last = curve[-2], curve[-1]
-        share = (steps - last.step) / (last.step - before.step)
-        until_then = [point for point in curve if point.step <= since]
-        return {
-            "planned_steps": steps,
-            "expected_gain": expected_gain(until_then, self.schedule.flat_checks, steps),
-            "limit": self.settings.stop_when_flat,
-            "wall_seconds_saved": share * (last.wall_seconds - before.wall_seconds),
-            "cpu_seconds_saved": share * (last.cpu_seconds - before.cpu_seconds),
-        }
+        measured = [view.photo for view in self.measured.views]
+        photos = [view.photo for view in self.pyramid.views]
+        return result_of(
+            self.state, self.settings, self.schedule, photos=photos, measured_on=self.measured_on, measured=measured
+        )
 
 
 def _spread(views: Sequence[TrainingView], most: int) -> list[TrainingView]:

@@ -24,8 +24,9 @@ from engine.training.checkpoint import CHECKPOINT_FILE, forget_old_runs, latest_
 from engine.training.guards import hold_in_bounds, step_finite_rows
 from engine.training.held_out import CurvePoint, expected_gain
 from engine.training.parameters import Parameters
+from engine.training.result import TrainingResult
 from engine.training.settings import PRESETS, TrainingSettings
-from engine.training.train import TrainingResult, train
+from engine.training.train import train
 
 from .conftest import Scene
 
