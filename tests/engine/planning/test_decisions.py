@@ -132,7 +132,7 @@ def test_few_photos_get_fewer_steps_and_the_plan_says_why() -> None:
     assert many.steps == standard.steps and not [left for left in many.left_out if "training steps" in left.what]
     assert few.steps == standard.rounds * 28 < standard.steps
     (told,) = [left for left in few.left_out if "training steps" in left.what]
-    assert told.what == "1,320 of 3,000 training steps" and "28 photos" in told.why and "60 times" in told.why
+    assert told.what == "984 of 3,000 training steps" and "28 photos" in told.why and "72 times" in told.why
     assert training_settings(few).steps == few.steps
     assert training_settings(few).sh_interval == standard.sh_interval * few.steps // standard.steps
     # However few there are, so many are done.
