@@ -98,12 +98,13 @@ def load_trained(
     """
     from ..cameras.storage import read_camera_set
     from ..gaussians.storage import load_gaussians
+    from ..masks.embeddings import EmbeddingFolder
 
     cameras = read_camera_set(project.path / "cameras")
     scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
     return Trained(
         Views(scene, cameras, render_side=settings.render_side),
-        Photos(photo_folder_of(project), settings.photo_side, sam_factory),
+        Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
     )
 
