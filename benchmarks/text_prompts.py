@@ -27,6 +27,7 @@ from engine.evaluation.mask_metrics import iou
 from engine.events import ignore_events, never_stop
 from engine.gaussians.storage import load_gaussians
 from engine.grounding.default import load_default_detector
+from engine.masks.embeddings import EmbeddingFolder
 from engine.masks.sam import load_default_sam
 from engine.objects.prompts import TextPrompt
 from engine.objects.segment import find_objects, label_maps_of
@@ -83,7 +84,8 @@ class Answer:
 class Room:
     """A trained scene and its truth."""
 
-    def __init__(self, project: Path, scene: Path) -> None:
+    def __init__(self, project: Path, scene: Path, embeddings: Path) -> None:
+        self.embeddings = EmbeddingFolder(embeddings)
         self.photos = scene / "photos"
         self.cameras = read_camera_set(project / "cameras")
         self.gaussians = load_gaussians(project / "gaussians")
@@ -98,7 +100,7 @@ class Room:
             objects = find_objects(
                 self.gaussians, self.cameras, self.photos, TextPrompt(word), settings,
                 label_maps=self.label_maps, detector_factory=load_default_detector, sam_factory=load_default_sam,
-                emit=ignore_events, should_stop=never_stop,
+                emit=ignore_events, should_stop=never_stop, embeddings=self.embeddings,
             )  # fmt: skip
         except PromptError:
             objects = []

@@ -63,7 +63,9 @@ class EmbeddingFolder:
             When `pixels` has another shape or type.
         """
         path = self._folder / PurePosixPath(photo + _SUFFIX)
-        recipe = stage_key(_VERSION, sam.name, pixels.shape, hashlib.sha256(np.ascontiguousarray(pixels)).hexdigest())
+        recipe = stage_key(
+            _VERSION, sam.name, pixels.shape, hashlib.sha256(np.ascontiguousarray(pixels).data).hexdigest()
+        )
         kept = _read(path, recipe)
         if kept is not None:
             height, width = pixels.shape[:2]

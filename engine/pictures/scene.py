@@ -155,8 +155,9 @@ class Scene:
         from ..rasterizer.still_view import StillView
 
         if id(camera) not in self._still:
-            arrays = (self._means, self._quats, self._scales, self._opacities)
-            view = StillView(*(tensor.numpy() for tensor in arrays), camera)
+            view = StillView(
+                self._means.numpy(), self._quats.numpy(), self._scales.numpy(), self._opacities.numpy(), camera
+            )
             # The camera is kept too: its id must not become that of another.
             self._still[id(camera)] = (camera, view)
             while len(self._still) > 1 and sum(kept.n_bytes for _, kept in self._still.values()) > _KEPT_BYTES:
