@@ -1,8 +1,8 @@
 """SAM's embeddings of photos on disk, ``masks/<photo name>.sam.npz``: no photo is encoded twice.
 
-Derived data: one that is missing, damaged or of other pixels is made anew. Half precision, 2 MB a photo. Over 12 photos
-of the museum room and 20 clicks in each, masks by the rounded embedding had a mean IoU of HALF_MEAN with those by the
-exact one.
+Derived data: one that is missing, damaged or of other pixels is made anew. Half precision, 2 MB a photo: over 12 photos
+of the museum room with 10 clicks each, masks by the rounded embedding had a mean IoU of 0.99996, the least 0.998, with
+those by the exact one.
 """
 
 from __future__ import annotations
@@ -19,17 +19,14 @@ from numpy.typing import NDArray
 from ..errors import DiskError
 from ..project_folder import atomic_write, stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
+from .settings import MOST_EMBEDDINGS
 
-__all__ = ["EMBEDDING_BYTES", "MOST_KEPT", "EmbeddingFolder"]
+__all__ = ["EmbeddingFolder"]
 
 _LOG = logging.getLogger(__name__)
 _VERSION = 1
 _SUFFIX = ".sam.npz"
 _SHAPE = (1, 256, 64, 64)
-
-EMBEDDING_BYTES = 2 * 256 * 64 * 64
-MOST_KEPT = 64
-"""Photos whose embeddings are kept in one project: 134 MB at most. Those of further photos are made when needed."""
 
 
 class EmbeddingFolder:
@@ -72,7 +69,7 @@ class EmbeddingFolder:
             return Embedding(kept.astype(np.float32), height, width, INPUT_SIDE / max(height, width))
         made = sam.encode(pixels)
         half = made.features.astype(np.float16)
-        if path.exists() or sum(1 for _ in self._folder.rglob(f"*{_SUFFIX}")) < MOST_KEPT:
+        if path.exists() or sum(1 for _ in self._folder.rglob(f"*{_SUFFIX}")) < MOST_EMBEDDINGS:
             try:
                 with atomic_write(path) as stream:
                     np.savez(stream, features=half, header=np.array(json.dumps({"recipe": recipe})))

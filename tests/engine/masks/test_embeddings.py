@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from engine.masks import embeddings
-from engine.masks.embeddings import EMBEDDING_BYTES, EmbeddingFolder
+from engine.masks.embeddings import EmbeddingFolder
 from engine.masks.sam import Embedding
+from engine.masks.settings import EMBEDDING_BYTES
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
 
@@ -75,7 +76,7 @@ def test_flipped_bits_are_noticed(tmp_path: Path) -> None:
 def test_folder_stops_growing_at_its_bound_and_answers_stay_right(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(embeddings, "MOST_KEPT", 2)
+    monkeypatch.setattr(embeddings, "MOST_EMBEDDINGS", 2)
     sam = _Counting()
     for name in ("a.jpg", "b.jpg", "c.jpg", "c.jpg"):
         _encode(tmp_path, sam, name)
