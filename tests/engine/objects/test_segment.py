@@ -179,6 +179,23 @@ def test_what_looks_too_little_like_it_is_not_passed_off_as_found(find, blobs: B
         find(TextPrompt("blue ball"), settings=SMALL_BETTER, detector_factory=lambda: Unsure(blobs))
 
 
+def test_what_looks_less_like_it_once_completed_is_refused_after_all(find, blobs: BlobScene) -> None:
+    class Wavering(FakeDetector):
+        """Sure of what is first shown to it, and no longer afterwards."""
+
+        asked = 0
+
+        def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+            self.asked += 1
+            sure = 1.0 if self.asked <= SMALL_BETTER.n_crop_views else 0.05
+            return [sure * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
+
+    settings, wavering = replace(SMALL_BETTER, n_rescored=1, n_level_views=0), Wavering(blobs)
+    with pytest.raises(PromptError, match="looks enough like 'blue ball'") as refusal:
+        find(TextPrompt("blue ball"), settings=settings, detector_factory=lambda: wavering)
+    assert len(refusal.value.candidates) == 1  # type: ignore[attr-defined]
+
+
 def test_objects_that_share_a_feature_are_told_apart_by_place(find, blobs: BlobScene) -> None:
     features = blobs.gaussians.features.copy()
     features[blobs.part == TWIN] = features[blobs.part == RED]
