@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,19 +62,19 @@ def gather_for_text(
             break
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
-        for read in (seed, replace(seed, given=True)):
-            lifted = lift(views, read.view, read.mask, settings, given=read.given)
+        for as_whole in (False, True):
+            lifted = lift(views, seed.view, seed.mask, settings, given=as_whole)
             if lifted is None:
                 continue
-            fit = fit_of(views, read.view, read.mask, lifted.membership)
+            fit = fit_of(views, seed.view, seed.mask, lifted.membership)
             same = next((c for c in found if _iou(c.best.members, lifted.members) > _SAME_FIND), None)
             if same is None:
-                found.append(Candidate(lifted, [read], fit))
+                found.append(Candidate(lifted, [seed], fit))
             elif fit > same.fit:
                 same.best, same.fit = lifted, fit
-                same.seeds.insert(0, read)
-            else:
-                same.seeds.append(read)
+                same.seeds = [seed, *(one for one in same.seeds if one is not seed)]
+            elif same.seeds[-1] is not seed:
+                same.seeds.append(seed)
     return found
 
 
