@@ -34,6 +34,7 @@ from engine.masks.sam import load_default_sam
 from engine.objects.prompts import TextPrompt
 from engine.objects.segment import find_objects, label_maps_of
 from engine.objects.settings import BETTER, SegmentSettings
+from engine.photos.pixels import load_pixels
 from engine.pictures.scene import Scene
 
 _DEMO = Path(__file__).parent.parent / "demo"
@@ -52,8 +53,8 @@ _NOT_THERE = {
 _INTRODUCTION = """# Words and what they find
 
 The offline vocabulary (EfficientNet-Lite2, MiniLM) on SAM's segments. The first word of a process loads the models, and
-the first of a scene classifies the segments of eight photos and encodes photos for SAM, which a project keeps. Equal
-exhibits share a word, and either is right.
+the first of a scene classifies the segments of eight photos. SAM's embeddings lie there, as the masks stage leaves them.
+Equal exhibits share a word, and either is right.
 
 Thresholds were chosen on the museum room alone: before anything is completed, three in a hundred of the 982 words of
 the vocabulary that name nothing there reach what a find must score. The store room's figures are the ones to expect
@@ -103,6 +104,10 @@ class Room:
         self.gaussians = load_gaussians(project / "gaussians")
         self.scene = Scene(self.gaussians)
         self.label_maps = label_maps_of(project, self.cameras)
+        # As the masks stage leaves them.
+        for photo in self.label_maps:
+            pixels = load_pixels(self.photos / photo, max_side=BETTER.photo_side)
+            self.embeddings.encode(photo, pixels, self.sam_factory())
         self.truth = read_ground_truth(scene / "truth", [camera.photo for camera in self.cameras.cameras])
 
     def ask(self, word: str, settings: SegmentSettings) -> Answer:

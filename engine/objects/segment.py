@@ -347,6 +347,7 @@ def _levels(
         membership,
         candidate.best.directions,
         settings,
+        encoded=trained.label_maps,
         judge=judge,
         should_stop=should_stop,
     )
