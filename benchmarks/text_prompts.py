@@ -53,8 +53,8 @@ _NOT_THERE = {
 _INTRODUCTION = """# Words and what they find
 
 The offline vocabulary (EfficientNet-Lite2, MiniLM) on SAM's segments. The first word of a process loads the models, and
-the first of a scene classifies the segments of eight photos. SAM's embeddings lie there, as the masks stage leaves them.
-Equal exhibits share a word, and either is right.
+the first of a scene classifies the segments of eight photos. SAM's embeddings lie ready, as the masks stage leaves
+them. Equal exhibits share a word, and either is right.
 
 Thresholds were chosen on the museum room alone: before anything is completed, three in a hundred of the 982 words of
 the vocabulary that name nothing there reach what a find must score. The store room's figures are the ones to expect
