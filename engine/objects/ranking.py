@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,9 @@ Mask = NDArray[np.bool_]
 _SAME_FIND = 0.85
 """IoU of the Gaussians from which on two finds of a text are one."""
 
+_FITS = 0.7
+"""IoU of a mask with what has its features, rendered in its view, from which on the features know the object."""
+
 
 class NothingAlike(PromptError):
     """A text that nothing in the photos looks enough like.
@@ -47,8 +51,8 @@ def gather_for_text(
 ) -> list[Candidate]:
     """Lift the seeds that score best until there are `n_rescored` different candidates, led by the best-fitting one.
 
-    Every mask is taken in two ways: as a part of what has its features, and as all there is to see of the object, as if
-    the person had given it, which tells a ball from a wall that SAM once merged it with. A part and its whole stay two
+    Where what has a mask's features does not fit the mask, it is also taken as all there is to see of the object, as if
+    the person had given it: that tells a ball from a wall that SAM once merged it with. A part and its whole stay two
     candidates, other than in `gather`: what they look like from all sides decides between them.
 
     Raises
@@ -62,19 +66,21 @@ def gather_for_text(
             break
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
-        for as_whole in (False, True):
-            lifted = lift(views, seed.view, seed.mask, settings, given=as_whole)
+        for read in (seed, replace(seed, given=True)):
+            lifted = lift(views, read.view, read.mask, settings, given=read.given)
             if lifted is None:
                 continue
-            fit = fit_of(views, seed.view, seed.mask, lifted.membership)
+            fit = fit_of(views, read.view, read.mask, lifted.membership)
             same = next((c for c in found if _iou(c.best.members, lifted.members) > _SAME_FIND), None)
             if same is None:
-                found.append(Candidate(lifted, [seed], fit))
+                found.append(Candidate(lifted, [read], fit))
             elif fit > same.fit:
                 same.best, same.fit = lifted, fit
-                same.seeds = [seed, *(one for one in same.seeds if one is not seed)]
-            elif same.seeds[-1] is not seed:
-                same.seeds.append(seed)
+                same.seeds.insert(0, read)
+            else:
+                same.seeds.append(read)
+            if fit >= _FITS:
+                break
     return found
 
 
