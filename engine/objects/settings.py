@@ -101,7 +101,7 @@ class SegmentSettings:
     relative_score: float = 0.85
     max_objects: int = 8
     n_level_views: int = 8
-    level_gain: float = 1.06
+    level_gain: float = 1.2
 
     def __post_init__(self) -> None:
         require(self, "cosine", -1.0 < self.cosine < 1.0, "between -1 and 1")
