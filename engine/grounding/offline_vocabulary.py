@@ -22,8 +22,9 @@ from ..errors import PromptError
 from ..models.catalogue import locate, models_folder
 from .detector import Detection, PromptCheck
 from .efficientnet import INPUT_SIDE, EfficientNetLite2
+from .kept_rows import KeptRows
 from .sentences import SentenceEncoder
-from .vocabulary import Vocabulary
+from .vocabulary import N_CLASSES, Vocabulary
 from .windows import find_windows
 
 __all__ = ["OfflineVocabulary"]
@@ -38,13 +39,17 @@ Box = tuple[float, float, float, float]
 _MARGIN = 0.2
 _WHITE = 255
 _BATCH = 4
-# A probability that turns into a score of 0.5; see `_score`.
-_EVEN = 0.02
-_MIN_SCORE = 0.2
+# Probabilities that turn into a score of 0.5: of a word that is asked for, of a name that is suggested; see `_score`.
+_EVEN_OF_WORD = 0.1
+_EVEN_OF_NAME = 0.02
+_MIN_SCORE = 0.05
 _MIN_SEGMENT = 0.001
 _MAX_SEGMENT = 0.5
 _KEPT_ROWS = 20_000
-"""Crops whose probabilities are kept, 4 KB each."""
+"""Crops whose probabilities are kept in memory, 4 KB each."""
+
+_KEPT_PHOTOS = 200
+"""Photos whose segments' probabilities are kept on disk, about 160 KB each: a text looks at eight of a scene."""
 
 
 class OfflineVocabulary:
@@ -64,8 +69,11 @@ class OfflineVocabulary:
     def __init__(self, cache: Path | None = None) -> None:
         self.name = "offline-vocabulary"
         encoder = SentenceEncoder(locate("minilm", cache), locate("minilm-tokenizer", cache))
-        self._vocabulary = Vocabulary(encoder, models_folder(cache).parent / "derived")
-        self._classifier = EfficientNetLite2(locate("efficientnet-lite2", cache))
+        derived = models_folder(cache).parent / "derived"
+        self._vocabulary = Vocabulary(encoder, derived)
+        weights = locate("efficientnet-lite2", cache)
+        self._classifier = EfficientNetLite2(weights)
+        self._segments = KeptRows(derived / f"segments-{weights.stem}", width=N_CLASSES, most=_KEPT_PHOTOS)
         # Class probabilities do not depend on the prompt: a second prompt for the same photos is free.
         self._probabilities: OrderedDict[str, Float32] = OrderedDict()
 
@@ -84,13 +92,13 @@ class OfflineVocabulary:
 
         Notes
         -----
-        With `labels` one classification a segment, about 0.06 CPU seconds each, kept for further prompts; without,
-        windows of several sizes over the photo, about as much as 40 segments, and boxes that are rough.
+        With `labels` one classification a segment, about 0.06 CPU seconds each, kept on disk for further prompts;
+        without, windows of several sizes over the photo, about as much as 40 segments, and boxes that are rough.
         """
         weights = self._weights(prompt)
         if labels is None:
             found = [
-                Detection(window.box, _score(window.probability), self._vocabulary.name(window.number))
+                Detection(window.box, _score(window.probability, _EVEN_OF_WORD), self._vocabulary.name(window.number))
                 for window in find_windows(self._classifier, pixels, weights)
             ]
         else:
@@ -131,7 +139,7 @@ class OfflineVocabulary:
         if masks is not None and len(masks) != len(places):
             raise ValueError(f"{len(places)} boxes and {len(masks)} masks")
         probabilities = self._classify(pixels, places, masks)
-        return [_score(_meant(row, weights)) for row in probabilities]
+        return [_score(_meant(row, weights), _EVEN_OF_WORD) for row in probabilities]
 
     def name_crops(self, crops: Sequence[tuple[Pixels, ArrayLike, NDArray[np.bool_]]]) -> list[tuple[str, float]]:
         """Return the five likeliest words for what all crops show; see `Detector.name_crops`.
@@ -147,7 +155,7 @@ class OfflineVocabulary:
             return []
         mean = np.mean(rows, axis=0)
         best = np.argsort(-mean, kind="stable")[:5]
-        return [(self._vocabulary.name(int(number)), _score(float(mean[number]))) for number in best]
+        return [(self._vocabulary.name(int(number)), _score(float(mean[number]), _EVEN_OF_NAME)) for number in best]
 
     def _weights(self, prompt: str) -> dict[int, float]:
         weights = self._vocabulary.weights(prompt)
@@ -164,23 +172,37 @@ class OfflineVocabulary:
         masks = [labels == number for number in numbers[fits]]
         boxes = [_box_of(mask) for mask in masks]
         found = []
-        for number, box, row in zip(numbers[fits], boxes, self._classify(pixels, boxes, masks), strict=True):
+        rows = self._classify(pixels, boxes, masks, kept=self._segments)
+        for number, box, row in zip(numbers[fits], boxes, rows, strict=True):
             best = max(weights, key=lambda one: row[one])
-            found.append(Detection(box, _score(_meant(row, weights)), self._vocabulary.name(best), int(number)))
+            score = _score(_meant(row, weights), _EVEN_OF_WORD)
+            found.append(Detection(box, score, self._vocabulary.name(best), int(number)))
         return found
 
-    def _classify(self, pixels: Pixels, boxes: list[Box], masks: Sequence[NDArray[np.bool_]] | None) -> Float32:
+    def _classify(
+        self,
+        pixels: Pixels,
+        boxes: list[Box],
+        masks: Sequence[NDArray[np.bool_]] | None,
+        *,
+        kept: KeptRows | None = None,
+    ) -> Float32:
         """Class probabilities of each crop, shape [n, 1000]."""
         if not boxes:
-            return np.zeros((0, 1000), np.float32)
+            return np.zeros((0, N_CLASSES), np.float32)
         digest = sha256(np.ascontiguousarray(pixels).data)
         digest.update(repr((pixels.shape, boxes)).encode())
         for mask in masks or ():
             digest.update(np.packbits(mask).data)
         key = digest.hexdigest()
         if key not in self._probabilities:
-            crops = [_crop(pixels, box, None if masks is None else masks[i]) for i, box in enumerate(boxes)]
-            self._probabilities[key] = np.concatenate(self._probabilities_of(crops))
+            rows = None if kept is None else kept.get(key)
+            if rows is None or len(rows) != len(boxes):
+                crops = [_crop(pixels, box, None if masks is None else masks[i]) for i, box in enumerate(boxes)]
+                rows = np.concatenate(self._probabilities_of(crops))
+                if kept is not None:
+                    kept.put(key, rows)
+            self._probabilities[key] = rows
             while sum(len(rows) for rows in self._probabilities.values()) > _KEPT_ROWS:
                 self._probabilities.popitem(last=False)
         return self._probabilities[key]
@@ -209,12 +231,14 @@ def _meant(row: Float32, weights: dict[int, float]) -> float:
     return float(sum(row[number] * weight for number, weight in weights.items()))
 
 
-def _score(probability: float) -> float:
+def _score(probability: float, even: float) -> float:
     """Map a class probability to 0..1 so that thresholds mean the same for easy and hard words.
 
-    Among 1,000 classes, many of them near synonyms, 0.02 is twenty times chance and right about as often as wrong.
+    Among 1,000 classes, many of them near synonyms, the likeliest is right about as often as wrong from 0.02 on. Of a
+    word that is asked for, whether it is there or not, the best of some hundred segments is looked at: one in twenty
+    words for nothing in the museum room still reaches 0.04 there.
     """
-    return probability / (probability + _EVEN)
+    return probability / (probability + even)
 
 
 def _as_box(box: NDArray[np.float64]) -> Box:

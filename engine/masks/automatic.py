@@ -42,7 +42,7 @@ def label_map_size(height: int, width: int, max_side: int) -> tuple[int, int]:
 
 
 def segment_everything(
-    pixels: NDArray[np.uint8],
+    embedding: Embedding,
     sam: SegmentAnything,
     settings: MaskSettings | None = None,
     *,
@@ -52,7 +52,8 @@ def segment_everything(
 
     Parameters
     ----------
-    pixels : array of shape [H, W, 3], uint8, sRGB
+    embedding : Embedding
+        The photo as `SegmentAnything.encode` gives it.
     sam : SegmentAnything
     settings : MaskSettings or None
         None takes the defaults.
@@ -67,13 +68,10 @@ def segment_everything(
 
     Raises
     ------
-    MaskError
-        When `pixels` is not such an array.
     Cancelled
         When `should_stop` says so.
     """
     settings = settings or MaskSettings()
-    embedding = sam.encode(pixels)
     height, width = label_map_size(embedding.height, embedding.width, settings.max_side)
     found = _search(embedding, sam, settings, min_area=settings.min_area, size=(height, width), should_stop=should_stop)
     masks = [photo_logits(candidate.logits, embedding, height, width) > 0 for candidate in found]

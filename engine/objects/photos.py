@@ -1,4 +1,4 @@
-"""The photos as the detector and SAM see them: read and encoded once, kept while there is room."""
+"""The photos as the detector and SAM see them: read and encoded once and kept, in memory and on disk, within bounds."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..cameras.camera import Camera
 from ..photos.pixels import load_pixels
 
 if TYPE_CHECKING:
+    from ..masks.embeddings import EmbeddingFolder
     from ..masks.sam import Embedding, SegmentAnything
 
 __all__ = ["Photos", "SamFactory"]
@@ -37,10 +38,15 @@ class Photos:
         Longer side in pixels that photos are reduced to.
     sam_factory : callable
         Called when SAM is first needed.
+    embeddings : EmbeddingFolder, optional
+        Where SAM's embeddings outlive the process.
     """
 
-    def __init__(self, folder: Path, side: int, sam_factory: SamFactory) -> None:
+    def __init__(
+        self, folder: Path, side: int, sam_factory: SamFactory, embeddings: EmbeddingFolder | None = None
+    ) -> None:
         self._folder, self._side, self._sam_factory = folder, side, sam_factory
+        self._on_disk = embeddings
         self._sam: SegmentAnything | None = None
         self._pixels: OrderedDict[str, NDArray[np.uint8]] = OrderedDict()
         self._embeddings: OrderedDict[str, Embedding] = OrderedDict()
@@ -83,7 +89,11 @@ class Photos:
             self._sam = self._sam_factory()
         pixels, scale = self.pixels(camera), self.scale(camera)
         if camera.photo not in self._embeddings:
-            self._embeddings[camera.photo] = self._sam.encode(pixels)
+            self._embeddings[camera.photo] = (
+                self._sam.encode(pixels)
+                if self._on_disk is None
+                else self._on_disk.encode(camera.photo, pixels, self._sam)
+            )
             if len(self._embeddings) > _KEPT_EMBEDDINGS:
                 self._embeddings.popitem(last=False)
         self._embeddings.move_to_end(camera.photo)

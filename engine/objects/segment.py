@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +20,21 @@ from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder
 from ..settings import to_dict
 from .candidate_file import remember_candidates
-from .candidates import THRESHOLD, Candidate, NothingAlike, fit_of, gather, overlap, rank_for_text, whole_as
+from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap
 from .correction import taken_away, without
 from .growing import Levels, levels_of
 from .lifting import complete, refine_by_votes
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
+from .ranking import NothingAlike, gather_for_text, nothing_alike, rank_for_text, score_for_text, whole_as
 from .seeds import DetectorFactory, Seed, find_seeds
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
 from .views import Views
+
+if TYPE_CHECKING:
+    from ..grounding.detector import Detector
+    from ..masks.embeddings import EmbeddingFolder
 
 __all__ = [
     "THRESHOLD",
@@ -47,9 +52,6 @@ __all__ = [
 ]
 
 Float32 = NDArray[np.float32]
-
-_EMPTY: Float32 = np.zeros(0, np.float32)
-"""Of what is not finished yet."""
 
 
 @dataclass(frozen=True)
@@ -98,12 +100,13 @@ def load_trained(
     """
     from ..cameras.storage import read_camera_set
     from ..gaussians.storage import load_gaussians
+    from ..masks.embeddings import EmbeddingFolder
 
     cameras = read_camera_set(project.path / "cameras")
     scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
     return Trained(
         Views(scene, cameras, render_side=settings.render_side),
-        Photos(photo_folder_of(project), settings.photo_side, sam_factory),
+        Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
     )
 
@@ -121,6 +124,7 @@ def find_objects(
     emit: Emit,
     should_stop: StopCheck,
     backend: Backend = "cpu",
+    embeddings: EmbeddingFolder | None = None,
 ) -> list[FoundObject]:
     """Return the objects of a scene that `prompt` asks for, the best first; at least one.
 
@@ -139,6 +143,8 @@ def find_objects(
     emit, should_stop
         See `engine.events`.
     backend : {"cpu", "reference"}
+    embeddings : EmbeddingFolder, optional
+        Where SAM's embeddings of the photos are kept.
 
     Returns
     -------
@@ -160,7 +166,7 @@ def find_objects(
     """
     trained = Trained(
         Views(Scene(gaussians, backend=backend), cameras, render_side=settings.render_side),
-        Photos(photo_folder, settings.photo_side, sam_factory),
+        Photos(photo_folder, settings.photo_side, sam_factory, embeddings),
         label_maps,
     )
     return _find(trained, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop)
@@ -224,44 +230,86 @@ def isolate(
     Cancelled
         When `should_stop` says so.
     """
+    if isinstance(prompt, TextPrompt):
+        text, detector = prompt.text, detector_factory()
+        return _isolate_named(trained, text, seeds, settings, detector, emit, should_stop, accepted=accepted)
+    candidates = gather(trained.views, seeds, settings, should_stop)
+    _some(candidates)
+    scored = [(candidate.seeds[0].score, candidate) for candidate in candidates]
+    memberships = [finish(trained, candidate, settings, should_stop) for candidate in candidates]
+    if isinstance(prompt, ClickPrompt) and len(scored) > 1:
+        # Clicks in several photos show one object, even where no mask shows all of it.
+        best = max(scored, key=lambda pair: pair[0])[1]
+        everything = [seed for candidate in candidates for seed in candidate.seeds]
+        whole = Candidate(best.best, [*best.seeds, *(seed for seed in everything if seed not in best.seeds)], best.fit)
+        scored = [(max(score for score, _ in scored), whole)]
+        memberships = [np.maximum.reduce(memberships)]
+    found: list[FoundObject] = []
+    for number, ((score, candidate), membership) in enumerate(zip(scored, memberships, strict=True)):
+        if prompt.excluded:
+            membership = _corrected(trained, prompt, membership, seeds, settings, should_stop)
+        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
+            # A mask that the person drew is the whole object.
+            given = candidate.seeds[0].given
+            levels = Levels((membership,)) if given else _levels(trained, candidate, membership, settings, should_stop)
+            found.append(_found(trained, candidate, levels, score))
+        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(scored), message="Isolating"))
+    return found
+
+
+def _isolate_named(
+    trained: Trained,
+    text: str,
+    seeds: Sequence[Seed],
+    settings: SegmentSettings,
+    detector: Detector,
+    emit: Emit,
+    should_stop: StopCheck,
+    *,
+    accepted: bool,
+) -> list[FoundObject]:
+    """Return what of the seeds is named by `text`; errors as in `isolate`."""
     views, photos = trained.views, trained.photos
-    candidates = gather(views, seeds, settings, should_stop)
+    by_looks = settings.n_rescored > 0 and not accepted
+    candidates = (gather_for_text if by_looks else gather)(views, seeds, settings, should_stop)
+    _some(candidates)
+    ranked = [(candidate.seeds[0].score, candidate) for candidate in candidates]
+    if not accepted:
+        ranked = rank_for_text(text, candidates, views, photos, detector, settings, should_stop)
+
+    def judge(members: NDArray[np.bool_]) -> float:
+        return whole_as(text, views, members, photos, detector, settings)
+
+    found: list[FoundObject] = []
+    refused: list[tuple[float, Candidate]] = []
+    for number, (score, candidate) in enumerate(ranked):
+        membership = finish(trained, candidate, settings, should_stop)
+        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
+            levels = _levels(trained, candidate, membership, settings, should_stop, judge)
+            if by_looks:
+                members = levels.membership >= THRESHOLD
+                score = score_for_text(text, candidate, views, members, photos, detector, settings)
+            if by_looks and score < settings.least_score:
+                refused.append((score, candidate))
+            else:
+                found.append(_found(trained, candidate, levels, score))
+        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(ranked), message="Isolating"))
+    if not found:
+        raise nothing_alike(text, sorted(refused, key=lambda pair: -pair[0]), settings)
+    return sorted(found, key=lambda one: -one.score)
+
+
+def _some(candidates: Sequence[Candidate]) -> None:
     if not candidates:
         raise PromptError(
             "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
         )
-    judge: Callable[[NDArray[np.bool_]], float] | None = None
-    if isinstance(prompt, TextPrompt):
-        detector, text = detector_factory(), prompt.text
 
-        def judge(members: NDArray[np.bool_]) -> float:
-            return whole_as(text, views, members, photos, detector, settings)
 
-    scored = [(candidate.seeds[0].score, candidate) for candidate in candidates]
-    if isinstance(prompt, TextPrompt) and not accepted:
-        scored = rank_for_text(prompt.text, candidates, views, photos, detector_factory(), settings, should_stop)
-    if isinstance(prompt, ClickPrompt) and len(scored) > 1:
-        # Clicks in several photos show one object, even where no mask shows all of it.
-        finished = [finish(trained, candidate, settings, should_stop) for _, candidate in scored]
-        best = max(scored, key=lambda pair: pair[0])[1]
-        everything = [seed for candidate in candidates for seed in candidate.seeds]
-        whole = Candidate(best.best, [*best.seeds, *(seed for seed in everything if seed not in best.seeds)], best.fit)
-        memberships = [(max(score for score, _ in scored), whole, np.maximum.reduce(finished))]
-    else:
-        memberships = [(score, candidate, _EMPTY) for score, candidate in scored]
-    found: list[FoundObject] = []
-    for number, (score, candidate, membership) in enumerate(memberships):
-        if membership is _EMPTY:
-            membership = finish(trained, candidate, settings, should_stop)
-        if not isinstance(prompt, TextPrompt) and prompt.excluded:
-            membership = _corrected(trained, prompt, membership, seeds, settings, should_stop)
-        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
-            levels = _levels(trained, candidate, membership, judge, settings, should_stop)
-            best_seed = candidate.seeds[0]
-            fit = fit_of(views, best_seed.view, best_seed.mask, levels.membership)
-            found.append(FoundObject(levels.membership, score, fit, tuple(candidate.seeds), levels))
-        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(memberships), message="Isolating"))
-    return found
+def _found(trained: Trained, candidate: Candidate, levels: Levels, score: float) -> FoundObject:
+    best = candidate.seeds[0]
+    fit = fit_of(trained.views, best.view, best.mask, levels.membership)
+    return FoundObject(levels.membership, score, fit, tuple(candidate.seeds), levels)
 
 
 def _corrected(
@@ -287,12 +335,11 @@ def _levels(
     trained: Trained,
     candidate: Candidate,
     membership: Float32,
-    judge: Callable[[NDArray[np.bool_]], float] | None,
     settings: SegmentSettings,
     should_stop: StopCheck,
+    judge: Callable[[NDArray[np.bool_]], float] | None = None,
 ) -> Levels:
-    # A mask that the person drew is the whole object.
-    if settings.n_level_views == 0 or candidate.seeds[0].given:
+    if settings.n_level_views == 0:
         return Levels((membership,))
     return levels_of(
         trained.views,
@@ -300,6 +347,7 @@ def _levels(
         membership,
         candidate.best.directions,
         settings,
+        encoded=trained.label_maps,
         judge=judge,
         should_stop=should_stop,
     )

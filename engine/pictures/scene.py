@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
@@ -13,10 +14,16 @@ from ..cameras.camera import PinholeCamera
 from ..gaussians.gaussians import Gaussians
 from ..rasterizer.api import rasterize
 
+if TYPE_CHECKING:
+    from ..rasterizer.still_view import StillView
+
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
 Backend = Literal["cpu", "reference"]
 Float32 = NDArray[np.float32]
+
+_KEPT_BYTES = 500_000_000
+"""Of projected and sorted views: about 5 MB each with 40,000 Gaussians in pictures 480 pixels wide."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,7 @@ class Scene:
         self._scales = torch.from_numpy(np.ascontiguousarray(gaussians.scales))
         self._opacities = torch.from_numpy(np.ascontiguousarray(gaussians.opacities))
         self._sh = torch.from_numpy(np.ascontiguousarray(gaussians.sh))
+        self._still: OrderedDict[int, tuple[PinholeCamera, StillView]] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self.gaussians)
@@ -84,6 +92,9 @@ class Scene:
         if len(self) == 0:
             empty = np.zeros((camera.height, camera.width, n_channels), np.float32)
             return Rendered(empty, empty[..., 0].copy())
+        if channels is not None and not color and self.backend == "cpu":
+            image, transmittance = self._still_view(camera).blend(np.ascontiguousarray(channels, np.float32))
+            return Rendered(image, 1.0 - transmittance)
         with torch.no_grad():
             raster = rasterize(
                 self._means,
@@ -119,10 +130,13 @@ class Scene:
         -----
         A picture C_p = sum_g w_pg c_g is linear in the channels c, so the gradient of sum_p weights_p C_p with
         respect to c_g is exactly the vote; one backward pass of the rasterizer counts all sets at once.
+        The ``cpu`` backend keeps a camera's projected and sorted Gaussians for the next picture and the next votes.
         """
-        channels = torch.zeros(len(self), weights.shape[2], requires_grad=True)
         if len(self) == 0:
-            return channels.detach().numpy()
+            return np.zeros((0, weights.shape[2]), np.float32)
+        if self.backend == "cpu":
+            return self._still_view(camera).votes(np.ascontiguousarray(weights, np.float32))
+        channels = torch.zeros(len(self), weights.shape[2], requires_grad=True)
         raster = rasterize(
             self._means,
             self._quats,
@@ -135,3 +149,18 @@ class Scene:
         raster.image.backward(torch.from_numpy(np.ascontiguousarray(weights, np.float32)))
         assert channels.grad is not None
         return channels.grad.numpy()
+
+    def _still_view(self, camera: PinholeCamera) -> StillView:
+        """Return what does not change from one picture of `camera` to the next, made once while there is room."""
+        from ..rasterizer.still_view import StillView
+
+        if id(camera) not in self._still:
+            view = StillView(
+                self._means.numpy(), self._quats.numpy(), self._scales.numpy(), self._opacities.numpy(), camera
+            )
+            # The camera is kept too: its id must not become that of another.
+            self._still[id(camera)] = (camera, view)
+            while len(self._still) > 1 and sum(kept.n_bytes for _, kept in self._still.values()) > _KEPT_BYTES:
+                self._still.popitem(last=False)
+        self._still.move_to_end(id(camera))
+        return self._still[id(camera)][1]

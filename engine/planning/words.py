@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..masks.settings import EMBEDDING_BYTES, MOST_EMBEDDINGS
 from .decisions import WorkPlan
 from .forecast import Forecast
 
@@ -30,14 +31,17 @@ def decisions_in_words(work: WorkPlan) -> list[tuple[str, str]]:
         "all": f"every pair of photos is matched: {work.n_pairs:,}",
         "promising": f"about {work.n_pairs:,} of {every:,} pairs are matched, those that a quick look finds promising",
     }[work.pairs]
-    masks = f"{work.n_mask_photos} photos, chosen once the cameras are known" if work.n_mask_photos else "none"
+    kept = min(work.n_mask_photos, MOST_EMBEDDINGS) * EMBEDDING_BYTES / 1e6
+    masks = (
+        f"{work.n_mask_photos} photos, chosen once the cameras are known; {kept:.0f} MB on disk for quick clicks later"
+    )
     held_out = f"{work.n_held_out} photos measure the error, named once the cameras are known"
     flat = f", fewer when they would gain less than {work.stop_when_flat} dB" if work.stop_when_flat else ""
     if_it_pays = ", if a trial shows that it pays" if work.trial and work.n_held_out else ""
     bands = f"colour bands up to degree {work.sh_degree}{if_it_pays if work.sh_degree else ''}"
     return [
         ("cameras", pairs),
-        ("masks", masks),
+        ("masks", masks if work.n_mask_photos else "none"),
         ("pictures", f"{work.width} x {work.height} pixels for training"),
         ("Gaussians", f"at most {work.max_gaussians:,}, {bands}"),
         ("features", "16 numbers a Gaussian, trained together with the colour" if work.features else "none"),

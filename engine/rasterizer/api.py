@@ -133,7 +133,7 @@ def rasterize(
         raise ValueError(f"`viewmat` must have shape (4, 4), got {tuple(viewmat.shape)}")
     else:
         camera = replace(camera, viewmat=viewmat.detach().numpy().astype(np.float64))
-    _check_camera(camera)
+    check_camera(camera)
     named = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh, "channels": channels}
     for name, value in named.items():
         if value is not None:
@@ -195,7 +195,7 @@ def _check_shapes(
     return degree
 
 
-def _check_camera(camera: PinholeCamera) -> None:
+def check_camera(camera: PinholeCamera) -> None:
     """Raise `CameraError` for a camera that has no pinhole picture."""
     if camera.width < 1 or camera.height < 1:
         raise CameraError(f"the camera's picture is {camera.width}x{camera.height} pixels; it needs at least one.")

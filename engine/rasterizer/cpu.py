@@ -32,7 +32,15 @@ from .settings import RasterSettings
 from .threads import run_ranges, split_ranges
 from .tiles import TileLists, make_tile_lists
 
-__all__ = ["View", "gaussian_gradients", "pair_gradients", "rasterize_cpu"]
+__all__ = [
+    "View",
+    "blend_view",
+    "gaussian_gradients",
+    "padded",
+    "pair_gradients",
+    "project_view",
+    "rasterize_cpu",
+]
 
 Float32 = NDArray[np.float32]
 
@@ -62,37 +70,8 @@ class _Rasterize(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
         *tensors, _, view = arguments
         means, quats, scales, opacities, sh, channels = (_array(tensor) for tensor in tensors)
-        width, height = view.camera.width, view.camera.height
-        n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
-        n_colors = (n_channels + 3) // 4 * 4
-        n = len(means)
-        projected = Projected.empty(n, n_colors)
-        numbers = camera_numbers(view.camera, view.settings)
-        center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
-
-        def project(i: int, n_ranges: int) -> None:
-            project_range(
-                *split_ranges(n, i, n_ranges), means, quats, scales, opacities, sh, view.sh_degree, channels,
-                numbers, center, width, height, projected.state, projected.pixels, projected.roots,
-                projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
-            )  # fmt: skip
-
-        run_ranges(project, view.settings.threads)
-        lists = make_tile_lists(projected, width, height, view.settings.threads)
-        image = np.empty((height, width, n_channels), np.float32)
-        transmittance = np.empty((height, width), np.float32)
-        masks = np.empty(len(lists.gaussians), np.uint16)
-        flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
-        flat_colors = projected.colors.reshape(-1)
-
-        def blend(i: int, n_ranges: int) -> None:
-            blend_range(
-                i, n_ranges, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
-                projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
-            )  # fmt: skip
-
-        run_ranges(blend, view.settings.threads)
-        view.projected, view.lists, view.masks = projected, lists, masks
+        project_view(view, means, quats, scales, opacities, sh, channels)
+        image, transmittance = blend_view(view, (3 if sh.shape[1] else 0) + channels.shape[1])
         ctx.view = view
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*tensors)
@@ -127,6 +106,81 @@ class _Rasterize(torch.autograd.Function):
             )
             check_finite("gradient of viewmat", pose_gradient)
         return (*gradients, pose_gradient, None)
+
+
+def project_view(
+    view: View,
+    means: Float32,
+    quats: Float32,
+    scales: Float32,
+    opacities: Float32,
+    sh: Float32,
+    channels: Float32,
+) -> None:
+    """Project the Gaussians and list them by tile and depth: fills `projected` and `lists` of `view`.
+
+    Parameters
+    ----------
+    view : View
+    means, quats, scales, opacities, sh, channels : float32 arrays
+        As in `engine.rasterizer.api.rasterize`; [N, 0, 3] and [N, 0] where there are none.
+    """
+    width, height, n = view.camera.width, view.camera.height, len(means)
+    n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
+    projected = Projected.empty(n, padded(n_channels))
+    numbers = camera_numbers(view.camera, view.settings)
+    center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
+
+    def project(i: int, n_ranges: int) -> None:
+        project_range(
+            *split_ranges(n, i, n_ranges), means, quats, scales, opacities, sh, view.sh_degree, channels,
+            numbers, center, width, height, projected.state, projected.pixels, projected.roots,
+            projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
+        )  # fmt: skip
+
+    run_ranges(project, view.settings.threads)
+    view.projected, view.lists = projected, make_tile_lists(projected, width, height, view.settings.threads)
+
+
+def blend_view(view: View, n_channels: int) -> tuple[Float32, Float32]:
+    """Blend the projected colours front to back, which also fills `masks` of `view`.
+
+    Parameters
+    ----------
+    view : View
+        After `project_view`.
+    n_channels : int
+        Of the projected colours, without their padding.
+
+    Returns
+    -------
+    image : float32 array of shape [H, W, n_channels]
+    transmittance : float32 array of shape [H, W]
+    """
+    projected, lists = view.projected, view.lists
+    assert projected is not None and lists is not None
+    width, height = view.camera.width, view.camera.height
+    image = np.empty((height, width, n_channels), np.float32)
+    transmittance = np.empty((height, width), np.float32)
+    masks = np.empty(len(lists.gaussians), np.uint16)
+    n_colors = projected.colors.shape[1]
+    flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
+    flat_colors = projected.colors.reshape(-1)
+
+    def blend(i: int, n_ranges: int) -> None:
+        blend_range(
+            i, n_ranges, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
+            projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
+        )  # fmt: skip
+
+    run_ranges(blend, view.settings.threads)
+    view.masks = masks
+    return image, transmittance
+
+
+def padded(n_channels: int) -> int:
+    """Return `n_channels` rounded up to what the kernels blend at once."""
+    return (n_channels + 3) // 4 * 4
 
 
 def pair_gradients(view: View, image_gradient: Float32, transmittance_gradient: Float32) -> Float32:

@@ -27,7 +27,7 @@ def _assert_ids_without_gaps(labels: np.ndarray) -> None:
 def test_each_shape_of_a_picture_gets_its_own_label(sam: SegmentAnything, seed: int) -> None:
     picture, masks = shapes_picture(seed)
     before = picture.copy()
-    labels = segment_everything(picture, sam, QUICK)
+    labels = segment_everything(sam.encode(picture), sam, QUICK)
     assert labels.shape == (480, 640) and np.array_equal(picture, before)
     _assert_ids_without_gaps(labels)
     taken = set()
@@ -42,12 +42,12 @@ def test_label_map_is_made_smaller_but_never_larger_than_the_photo(sam: SegmentA
     assert label_map_size(480, 640, 1024) == (480, 640)
     assert label_map_size(3000, 4000, 1024) == (768, 1024)
     assert label_map_size(1, 4000, 64) == (1, 64)
-    labels = segment_everything(shapes_picture()[0], sam, replace(QUICK, max_side=320, max_prompts=3))
+    labels = segment_everything(sam.encode(shapes_picture()[0]), sam, replace(QUICK, max_side=320, max_prompts=3))
     assert labels.shape == (240, 320)
 
 
 def test_plain_picture_gives_a_label_map_without_an_error(sam: SegmentAnything) -> None:
-    labels = segment_everything(np.full((90, 120, 3), 128, np.uint8), sam, replace(QUICK, max_prompts=4))
+    labels = segment_everything(sam.encode(np.full((90, 120, 3), 128, np.uint8)), sam, replace(QUICK, max_prompts=4))
     assert labels.shape == (90, 120)
     _assert_ids_without_gaps(labels)
 
@@ -60,7 +60,7 @@ def test_cancel_is_asked_between_clicks(sam: SegmentAnything) -> None:
         return len(asked) > 2
 
     with pytest.raises(Cancelled):
-        segment_everything(shapes_picture()[0], sam, QUICK, should_stop=stop)
+        segment_everything(sam.encode(shapes_picture()[0]), sam, QUICK, should_stop=stop)
     assert len(asked) == 3
 
 

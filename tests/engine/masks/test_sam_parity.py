@@ -18,7 +18,7 @@ from transformers.models.sam.image_processing_pil_sam import _compute_stability_
 
 from engine.errors import MaskError, ModelFileError, SettingsError
 from engine.masks.automatic import _Candidate, _is_good, segment_everything
-from engine.masks.sam import SegmentAnything, load_sam
+from engine.masks.sam import Embedding, SegmentAnything, load_sam
 from engine.masks.settings import SAM_MODELS, MaskSettings
 from engine.models.catalogue import CACHE_VARIABLE, find_together
 from tests.engine.masks import tiny_sam
@@ -168,11 +168,6 @@ def test_each_scale_of_a_click_may_become_a_segment() -> None:
     """With a fake SAM: part, object and whole of one click are nested, and the label map shows all three."""
 
     class Nested:
-        def encode(self, pixels: np.ndarray) -> Any:
-            from engine.masks.sam import Embedding
-
-            return Embedding(np.zeros((1, 1, 1, 1), np.float32), 1024, 1024, 1.0)
-
         def predict_scales(self, embedding: Any, points: Any, labels: Any) -> list[tuple[np.ndarray, float]]:
             scales = []
             for side in (40, 90, 200):
@@ -182,7 +177,8 @@ def test_each_scale_of_a_click_may_become_a_segment() -> None:
             return scales
 
     settings = MaskSettings(max_prompts=1, max_side=256)
-    labels = segment_everything(np.zeros((1024, 1024, 3), np.uint8), Nested(), settings)  # type: ignore[arg-type]
+    embedding = Embedding(np.zeros((1, 1, 1, 1), np.float32), 1024, 1024, 1.0)
+    labels = segment_everything(embedding, Nested(), settings)  # type: ignore[arg-type]
     assert labels.max() == 3 and labels[100, 215] == 1 and labels[100, 100] == 2 and labels[30, 30] == 3
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.cameras.storage import write_camera_set
 from engine.gaussians.storage import save_gaussians
+from engine.masks.sam import Embedding
 from engine.project_folder import ProjectFolder
 from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
 
@@ -25,16 +26,20 @@ class FakeSam:
 
     def __init__(self, scene: BlobScene) -> None:
         self.scene = scene
+        self.name = "fake"
         self.n_encoded = 0
         self.asked: list[tuple[object, ...]] = []
 
-    def encode(self, pixels: np.ndarray) -> str:
+    def encode(self, pixels: np.ndarray) -> Embedding:
         self.n_encoded += 1
-        return next(name for name, photo in self.scene.pixels.items() if np.array_equal(photo, pixels))
+        number = next(i for i, photo in enumerate(self.scene.pixels.values()) if np.array_equal(photo, pixels))
+        height, width = pixels.shape[:2]
+        return Embedding(np.full((1, 256, 64, 64), number, np.float32), height, width, 1024 / max(height, width))
 
     def predict(self, embedding, points, labels, box, mask_prompt=None) -> FakePrediction:  # type: ignore[no-untyped-def]
-        truth = self.scene.labels[embedding]
-        self.asked.append((embedding, points, labels, box))
+        photo = list(self.scene.pixels)[int(embedding.features[0, 0, 0, 0])]
+        truth = self.scene.labels[photo]
+        self.asked.append((photo, points, labels, box))
         if points is not None and box is None:
             parts = {1.0: set(), 0.0: set()}
             for (x, y), label in zip(points, labels, strict=True):

@@ -226,7 +226,7 @@ def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
 
     for given, chosen in ((judge, True), (None, False)):
         levels = levels_of(
-            trained.views, trained.photos, part, np.zeros((0, 16), np.float32), settings, judge=given,
+            trained.views, trained.photos, part, np.zeros((0, 16), np.float32), settings, encoded=(), judge=given,
             should_stop=never_stop,
         )  # fmt: skip
         sizes = [int((one >= 0.5).sum()) for one in levels.memberships]

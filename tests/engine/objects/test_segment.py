@@ -158,13 +158,42 @@ def test_what_photos_all_mistake_is_found_out_by_its_crops(find, blobs: BlobScen
     assert overlap(found, blobs, BLUE) > 0.95
 
 
+def test_text_tells_a_ball_from_the_floor_that_has_its_feature(find) -> None:  # type: ignore[no-untyped-def]
+    whole = make_scene()
+    features = whole.gaussians.features.copy()
+    blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
+    features[blue] = features[floor[np.arange(len(blue)) % len(floor)]]
+    scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
+    maps = {photo: scene.labels[photo] for photo in ("view_1.png", "view_4.png", "view_6.png")}
+    found = find(TextPrompt("blue ball"), settings=SMALL_BETTER, scene=scene, label_maps=maps)
+    members = found[0].membership >= 0.5
+    assert members[blue].mean() > 0.6 and members[floor].mean() < 0.15
+
+
 def test_what_looks_too_little_like_it_is_not_passed_off_as_found(find, blobs: BlobScene) -> None:
     class Unsure(FakeDetector):
         def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
             return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
 
-    with pytest.raises(PromptError, match=r"looks enough like 'blue ball' \(best match 0\.\d\d, needed 0\.25\)"):
+    with pytest.raises(PromptError, match=r"looks enough like 'blue ball' \(best match 0\.\d\d, needed 0\.30\)"):
         find(TextPrompt("blue ball"), settings=SMALL_BETTER, detector_factory=lambda: Unsure(blobs))
+
+
+def test_what_looks_less_like_it_once_completed_is_refused_after_all(find, blobs: BlobScene) -> None:
+    class Wavering(FakeDetector):
+        """Sure of what is first shown to it, and no longer afterwards."""
+
+        asked = 0
+
+        def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+            self.asked += 1
+            sure = 1.0 if self.asked <= SMALL_BETTER.n_crop_views else 0.05
+            return [sure * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
+
+    settings, wavering = replace(SMALL_BETTER, n_rescored=1, n_level_views=0), Wavering(blobs)
+    with pytest.raises(PromptError, match="looks enough like 'blue ball'") as refusal:
+        find(TextPrompt("blue ball"), settings=settings, detector_factory=lambda: wavering)
+    assert len(refusal.value.candidates) == 1  # type: ignore[attr-defined]
 
 
 def test_objects_that_share_a_feature_are_told_apart_by_place(find, blobs: BlobScene) -> None:

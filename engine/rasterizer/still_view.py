@@ -1,0 +1,90 @@
+"""A camera's view of Gaussians that stay as they are: projected and sorted once, then blended as often as is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..cameras.camera import PinholeCamera
+from .api import check_camera, check_finite
+from .blend_backward import MOMENTS
+from .cpu import View, blend_view, padded, pair_gradients, project_view
+from .settings import RasterSettings
+
+__all__ = ["StillView"]
+
+Float32 = NDArray[np.float32]
+
+
+class StillView:
+    """What `camera` sees of N Gaussians, for any number of channels that come later.
+
+    Parameters
+    ----------
+    means, quats, scales, opacities : float32 arrays
+        As in `engine.rasterizer.api.rasterize`.
+    camera : PinholeCamera
+
+    Raises
+    ------
+    NumericalError
+        When an array is not finite; later for channels and weights too.
+    CameraError
+        When the camera has skew, an empty picture or values that are not finite.
+
+    Notes
+    -----
+    The same bits as from `rasterize` with the ``cpu`` backend. Projecting and sorting is a third of a picture of few
+    channels, and blending it another third of a count of votes, which `rasterize` has to do each time.
+    """
+
+    def __init__(
+        self, means: Float32, quats: Float32, scales: Float32, opacities: Float32, camera: PinholeCamera
+    ) -> None:
+        n = len(means)
+        check_camera(camera)
+        for name, array in {"means": means, "quats": quats, "scales": scales, "opacities": opacities}.items():
+            check_finite(name, torch.from_numpy(array))
+        self._view = View(camera, 0, RasterSettings())
+        nothing = np.zeros((n, 0), np.float32)
+        project_view(self._view, means, quats, scales, opacities, nothing.reshape(n, 0, 3), nothing)
+
+    @property
+    def n_bytes(self) -> int:
+        """Memory held."""
+        view = self._view
+        assert view.projected is not None and view.lists is not None
+        held = [*vars(view.projected).values(), *vars(view.lists).values()]
+        return sum(array.nbytes for array in held) + 2 * len(view.lists.gaussians)
+
+    def blend(self, channels: Float32) -> tuple[Float32, Float32]:
+        """Return the picture [H, W, C] of `channels`, float32 [N, C], and the transmittance [H, W]."""
+        check_finite("channels", torch.from_numpy(channels))
+        self._take(channels)
+        return blend_view(self._view, channels.shape[1])
+
+    def votes(self, weights: Float32) -> Float32:
+        """Return how much of each weighted set of pixels, float32 [H, W, C], every Gaussian makes up, shape [N, C]."""
+        assert self._view.lists is not None
+        pair_start, n_channels = self._view.lists.pair_start, weights.shape[2]
+        if self._view.masks is None:
+            self.blend(np.zeros((len(pair_start) - 1, 1), np.float32))
+        self._take(np.zeros((len(pair_start) - 1, n_channels), np.float32))
+        pairs = pair_gradients(self._view, weights, np.zeros(0, np.float32))
+        seen = pair_start[1:] > pair_start[:-1]
+        votes = np.zeros((len(seen), n_channels), np.float32)
+        if seen.any():
+            # A Gaussian's pairs lie side by side.
+            mine = pairs[:, MOMENTS : MOMENTS + n_channels]
+            votes[seen] = np.add.reduceat(mine, pair_start[:-1][seen], axis=0, dtype=np.float64)
+        return votes
+
+    def _take(self, channels: Float32) -> None:
+        assert self._view.projected is not None
+        n, n_channels = channels.shape
+        colors = np.zeros((n, padded(n_channels)), np.float32)
+        colors[:, :n_channels] = channels
+        self._view.projected = replace(self._view.projected, colors=colors)
