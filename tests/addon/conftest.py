@@ -26,6 +26,8 @@ def script(tmp_path: Path) -> Callable[[str], list[str]]:
     def make(text: str) -> list[str]:
         file = tmp_path / "script.py"
         head = "import sys, time, signal\nfrom engine.events import *\n"
+        # As the engine does: what is started behind a shell's & ignores SIGINT unless it asks for it.
+        head += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         head += "def say(event): print(to_json_line(event), flush=True)\n"
         file.write_text(head + text)
         return [sys.executable, str(file)]
