@@ -64,7 +64,7 @@ def cases(quick: bool) -> Iterator[Case]:
         scenes += [(n, size) for n in (20_000, 100_000, 300_000) for size in (_SMALL, _LARGE)][1:]
     for n, (width, height) in scenes:
         small = n == 20_000 and width == 640
-        repeats = 40 if small else 10
+        repeats = 40 if small else 5
         for channels in (3, 16, 19):
             size = {"n": n, "width": width, "height": height, "channels": channels}
             for threads in (1, 2):
@@ -72,7 +72,7 @@ def cases(quick: bool) -> Iterator[Case]:
             yield Case("cpu", avx2=True, repeats=repeats, **size)
             yield Case("blend", repeats=repeats, **size)
             yield Case("floor", repeats=repeats, **size)
-            yield Case("textbook", repeats=10 if small else 2, **size)
+            yield Case("textbook", repeats=10 if small else 1, **size)
             if small:
                 yield Case("reference", repeats=1, **size)
     yield Case("step")
