@@ -57,9 +57,9 @@ the first of a scene classifies the segments of eight photos. SAM's embeddings l
 them. Equal exhibits share a word, and either is right.
 
 Thresholds were chosen on the museum room alone: before anything is completed, three in a hundred of the 982 words of
-the vocabulary that name nothing there reached what a find must score (counted once). The store room's figures are the ones to expect
-elsewhere; no number was chosen on it, but one idea came from seeing it fail: to take a segment not only as a part of
-what has its features, but also as all there is to see of the object."""
+the vocabulary that name nothing there reached what a find must score (counted once). The store room's figures are the
+ones to expect elsewhere; no number was chosen on it, but one idea came from seeing it fail: to take a segment not only
+as a part of what has its features, but also as all there is to see of the object."""
 _WAYS = (
     ("as it is", BETTER),
     ("without looking again from all sides", replace(BETTER, n_rescored=0, least_candidate=0.0)),
