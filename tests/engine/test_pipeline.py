@@ -17,7 +17,7 @@ from PIL import Image
 from engine.cli import main
 from engine.errors import Cancelled
 from engine.events import Event, Metric, Progress, StageFinished, Warned, ignore_events, never_stop
-from engine.masks.storage import read_label_map
+from engine.masks.storage import label_map_path, read_label_map
 from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
 from engine.pipeline import STAGES, PipelineSettings, reconstruct
 from engine.planning.decisions import PlanSettings
@@ -86,6 +86,14 @@ def interrupted(number: int, stage: str, when: When, scene: Path, command: list[
     return Answer(process.returncode, events + [json.loads(line) for line in complete.splitlines()])
 
 
+def segmented(scene: Path) -> list[str]:
+    """The photos with a label map; SAM's embeddings, which lie beside them, are derived data and may differ."""
+    photos = json.loads((scene / "photos" / "photos.json").read_text(encoding="utf-8"))["photos"]
+    names = [photo["name"] for photo in photos if label_map_path(scene / "masks", photo["name"]).exists()]
+    assert names
+    return names
+
+
 def what_matters(scene: Path) -> dict[str, Any]:
     """Everything of a scene that a person would miss, as values that compare."""
     stored = json.loads((scene / "project.json").read_text(encoding="utf-8"))
@@ -97,7 +105,7 @@ def what_matters(scene: Path) -> dict[str, Any]:
         "photos": (scene / "photos" / "photos.json").read_text(encoding="utf-8"),
         "cameras": (scene / "cameras" / "cameras.json").read_text(encoding="utf-8"),
         "points": clouds,
-        "masks": {path.name: read_label_map(path).tolist() for path in sorted((scene / "masks").glob("*"))},
+        "masks": {photo: read_label_map(label_map_path(scene / "masks", photo)).tolist() for photo in segmented(scene)},
         "gaussians": {path.name: path.read_bytes() for path in sorted((scene / "gaussians").iterdir())},
         "psnr": stored["stages"]["training"]["figures"]["psnr"],
         "objects": [
