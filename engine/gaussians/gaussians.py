@@ -65,3 +65,8 @@ class Gaussians:
         features = None if self.features is None else self.features[index]
         picked = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "features"}
         return Gaussians(**picked, features=features)
+
+    def joined(self, other: Gaussians) -> Gaussians:
+        """Return these and, after them, the `other` ones, which have the same degree and kind of features."""
+        both = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self)}
+        return Gaussians(**{name: None if pair[0] is None else np.concatenate(pair) for name, pair in both.items()})

@@ -19,7 +19,7 @@ from ..events import Emit, Warned, ignore_events
 from ..formats.spherical_harmonics import SH_C0
 from .gaussians import Gaussians
 
-__all__ = ["gaussians_from_points", "initial_features", "points_in_view"]
+__all__ = ["gaussians_at", "gaussians_from_points", "initial_features", "points_in_view"]
 
 logger = logging.getLogger(__name__)
 
@@ -90,14 +90,52 @@ def gaussians_from_points(
         places, tints = places[kept], tints[kept]
     elif len(places) < min(_FEWEST_POINTS, max_gaussians):
         places, tints = _thickened(places, tints, min(_FEWEST_POINTS, max_gaussians), cameras, rng, emit)
+    return gaussians_at(
+        places,
+        tints,
+        _spacing(places),
+        sh_degree=sh_degree,
+        feature_dim=feature_dim,
+        rng=rng,
+        opacity=opacity,
+        feature_init=feature_init,
+    )
+
+
+def gaussians_at(
+    places: Float64,
+    colors: Float64,
+    scales: Float64,
+    *,
+    sh_degree: int,
+    feature_dim: int | None,
+    rng: np.random.Generator,
+    opacity: float,
+    feature_init: FeatureInit,
+) -> Gaussians:
+    """Return one round Gaussian at each of `places`, with neutral view dependence and random features.
+
+    Parameters
+    ----------
+    places : array of shape [N, 3]
+        World units.
+    colors : array of shape [N, 3]
+        sRGB, 0 to 255.
+    scales : array of shape [N]
+        Standard deviations, world units.
+    sh_degree, feature_dim, opacity, feature_init
+        See `gaussians_from_points`.
+    rng : numpy.random.Generator
+        Source of the draws.
+    """
     n = len(places)
     sh = np.zeros((n, (sh_degree + 1) ** 2, 3), np.float32)
-    sh[:, 0] = (tints / 255.0 - 0.5) / SH_C0
+    sh[:, 0] = (colors / 255.0 - 0.5) / SH_C0
     quats = rng.normal(size=(n, 4))
     quats /= np.linalg.norm(quats, axis=1, keepdims=True)
     return Gaussians(
         means=places.astype(np.float32),
-        log_scales=np.repeat(np.log(_spacing(places)).astype(np.float32)[:, None], 3, axis=1),
+        log_scales=np.repeat(np.log(scales).astype(np.float32)[:, None], 3, axis=1),
         quats=quats.astype(np.float32),
         opacity_logits=np.full(n, np.log(opacity / (1.0 - opacity)), np.float32),
         sh=sh,

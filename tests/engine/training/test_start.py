@@ -33,12 +33,26 @@ def camera_set(points: np.ndarray) -> CameraSet:
 
 def test_guesses_fill_what_points_leave_out_behind_them_in_the_photos_colours() -> None:
     view, points = wall_with_a_hole()
-    places, colors = guess_uncovered([view], points, 100, np.random.default_rng(0))
+    places, colors, scales = guess_uncovered([view], points, 100, np.random.default_rng(0))
     assert len(places) == 100
     assert (places[:, 2] >= 12).all()
     assert (places[:, 2] <= 300).all()
     assert (places[:, 0] > 0).all()
     assert np.array_equal(colors, np.tile([200.0, 0, 0], (100, 1)))
+    # 100 in 40 x 60 pixels are about 5 apart.
+    assert np.allclose(scales / places[:, 2] * 70, 4.9, atol=0.5)
+
+
+def test_what_looks_like_the_points_around_it_is_as_deep_as_they_are() -> None:
+    view, points = wall_with_a_hole()
+    pixels = np.full_like(view.pixels, 120)
+    pixels[:, 60:] = 200
+    around = np.abs(70 * points[:, 0] / 3 + 20) > 8
+    places, _, _ = guess_uncovered([replace(view, pixels=pixels)], points[around], 100, np.random.default_rng(0))
+    column = 70 * places[:, 0] / places[:, 2] + 40
+    assert np.allclose(places[column < 40, 2], 3.0)
+    assert (places[column > 64, 2] >= 12).all()
+    assert min((column < 40).sum(), (column > 64).sum()) > 10
 
 
 def test_a_photo_full_of_points_gets_no_guesses_and_one_without_points_neither() -> None:
@@ -53,6 +67,8 @@ def test_start_holds_points_and_guesses_within_the_budget() -> None:
     some = points[np.random.default_rng(1).choice(len(points), 600, replace=False)]
     start = start_gaussians(camera_set(some), [view], SETTINGS, emit=ignore_events)
     assert len(start) == 800
+    # The sparse points' sizes are bound by their own spacing; what lies far behind must cover what it is seen in.
+    assert start.scales[600:].min() > start.scales[:600].max()
     assert start.features is not None
     assert np.array_equal(start.means[:600], some.astype(np.float32))
     tight = start_gaussians(camera_set(some), [view], replace(SETTINGS, max_gaussians=500), emit=ignore_events)
@@ -82,7 +98,9 @@ def test_nothing_is_guessed_behind_black_or_where_pixels_do_not_count() -> None:
     pixels[:, 60:] = 8
     valid = np.ones((60, 80), bool)
     valid[30:] = False
-    places, colors = guess_uncovered([replace(view, pixels=pixels, valid=valid)], points, 40, np.random.default_rng(0))
+    places, colors, _ = guess_uncovered(
+        [replace(view, pixels=pixels, valid=valid)], points, 40, np.random.default_rng(0)
+    )
     assert len(places) > 10
     assert (70 * places[:, 0] / places[:, 2] + 40 < 60).all()
     assert (70 * places[:, 1] / places[:, 2] + 30 < 30).all()
