@@ -32,6 +32,7 @@ from engine.grounding.default import load_default_detector
 from engine.masks.embeddings import EmbeddingFolder
 from engine.masks.sam import load_default_sam
 from engine.objects.prompts import TextPrompt
+from engine.objects.ranking import NothingAlike
 from engine.objects.segment import find_objects, label_maps_of
 from engine.objects.settings import BETTER, SegmentSettings
 from engine.photos.pixels import load_pixels
@@ -81,6 +82,7 @@ class Answer:
         Of the first object with that exhibit's true masks, the mean over photos spread over the room.
     n_objects : int
     score : float
+        Of the first object; when the word was refused, of what came nearest.
     cpu_seconds, wall_seconds : float
     """
 
@@ -119,11 +121,11 @@ class Room:
                 label_maps=self.label_maps, detector_factory=load_default_detector, sam_factory=self.sam_factory,
                 emit=ignore_events, should_stop=never_stop, embeddings=self.embeddings,
             )  # fmt: skip
-        except PromptError:
-            objects = []
+        except PromptError as error:
+            objects, nearest = [], error.candidates[0][0] if isinstance(error, NothingAlike) else 0.0
         spent = (time.process_time() - cpu, time.perf_counter() - wall)
         if not objects:
-            return Answer(word, "", 0.0, 0, 0.0, *spent)
+            return Answer(word, "", 0.0, 0, nearest, *spent)
         ious = self._ious(objects[0].membership >= 0.5)
         best = max(ious, key=lambda name: ious[name])
         found = self.truth.prompts[best] if ious[best] >= 0.3 else "something else"

@@ -109,9 +109,9 @@ def gaussians_at(
     *,
     sh_degree: int,
     feature_dim: int | None,
-    rng: np.random.Generator,
     opacity: float,
     feature_init: FeatureInit,
+    rng: np.random.Generator,
 ) -> Gaussians:
     """Return one round Gaussian at each of `places`, with neutral view dependence and random features.
 

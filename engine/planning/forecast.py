@@ -178,8 +178,8 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: i
         # Bands not yet used are carried along, but neither evaluated nor stepped.
         one = step_seconds(n, round(pixels * schedule.scale(step) ** 2), sh_degree=degree, features=work.features)
         growing = settings.grow_from * settings.steps <= step < settings.grow_until * settings.steps
-        # A trial does its steps twice.
-        times = 1 + schedule.trial_steps if step in schedule.trials and work.n_held_out else 1
+        # A trial does its steps with and without what is tried, and they do not count.
+        times = 1 + 2 * schedule.trial_steps if step in schedule.trials and work.n_held_out else 1
         seconds += times * one * (_GROWTH if growing else 1.0)
         if schedule.grows(step):
             n = schedule.gaussians_after_growth(step, n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 
@@ -118,6 +119,12 @@ class Schedule:
     def last_step(self, cooling_from: int | None) -> int:
         """Return the number of steps after which training ends."""
         return min(self._settings.steps, self.cooling_start(cooling_from) + self._cooling_steps)
+
+    def with_cooldown(self, n_steps: int) -> Schedule:
+        """Return the same plan with a cooldown that takes `n_steps` steps."""
+        other = copy.copy(self)
+        other._cooling_steps = n_steps
+        return other
 
     def _cooled(self, step: int, cooling_from: int | None) -> float:
         done = step - self.cooling_start(cooling_from)

@@ -63,8 +63,8 @@ class TrainingSettings:
     exposure : bool
         Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras on automatic.
     trial : float
-        Part of the steps that are done twice, with and without, where a band of view-dependent colour or the brightness
-        factors are due; 0 uses them untried, as do runs without held-out photos.
+        Part of the steps that two copies are trained for on the side, with and without, where a band of view-dependent
+        colour or the brightness factors are due; 0 uses them untried, as do runs without held-out photos.
     trial_gain : float
         dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run. Little, for
         the gain goes on growing: one band gained 0.035 dB in its trial in a room.
@@ -155,7 +155,7 @@ class TrainingSettings:
     passers_by: bool = False
     exposure: bool = False
     lr_exposure: float = 0.002
-    trial: float = 0.05
+    trial: float = 0.025
     trial_gain: float = 0.02
     features: bool = True
     feature_init: Literal["unit", "paper"] = "unit"
