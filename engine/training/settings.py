@@ -66,8 +66,9 @@ class TrainingSettings:
         Part of the steps that two copies are trained for on the side, with and without, where a band of view-dependent
         colour or the brightness factors are due; 0 uses them untried, as do runs without held-out photos.
     trial_gain : float
-        dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run. Little, for
-        the gain goes on growing: one band gained 0.035 dB in its trial in a room.
+        dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run. One band of
+        colours gained 0.002 to 0.012 dB in a room, of a skull and of bananas; with it throughout or without, the bananas
+        ended at 24.96 and 24.97 dB.
     lr_exposure : float
         Its rate.
     features : bool
