@@ -67,8 +67,8 @@ class TrainingSettings:
         colour or the brightness factors are due; 0 uses them untried, as do runs without held-out photos.
     trial_gain : float
         dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run. One band of
-        colours gained 0.002 to 0.012 dB in a room, of a skull and of bananas; with it throughout or without, the bananas
-        ended at 24.96 and 24.97 dB.
+        colours gained 0.002 to 0.012 dB in a room, of a skull and of bananas; with it or without, the bananas ended at
+        24.96 and 24.97 dB.
     lr_exposure : float
         Its rate.
     features : bool
