@@ -68,5 +68,8 @@ class Gaussians:
 
     def joined(self, other: Gaussians) -> Gaussians:
         """Return these and, after them, the `other` ones, which have the same degree and kind of features."""
-        both = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self)}
-        return Gaussians(**{name: None if pair[0] is None else np.concatenate(pair) for name, pair in both.items()})
+        both = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name != "features"}
+        features = None
+        if self.features is not None and other.features is not None:
+            features = np.concatenate([self.features, other.features])
+        return Gaussians(**{name: np.concatenate(pair) for name, pair in both.items()}, features=features)
