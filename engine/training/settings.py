@@ -63,8 +63,9 @@ class TrainingSettings:
     exposure : bool
         Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras on automatic.
     trial : float
-        Part of the steps that two copies are trained for on the side, with and without, where a band of view-dependent
-        colour or the brightness factors are due; 0 uses them untried, as do runs without held-out photos.
+        Part of the steps, at least twice the photos, that two copies are trained for on the side, with and without,
+        where a band of view-dependent colour or the brightness factors are due; 0 uses them untried, as do runs without
+        held-out photos.
     trial_gain : float
         dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run. One band of
         colours gained 0.002 to 0.012 dB in a room, of a skull and of bananas; with it or without, the bananas ended at
