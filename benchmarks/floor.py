@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from engine.rasterizer.jit import JIT
 from engine.rasterizer.simd import fma, load, store
+from engine.rasterizer.threads import run_ranges
 
-__all__ = ["fma_peak", "operations"]
+__all__ = ["fma_peak", "operations", "spin_on"]
 
 _CHAINS = 8
 """Independent sums, so that the latency of one FMA is hidden."""
@@ -52,6 +53,16 @@ def fma_peak(repeats: int = 20) -> float:
         _spin(n, x)
         best = max(best, n * _CHAINS * 16 * 2 / (time.process_time() - start))
     return best
+
+
+def spin_on(n_threads: int) -> float:
+    """Return the wall milliseconds of the same FMAs shared between threads: what the machine's cores give right now."""
+    total = 2_000_000
+    numbers = [np.full(32, 0.5, np.float32) for _ in range(n_threads)]
+    _spin(10, numbers[0])
+    start = time.perf_counter()
+    run_ranges(lambda i, n: _spin(total // n, numbers[i]), n_threads)
+    return 1e3 * (time.perf_counter() - start)
 
 
 def operations(masks: NDArray[np.uint16], n_channels: int) -> float:

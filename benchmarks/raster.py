@@ -169,6 +169,11 @@ def figures(results: list[tuple[Case, dict[str, float]]]) -> str:
         ("RGB+16: our blending over the arithmetic floor", cpu("blend") / cpu("floor"), "<= 2.8"),
         ("RGB+16 over RGB", cpu() / cpu(k=3), "<= 2.3"),
         ("RGB+16: one thread over two, in turn, wall", threads["one_wall_ms"] / threads["two_wall_ms"], ">= 1.8 idle"),
+        (
+            "bare arithmetic: one thread over two, the same, 2 if idle",
+            threads["one_spin_ms"] / threads["two_spin_ms"],
+            "-",
+        ),
         ("RGB+16: AVX2 over this processor's own", cpu(avx2=True) / cpu(), "<= 1.5"),
         ("whole RGB step over the RGB pass", step["cpu_ms"] / cpu(k=3), "<= 4"),
         ("memory over 1 KB a Gaussian + 200 B a pixel", memory["bytes"] / allowed, "<= 1"),

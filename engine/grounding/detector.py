@@ -114,6 +114,35 @@ class Detector(Protocol):
         """
         ...
 
+    def describe_crops(
+        self, pixels: NDArray[np.uint8], boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]
+    ) -> NDArray[np.float32] | None:
+        """Return what each mask shows, for `score_described`, at a cost that allows hundreds of them.
+
+        Parameters
+        ----------
+        pixels : array of shape [H, W, 3], uint8, sRGB
+        boxes : array-like of shape [n, 4]
+            x0, y0, x1, y1 in pixels.
+        masks : sequence of n bool arrays of shape [H, W]
+
+        Returns
+        -------
+        float32 array of shape [n, D], or None
+            None from a detector that must be told what to look for.
+        """
+        ...
+
+    def score_described(self, described: NDArray[np.float32], prompt: str) -> list[float]:
+        """Return how well each row of `described`, [n, D], shows what `prompt` names, as `score_crops` would.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty or not known.
+        """
+        ...
+
     def name_crops(
         self, crops: Sequence[tuple[NDArray[np.uint8], ArrayLike, NDArray[np.bool_]]]
     ) -> list[tuple[str, float]]:

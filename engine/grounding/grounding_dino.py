@@ -205,6 +205,14 @@ class GroundingDino:
             places = np.array([_extent(mask, box) for mask, box in zip(masks, places, strict=True)]).reshape(-1, 4)
         return [self._score_crop(pixels, box, prompt) for box in places]
 
+    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> None:
+        """Return None: this model must be told what to look for; see `Detector.describe_crops`."""
+        return None
+
+    def score_described(self, described: NDArray[np.float32], prompt: str) -> list[float]:
+        """Never asked, since `describe_crops` gives nothing; see `Detector.score_described`."""
+        raise NotImplementedError(f"{self.name} describes nothing")
+
     def name_crops(self, crops: Sequence[tuple[Pixels, ArrayLike, NDArray[np.bool_]]]) -> list[tuple[str, float]]:
         """Return nothing: this model looks for given words and has none of its own; see `Detector.name_crops`."""
         return []

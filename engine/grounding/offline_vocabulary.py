@@ -134,12 +134,26 @@ class OfflineVocabulary:
         PromptError
             When the prompt is empty or not known.
         """
-        weights = self._weights(prompt)
         places = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
         if masks is not None and len(masks) != len(places):
             raise ValueError(f"{len(places)} boxes and {len(masks)} masks")
-        probabilities = self._classify(pixels, places, masks)
-        return [_score(_meant(row, weights), _EVEN_OF_WORD) for row in probabilities]
+        return self.score_described(self._classify(pixels, places, masks), prompt)
+
+    def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> Float32:
+        """Return the probabilities of the classes, shape [n, 1000]; see `Detector.describe_crops`."""
+        places = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
+        return self._classify(pixels, places, masks)
+
+    def score_described(self, described: Float32, prompt: str) -> list[float]:
+        """Return the score of each row of class probabilities; see `Detector.score_described`.
+
+        Raises
+        ------
+        PromptError
+            When the prompt is empty or not known.
+        """
+        weights = self._weights(prompt)
+        return [_score(_meant(row, weights), _EVEN_OF_WORD) for row in described]
 
     def name_crops(self, crops: Sequence[tuple[Pixels, ArrayLike, NDArray[np.bool_]]]) -> list[tuple[str, float]]:
         """Return the five likeliest words for what all crops show; see `Detector.name_crops`.

@@ -18,6 +18,7 @@ from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
 
 __all__ = [
+    "FEWEST_PIXELS",
     "THRESHOLD",
     "Candidate",
     "center_of",
@@ -31,8 +32,11 @@ __all__ = [
 THRESHOLD = 0.5
 """Membership from which on a Gaussian belongs to an object, until the person moves the slider."""
 
-_FEWEST_PIXELS = 60
+FEWEST_PIXELS = 60
 """Of a view's frame: less of an object says nothing about what it is."""
+
+_LEAST_SEEN = 0.25
+"""Of the pixels of the photo that shows most of an object."""
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -108,15 +112,20 @@ def center_of(views: Views, members: Mask) -> NDArray[np.floating]:
 def crops_of(
     views: Views, members: Mask, photos: Photos, settings: SegmentSettings
 ) -> Iterator[tuple[NDArray[np.uint8], list[int], Mask]]:
-    """Yield photos from all around members, bool [N]: pixels, the box x0, y0, x1, y1 and the mask of what is seen."""
+    """Yield photos from all around members, bool [N]: pixels, the box x0, y0, x1, y1 and the mask of what is seen.
+
+    Photos in which little of them is left, since something else stands before them, are left out.
+    """
     if not members.any():
         return
+    shown: list[tuple[View, Mask, int]] = []
     for camera in spread_cameras(views.facing(center_of(views, members)), settings.n_crop_views):
         view = views.of(camera)
-        shown = views.visible_share(view, members) > 0.5
-        if int(shown.sum()) < _FEWEST_PIXELS:
-            continue
-        crop = crop_of(view, shown, photos)
+        mask = views.visible_share(view, members) > 0.5
+        shown.append((view, mask, int(mask.sum())))
+    least = max(FEWEST_PIXELS, _LEAST_SEEN * max((area for _, _, area in shown), default=0))
+    for view, mask, area in shown:
+        crop = crop_of(view, mask, photos) if area >= least else None
         if crop is not None:
             yield crop
 

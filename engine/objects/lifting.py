@@ -16,7 +16,7 @@ from .selection import calibrated, connected_parts, inside_hull, mean_direction,
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
 
-__all__ = ["Lifted", "behind", "complete", "lift", "refine_by_votes", "snap_to_segments"]
+__all__ = ["Lifted", "behind", "complete", "lift", "lift_group", "refine_by_votes", "snap_to_segments"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -40,11 +40,14 @@ class Lifted:
         In [0, 1]; 0.5 and above belongs.
     seed_mass : array of shape [N], float32
         Pixels of the seed mask that each Gaussian makes up.
+    known : bool
+        The members are known, and not found by their features: where votes begin, the members show what belongs.
     """
 
     directions: Float32
     membership: Float32
     seed_mass: Float32
+    known: bool = False
 
     @property
     def members(self) -> Mask:
@@ -97,6 +100,33 @@ def lift(
     return Lifted(directions, membership, seed_mass)
 
 
+def lift_group(views: Views, view: View, mask: Mask, members: Mask, settings: SegmentSettings) -> Lifted | None:
+    """Return a group of Gaussians as what lies behind the mask that shows it.
+
+    Parameters
+    ----------
+    views : Views
+    view : View
+    mask : bool array of shape [h, w]
+        Where the members are seen in `view`.
+    members : bool array of shape [N]
+    settings : SegmentSettings
+
+    Returns
+    -------
+    Lifted or None
+        None when the mask covers nothing.
+    """
+    inner = mask & view.covered
+    directions = _directions(view, mask, inner, settings, None) if inner.any() else None
+    if directions is None:
+        return None
+    likeness = calibrated((views.directions @ directions.T).max(axis=1), settings.cosine)
+    membership = np.where(members, np.maximum(likeness, _HALF), np.minimum(likeness, _JUST_BELOW)).astype(np.float32)
+    seed_mass = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
+    return Lifted(directions, _nearby(views, membership, members), seed_mass, known=True)
+
+
 def _directions(
     view: View, mask: Mask, inner: Mask, settings: SegmentSettings, start: Float32 | None
 ) -> Float32 | None:
@@ -130,14 +160,22 @@ def _only_connected(views: Views, membership: Float32, seed_mass: Float32) -> Fl
     kept = members[connected_parts(views.scene.gaussians.means[members], seed_mass[members])]
     if len(kept) == 0:
         return np.zeros_like(membership)
+    belongs = np.zeros(len(membership), bool)
+    belongs[kept] = True
+    return _nearby(views, membership, belongs)
+
+
+def _nearby(views: Views, membership: Float32, members: Mask) -> Float32:
+    """Return the membership of `members` as it is, of what is beside them below one half, and elsewhere 0.
+
+    Beside the object the slider may reach out for what is nearly like it; elsewhere in the scene it must not.
+    """
     means = views.scene.gaussians.means
-    low, high = means[kept].min(axis=0), means[kept].max(axis=0)
+    low, high = means[members].min(axis=0), means[members].max(axis=0)
     margin = 0.25 * (high - low)
-    # Beside the object the slider may reach out for what is nearly like it; elsewhere in the scene it must not.
     nearby = ((means >= low - margin) & (means <= high + margin)).all(axis=1)
-    result = np.where(nearby, np.minimum(membership, _JUST_BELOW), np.float32(0))
-    result[kept] = membership[kept]
-    return result.astype(np.float32)
+    around = np.where(nearby, np.minimum(membership, _JUST_BELOW), np.float32(0))
+    return np.where(members, membership, around).astype(np.float32)
 
 
 def complete(views: Views, lifted: Lifted, settings: SegmentSettings, seen: Float32 | None = None) -> Float32:
@@ -231,7 +269,9 @@ def refine_by_votes(
             if seed is not None and seed[0].camera.photo == camera.photo:
                 mask = seed[1]
             else:
-                mask = _mask_in(views, view, lifted, cosine=settings.cosine if number == 0 else None)
+                mask = _mask_in(
+                    views, view, lifted, cosine=settings.cosine if number == 0 and not lifted.known else None
+                )
                 if given is not None and number == 0:
                     mask = mask | (views.visible_share(view, given) > 0.5)
                 if camera.photo in label_maps:

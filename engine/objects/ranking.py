@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PromptError
 from ..events import StopCheck
 from .candidates import Candidate, center_of, crops_of, fit_of, overlap
-from .lifting import lift
+from .hierarchy import Hierarchy
+from .lifting import Lifted, lift, lift_group
 from .photos import Photos
 from .seeds import Seed
 from .settings import SegmentSettings
@@ -21,12 +22,22 @@ from .views import Views
 if TYPE_CHECKING:
     from ..grounding.detector import Detector
 
-__all__ = ["NothingAlike", "gather_for_text", "nothing_alike", "rank_for_text", "score_for_text", "whole_as"]
+__all__ = [
+    "NothingAlike",
+    "gather_for_text",
+    "nothing_alike",
+    "rank_for_text",
+    "score_for_text",
+    "whole_as",
+]
 
 Mask = NDArray[np.bool_]
 
 _SAME_FIND = 0.85
 """IoU of the Gaussians from which on two finds of a text are one."""
+
+_WORTH_A_TRY = 0.5
+"""Of the best score: what scores less before votes and levels have made it whole is not looked at any further."""
 
 _FITS = 0.7
 """IoU of a mask with what has its features, rendered in its view, from which on the features know the object."""
@@ -49,7 +60,8 @@ class NothingAlike(PromptError):
 def gather_for_text(
     views: Views, seeds: Sequence[Seed], settings: SegmentSettings, should_stop: StopCheck
 ) -> list[Candidate]:
-    """Lift the seeds that score best until there are `n_rescored` different candidates, led by the best-fitting one.
+    """Lift the seeds that score best: `n_rescored` different candidates of segments, led by the best-fitting one of
+    each, and all groups of Gaussians.
 
     Where what has a mask's features does not fit the mask, it is also taken as all there is to see of the object, as if
     the person had given it: that tells a ball from a wall that SAM once merged it with. A part and its whole stay two
@@ -61,13 +73,13 @@ def gather_for_text(
         When `should_stop` says so.
     """
     found: list[Candidate] = []
-    for seed in sorted(seeds, key=lambda seed: -seed.score):
-        if len(found) >= settings.n_rescored:
-            break
+    for seed in sorted(seeds, key=lambda seed: (seed.members is not None, -seed.score)):
+        if seed.members is None and len(found) >= settings.n_rescored:
+            continue
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
-        for read in (seed, replace(seed, given=True)):
-            lifted = lift(views, read.view, read.mask, settings, given=read.given)
+        for read in (seed, replace(seed, given=True)) if seed.members is None else (seed,):
+            lifted = _lifted(views, read, settings)
             if lifted is None:
                 continue
             fit = fit_of(views, read.view, read.mask, lifted.membership)
@@ -84,6 +96,12 @@ def gather_for_text(
     return found
 
 
+def _lifted(views: Views, seed: Seed, settings: SegmentSettings) -> Lifted | None:
+    if seed.members is None:
+        return lift(views, seed.view, seed.mask, settings, given=seed.given)
+    return lift_group(views, seed.view, seed.mask, seed.members, settings)
+
+
 def rank_for_text(
     text: str,
     candidates: Sequence[Candidate],
@@ -92,8 +110,10 @@ def rank_for_text(
     detector: Detector,
     settings: SegmentSettings,
     should_stop: StopCheck,
+    hierarchy: Hierarchy | None = None,
 ) -> list[tuple[float, Candidate]]:
-    """Return the candidates worth keeping with their score, the best first; at least one.
+    """Return the candidates worth keeping with their score, the best first; at least one. Versions of one object are
+    all there, unless nothing is looked at again.
 
     Parameters
     ----------
@@ -103,8 +123,11 @@ def rank_for_text(
     photos : Photos
     detector : Detector
     settings : SegmentSettings
-        `n_rescored`, `n_crop_views`, `least_candidate`, `relative_score`, `same_object`, `max_objects`.
+        `n_rescored`, `n_crop_views`, `least_candidate`, `same_object`, `max_objects`; `relative_score` where nothing
+        is looked at again.
     should_stop : callable
+    hierarchy : Hierarchy, optional
+        The scene's groups.
 
     Raises
     ------
@@ -123,19 +146,22 @@ def rank_for_text(
         if should_stop():
             raise Cancelled("Stopped while comparing what was found; no object was stored.")
         if settings.n_rescored:
-            score = score_for_text(text, candidate, views, candidate.best.members, photos, detector, settings)
+            score = score_for_text(
+                text, candidate, views, candidate.best.members, photos, detector, settings, hierarchy
+            )
         else:
             score = _agreement(views, candidate, looked_at)
         scored.append((score, candidate))
     scored.sort(key=lambda pair: -pair[0])
     if scored[0][0] < settings.least_candidate:
         raise nothing_alike(text, scored, settings)
+    least = (_WORTH_A_TRY if settings.n_rescored else settings.relative_score) * scored[0][0]
     kept: list[tuple[float, Candidate]] = []
     for score, candidate in scored:
-        taken = any(overlap(candidate.best.membership, one.best.membership) > settings.same_object for _, one in kept)
-        if not taken and score >= settings.relative_score * scored[0][0]:
+        same = any(overlap(candidate.best.membership, one.best.membership) > settings.same_object for _, one in kept)
+        if score >= least and (settings.n_rescored or not same):
             kept.append((score, candidate))
-    return kept[: settings.max_objects]
+    return kept
 
 
 def score_for_text(
@@ -146,6 +172,7 @@ def score_for_text(
     photos: Photos,
     detector: Detector,
     settings: SegmentSettings,
+    hierarchy: Hierarchy | None = None,
 ) -> float:
     """Return how surely a candidate that came to be `members`, bool [N], is what `text` names, 0 to 1.
 
@@ -156,7 +183,8 @@ def score_for_text(
     from the 982 words of the vocabulary that name nothing there.
     """
     seen = whole_as(text, views, members, photos, detector, settings)
-    return float(np.sqrt(max(seed.score for seed in candidate.seeds) * seen))
+    standing = 1.0 if hierarchy is None else hierarchy.standing_of(members)
+    return float(np.sqrt(max(seed.score for seed in candidate.seeds) * seen * standing))
 
 
 def nothing_alike(text: str, scored: Sequence[tuple[float, Candidate]], settings: SegmentSettings) -> NothingAlike:

@@ -47,6 +47,8 @@ class Seed:
     whole : bool
         The mask is meant to be the whole object, so that all its parts count. A click's may leak into something
         else or be one part only: there the clicked feature leads.
+    members : bool array of shape [N], or None
+        The Gaussians that the mask shows, where they are known and not to be found by their features.
     """
 
     view: View
@@ -55,6 +57,7 @@ class Seed:
     start: Float32 | None = None
     given: bool = False
     whole: bool = True
+    members: Mask | None = None
 
 
 def find_seeds(
@@ -68,7 +71,7 @@ def find_seeds(
     emit: Emit,
     should_stop: StopCheck,
 ) -> list[Seed]:
-    """Return masks that may show what `prompt` asks for, at least one.
+    """Return masks that may show what `prompt` asks for; at least one, other than for a text.
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ def find_seeds(
     Raises
     ------
     PromptError
-        When nothing was found; for a text outside of the detector's words with the nearest it knows.
+        When nothing was found at a place; for a text outside of the detector's words with the nearest it knows.
     MaskError
         When a given mask cannot be used.
     Cancelled
@@ -244,10 +247,6 @@ def _from_text(
             Progress(
                 "objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r} ({detector.name})"
             )
-        )
-    if not seeds:
-        raise PromptError(
-            f"{prompt.text!r} was not found in {len(cameras)} photos. Use another word, or click on the object instead."
         )
     return seeds
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import CameraSet
 from ..errors import FormatError, PromptError
-from ..events import Emit, Progress, StopCheck
+from ..events import Emit, Progress, StopCheck, part_of
 from ..gaussians.gaussians import Gaussians
 from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder
@@ -24,6 +24,7 @@ from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap
 from .correction import taken_away, without
 from .growing import Levels, levels_of
 from .lifting import complete, refine_by_votes
+from .looks import GroupLooks, load_or_make_looks, make_looks, seeds_of_groups
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
 from .ranking import NothingAlike, gather_for_text, nothing_alike, rank_for_text, score_for_text, whole_as
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from ..masks.embeddings import EmbeddingFolder
 
 __all__ = [
+    "LOOKS_FILE",
     "THRESHOLD",
     "FoundObject",
     "Trained",
@@ -50,6 +52,16 @@ __all__ = [
     "segment_project",
     "store_found",
 ]
+
+LOOKS_FILE = Path("groups") / "looks.npz"
+"""In a project."""
+
+_TRIES = 3
+"""Finds of a text that votes and levels are spent on before it is told as not found."""
+
+_WORSE = 0.8
+"""Of a text, votes that leave a find looking less than this part as much like the text have spoiled it: thin parts that
+SAM draws together with what is behind them. It then stays as it was found."""
 
 Float32 = NDArray[np.float32]
 
@@ -81,11 +93,41 @@ class FoundObject:
 
 @dataclass(frozen=True)
 class Trained:
-    """A trained scene and what is remembered of it from prompt to prompt: rendered views, photos, SAM's embeddings."""
+    """A trained scene and what is remembered of it from prompt to prompt: rendered views, photos, SAM's embeddings.
+
+    Attributes
+    ----------
+    views : Views
+    photos : Photos
+    label_maps : mapping of str to int32 array of shape [h, w]
+        SAM label maps by photo.
+    looks_file : Path or None
+        Where what its groups look like is kept (`engine.objects.looks`).
+    """
 
     views: Views
     photos: Photos
     label_maps: Mapping[str, NDArray[np.int32]]
+    looks_file: Path | None = None
+    _looks: dict[str, GroupLooks | None] = field(default_factory=dict, compare=False, repr=False)
+
+    def looks(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupLooks | None:
+        """Return what the scene's groups look like to `detector`, made when first asked for.
+
+        Raises
+        ------
+        Cancelled
+            When `should_stop` says so.
+        """
+        if detector.name not in self._looks:
+            self._looks[detector.name] = (
+                make_looks(self.views, self.photos, detector, emit=emit, should_stop=should_stop)
+                if self.looks_file is None
+                else load_or_make_looks(
+                    self.looks_file, self.views, self.photos, detector, emit=emit, should_stop=should_stop
+                )
+            )
+        return self._looks[detector.name]
 
 
 def load_trained(
@@ -108,6 +150,7 @@ def load_trained(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
+        project.path / LOOKS_FILE,
     )
 
 
@@ -125,6 +168,7 @@ def find_objects(
     should_stop: StopCheck,
     backend: Backend = "cpu",
     embeddings: EmbeddingFolder | None = None,
+    looks_file: Path | None = None,
 ) -> list[FoundObject]:
     """Return the objects of a scene that `prompt` asks for, the best first; at least one.
 
@@ -145,6 +189,8 @@ def find_objects(
     backend : {"cpu", "reference"}
     embeddings : EmbeddingFolder, optional
         Where SAM's embeddings of the photos are kept.
+    looks_file : Path, optional
+        Where what the scene's groups look like is kept.
 
     Returns
     -------
@@ -168,6 +214,7 @@ def find_objects(
         Views(Scene(gaussians, backend=backend), cameras, render_side=settings.render_side),
         Photos(photo_folder, settings.photo_side, sam_factory, embeddings),
         label_maps,
+        looks_file,
     )
     return _find(trained, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop)
 
@@ -181,6 +228,11 @@ def _find(
     emit: Emit,
     should_stop: StopCheck,
 ) -> list[FoundObject]:
+    looks = None
+    by_groups = settings.n_groups > 0 and settings.n_rescored > 0
+    if isinstance(prompt, TextPrompt) and by_groups and detector_factory().knows(prompt.text).known:
+        looks = trained.looks(detector_factory(), emit=part_of(emit, 0, 2), should_stop=should_stop)
+        emit = part_of(emit, 1, 2)
     seeds = find_seeds(
         prompt,
         trained.views,
@@ -191,6 +243,14 @@ def _find(
         emit=emit,
         should_stop=should_stop,
     )
+    if isinstance(prompt, TextPrompt):
+        if looks is not None:
+            seeds += seeds_of_groups(prompt.text, looks, trained.views, detector_factory(), settings.n_groups)
+        if not seeds:
+            n_photos = min(settings.n_text_views, len(trained.label_maps) or len(trained.views.cameras.cameras))
+            raise PromptError(
+                f"{prompt.text!r} was not found in {n_photos} photos. Use another word, or click on the object instead."
+            )
     return isolate(
         trained, prompt, seeds, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
     )
@@ -274,8 +334,10 @@ def _isolate_named(
     candidates = (gather_for_text if by_looks else gather)(views, seeds, settings, should_stop)
     _some(candidates)
     ranked = [(candidate.seeds[0].score, candidate) for candidate in candidates]
+    looks = trained.looks(detector, emit=emit, should_stop=should_stop) if by_looks and settings.n_groups else None
+    hierarchy = None if looks is None else looks.hierarchy
     if not accepted:
-        ranked = rank_for_text(text, candidates, views, photos, detector, settings, should_stop)
+        ranked = rank_for_text(text, candidates, views, photos, detector, settings, should_stop, hierarchy)
 
     def judge(members: NDArray[np.bool_]) -> float:
         return whole_as(text, views, members, photos, detector, settings)
@@ -283,20 +345,32 @@ def _isolate_named(
     found: list[FoundObject] = []
     refused: list[tuple[float, Candidate]] = []
     for number, (score, candidate) in enumerate(ranked):
+        emit(Progress("objects", 0.7 + 0.3 * number / len(ranked), message="Isolating"))
+        if len(found) == settings.max_objects or (found and score < settings.relative_score * ranked[0][0]):
+            break
+        if not found and len(refused) == _TRIES:
+            break
+        if any(overlap(candidate.best.membership, other.membership) > settings.same_object for other in found):
+            continue
         membership = finish(trained, candidate, settings, should_stop)
-        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
-            levels = _levels(trained, candidate, membership, settings, should_stop, judge)
-            if by_looks:
-                members = levels.membership >= THRESHOLD
-                score = score_for_text(text, candidate, views, members, photos, detector, settings)
-            if by_looks and score < settings.least_score:
-                refused.append((score, candidate))
-            else:
-                found.append(_found(trained, candidate, levels, score))
-        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(ranked), message="Isolating"))
+        if by_looks and judge(membership >= THRESHOLD) < _WORSE * judge(candidate.best.members):
+            membership = candidate.best.membership
+        if any(overlap(membership, other.membership) > settings.same_object for other in found):
+            continue
+        levels = _levels(trained, candidate, membership, settings, should_stop, judge)
+        if by_looks:
+            members = levels.membership >= THRESHOLD
+            score = score_for_text(text, candidate, views, members, photos, detector, settings, hierarchy)
+        if by_looks and score < settings.least_score:
+            refused.append((score, candidate))
+        else:
+            found.append(_found(trained, candidate, levels, score))
+    emit(Progress("objects", 1.0, message="Isolating"))
     if not found:
         raise nothing_alike(text, sorted(refused, key=lambda pair: -pair[0]), settings)
-    return sorted(found, key=lambda one: -one.score)
+    best = max(one.score for one in found)
+    kept = [one for one in found if one.score >= settings.relative_score * best or not by_looks]
+    return sorted(kept, key=lambda one: -one.score)
 
 
 def _some(candidates: Sequence[Candidate]) -> None:

@@ -60,13 +60,16 @@ class SegmentSettings:
         Of the finds of a text, so many are looked at again: each one cut out of the photos it is seen in, and judged by
         what it looks like from all of them together. 0 leaves the detector's first word, as in the paper. Of the museum
         room's words 4, 6, 8, 12, 16, 24 and all 144 found the same.
+    n_groups : int
+        Beside the finds in photos, so many of the scene's groups (`engine.objects.hierarchy`) are looked at again:
+        those that look most like the text and stand out. 0 for none; then what stands out counts for nothing.
     n_crop_views : int
         Photos that each of those is cut out of, at most.
     least_candidate : float
         When the best find of a text scores less before it is completed, it is told as not found.
     least_score : float
-        A find of a text that scores less once it is completed is told as not found. Chosen on the museum room
-        (``docs/text_prompts.md``).
+        A find of a text that scores less once it is completed is told as not found. Chosen on the museum room, half-way
+        between its exhibits and what is not there (``docs/text_prompts.md``).
     relative_score : float
         Of several different finds of one text, those that score at least this part of the best become objects.
     max_objects : int
@@ -94,10 +97,11 @@ class SegmentSettings:
     completion: Literal["none", "hull", "guarded"] = "guarded"
     outlier_iqr: float | None = 1.0
     same_object: float = 0.4
-    n_rescored: int = 8
+    n_rescored: int = 4
+    n_groups: int = 4
     n_crop_views: int = 6
     least_candidate: float = 0.12
-    least_score: float = 0.3
+    least_score: float = 0.42
     relative_score: float = 0.85
     max_objects: int = 8
     n_level_views: int = 8
@@ -118,6 +122,7 @@ class SegmentSettings:
         require(self, "outlier_iqr", self.outlier_iqr is None or self.outlier_iqr > 0, "above 0 or None")
         require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
         require(self, "n_rescored", self.n_rescored >= 0, "at least 0")
+        require(self, "n_groups", self.n_groups >= 0, "at least 0")
         require(self, "n_crop_views", self.n_crop_views >= 1, "at least 1")
         require(self, "least_candidate", 0 <= self.least_candidate <= 1, "between 0 and 1")
         require(self, "least_score", 0 <= self.least_score <= 1, "between 0 and 1")
@@ -137,6 +142,7 @@ PAPER = replace(
     keep_given=False,
     completion="hull",
     n_rescored=0,
+    n_groups=0,
     least_candidate=0.0,
     relative_score=0.6,
     n_level_views=0,

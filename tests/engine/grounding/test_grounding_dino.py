@@ -175,6 +175,7 @@ def test_crop_scores_what_overlaps_the_object_only(tiny: Tiny) -> None:
     session = _Scripted([(0.1, 0.1, 0.2, 0.2)], [0.9])
     other = GroundingDino.from_session("free", session, tiny.tokenizer_file)
     assert other.score_crops(pixels, [[100, 60, 160, 120]], "vase") == [0.0]
+    assert other.describe_crops(pixels, [[100, 60, 160, 120]], [mask]) is None
 
 
 def test_any_words_are_known_and_an_empty_prompt_is_not(tiny: Tiny) -> None:

@@ -59,6 +59,20 @@ def test_crop_scores_put_the_right_exhibit_first_and_do_not_depend_on_the_order(
         detector.score_crops(room.pixels, boxes, "teapot", masks=masks[:1])
 
 
+def test_what_is_described_once_scores_like_crops_that_are_looked_at_for_every_word(
+    detector: OfflineVocabulary, room: Room
+) -> None:
+    masks = [room.labels == room.ids[name] for name in ("mask", "teapot")]
+    boxes = [[columns.min(), rows.min(), columns.max() + 1, rows.max() + 1] for rows, columns in map(np.nonzero, masks)]
+    described = detector.describe_crops(room.pixels, boxes, masks)
+    assert described.shape[0] == 2 and described.dtype == np.float32
+    for word in ("teapot", "mask"):
+        scores = detector.score_crops(room.pixels, boxes, word, masks=masks)
+        np.testing.assert_allclose(detector.score_described(described, word), scores, atol=1e-6)
+    with pytest.raises(PromptError, match="outside"):
+        detector.score_described(described, "dog")
+
+
 def test_plain_wall_brings_nothing(detector: OfflineVocabulary) -> None:
     wall = np.full((120, 160, 3), 200, np.uint8)
     assert detector.detect(wall, "teapot", labels=np.ones((120, 160), np.int32)) == []

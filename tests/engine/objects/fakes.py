@@ -93,10 +93,18 @@ class FakeDetector:
         return found
 
     def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
-        """Give the share of each mask that truly is what `prompt` names: crops show what single photos mistook."""
+        """Give each mask's IoU with what `prompt` names: crops show what single photos mistook, or show in part."""
+        return self.score_described(self.describe_crops(pixels, boxes, masks), prompt)
+
+    def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
+        """Give each mask's IoU with each part."""
         photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
+        parts = [self.scene.labels[photo] == part for part in range(1 + max(PART_NAMES))]
+        return np.array([[(mask & part).sum() / (mask | part).sum() for part in parts] for mask in masks], np.float32)
+
+    def score_described(self, described, prompt):  # type: ignore[no-untyped-def]
         meant = [part for part, name in PART_NAMES.items() if name == prompt]
-        return [float(np.isin(self.scene.labels[photo][mask], meant).mean()) for mask in masks]
+        return [float(row[meant].max(initial=0.0)) for row in described]
 
     def name_crops(self, crops):  # type: ignore[no-untyped-def]
         """Name what most of the first mask truly shows; sure of it as far as it is that alone."""

@@ -175,7 +175,7 @@ def test_what_looks_too_little_like_it_is_not_passed_off_as_found(find, blobs: B
         def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
             return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
 
-    with pytest.raises(PromptError, match=r"looks enough like 'blue ball' \(best match 0\.\d\d, needed 0\.30\)"):
+    with pytest.raises(PromptError, match=r"looks enough like 'blue ball' \(best match 0\.\d\d, needed 0\.42\)"):
         find(TextPrompt("blue ball"), settings=SMALL_BETTER, detector_factory=lambda: Unsure(blobs))
 
 
@@ -336,3 +336,26 @@ def test_votes_use_the_projects_label_maps(blobs: BlobScene, tmp_path: Path) -> 
     members = load_membership(project.path, record.id) >= 0.5
     truth = blobs.part == RED
     assert (members & truth).sum() / (members | truth).sum() > 0.95
+
+
+def test_word_that_is_not_known_is_refused_before_anything_is_looked_at(find, blobs: BlobScene) -> None:
+    class Looked(FakeDetector):
+        def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
+            raise AssertionError("looked at crops for a word that is not known")
+
+    with pytest.raises(PromptError, match="'astrolabe' is not known"):
+        find(TextPrompt("astrolabe"), settings=SMALL_BETTER, detector_factory=lambda: Looked(blobs))
+
+
+def test_object_that_no_segment_shows_is_found_by_its_group(find, blobs: BlobScene) -> None:
+    class Blind(FakeDetector):
+        """Recognises nothing in a whole photo."""
+
+        def detect(self, pixels, prompt, *, labels=None):  # type: ignore[no-untyped-def]
+            return []
+
+    (found,) = find(TextPrompt("blue ball"), settings=SMALL_BETTER, detector_factory=lambda: Blind(blobs))
+    assert overlap(found, blobs, BLUE) > 0.95
+    with pytest.raises(PromptError, match="'blue ball' was not found in 8 photos"):
+        settings = replace(SMALL_BETTER, n_groups=0)
+        find(TextPrompt("blue ball"), settings=settings, detector_factory=lambda: Blind(blobs))
