@@ -131,7 +131,7 @@ class ProjectFolder:
     Notes
     -----
     Layout: ``project.json``, ``photos/``, ``cameras/``, ``masks/``, ``gaussians/scene.ply`` and ``features.npy``,
-    ``checkpoints/``, ``objects/<id>/``, ``report/``, ``log.jsonl``.
+    ``checkpoints/``, ``groups/`` (derived; made with the first text), ``objects/<id>/``, ``report/``, ``log.jsonl``.
     """
 
     def __init__(self, path: Path) -> None:

@@ -56,7 +56,7 @@ __all__ = [
 LOOKS_FILE = Path("groups") / "looks.npz"
 """In a project."""
 
-_TRIES = 3
+_TRIES = 2
 """Finds of a text that votes and levels are spent on before it is told as not found."""
 
 _WORSE = 0.8
