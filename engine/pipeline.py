@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -426,10 +427,12 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
         from .grounding.default import load_default_detector
         from .masks.sam import load_sam
         from .objects.prompts import TextPrompt
-        from .objects.segment import segment_project
+        from .objects.segment import load_trained, segment_project
 
+        sam_factory = functools.partial(load_sam, settings.masks.model)
         found = _found_before(run, key)
         refused: dict[str, str] = {}
+        trained = load_trained(run.project, settings.segment, sam_factory)
         for number, prompt in enumerate(settings.prompts):
             if prompt in found:
                 continue
@@ -440,9 +443,10 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
                     prompt,
                     settings.segment,
                     detector_factory=load_default_detector,
-                    sam_factory=lambda: load_sam(settings.masks.model),
+                    sam_factory=sam_factory,
                     emit=part_of(run.emit, number, len(settings.prompts)),
                     should_stop=run.should_stop,
+                    trained=trained,
                 )
             except PromptError as error:
                 # One prompt that finds nothing must not cost the person the others.
