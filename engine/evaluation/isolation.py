@@ -225,21 +225,23 @@ def evaluate_project(
     label_maps = label_maps_of(project.path, cameras)
     if settings.views == "held-out":
         label_maps = {photo: labels for photo, labels in label_maps.items() if photo not in photos}
-    scene = _TrainedScene(gaussians, cameras, photo_folder_of(project), label_maps, detector_factory, sam_factory)
-
     answers: dict[tuple[str, str], _Answer] = {}
     asked: list[tuple[_Task, Way, _Answer]] = []
     ways = ways_of(settings)
-    for number, (task, way) in enumerate((task, way) for task in tasks for way in ways):
-        if should_stop():
-            raise Cancelled("Stopped while isolating; nothing was written.")
-        share = _SHARE_OF_FINDING * number / (len(tasks) * len(ways))
-        emit(Progress(STAGE, share, message=f"{task.object}: {way.name}"))
-        # Equal objects are asked for by one text, once.
-        key = (truth.prompts[task.object] if task.seed is None else task.object, way.name)
-        if key not in answers:
-            answers[key] = scene.isolate(task, way, truth, should_stop)
-        asked.append((task, way, answers[key]))
+    with tempfile.TemporaryDirectory() as kept:
+        scene = _TrainedScene(
+            gaussians, cameras, photo_folder_of(project), label_maps, Path(kept), detector_factory, sam_factory
+        )
+        for number, (task, way) in enumerate((task, way) for task in tasks for way in ways):
+            if should_stop():
+                raise Cancelled("Stopped while isolating; nothing was written.")
+            share = _SHARE_OF_FINDING * number / (len(tasks) * len(ways))
+            emit(Progress(STAGE, share, message=f"{task.object}: {way.name}"))
+            # Equal objects are asked for by one text, once.
+            key = (truth.prompts[task.object] if task.seed is None else task.object, way.name)
+            if key not in answers:
+                answers[key] = scene.isolate(task, way, truth, should_stop)
+            asked.append((task, way, answers[key]))
     labels = gaussian_truth(Scene(gaussians), cameras, truth, should_stop) if truth.every_pixel else None
     results = [_Result(task, way, answer, _own(task, answer, truth, labels), []) for task, way, answer in asked]
     _score(scene, results, truth, photos, emit, should_stop)
@@ -302,10 +304,13 @@ class _TrainedScene:
         cameras: CameraSet,
         photo_folder: Path,
         label_maps: Mapping[str, NDArray[np.int32]],
+        kept: Path,
         detector_factory: DetectorFactory,
         sam_factory: SamFactory,
     ) -> None:
         self.gaussians, self.cameras, self.photo_folder = gaussians, cameras, photo_folder
+        # What the groups look like is made once, as in a project, which is only read here.
+        self._looks_file = kept / "looks.npz"
         self.camera_of = {camera.photo: camera for camera in cameras.cameras}
         self._label_maps = label_maps
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
@@ -328,6 +333,7 @@ class _TrainedScene:
                     sam_factory=self._sam_factory,
                     emit=ignore_events,
                     should_stop=should_stop,
+                    looks_file=self._looks_file,
                 )
             except PromptError as error:
                 remark = str(error)
