@@ -59,8 +59,8 @@ minute of CPU). SAM's embeddings lie ready, as the masks stage leaves them. Equa
 right. Confidence is that of the first object; of a refused word, of what came nearest.
 
 What a find must score was chosen on the museum room alone, trained twice: half-way between its exhibits (0.48 and more)
-and what is not there (0.43 and less, but for the lamp). Groups of Gaussians, and that what stands out counts more, were thought of with both rooms at hand, so neither
-room's figures are quite those to expect elsewhere."""
+and what is not there (0.43 and less, but for the lamp). Groups of Gaussians, and that what stands out counts more, were
+thought of with both rooms at hand, so neither room's figures are quite those to expect elsewhere."""
 _WAYS = {
     "as it is": BETTER,
     "without groups of Gaussians": replace(BETTER, n_groups=0, n_rescored=8),

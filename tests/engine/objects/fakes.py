@@ -89,7 +89,7 @@ class FakeDetector:
             mistaken = photo in self.wrong and name != prompt and prompt != "ghost"
             if mask.sum() > 30 and (name == prompt or mistaken):
                 region = None if labels is None else int(np.bincount(labels[mask]).argmax())
-                found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.7, name, region))
+                found.append(FakeDetection(box_of(mask), 0.95 if mistaken else 0.8, name, region))
         return found
 
     def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
