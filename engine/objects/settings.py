@@ -69,7 +69,7 @@ class SegmentSettings:
         When the best find of a text scores less before it is completed, it is told as not found.
     least_score : float
         A find of a text that scores less once it is completed is told as not found. Chosen on two trainings of the
-        museum room: half-way between its exhibits (0.48 and more) and what is not there (0.43 and less, but for a lamp).
+        museum room: half-way between its exhibits (0.48 and more) and what is not there (0.43 and less but for a lamp).
     relative_score : float
         Of several different finds of one text, those that score at least this part of the best become objects.
     max_objects : int
