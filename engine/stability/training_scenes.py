@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..cameras.camera import CameraSet, PinholeCamera
 from ..cameras.normalise import normalised_points, normalised_viewmat, original_from_world
@@ -31,6 +31,7 @@ __all__ = [
     "TrainingInput",
     "faster",
     "known_capture",
+    "looking_at",
     "pinhole",
     "rendered",
     "training_input",
@@ -174,7 +175,8 @@ def known_capture(*, ground: bool = True) -> tuple[Capture, Gaussians]:
     The sparse points are a third of the Gaussians' centres, off by a third of their size, in their own colours.
     """
     truth = _two_balls(ground)
-    viewmats = np.stack([_looking_at_the_middle(2.0 * np.pi * i / N_PHOTOS) for i in range(N_PHOTOS)])
+    angles = 2.0 * np.pi * np.arange(N_PHOTOS) / N_PHOTOS
+    viewmats = np.stack([looking_at([2.5 * np.cos(angle), 2.5 * np.sin(angle), 1.0]) for angle in angles])
     photos = tuple(rendered(truth, pinhole(viewmat, FOCAL)) for viewmat in viewmats)
     rng = np.random.default_rng(3)
     chosen = np.sort(rng.choice(len(truth), len(truth) // 3, replace=False))
@@ -213,13 +215,14 @@ def _two_balls(ground: bool) -> Gaussians:
     return truth if ground else truth[part > 0]
 
 
-def _looking_at_the_middle(angle: float) -> Float64:
-    """Return the world-to-camera matrix of a camera 2.5 away and 1 up, Z up, that looks at the origin."""
-    center = np.array([2.5 * np.cos(angle), 2.5 * np.sin(angle), 1.0])
-    forward = -center / np.linalg.norm(center)
+def looking_at(center: ArrayLike, target: ArrayLike = (0.0, 0.0, 0.0)) -> Float64:
+    """Return the world-to-camera matrix [4, 4] of a camera at `center` that looks at `target`; Z is up."""
+    position = np.asarray(center, np.float64)
+    forward = np.asarray(target, np.float64) - position
+    forward /= np.linalg.norm(forward)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     viewmat = np.eye(4)
     viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    viewmat[:3, 3] = -viewmat[:3, :3] @ center
+    viewmat[:3, 3] = -viewmat[:3, :3] @ position
     return viewmat

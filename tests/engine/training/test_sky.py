@@ -17,7 +17,7 @@ from engine.formats.spherical_harmonics import SH_C0
 from engine.gaussians.gaussians import Gaussians
 from engine.rasterizer.api import rasterize
 from engine.stability.training_measure import trained
-from engine.stability.training_scenes import TrainingInput, known_capture
+from engine.stability.training_scenes import TrainingInput, known_capture, looking_at
 from engine.training.settings import PRESETS
 from engine.training.start import start_gaussians
 from engine.training.views import TrainingView
@@ -30,16 +30,7 @@ WIDTH, HEIGHT, FOCAL = 128, 96, 117.0
 
 
 def camera_at(angle: float, height: float, distance: float) -> np.ndarray:
-    """World-to-camera matrix, looking at the middle; Z is up."""
-    center = np.array([distance * np.cos(angle), distance * np.sin(angle), height])
-    forward = np.array([0.0, 0.0, 0.35]) - center
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    viewmat = np.eye(4)
-    viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    viewmat[:3, 3] = -viewmat[:3, :3] @ center
-    return viewmat
+    return looking_at([distance * np.cos(angle), distance * np.sin(angle), height], [0.0, 0.0, 0.35])
 
 
 def pinhole(viewmat: np.ndarray) -> PinholeCamera:
