@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from .views import Views
 
-__all__ = ["UNGROUPED", "Hierarchy", "build_hierarchy"]
+__all__ = ["LARGEST", "UNGROUPED", "Hierarchy", "build_hierarchy", "cameras_spread", "one_thing"]
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -35,6 +35,9 @@ UNGROUPED = 0.3
 
 _ALIKE = 0.5
 """IoU of Gaussians from which on a set of them is like a group."""
+
+LARGEST = 1.2
+"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
 
 _NEIGHBOURS = 8
 _REACH = 3.0
@@ -82,6 +85,35 @@ class Hierarchy:
         best = int(likeness.argmax())
         return float(self.standing[best]) if likeness[best] >= _ALIKE else UNGROUPED
 
+    def apart(self, allowed: Mask) -> Int32:
+        """Return a label for each Gaussian, int32 [N], -1 for none, of groups that lie apart and stand out most.
+
+        Parameters
+        ----------
+        allowed : bool array of shape [K]
+            Groups that may be one thing: a group that may not is only taken where it has no parts.
+
+        Notes
+        -----
+        Of all ways to cut the scene into groups, that with the largest sum of `standing` times the number of Gaussians.
+        """
+        counts = np.concatenate([[0], np.cumsum(np.bincount(self.finest[self.finest >= 0], minlength=self.n_finest))])
+        best: list[tuple[float, list[int]]] = []
+        for number, (first, stop) in enumerate(self.groups):
+            value = float(self.standing[number] * (counts[stop] - counts[first])) if allowed[number] else 0.0
+            parts = []
+            while best and self.groups[best[-1][1][0], 0] >= first:
+                parts.append(best.pop())
+            of_parts = sum(part for part, _ in parts)
+            if parts and of_parts >= value:
+                best.append((of_parts, [one for _, chosen in reversed(parts) for one in chosen]))
+            else:
+                best.append((value, [number]))
+        label = np.full(self.n_finest, -1, np.int32)
+        for one, group in enumerate(group for _, chosen in best for group in chosen):
+            label[slice(*self.groups[group])] = one
+        return np.where(self.finest >= 0, label[self.finest], -1).astype(np.int32)
+
     def within(self, finest: NDArray[np.integer], group: int) -> Mask:
         """Return which of an array of finest groups are part of `group`."""
         first, stop = self.groups[group]
@@ -103,9 +135,7 @@ def build_hierarchy(views: Views, *, seed: int = 0) -> Hierarchy:
     what hangs together is ever joined. A join counts as one of two groups when both have a least size, else as the
     larger one with a crumb. Every other Gaussian goes with the nearest of the sample.
     """
-    means = views.scene.gaussians.means
-    centers = np.stack([camera.center for camera in views.cameras.cameras])
-    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+    means, unit = views.scene.gaussians.means, cameras_spread(views)
     places = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
     described = np.hstack([views.directions, _PLACE_WEIGHT * places])
     inside = np.abs(places).max(axis=1) < _REACH
@@ -119,6 +149,24 @@ def build_hierarchy(views: Views, *, seed: int = 0) -> Hierarchy:
         nearest = cKDTree(described[picked[known]]).query(described[inside], workers=2)[1]
         result[inside] = finest[known][nearest]
     return Hierarchy(result, groups, standing)
+
+
+def cameras_spread(views: Views) -> float:
+    """Return the mean distance of the cameras from their middle: the unit in which the scene is measured."""
+    centers = np.stack([camera.center for camera in views.cameras.cameras])
+    return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+
+
+def one_thing(views: Views, hierarchy: Hierarchy) -> Mask:
+    """Return which groups are small enough to be one thing, bool [K]."""
+    means, largest = views.scene.gaussians.means, LARGEST * cameras_spread(views)
+    small = np.zeros(len(hierarchy.groups), bool)
+    for number in range(len(small)):
+        members = hierarchy.members(number)
+        if members.any():
+            low, high = np.percentile(means[members], [5, 95], axis=0)
+            small[number] = (high - low).max() <= largest
+    return small
 
 
 def _neighbours(points: Float32) -> csr_matrix:
@@ -141,16 +189,19 @@ def _grouped(described: Float32, beside: csr_matrix, least: int) -> tuple[Int32,
     groups: list[tuple[int, int]] = []
     standing: list[float] = []
     n_parts, part_of = connected_components(beside, directed=False)
+    trees: list[tuple[NDArray[np.intp], _Joins]] = []
     for part in range(n_parts):
         own = np.flatnonzero(part_of == part)
-        if len(own) < least:
-            continue
-        connectivity = beside[own][:, own]
-        children, *_, heights = ward_tree(
-            described[own].astype(np.float64), connectivity=connectivity, return_distance=True
-        )
+        if len(own) >= least:
+            beside_own = beside[own][:, own]
+            children, *_, heights = ward_tree(
+                described[own].astype(np.float64), connectivity=beside_own, return_distance=True
+            )
+            trees.append((own, _Joins(children, heights, least)))
+    highest = max((joins.height for _, joins in trees), default=0.0)
+    for own, joins in trees:
         first = max((stop for _, stop in groups), default=0)
-        for group in _Joins(children, heights, least).groups():
+        for group in joins.groups(highest):
             if group.finest:
                 finest[own[group.things]] = first + group.first
             groups.append((first + group.first, first + group.stop))
@@ -192,18 +243,29 @@ class _Joins:
         for i, (one, other) in enumerate(children):
             self._sizes[n + i] = self._sizes[one] + self._sizes[other]
 
-    def groups(self) -> Iterator[_Group]:
-        """Yield all groups, parts before wholes, finest groups numbered so that each group's follow each other."""
+    @property
+    def height(self) -> float:
+        """Distance of the last join."""
+        return self._height(2 * self._n - 2)
+
+    def groups(self, joined: float) -> Iterator[_Group]:
+        """Yield all groups, parts before wholes, finest groups numbered so that each group's follow each other.
+
+        Parameters
+        ----------
+        joined : float
+            Distance that stands for that at which the whole tree, which hangs together with nothing, is joined.
+        """
         nothing = np.zeros(0, np.intp)
         n_finest = 0
         # Node, height at which it is joined to another, and the finest groups before its own once its parts are done.
-        waiting: list[tuple[int, float, int | None]] = [(2 * self._n - 2, np.inf, None)]
+        waiting: list[tuple[int, float, int | None]] = [(2 * self._n - 2, joined, None)]
         while waiting:
-            node, joined, begun = waiting.pop()
+            node, height_above, begun = waiting.pop()
             split = self._split(node)
             height = self._height(node if split is None else split)
             # Where only neighbours may join, what was joined later may have been nearer.
-            standing = max(0.0, 1.0 - height / joined) if joined > 0 else 0.0
+            standing = max(0.0, 1.0 - height / height_above) if height_above > 0 else 0.0
             if begun is not None:
                 yield _Group(begun, n_finest, standing, nothing)
             elif split is None:
@@ -211,7 +273,7 @@ class _Joins:
                 n_finest += 1
             else:
                 one, other = (int(child) for child in self._children[split - self._n])
-                waiting += [(node, joined, n_finest), (other, height, None), (one, height, None)]
+                waiting += [(node, height_above, n_finest), (other, height, None), (one, height, None)]
 
     def _height(self, node: int) -> float:
         return float(self._heights[node - self._n]) if node >= self._n else 0.0
