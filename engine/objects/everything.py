@@ -13,10 +13,9 @@ from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck
 from ..project_folder import ProjectFolder
 from .candidates import THRESHOLD, crop_of, overlap
+from .clustering import cluster_scene, vote_for_groups
 from .curation import memberships_of, store_background
-from .group_votes import vote_for_groups
 from .growing import Levels
-from .hierarchy import LARGEST, build_hierarchy, cameras_spread, one_thing
 from .photos import SamFactory
 from .seeds import DetectorFactory
 from .segment import Trained, load_trained, record_of
@@ -30,6 +29,9 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _N_VIEWS = 16
+_LARGEST = 1.2
+"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
+
 _FEWEST = 60
 _NAMED = 0.5
 """Confidence from which on a name is suggested."""
@@ -51,7 +53,7 @@ class Something:
     score : float
         How sure it is, 0 to 1.
     groups : tuple of int
-        Of `engine.objects.hierarchy`, that it is made of.
+        Of `engine.objects.clustering`, that it is made of.
     """
 
     membership: Float32
@@ -96,8 +98,7 @@ def find_everything(
     """
     views = trained.views
     emit(Progress("objects", 0.0, message="Grouping the Gaussians"))
-    hierarchy = build_hierarchy(views)
-    labels = hierarchy.apart(one_thing(views, hierarchy))
+    labels = cluster_scene(views)
     if labels.max() < 0:
         return []
     votes, pictures = vote_for_groups(views, labels, trained.label_maps, n_views=_N_VIEWS, should_stop=should_stop)
@@ -149,9 +150,11 @@ class _Sight:
 
 
 def _without_background(views: Views, votes: Float32, groups: Sequence[int]) -> list[int]:
-    means, unit = views.scene.gaussians.means, cameras_spread(views)
+    means = views.scene.gaussians.means
+    centers = np.stack([camera.center for camera in views.cameras.cameras])
+    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
     boxes = [np.percentile(means[votes[:, group] >= THRESHOLD], [5, 95], axis=0) for group in groups]
-    small = [i for i, box in enumerate(boxes) if (box[1] - box[0]).max() <= LARGEST * unit]
+    small = [i for i, box in enumerate(boxes) if (box[1] - box[0]).max() <= _LARGEST * unit]
     return [groups[i] for i in small if not any(_carries(boxes[i], boxes[k]) for k in small if k != i)]
 
 

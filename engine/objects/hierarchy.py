@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from .views import Views
 
-__all__ = ["LARGEST", "UNGROUPED", "Hierarchy", "build_hierarchy", "cameras_spread", "one_thing"]
+__all__ = ["UNGROUPED", "Hierarchy", "build_hierarchy"]
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -35,9 +35,6 @@ UNGROUPED = 0.3
 
 _ALIKE = 0.5
 """IoU of Gaussians from which on a set of them is like a group."""
-
-LARGEST = 1.2
-"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
 
 _NEIGHBOURS = 8
 _REACH = 3.0
@@ -85,35 +82,6 @@ class Hierarchy:
         best = int(likeness.argmax())
         return float(self.standing[best]) if likeness[best] >= _ALIKE else UNGROUPED
 
-    def apart(self, allowed: Mask) -> Int32:
-        """Return a label for each Gaussian, int32 [N], -1 for none, of groups that lie apart and stand out most.
-
-        Parameters
-        ----------
-        allowed : bool array of shape [K]
-            Groups that may be one thing: a group that may not is only taken where it has no parts.
-
-        Notes
-        -----
-        Of all ways to cut the scene into groups, that with the largest sum of `standing` times the number of Gaussians.
-        """
-        counts = np.concatenate([[0], np.cumsum(np.bincount(self.finest[self.finest >= 0], minlength=self.n_finest))])
-        best: list[tuple[float, list[int]]] = []
-        for number, (first, stop) in enumerate(self.groups):
-            value = float(self.standing[number] * (counts[stop] - counts[first])) if allowed[number] else 0.0
-            parts = []
-            while best and self.groups[best[-1][1][0], 0] >= first:
-                parts.append(best.pop())
-            of_parts = sum(part for part, _ in parts)
-            if parts and of_parts >= value:
-                best.append((of_parts, [one for _, chosen in reversed(parts) for one in chosen]))
-            else:
-                best.append((value, [number]))
-        label = np.full(self.n_finest, -1, np.int32)
-        for one, group in enumerate(group for _, chosen in best for group in chosen):
-            label[slice(*self.groups[group])] = one
-        return np.where(self.finest >= 0, label[self.finest], -1).astype(np.int32)
-
     def within(self, finest: NDArray[np.integer], group: int) -> Mask:
         """Return which of an array of finest groups are part of `group`."""
         first, stop = self.groups[group]
@@ -135,7 +103,9 @@ def build_hierarchy(views: Views, *, seed: int = 0) -> Hierarchy:
     what hangs together is ever joined. A join counts as one of two groups when both have a least size, else as the
     larger one with a crumb. Every other Gaussian goes with the nearest of the sample.
     """
-    means, unit = views.scene.gaussians.means, cameras_spread(views)
+    means = views.scene.gaussians.means
+    centers = np.stack([camera.center for camera in views.cameras.cameras])
+    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
     places = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
     described = np.hstack([views.directions, _PLACE_WEIGHT * places])
     inside = np.abs(places).max(axis=1) < _REACH
@@ -149,24 +119,6 @@ def build_hierarchy(views: Views, *, seed: int = 0) -> Hierarchy:
         nearest = cKDTree(described[picked[known]]).query(described[inside], workers=2)[1]
         result[inside] = finest[known][nearest]
     return Hierarchy(result, groups, standing)
-
-
-def cameras_spread(views: Views) -> float:
-    """Return the mean distance of the cameras from their middle: the unit in which the scene is measured."""
-    centers = np.stack([camera.center for camera in views.cameras.cameras])
-    return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
-
-
-def one_thing(views: Views, hierarchy: Hierarchy) -> Mask:
-    """Return which groups are small enough to be one thing, bool [K]."""
-    means, largest = views.scene.gaussians.means, LARGEST * cameras_spread(views)
-    small = np.zeros(len(hierarchy.groups), bool)
-    for number in range(len(small)):
-        members = hierarchy.members(number)
-        if members.any():
-            low, high = np.percentile(means[members], [5, 95], axis=0)
-            small[number] = (high - low).max() <= largest
-    return small
 
 
 def _neighbours(points: Float32) -> csr_matrix:
@@ -193,9 +145,8 @@ def _grouped(described: Float32, beside: csr_matrix, least: int) -> tuple[Int32,
     for part in range(n_parts):
         own = np.flatnonzero(part_of == part)
         if len(own) >= least:
-            beside_own = beside[own][:, own]
             children, *_, heights = ward_tree(
-                described[own].astype(np.float64), connectivity=beside_own, return_distance=True
+                described[own].astype(np.float64), connectivity=beside[own][:, own], return_distance=True
             )
             trees.append((own, _Joins(children, heights, least)))
     highest = max((joins.height for _, joins in trees), default=0.0)

@@ -22,11 +22,10 @@ from ..errors import Cancelled, DiskError
 from ..events import Emit, Progress, StopCheck
 from ..project_folder import atomic_write, stage_key
 from .candidates import FEWEST_PIXELS, crop_of
-from .group_votes import group_picture
-from .hierarchy import Hierarchy, build_hierarchy, one_thing
+from .hierarchy import Hierarchy, build_hierarchy
 from .photos import Photos
 from .seeds import Seed
-from .views import Views, spread_cameras
+from .views import View, Views, spread_cameras
 
 if TYPE_CHECKING:
     from ..grounding.detector import Detector
@@ -43,6 +42,12 @@ _VERSION = 2
 _PICTURE = "picture "
 _N_VIEWS = 16
 _N_SIGHTINGS = 3
+_LARGEST = 1.2
+"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
+
+_CHANNELS = 60
+"""Groups rendered at once."""
+
 _LEAST_SCORE = 0.05
 _NEARLY = 0.9
 
@@ -94,7 +99,7 @@ def make_looks(
     pictures: dict[str, Int32] = {}
     for number, camera in enumerate(cameras):
         _go_on(should_stop)
-        pictures[camera.photo] = group_picture(views, views.of(camera), hierarchy.finest, hierarchy.n_finest)
+        pictures[camera.photo] = _picture(views, views.of(camera), hierarchy)
         emit(Progress("objects", 0.3 * (number + 1) / len(cameras), message="Looking at what there is"))
     sightings = _sightings(views, hierarchy, pictures, cameras)
     group: list[int] = []
@@ -126,18 +131,36 @@ def _go_on(should_stop: StopCheck) -> None:
         raise Cancelled("Stopped while looking at what there is; no object was stored.")
 
 
+def _picture(views: Views, view: View, hierarchy: Hierarchy) -> Int32:
+    """Return the finest group that most of each pixel of a view shows, -1 where no group makes up half of it."""
+    best = np.full(view.within.shape, -1, np.int32)
+    most, total = np.zeros(best.shape, np.float32), np.zeros(best.shape, np.float32)
+    for first in range(0, hierarchy.n_finest, _CHANNELS):
+        count = min(_CHANNELS, hierarchy.n_finest - first)
+        single = (hierarchy.finest[:, None] == np.arange(first, first + count)).astype(np.float32)
+        shares = views.scene.render(view.frame, channels=single).channels
+        largest = shares.max(axis=-1)
+        best = np.where(largest > most, first + shares.argmax(axis=-1), best).astype(np.int32)
+        most, total = np.maximum(most, largest), total + shares.sum(axis=-1)
+    return np.where((total > 0.5) & view.within, best, -1).astype(np.int32)
+
+
 def _sightings(
     views: Views, hierarchy: Hierarchy, pictures: dict[str, Int32], cameras: list[Camera]
 ) -> list[tuple[int, str]]:
     """Return groups and photos that show them large and whole, from sides that differ."""
-    may_be_one = one_thing(views, hierarchy)
+    means = views.scene.gaussians.means
+    centers = np.stack([camera.center for camera in views.cameras.cameras])
+    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
     areas = {
         photo: np.bincount(picture[picture >= 0], minlength=hierarchy.n_finest) for photo, picture in pictures.items()
     }
     rims = {photo: _on_rim(picture, hierarchy.n_finest) for photo, picture in pictures.items()}
     found = []
     for number, (first, stop) in enumerate(hierarchy.groups):
-        if not may_be_one[number]:
+        members = hierarchy.members(number)
+        low, high = np.percentile(means[members], [5, 95], axis=0) if members.any() else (0.0, np.inf)
+        if np.max(high - low) > _LARGEST * unit:
             continue
         seen = [(int(areas[c.photo][first:stop].sum()), bool(rims[c.photo][first:stop].any()), c) for c in cameras]
         seen = [one for one in seen if one[0] >= FEWEST_PIXELS]

@@ -72,3 +72,8 @@ def test_a_handful_of_gaussians_has_few_groups_or_none(count: int, blobs: BlobSc
     found = build_hierarchy(Views(scene, blobs.cameras, render_side=160))
     assert found.finest.shape == (count,) and found.finest.max() < max(1, found.n_finest)
     assert found.standing_of(np.ones(count, bool)) >= 0
+
+
+def test_the_whole_scene_stands_out_from_nothing(groups: Hierarchy) -> None:
+    sizes = [int(groups.members(k).sum()) for k in range(len(groups.groups))]
+    assert groups.standing[int(np.argmax(sizes))] == 0
