@@ -33,8 +33,9 @@ from engine.masks.embeddings import EmbeddingFolder
 from engine.masks.sam import load_default_sam
 from engine.objects.prompts import TextPrompt
 from engine.objects.ranking import NothingAlike
-from engine.objects.segment import find_objects, label_maps_of
+from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER, SegmentSettings
+from engine.objects.trained import label_maps_of
 from engine.photos.pixels import load_pixels
 from engine.pictures.scene import Scene
 

@@ -427,7 +427,8 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
         from .grounding.default import load_default_detector
         from .masks.sam import load_sam
         from .objects.prompts import TextPrompt
-        from .objects.segment import load_trained, segment_project
+        from .objects.segment import segment_project
+        from .objects.trained import load_trained
 
         sam_factory = functools.partial(load_sam, settings.masks.model)
         found = _found_before(run, key)

@@ -23,7 +23,8 @@ from ..gaussians.gaussians import Gaussians
 from ..gaussians.storage import load_gaussians
 from ..objects.prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from ..objects.seeds import DetectorFactory, SamFactory
-from ..objects.segment import THRESHOLD, find_objects, label_maps_of, photo_folder_of
+from ..objects.segment import THRESHOLD, find_objects
+from ..objects.trained import label_maps_of, photo_folder_of
 from ..photos.pixels import load_pixels
 from ..pictures.png import write_png
 from ..pictures.render import render_view

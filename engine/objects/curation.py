@@ -20,9 +20,10 @@ from .growing import Levels
 from .photos import SamFactory
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
 from .seeds import DetectorFactory, Seed, seeds_of_clicks
-from .segment import Trained, finish, isolate, load_trained, record_of, segment_project, store_found
+from .segment import finish, isolate, record_of, segment_project, store_found
 from .settings import SegmentSettings
 from .storage import ObjectRecord, delete_object, list_objects, load_levels, load_membership, load_object, save_object
+from .trained import Trained, load_trained
 
 __all__ = [
     "BACKGROUND",

@@ -18,9 +18,10 @@ from .curation import memberships_of, store_background
 from .growing import Levels
 from .photos import SamFactory
 from .seeds import DetectorFactory
-from .segment import Trained, load_trained, record_of
+from .segment import record_of
 from .settings import SegmentSettings
 from .storage import ObjectRecord, save_object
+from .trained import Trained, load_trained
 from .views import Views, spread_cameras
 
 __all__ = ["Something", "find_everything", "segment_everything_in"]

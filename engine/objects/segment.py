@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import CameraSet
-from ..errors import FormatError, PromptError
+from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..gaussians.gaussians import Gaussians
 from ..pictures.scene import Backend, Scene
@@ -24,13 +24,14 @@ from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap
 from .correction import taken_away, without
 from .growing import Levels, levels_of
 from .lifting import complete, refine_by_votes
-from .looks import GroupLooks, load_or_make_looks, make_looks, seeds_of_groups
+from .looks import seeds_of_groups
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
 from .ranking import NothingAlike, gather_for_text, nothing_alike, rank_for_text, score_for_text, whole_as
 from .seeds import DetectorFactory, Seed, find_seeds
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
+from .trained import Trained, load_trained
 from .views import Views
 
 if TYPE_CHECKING:
@@ -38,23 +39,15 @@ if TYPE_CHECKING:
     from ..masks.embeddings import EmbeddingFolder
 
 __all__ = [
-    "LOOKS_FILE",
     "THRESHOLD",
     "FoundObject",
-    "Trained",
     "find_objects",
     "finish",
     "isolate",
-    "label_maps_of",
-    "load_trained",
-    "photo_folder_of",
     "record_of",
     "segment_project",
     "store_found",
 ]
-
-LOOKS_FILE = Path("groups") / "looks.npz"
-"""In a project."""
 
 _TRIES = 2
 """Finds of a text that votes and levels are spent on before it is told as not found."""
@@ -89,69 +82,6 @@ class FoundObject:
     fit: float
     seeds: tuple[Seed, ...]
     levels: Levels
-
-
-@dataclass(frozen=True)
-class Trained:
-    """A trained scene and what is remembered of it from prompt to prompt: rendered views, photos, SAM's embeddings.
-
-    Attributes
-    ----------
-    views : Views
-    photos : Photos
-    label_maps : mapping of str to int32 array of shape [h, w]
-        SAM label maps by photo.
-    looks_file : Path or None
-        Where what its groups look like is kept (`engine.objects.looks`).
-    """
-
-    views: Views
-    photos: Photos
-    label_maps: Mapping[str, NDArray[np.int32]]
-    looks_file: Path | None = None
-    _looks: dict[str, GroupLooks | None] = field(default_factory=dict, compare=False, repr=False)
-
-    def looks(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupLooks | None:
-        """Return what the scene's groups look like to `detector`, made when first asked for.
-
-        Raises
-        ------
-        Cancelled
-            When `should_stop` says so.
-        """
-        if detector.name not in self._looks:
-            self._looks[detector.name] = (
-                make_looks(self.views, self.photos, detector, emit=emit, should_stop=should_stop)
-                if self.looks_file is None
-                else load_or_make_looks(
-                    self.looks_file, self.views, self.photos, detector, emit=emit, should_stop=should_stop
-                )
-            )
-        return self._looks[detector.name]
-
-
-def load_trained(
-    project: ProjectFolder, settings: SegmentSettings, sam_factory: SamFactory, *, backend: Backend = "cpu"
-) -> Trained:
-    """Return what `project` holds.
-
-    Raises
-    ------
-    HeritageError
-        When a part of the project is missing or damaged.
-    """
-    from ..cameras.storage import read_camera_set
-    from ..gaussians.storage import load_gaussians
-    from ..masks.embeddings import EmbeddingFolder
-
-    cameras = read_camera_set(project.path / "cameras")
-    scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
-    return Trained(
-        Views(scene, cameras, render_side=settings.render_side),
-        Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
-        label_maps_of(project.path, cameras),
-        project.path / LOOKS_FILE,
-    )
 
 
 def find_objects(
@@ -570,25 +500,3 @@ def record_of(
         level=levels.chosen if several else 0,
         levels=tuple({"n_gaussians": count} for count in counts) if several else (),
     )
-
-
-def photo_folder_of(project: ProjectFolder) -> Path:
-    """Return where the photos of a project are.
-
-    Raises
-    ------
-    FormatError
-        When the project does not say.
-    """
-    folder = project.get("photo_folder")
-    if not isinstance(folder, str):
-        raise FormatError(f"{project.path / 'project.json'} does not say where the photos are. Reconstruct again.")
-    return Path(folder)
-
-
-def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, NDArray[np.int32]]:
-    """Return the SAM label maps that were made for training, by photo."""
-    from ..masks.storage import label_map_path, read_label_map
-
-    files = {camera.photo: label_map_path(project / "masks", camera.photo) for camera in cameras.cameras}
-    return {photo: read_label_map(file) for photo, file in files.items() if file.is_file()}

@@ -16,9 +16,10 @@ from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
 from engine.objects.growing import levels_of
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
-from engine.objects.segment import load_trained, segment_project
+from engine.objects.segment import segment_project
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership
+from engine.objects.trained import load_trained
 from engine.project_folder import ProjectFolder
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene

@@ -9,9 +9,9 @@ import pytest
 from engine.errors import Cancelled
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.everything import Something, find_everything, segment_everything_in
-from engine.objects.segment import Trained, load_trained
 from engine.objects.settings import BETTER
 from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
+from engine.objects.trained import Trained, load_trained
 from engine.project_folder import ProjectFolder
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
