@@ -54,8 +54,7 @@ def cluster_scene(views: Views, *, seed: int = 0) -> Labels:
     from sklearn.cluster import HDBSCAN
 
     means = views.scene.gaussians.means
-    centers = np.stack([camera.center for camera in views.cameras.cameras])
-    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+    unit = views.cameras_spread
     places = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
     described = np.hstack([views.directions, _PLACE_WEIGHT * places])
     near = np.flatnonzero((np.abs(places).max(axis=1) < _REACH) & (views.scene.gaussians.opacities > 0.1))

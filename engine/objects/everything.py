@@ -22,7 +22,7 @@ from .segment import record_of
 from .settings import SegmentSettings
 from .storage import ObjectRecord, save_object
 from .trained import Trained, load_trained
-from .views import Views, spread_cameras
+from .views import LARGEST, Views, spread_cameras
 
 __all__ = ["Something", "find_everything", "segment_everything_in"]
 
@@ -30,9 +30,6 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _N_VIEWS = 16
-_LARGEST = 1.2
-"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
-
 _FEWEST = 60
 _NAMED = 0.5
 """Confidence from which on a name is suggested."""
@@ -152,10 +149,9 @@ class _Sight:
 
 def _without_background(views: Views, votes: Float32, groups: Sequence[int]) -> list[int]:
     means = views.scene.gaussians.means
-    centers = np.stack([camera.center for camera in views.cameras.cameras])
-    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+    unit = views.cameras_spread
     boxes = [np.percentile(means[votes[:, group] >= THRESHOLD], [5, 95], axis=0) for group in groups]
-    small = [i for i, box in enumerate(boxes) if (box[1] - box[0]).max() <= _LARGEST * unit]
+    small = [i for i, box in enumerate(boxes) if (box[1] - box[0]).max() <= LARGEST * unit]
     return [groups[i] for i in small if not any(_carries(boxes[i], boxes[k]) for k in small if k != i)]
 
 

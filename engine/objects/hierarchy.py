@@ -104,8 +104,7 @@ def build_hierarchy(views: Views, *, seed: int = 0) -> Hierarchy:
     larger one with a crumb. Every other Gaussian goes with the nearest of the sample.
     """
     means = views.scene.gaussians.means
-    centers = np.stack([camera.center for camera in views.cameras.cameras])
-    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+    unit = views.cameras_spread
     places = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
     described = np.hstack([views.directions, _PLACE_WEIGHT * places])
     inside = np.abs(places).max(axis=1) < _REACH

@@ -25,7 +25,7 @@ from .candidates import FEWEST_PIXELS, crop_of
 from .hierarchy import Hierarchy, build_hierarchy
 from .photos import Photos
 from .seeds import Seed
-from .views import View, Views, spread_cameras
+from .views import LARGEST, View, Views, spread_cameras
 
 if TYPE_CHECKING:
     from ..grounding.detector import Detector
@@ -42,9 +42,6 @@ _VERSION = 2
 _PICTURE = "picture "
 _N_VIEWS = 16
 _N_SIGHTINGS = 3
-_LARGEST = 1.2
-"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
-
 _CHANNELS = 60
 """Groups rendered at once."""
 
@@ -132,7 +129,7 @@ def _go_on(should_stop: StopCheck) -> None:
 
 
 def _picture(views: Views, view: View, hierarchy: Hierarchy) -> Int32:
-    """Return the finest group that most of each pixel of a view shows, -1 where no group makes up half of it."""
+    """Return the finest group that most of each pixel of a view shows, -1 where groups cover less than half of it."""
     best = np.full(view.within.shape, -1, np.int32)
     most, total = np.zeros(best.shape, np.float32), np.zeros(best.shape, np.float32)
     for first in range(0, hierarchy.n_finest, _CHANNELS):
@@ -150,8 +147,7 @@ def _sightings(
 ) -> list[tuple[int, str]]:
     """Return groups and photos that show them large and whole, from sides that differ."""
     means = views.scene.gaussians.means
-    centers = np.stack([camera.center for camera in views.cameras.cameras])
-    unit = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+    unit = views.cameras_spread
     areas = {
         photo: np.bincount(picture[picture >= 0], minlength=hierarchy.n_finest) for photo, picture in pictures.items()
     }
@@ -160,7 +156,7 @@ def _sightings(
     for number, (first, stop) in enumerate(hierarchy.groups):
         members = hierarchy.members(number)
         low, high = np.percentile(means[members], [5, 95], axis=0) if members.any() else (0.0, np.inf)
-        if np.max(high - low) > _LARGEST * unit:
+        if np.max(high - low) > LARGEST * unit:
             continue
         seen = [(int(areas[c.photo][first:stop].sum()), bool(rims[c.photo][first:stop].any()), c) for c in cameras]
         seen = [one for one in seen if one[0] >= FEWEST_PIXELS]

@@ -123,8 +123,8 @@ def rank_for_text(
     photos : Photos
     detector : Detector
     settings : SegmentSettings
-        `n_rescored`, `n_crop_views`, `least_candidate`, `same_object`, `max_objects`; `relative_score` where nothing
-        is looked at again.
+        `n_rescored`, `n_crop_views`, `least_candidate`; `relative_score` and `same_object` where nothing is looked at
+        again.
     should_stop : callable
     hierarchy : Hierarchy, optional
         The scene's groups.
@@ -177,10 +177,11 @@ def score_for_text(
     """Return how surely a candidate that came to be `members`, bool [N], is what `text` names, 0 to 1.
 
     The geometric mean of two: what the detector said of the one segment it was surest of, and what it says of the
-    Gaussians, cut out of photos all around. A segment that looks like something else from one side, or holds more than
-    the object, is found out by the second. Contrast to other words and other candidates, spread and agreement over the
-    views were tried beside it, weighted by a logistic fit: on the museum room none of them told its ten exhibits better
-    from the 982 words of the vocabulary that name nothing there.
+    Gaussians, cut out of photos all around; times the root of how much they stand out, where the scene's groups are
+    known. A segment that looks like something else from one side, or holds more than the object, is found out by the
+    second; a part of an object, or it with its plinth, by the third. Contrast to other words and other candidates,
+    spread and agreement over the views were tried beside it, weighted by a logistic fit: on the museum room none of
+    them told its ten exhibits better from the 982 words of the vocabulary that name nothing there.
     """
     seen = whole_as(text, views, members, photos, detector, settings)
     standing = 1.0 if hierarchy is None else hierarchy.standing_of(members)

@@ -14,10 +14,13 @@ from ..cameras.lens import covering_pinhole, distort, project, undistort
 from ..errors import ObjectError
 from ..pictures.scene import Scene, normalized
 
-__all__ = ["View", "Views", "eroded", "spread_cameras"]
+__all__ = ["LARGEST", "View", "Views", "eroded", "spread_cameras"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+LARGEST = 1.2
+"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,12 @@ class Views:
         """Features of the Gaussians at unit length, shape [N, D]."""
         assert self.scene.gaussians.features is not None
         return normalized(self.scene.gaussians.features)
+
+    @property
+    def cameras_spread(self) -> float:
+        """Mean distance of the cameras from their middle, world units: what the scene's sizes are measured in."""
+        centers = np.stack([camera.center for camera in self.cameras.cameras])
+        return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
 
     def of(self, camera: Camera) -> View:
         """Return the view of a photo."""
