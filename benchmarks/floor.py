@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from engine.rasterizer.jit import JIT
 from engine.rasterizer.simd import fma, load, store
-from engine.rasterizer.threads import run_ranges
+from engine.rasterizer.threads import Taken, run_shared
 
 __all__ = ["fma_peak", "operations", "spin_on"]
 
@@ -27,6 +27,7 @@ _PER_CHANNEL = 2 + 4
 
 @njit(**JIT)
 def _spin(n: int, x: NDArray[np.float32]) -> None:
+    """Do `n` times `_CHAINS` FMAs on the 32 numbers `x`, which are changed."""
     a, b = load(x, 0), load(x, 16)
     s0, s1, s2, s3, s4, s5, s6, s7 = a, a, a, a, a, a, a, a
     for _ in range(n):
@@ -57,11 +58,14 @@ def fma_peak(repeats: int = 20) -> float:
 
 def spin_on(n_threads: int) -> float:
     """Return the wall milliseconds of the same FMAs shared between threads: what the machine's cores give right now."""
-    total = 2_000_000
-    numbers = [np.full(32, 0.5, np.float32) for _ in range(n_threads)]
-    _spin(10, numbers[0])
+    each = 2_000_000 // n_threads
+
+    def work(_: Taken) -> None:
+        _spin(each, np.full(32, 0.5, np.float32))
+
+    _spin(10, np.full(32, 0.5, np.float32))
     start = time.perf_counter()
-    run_ranges(lambda i, n: _spin(total // n, numbers[i]), n_threads)
+    run_shared(work, n_threads)
     return 1e3 * (time.perf_counter() - start)
 
 

@@ -19,11 +19,11 @@ import torch
 from engine.cameras.camera import PinholeCamera
 from engine.rasterizer.adam import AdamState, adam_step
 from engine.rasterizer.api import rasterize
-from engine.rasterizer.blend_backward import MOMENTS, blend_backward_range
-from engine.rasterizer.blend_forward import blend_range
+from engine.rasterizer.blend_backward import MOMENTS, blend_tiles_backward
+from engine.rasterizer.blend_forward import blend_tiles
 from engine.rasterizer.loss import Target, photometric_loss
 from engine.rasterizer.settings import RasterSettings
-from engine.rasterizer.threads import run_ranges
+from engine.rasterizer.threads import Taken, run_shared
 from engine.rasterizer.tiles import make_tile_lists
 
 from .floor import fma_peak, operations, spin_on
@@ -136,20 +136,20 @@ def _blend(case: Case) -> dict[str, float]:
         pairs = np.empty(len(masks) * (MOMENTS + n_colors), np.float32)
         shape = (projected.pixels, projected.roots)
 
-        def forward(i: int, n: int) -> None:
-            blend_range(
-                i, n, *size, lists.tile_start, lists.gaussians, *shape, projected.limits, projected.faded, colors,
+        def forward(taken: Taken) -> None:
+            blend_tiles(
+                taken, *size, lists.tile_start, lists.gaussians, *shape, projected.limits, projected.faded, colors,
                 n_colors, case.channels, image, transmittance, masks,
             )  # fmt: skip
 
-        def backward(i: int, n: int) -> None:
-            blend_backward_range(
-                i, n, *size, lists.tile_start, lists.gaussians, lists.pairs, *shape, projected.faded, colors,
+        def backward(taken: Taken) -> None:
+            blend_tiles_backward(
+                taken, *size, lists.tile_start, lists.gaussians, lists.pairs, *shape, projected.faded, colors,
                 n_colors, case.channels, masks, upstream, np.empty(0, np.float32), pairs,
             )  # fmt: skip
 
-        run_ranges(forward, case.threads)
-        run_ranges(backward, case.threads)
+        run_shared(forward, case.threads)
+        run_shared(backward, case.threads)
 
     return least(both, case.repeats)
 

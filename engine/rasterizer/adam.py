@@ -12,12 +12,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..errors import NumericalError
+from .finite import all_finite
 from .jit import JIT
-from .threads import run_ranges, split_ranges
+from .threads import Taken, run_shared, shared
 
 __all__ = ["AdamState", "adam_step"]
 
 Float32 = NDArray[np.float32]
+
+_VALUES_AT_ONCE = 4096
+"""Values that one thread takes together."""
 
 
 @dataclass
@@ -48,18 +52,8 @@ class AdamState:
 
 
 @njit(**JIT)
-def _count_bad(gradient: Float32) -> int:
-    """Return how many values are not finite."""
-    n = 0
-    for i in range(gradient.shape[0]):
-        n += gradient[i] - gradient[i] != np.float32(0.0)
-    return n
-
-
-@njit(**JIT)
-def _adam_range(
-    start: int,
-    stop: int,
+def _adam(
+    taken: Taken,
     parameter: Float32,
     gradient: Float32,
     mean: Float32,
@@ -73,13 +67,15 @@ def _adam_range(
     eps: np.float32,
 ) -> None:
     """m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps)."""
-    for i in range(start, stop):
-        g = gradient[i]
-        m = beta1 * mean[i] + rest1 * g
-        v = beta2 * square[i] + rest2 * g * g
-        mean[i] = m
-        square[i] = v
-        parameter[i] -= step_size * m / (np.sqrt(v) * root_correction + eps)
+    n = gradient.shape[0]
+    for first in shared(taken, n, _VALUES_AT_ONCE):
+        for i in range(first, min(first + _VALUES_AT_ONCE, n)):
+            g = gradient[i]
+            m = beta1 * mean[i] + rest1 * g
+            v = beta2 * square[i] + rest2 * g * g
+            mean[i] = m
+            square[i] = v
+            parameter[i] -= step_size * m / (np.sqrt(v) * root_correction + eps)
 
 
 def adam_step(
@@ -103,7 +99,8 @@ def adam_step(
     """
     gradients = [gradient.detach().contiguous().numpy().reshape(-1) for _, gradient, _ in groups]
     for index, gradient in enumerate(gradients):
-        if n_bad := _count_bad(gradient):
+        if not all_finite(gradient):
+            n_bad = int((~np.isfinite(gradient)).sum())
             raise NumericalError(
                 f"the gradient of parameter {index} (shape {tuple(groups[index][0].shape)}) is not finite in {n_bad} "
                 "values; lower the learning rate or resume from the last checkpoint."
@@ -118,10 +115,10 @@ def adam_step(
         root_correction = 1.0 / math.sqrt(1.0 - beta2**state.step)
         arrays = [tensor.detach().numpy().reshape(-1) for tensor in (parameter, state.mean, state.square)]
         numbers = (beta1, beta2, 1.0 - beta1, 1.0 - beta2, step_size, root_correction, eps)
-        calls.append((arrays, gradient, [np.float32(number) for number in numbers]))
+        calls.append((np.zeros(1, np.int64), arrays, gradient, [np.float32(number) for number in numbers]))
 
-    def work(i: int, n: int) -> None:
-        for (parameter, mean, square), gradient, numbers in calls:
-            _adam_range(*split_ranges(len(gradient), i, n), parameter, gradient, mean, square, *numbers)
+    def work(_: Taken) -> None:
+        for taken, (parameter, mean, square), gradient, numbers in calls:  # each counts its own shares
+            _adam(taken, parameter, gradient, mean, square, *numbers)
 
-    run_ranges(work, threads)
+    run_shared(work, threads)

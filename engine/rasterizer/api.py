@@ -10,6 +10,7 @@ import torch
 
 from ..cameras.camera import PinholeCamera
 from ..errors import CameraError, NumericalError
+from .finite import all_finite
 from .settings import RasterSettings
 
 __all__ = ["CulledCounts", "Raster", "rasterize"]
@@ -151,10 +152,10 @@ def rasterize(
 
 def check_finite(name: str, value: torch.Tensor) -> None:
     """Raise `NumericalError` naming the array and the first bad row unless all of `value` [N, ...] is finite."""
-    finite = np.isfinite(value.detach().cpu().numpy())  # torch would wake its own threads, which then spin
-    if finite.all():
+    values = value.detach().cpu().numpy()  # torch would wake its own threads, which then spin
+    if all_finite(values):
         return
-    bad = ~finite.reshape(len(finite), -1).all(axis=1)
+    bad = ~np.isfinite(values).reshape(len(values), -1).all(axis=1)
     raise NumericalError(
         f"`{name}` is not finite in {int(bad.sum())} of {len(bad)} rows (first: row {int(bad.argmax())}); "
         "lower the learning rate or resume from the last checkpoint."

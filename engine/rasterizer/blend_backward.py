@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .blend_forward import GEOMETRY, lane_x, lane_y, place
+from .blend_forward import GEOMETRY, TILES_AT_ONCE, lane_x, lane_y, place
 from .jit import INNER, JIT
 from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .simd import (
@@ -40,9 +40,10 @@ from .simd import (
     store,
     store_sums4,
 )
+from .threads import Taken, shared
 from .tile_spans import TILE
 
-__all__ = ["MOMENTS", "blend_backward_range"]
+__all__ = ["MOMENTS", "blend_tiles_backward"]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
@@ -140,9 +141,8 @@ def _store_pairs(
 
 
 @njit(**JIT)
-def blend_backward_range(
-    first: int,
-    step: int,
+def blend_tiles_backward(
+    taken: Taken,
     width: int,
     height: int,
     tile_start: NDArray[np.int64],
@@ -159,7 +159,7 @@ def blend_backward_range(
     transmittance_gradient: Float32,
     pair_gradients: Float32,
 ) -> int:
-    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of tiles `first`, `first` + `step`, ...
+    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of this thread's share of the tiles.
 
     `transmittance_gradient` is flat [H W], or empty when it is zero everywhere. Returns how many blocks met an incoming
     gradient that is not finite.
@@ -167,7 +167,7 @@ def blend_backward_range(
     n_columns = (width + TILE - 1) // TILE
     n_tiles = n_columns * ((height + TILE - 1) // TILE)
     longest = 0
-    for t in range(first, n_tiles, step):
+    for t in range(n_tiles):
         longest = max(longest, tile_start[t + 1] - tile_start[t])
     block_length = n_colors * 16
     gradient = np.empty(16 * block_length, np.float32)
@@ -184,119 +184,120 @@ def blend_backward_range(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     n_bad = 0
-    for t in range(first, n_tiles, step):
-        x0 = (t % n_columns) * TILE
-        y0 = (t // n_columns) * TILE
-        start = tile_start[t]
-        n = tile_start[t + 1] - start
-        if n == 0:
-            continue
-        if x0 + TILE > width or y0 + TILE > height or n_channels % 4 != 0:
-            gradient[:] = f4(0.0)
-            by_transmittance[:] = f4(0.0)
-        _gather(start, n, x0, y0, n_colors, gaussians, pixels, roots, opacities, geometry, color_rows)
-        n_entries[:n] = 0
-        for k in range(6 * n):
-            store(moments, k * 16, zero)
-        tile_chunks = 0
-        n_weights = 0
-        for block in range(16):
-            left = x0 + 4 * (block % 4)
-            top = y0 + 4 * (block // 4)
-            n_x = min(4, width - left)
-            n_y = min(4, height - top)
-            if n_x <= 0 or n_y <= 0:
+    for first in shared(taken, n_tiles, TILES_AT_ONCE):
+        for t in range(first, min(first + TILES_AT_ONCE, n_tiles)):
+            x0 = (t % n_columns) * TILE
+            y0 = (t // n_columns) * TILE
+            start = tile_start[t]
+            n = tile_start[t + 1] - start
+            if n == 0:
                 continue
-            corner = np.int64(top) * width + left
-            gradient_at = block * block_length
-            _read_block(image_gradient, corner, width, n_x, n_y, n_channels, gradient, gradient_at)
-            if transmittance_gradient.shape[0] > 0:
-                _read_block(transmittance_gradient, corner, width, n_x, n_y, 1, by_transmittance, block * 16)
-            rest = load(by_transmittance, block * 16)
-            active = any_of(rest != zero)
-            probe = rest
-            n_present = 0
-            for chunk in range(0, n_colors, 4):
-                at = gradient_at + chunk * 16
-                g0 = load(gradient, at)
-                g1 = load(gradient, at + 16)
-                g2 = load(gradient, at + 32)
-                g3 = load(gradient, at + 48)
-                if any_of((g0 != zero) | (g1 != zero) | (g2 != zero) | (g3 != zero)):
-                    present[n_present] = chunk
-                    n_present += 1
-                    tile_chunks |= 1 << (chunk >> 2)
-                    probe = probe + ((g0 + g1) + (g2 + g3))
-            if any_of((probe - probe) != zero):  # inf - inf and NaN differ from zero
-                n_bad += 1
-            if n_present == 0 and not active:
-                continue
-            n_queue = 0
-            for j in range(n):
-                put(queue, n_queue, j)
-                n_queue += int((item(masks, start + j) >> block) & 1)
-            px = lane_x() + f4(4 * (block % 4))
-            py = lane_y() + f4(4 * (block // 4))
-            t_now = one
-            for i in range(n_queue):
-                j = item(queue, i)
-                at = j * GEOMETRY
-                dx = px - item(geometry, at)
-                dy = py - item(geometry, at + 1)
-                b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
-                u = fma(dx, splat(item(geometry, at + 2)), b_dy)
-                v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
-                power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
-                raw = power * item(geometry, at + 5)
-                alpha = minimum(raw, splat(_ALPHA_MAX))
-                alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
-                t_next = fma(negative(alpha), t_now, t_now)
-                stop = t_next < _T_MIN
-                weight = select(stop, zero, alpha * t_now)
-                t_now = select(stop, negative_abs(t_now), t_next)
-                color_at = item(color_rows, j)
-                dot = zero
-                odd = zero
-                for c in range(n_present):
-                    k = item(present, c)
-                    at = gradient_at + k * 16
-                    k += color_at
-                    dot = fma(load(gradient, at), splat(item(colors, k)), dot)
-                    odd = fma(load(gradient, at + 16), splat(item(colors, k + 1)), odd)
-                    dot = fma(load(gradient, at + 32), splat(item(colors, k + 2)), dot)
-                    odd = fma(load(gradient, at + 48), splat(item(colors, k + 3)), odd)
-                store(swept, i * 32, weight * (dot + odd))
-                ratio = alpha / (one - alpha)
-                store(swept, i * 32 + 16, select((weight > zero) & (raw <= _ALPHA_MAX), ratio, zero))
-                store(weights, n_weights * 16, weight)
-                entry = item(n_entries, j)
-                put(n_entries, j, entry + 1)
-                put(entries, j * 32 + 2 * entry, n_weights * 16)
-                put(entries, j * 32 + 2 * entry + 1, gradient_at)
-                n_weights += 1
-            rest = rest * maximum(t_now, negative(t_now))
-            for i in range(n_queue - 1, -1, -1):
-                j = item(queue, i)
-                at = j * GEOMETRY
-                dx = px - item(geometry, at)
-                dy = py - item(geometry, at + 1)
-                b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
-                u = fma(dx, splat(item(geometry, at + 2)), b_dy)
-                v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
-                ratio = load(swept, i * 32 + 16)
-                e = load(swept, i * 32)
-                s = select(ratio > zero, fma(negative(rest), ratio, e), zero)
-                rest = rest + e
-                su = s * u
-                sv = s * v
-                at = j * 96
-                store(moments, at, load(moments, at) + s)
-                store(moments, at + 16, load(moments, at + 16) + su)
-                store(moments, at + 32, load(moments, at + 32) + sv)
-                store(moments, at + 48, fma(su, u, load(moments, at + 48)))
-                store(moments, at + 64, fma(su, v, load(moments, at + 64)))
-                store(moments, at + 80, fma(sv, v, load(moments, at + 80)))
-        _store_pairs(
-            start, n, pairs, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
-        )  # fmt: skip
+            if x0 + TILE > width or y0 + TILE > height or n_channels % 4 != 0:
+                gradient[:] = f4(0.0)
+                by_transmittance[:] = f4(0.0)
+            _gather(start, n, x0, y0, n_colors, gaussians, pixels, roots, opacities, geometry, color_rows)
+            n_entries[:n] = 0
+            for k in range(6 * n):
+                store(moments, k * 16, zero)
+            tile_chunks = 0
+            n_weights = 0
+            for block in range(16):
+                left = x0 + 4 * (block % 4)
+                top = y0 + 4 * (block // 4)
+                n_x = min(4, width - left)
+                n_y = min(4, height - top)
+                if n_x <= 0 or n_y <= 0:
+                    continue
+                corner = np.int64(top) * width + left
+                gradient_at = block * block_length
+                _read_block(image_gradient, corner, width, n_x, n_y, n_channels, gradient, gradient_at)
+                if transmittance_gradient.shape[0] > 0:
+                    _read_block(transmittance_gradient, corner, width, n_x, n_y, 1, by_transmittance, block * 16)
+                rest = load(by_transmittance, block * 16)
+                active = any_of(rest != zero)
+                probe = rest
+                n_present = 0
+                for chunk in range(0, n_colors, 4):
+                    at = gradient_at + chunk * 16
+                    g0 = load(gradient, at)
+                    g1 = load(gradient, at + 16)
+                    g2 = load(gradient, at + 32)
+                    g3 = load(gradient, at + 48)
+                    if any_of((g0 != zero) | (g1 != zero) | (g2 != zero) | (g3 != zero)):
+                        present[n_present] = chunk
+                        n_present += 1
+                        tile_chunks |= 1 << (chunk >> 2)
+                        probe = probe + ((g0 + g1) + (g2 + g3))
+                if any_of((probe - probe) != zero):  # inf - inf and NaN differ from zero
+                    n_bad += 1
+                if n_present == 0 and not active:
+                    continue
+                n_queue = 0
+                for j in range(n):
+                    put(queue, n_queue, j)
+                    n_queue += int((item(masks, start + j) >> block) & 1)
+                px = lane_x() + f4(4 * (block % 4))
+                py = lane_y() + f4(4 * (block // 4))
+                t_now = one
+                for i in range(n_queue):
+                    j = item(queue, i)
+                    at = j * GEOMETRY
+                    dx = px - item(geometry, at)
+                    dy = py - item(geometry, at + 1)
+                    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+                    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+                    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
+                    power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
+                    raw = power * item(geometry, at + 5)
+                    alpha = minimum(raw, splat(_ALPHA_MAX))
+                    alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
+                    t_next = fma(negative(alpha), t_now, t_now)
+                    stop = t_next < _T_MIN
+                    weight = select(stop, zero, alpha * t_now)
+                    t_now = select(stop, negative_abs(t_now), t_next)
+                    color_at = item(color_rows, j)
+                    dot = zero
+                    odd = zero
+                    for c in range(n_present):
+                        k = item(present, c)
+                        at = gradient_at + k * 16
+                        k += color_at
+                        dot = fma(load(gradient, at), splat(item(colors, k)), dot)
+                        odd = fma(load(gradient, at + 16), splat(item(colors, k + 1)), odd)
+                        dot = fma(load(gradient, at + 32), splat(item(colors, k + 2)), dot)
+                        odd = fma(load(gradient, at + 48), splat(item(colors, k + 3)), odd)
+                    store(swept, i * 32, weight * (dot + odd))
+                    ratio = alpha / (one - alpha)
+                    store(swept, i * 32 + 16, select((weight > zero) & (raw <= _ALPHA_MAX), ratio, zero))
+                    store(weights, n_weights * 16, weight)
+                    entry = item(n_entries, j)
+                    put(n_entries, j, entry + 1)
+                    put(entries, j * 32 + 2 * entry, n_weights * 16)
+                    put(entries, j * 32 + 2 * entry + 1, gradient_at)
+                    n_weights += 1
+                rest = rest * maximum(t_now, negative(t_now))
+                for i in range(n_queue - 1, -1, -1):
+                    j = item(queue, i)
+                    at = j * GEOMETRY
+                    dx = px - item(geometry, at)
+                    dy = py - item(geometry, at + 1)
+                    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+                    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+                    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
+                    ratio = load(swept, i * 32 + 16)
+                    e = load(swept, i * 32)
+                    s = select(ratio > zero, fma(negative(rest), ratio, e), zero)
+                    rest = rest + e
+                    su = s * u
+                    sv = s * v
+                    at = j * 96
+                    store(moments, at, load(moments, at) + s)
+                    store(moments, at + 16, load(moments, at + 16) + su)
+                    store(moments, at + 32, load(moments, at + 32) + sv)
+                    store(moments, at + 48, fma(su, u, load(moments, at + 48)))
+                    store(moments, at + 64, fma(su, v, load(moments, at + 64)))
+                    store(moments, at + 80, fma(sv, v, load(moments, at + 80)))
+            _store_pairs(
+                start, n, pairs, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
+            )  # fmt: skip
     return n_bad

@@ -35,9 +35,10 @@ from .simd import (
     store,
     store_pixels4,
 )
+from .threads import Taken, shared
 from .tile_spans import LIMIT_MARGIN, TILE
 
-__all__ = ["BATCH", "GEOMETRY", "blend_range", "lane_x", "lane_y", "place"]
+__all__ = ["BATCH", "GEOMETRY", "TILES_AT_ONCE", "blend_tiles", "lane_x", "lane_y", "place"]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
@@ -47,6 +48,9 @@ BATCH = 64
 
 GEOMETRY = 8
 """Floats of a Gaussian in a tile's scratch, see `place`."""
+
+TILES_AT_ONCE = 8
+"""Neighbours that one thread takes together: a Gaussian that lies in several writes its pairs side by side."""
 
 lane_x = lanes([i % 4 + 0.5 for i in range(16)])
 lane_y = lanes([i // 4 + 0.5 for i in range(16)])
@@ -146,9 +150,8 @@ def _write_block(image: Float32, corner: int, width: int, n_x: int, n_y: int, n_
 
 
 @njit(**JIT)
-def blend_range(
-    first: int,
-    step: int,
+def blend_tiles(
+    taken: Taken,
     width: int,
     height: int,
     tile_start: NDArray[np.int64],
@@ -164,14 +167,14 @@ def blend_range(
     transmittance: Float32,
     masks: NDArray[np.uint16],
 ) -> None:
-    """Render tiles `first`, `first` + `step`, ... into flat `image` [H W n_channels] and `transmittance` [H W].
+    """Render this thread's share of the tiles into flat `image` [H W n_channels] and `transmittance` [H W].
 
     `colors` is flat [N n_colors], n_colors = n_channels rounded up to a multiple of 4. `masks` [M] is filled.
     """
     n_columns = (width + TILE - 1) // TILE
     n_tiles = n_columns * ((height + TILE - 1) // TILE)
     longest = 0
-    for t in range(first, n_tiles, step):
+    for t in range(n_tiles):
         longest = max(longest, tile_start[t + 1] - tile_start[t])
     geometry = np.empty(longest * GEOMETRY, np.float32)
     queue = np.empty(longest + 1, np.int32)
@@ -179,86 +182,87 @@ def blend_range(
     weights = np.empty(BATCH * 16, np.float32)
     sums = np.empty(n_colors * 16, np.float32)
     zero = splat(f4(0.0))
-    for t in range(first, n_tiles, step):
-        x0 = (t % n_columns) * TILE
-        y0 = (t // n_columns) * TILE
-        start = tile_start[t]
-        n = tile_start[t + 1] - start
-        for j in range(n):
-            g = gaussians[start + j]
-            place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
-            masks[start + j] = _touched_blocks(geometry, j * GEOMETRY, f4(limits[g] + LIMIT_MARGIN))
-        for block in range(16):
-            block_x = 4 * (block % 4)
-            block_y = 4 * (block // 4)
-            if x0 + block_x >= width or y0 + block_y >= height:
-                bit = ~np.uint16(1 << block)
-                for j in range(n):
-                    masks[start + j] &= bit
-                continue
-            n_queue = 0
+    for first in shared(taken, n_tiles, TILES_AT_ONCE):
+        for t in range(first, min(first + TILES_AT_ONCE, n_tiles)):
+            x0 = (t % n_columns) * TILE
+            y0 = (t // n_columns) * TILE
+            start = tile_start[t]
+            n = tile_start[t + 1] - start
             for j in range(n):
-                put(queue, n_queue, np.int32(j))
-                n_queue += int((item(masks, start + j) >> block) & 1)
-            px = lane_x() + f4(block_x)
-            py = lane_y() + f4(block_y)
-            for k in range(n_colors):
-                store(sums, k * 16, zero)
-            t_now = splat(f4(1.0))
-            i = 0
-            alive = True
-            while i < n_queue and alive:
-                n_batch = 0
-                while i < n_queue and n_batch < BATCH:
-                    j = int(item(queue, i))
+                g = gaussians[start + j]
+                place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
+                masks[start + j] = _touched_blocks(geometry, j * GEOMETRY, f4(limits[g] + LIMIT_MARGIN))
+            for block in range(16):
+                block_x = 4 * (block % 4)
+                block_y = 4 * (block // 4)
+                if x0 + block_x >= width or y0 + block_y >= height:
+                    bit = ~np.uint16(1 << block)
+                    for j in range(n):
+                        masks[start + j] &= bit
+                    continue
+                n_queue = 0
+                for j in range(n):
+                    put(queue, n_queue, np.int32(j))
+                    n_queue += int((item(masks, start + j) >> block) & 1)
+                px = lane_x() + f4(block_x)
+                py = lane_y() + f4(block_y)
+                for k in range(n_colors):
+                    store(sums, k * 16, zero)
+                t_now = splat(f4(1.0))
+                i = 0
+                alive = True
+                while i < n_queue and alive:
+                    n_batch = 0
+                    while i < n_queue and n_batch < BATCH:
+                        j = int(item(queue, i))
+                        i += 1
+                        at = j * GEOMETRY
+                        dx = px - item(geometry, at)
+                        dy = py - item(geometry, at + 1)
+                        b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+                        u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+                        v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
+                        power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
+                        alpha = minimum(power * item(geometry, at + 5), splat(_ALPHA_MAX))
+                        alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
+                        t_next = fma(negative(alpha), t_now, t_now)
+                        stop = t_next < _T_MIN
+                        weight = select(stop, zero, alpha * t_now)
+                        t_next = select(stop, negative_abs(t_now), t_next)
+                        store(weights, n_batch * 16, weight)
+                        put(rows, n_batch, np.int64(item(gaussians, start + j)) * n_colors)
+                        if any_of(t_next != t_now):
+                            n_batch += 1
+                        else:
+                            masks[start + j] &= ~np.uint16(1 << block)
+                        t_now = t_next
+                        if not any_of(t_now > zero):
+                            alive = False
+                            break
+                    for chunk in range(0, n_colors, 4):
+                        sum_at = chunk * 16
+                        sum0 = load(sums, sum_at)
+                        sum1 = load(sums, sum_at + 16)
+                        sum2 = load(sums, sum_at + 32)
+                        sum3 = load(sums, sum_at + 48)
+                        for k in range(n_batch):
+                            weight = load(weights, k * 16)
+                            color_at = item(rows, k) + chunk
+                            sum0 = fma(weight, splat(item(colors, color_at)), sum0)
+                            sum1 = fma(weight, splat(item(colors, color_at + 1)), sum1)
+                            sum2 = fma(weight, splat(item(colors, color_at + 2)), sum2)
+                            sum3 = fma(weight, splat(item(colors, color_at + 3)), sum3)
+                        store(sums, sum_at, sum0)
+                        store(sums, sum_at + 16, sum1)
+                        store(sums, sum_at + 32, sum2)
+                        store(sums, sum_at + 48, sum3)
+                bit = ~np.uint16(1 << block)
+                while i < n_queue:
+                    masks[start + queue[i]] &= bit
                     i += 1
-                    at = j * GEOMETRY
-                    dx = px - item(geometry, at)
-                    dy = py - item(geometry, at + 1)
-                    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
-                    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
-                    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
-                    power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
-                    alpha = minimum(power * item(geometry, at + 5), splat(_ALPHA_MAX))
-                    alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
-                    t_next = fma(negative(alpha), t_now, t_now)
-                    stop = t_next < _T_MIN
-                    weight = select(stop, zero, alpha * t_now)
-                    t_next = select(stop, negative_abs(t_now), t_next)
-                    store(weights, n_batch * 16, weight)
-                    put(rows, n_batch, np.int64(item(gaussians, start + j)) * n_colors)
-                    if any_of(t_next != t_now):
-                        n_batch += 1
-                    else:
-                        masks[start + j] &= ~np.uint16(1 << block)
-                    t_now = t_next
-                    if not any_of(t_now > zero):
-                        alive = False
-                        break
-                for chunk in range(0, n_colors, 4):
-                    sum_at = chunk * 16
-                    sum0 = load(sums, sum_at)
-                    sum1 = load(sums, sum_at + 16)
-                    sum2 = load(sums, sum_at + 32)
-                    sum3 = load(sums, sum_at + 48)
-                    for k in range(n_batch):
-                        weight = load(weights, k * 16)
-                        color_at = item(rows, k) + chunk
-                        sum0 = fma(weight, splat(item(colors, color_at)), sum0)
-                        sum1 = fma(weight, splat(item(colors, color_at + 1)), sum1)
-                        sum2 = fma(weight, splat(item(colors, color_at + 2)), sum2)
-                        sum3 = fma(weight, splat(item(colors, color_at + 3)), sum3)
-                    store(sums, sum_at, sum0)
-                    store(sums, sum_at + 16, sum1)
-                    store(sums, sum_at + 32, sum2)
-                    store(sums, sum_at + 48, sum3)
-            bit = ~np.uint16(1 << block)
-            while i < n_queue:
-                masks[start + queue[i]] &= bit
-                i += 1
-            n_x = min(4, width - x0 - block_x)
-            n_y = min(4, height - y0 - block_y)
-            corner = np.int64(y0 + block_y) * width + x0 + block_x
-            store(weights, 0, maximum(t_now, negative(t_now)))
-            _write_block(transmittance, corner, width, n_x, n_y, 1, weights)
-            _write_block(image, corner, width, n_x, n_y, n_channels, sums)
+                n_x = min(4, width - x0 - block_x)
+                n_y = min(4, height - y0 - block_y)
+                corner = np.int64(y0 + block_y) * width + x0 + block_x
+                store(weights, 0, maximum(t_now, negative(t_now)))
+                _write_block(transmittance, corner, width, n_x, n_y, 1, weights)
+                _write_block(image, corner, width, n_x, n_y, n_channels, sums)

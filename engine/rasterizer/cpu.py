@@ -15,8 +15,8 @@ from torch.autograd.function import once_differentiable
 from ..cameras.camera import PinholeCamera
 from ..errors import NumericalError
 from .api import CulledCounts, Raster, check_finite
-from .blend_backward import MOMENTS, blend_backward_range
-from .blend_forward import blend_range
+from .blend_backward import MOMENTS, blend_tiles_backward
+from .blend_forward import blend_tiles
 from .projection import (
     CULLED_DEGENERATE,
     CULLED_NEAR,
@@ -25,11 +25,11 @@ from .projection import (
     VISIBLE,
     Projected,
     camera_numbers,
-    project_range,
+    project_gaussians,
 )
-from .projection_backward import project_backward_range
+from .projection_backward import project_gaussians_backward
 from .settings import RasterSettings
-from .threads import run_ranges, split_ranges
+from .threads import Taken, run_shared
 from .tiles import TileLists, make_tile_lists
 
 __all__ = [
@@ -131,14 +131,14 @@ def project_view(
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
-    def project(i: int, n_ranges: int) -> None:
-        project_range(
-            *split_ranges(n, i, n_ranges), means, quats, scales, opacities, sh, view.sh_degree, channels,
+    def project(taken: Taken) -> None:
+        project_gaussians(
+            taken, means, quats, scales, opacities, sh, view.sh_degree, channels,
             numbers, center, width, height, projected.state, projected.pixels, projected.roots,
             projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
         )  # fmt: skip
 
-    run_ranges(project, view.settings.threads)
+    run_shared(project, view.settings.threads)
     view.projected, view.lists = projected, make_tile_lists(projected, width, height, view.settings.threads)
 
 
@@ -167,13 +167,13 @@ def blend_view(view: View, n_channels: int) -> tuple[Float32, Float32]:
     flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
     flat_colors = projected.colors.reshape(-1)
 
-    def blend(i: int, n_ranges: int) -> None:
-        blend_range(
-            i, n_ranges, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
+    def blend(taken: Taken) -> None:
+        blend_tiles(
+            taken, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
             projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
         )  # fmt: skip
 
-    run_ranges(blend, view.settings.threads)
+    run_shared(blend, view.settings.threads)
     view.masks = masks
     return image, transmittance
 
@@ -211,15 +211,15 @@ def pair_gradients(view: View, image_gradient: Float32, transmittance_gradient: 
     flat_image, flat_transmittance = image_gradient.reshape(-1), transmittance_gradient.reshape(-1)
     bad_blocks: list[int] = []
 
-    def blend_backward(i: int, n_ranges: int) -> None:
-        n_bad = blend_backward_range(
-            i, n_ranges, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
+    def blend_backward(taken: Taken) -> None:
+        n_bad = blend_tiles_backward(
+            taken, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
             projected.roots, projected.faded, flat_colors, n_colors, n_channels, masks, flat_image,
             flat_transmittance, flat_pairs,
         )  # fmt: skip
         bad_blocks.append(n_bad)
 
-    run_ranges(blend_backward, view.settings.threads)
+    run_shared(blend_backward, view.settings.threads)
     if sum(bad_blocks):
         raise NumericalError(
             f"the gradient of the picture is not finite in {sum(bad_blocks)} blocks of 4x4 pixels; "
@@ -254,19 +254,19 @@ def gaussian_gradients(
     projected, lists = view.projected, view.lists
     assert projected is not None and lists is not None
     means, quats, scales, opacities, sh, channels = arrays
-    outputs = [np.zeros(array.shape, np.float32) for array in arrays]
+    outputs = [np.empty(array.shape, np.float32) for array in arrays]
     by_gaussian = np.zeros((len(means) if with_pose else 0, 12))
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
-    def project_backward(i: int, n_ranges: int) -> None:
-        project_backward_range(
-            *split_ranges(len(means), i, n_ranges), projected.state, lists.pair_start, pairs, means,
+    def project_backward(taken: Taken) -> None:
+        project_gaussians_backward(
+            taken, projected.state, lists.pair_start, pairs, means,
             quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
             channels.shape[1], *outputs, by_gaussian,
         )  # fmt: skip
 
-    run_ranges(project_backward, view.settings.threads)
+    run_shared(project_backward, view.settings.threads)
     return outputs, by_gaussian
 
 
@@ -299,12 +299,12 @@ def rasterize_cpu(
     view = View(camera, sh_degree, settings)
     image, transmittance = _Rasterize.apply(*inputs, viewmat.double(), view)
     assert view.projected is not None
-    counts = np.bincount(view.projected.state, minlength=5)
+    state = view.projected.state
     culled = CulledCounts(
-        near=int(counts[CULLED_NEAR]),
-        degenerate=int(counts[CULLED_DEGENERATE]),
-        transparent=int(counts[CULLED_TRANSPARENT]),
-        outside=int(counts[CULLED_OUTSIDE]),
+        near=int(np.count_nonzero(state == CULLED_NEAR)),
+        degenerate=int(np.count_nonzero(state == CULLED_DEGENERATE)),
+        transparent=int(np.count_nonzero(state == CULLED_TRANSPARENT)),
+        outside=int(np.count_nonzero(state == CULLED_OUTSIDE)),
     )
-    visible = torch.from_numpy(view.projected.state == VISIBLE)
+    visible = torch.from_numpy(state == VISIBLE)
     return Raster(image, transmittance, visible, torch.from_numpy(view.projected.radii), culled)

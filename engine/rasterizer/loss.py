@@ -15,12 +15,12 @@ from .loss_kernels import (
     BORDER,
     PAD,
     STRIP,
-    fill_planes_range,
-    gradient_range,
-    similarity_range,
-    target_range,
+    blur_target,
+    difference_gradient,
+    fill_planes,
+    similarity_and_maps,
 )
-from .threads import run_ranges
+from .threads import Taken, run_shared
 
 __all__ = ["Target", "photometric_loss", "ssim"]
 
@@ -69,14 +69,14 @@ class Target:
         self.planes, self.means, self.variances = (np.zeros(size, np.float32) for _ in range(3))
         flat = values.reshape(-1)
 
-        def fill(i: int, n: int) -> None:
-            fill_planes_range(i, n, flat, 3, self.weights, self.height, self.width, self.planes)
+        def fill(taken: Taken) -> None:
+            fill_planes(taken, flat, 3, self.weights, self.height, self.width, self.planes)
 
-        def blur(i: int, n: int) -> None:
-            target_range(i, n, self.planes, self.height, self.width, self.means, self.variances)
+        def blur(taken: Taken) -> None:
+            blur_target(taken, self.planes, self.height, self.width, self.means, self.variances)
 
-        run_ranges(fill, threads)
-        run_ranges(blur, threads)
+        run_shared(fill, threads)
+        run_shared(blur, threads)
 
 
 def _plane_length(height: int, width: int) -> int:
@@ -123,16 +123,16 @@ def _compare(
     n_strips = (height + STRIP - 1) // STRIP
     totals = np.zeros((3 * n_strips, 2))
 
-    def fill(i: int, n: int) -> None:
-        fill_planes_range(i, n, flat, pixel_step, target.weights, height, width, planes)
+    def fill(taken: Taken) -> None:
+        fill_planes(taken, flat, pixel_step, target.weights, height, width, planes)
 
-    def compare(i: int, n: int) -> None:
-        similarity_range(
-            i, n, planes, target.planes, target.means, target.variances, target.weights, height, width, maps, totals
+    def compare(taken: Taken) -> None:
+        similarity_and_maps(
+            taken, planes, target.planes, target.means, target.variances, target.weights, height, width, maps, totals
         )
 
-    run_ranges(fill, threads)
-    run_ranges(compare, threads)
+    run_shared(fill, threads)
+    run_shared(compare, threads)
     similarity, difference = (float(total) for total in totals.sum(axis=0))
     if not np.isfinite(similarity + difference):
         raise NumericalError(
@@ -144,13 +144,13 @@ def _compare(
     gradient = np.empty((height, width, 3), np.float32)
     flat_gradient = gradient.reshape(-1)
 
-    def differentiate(i: int, n: int) -> None:
-        gradient_range(
-            i, n, planes, target.planes, target.weights, maps, height, width, -lambda_dssim, 1.0 - lambda_dssim,
+    def differentiate(taken: Taken) -> None:
+        difference_gradient(
+            taken, planes, target.planes, target.weights, maps, height, width, -lambda_dssim, 1.0 - lambda_dssim,
             flat_gradient,
         )  # fmt: skip
 
-    run_ranges(differentiate, threads)
+    run_shared(differentiate, threads)
     return similarity, difference, torch.from_numpy(gradient)
 
 

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from .jit import INNER, JIT
 from .simd import fma, load, select, splat, store
+from .threads import Taken, shared
 
-__all__ = ["BORDER", "PAD", "STRIP", "fill_planes_range", "gradient_range", "similarity_range", "target_range"]
+__all__ = ["BORDER", "PAD", "STRIP", "fill_planes", "difference_gradient", "similarity_and_maps", "blur_target"]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
@@ -60,14 +61,14 @@ def _blur_row(source: Float32, at: int, row: int, target: Float32, target_at: in
 
 
 @njit(**JIT)
-def fill_planes_range(
-    first: int, step: int, pixels: Float32, pixel_step: int, weights: Float32, height: int, width: int, planes: Float32
+def fill_planes(
+    taken: Taken, pixels: Float32, pixel_step: int, weights: Float32, height: int, width: int, planes: Float32
 ) -> None:
     """Copy flat `pixels` (`pixel_step` floats apart, 3 used) into 3 padded `planes`, zero where the weight is zero."""
     row = (width + 15) // 16 * 16 + 2 * PAD
     plane = row * (height + 2 * BORDER)
     zero = splat(f4(0.0))
-    for padded_y in range(first, height + 2 * BORDER, step):
+    for padded_y in shared(taken, height + 2 * BORDER, 1):
         y = padded_y - BORDER
         for c in range(3):
             at = c * plane + padded_y * row
@@ -87,17 +88,15 @@ def fill_planes_range(
 
 
 @njit(**JIT)
-def target_range(
-    first: int, step: int, planes: Float32, height: int, width: int, means: Float32, variances: Float32
-) -> None:
-    """Fill `means` (b) and `variances` (s_yy) of strips `first`, `first` + `step`, ... of 3 padded planes y."""
+def blur_target(taken: Taken, planes: Float32, height: int, width: int, means: Float32, variances: Float32) -> None:
+    """Fill `means` (b) and `variances` (s_yy) of this thread's strips of 3 padded planes y."""
     inner = (width + 15) // 16 * 16
     row = inner + 2 * PAD
     plane = row * (height + 2 * BORDER)
     n_strips = (height + STRIP - 1) // STRIP
     squares = np.zeros(row, np.float32)
     blurred = np.empty(2 * (STRIP + 2 * BORDER) * inner, np.float32)
-    for task in range(first, 3 * n_strips, step):
+    for task in shared(taken, 3 * n_strips, 1):
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
         n_rows = min(STRIP, height - top)
@@ -127,9 +126,8 @@ def _clear_margins(maps: Float32, at: int, row: int) -> None:
 
 
 @njit(**JIT)
-def similarity_range(
-    first: int,
-    step: int,
+def similarity_and_maps(
+    taken: Taken,
     image: Float32,
     target: Float32,
     target_means: Float32,
@@ -156,7 +154,7 @@ def similarity_range(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     two = f4(2.0)
-    for task in range(first, 3 * n_strips, step):
+    for task in shared(taken, 3 * n_strips, 1):
         c = task // n_strips
         strip = task - c * n_strips
         top = strip * STRIP
@@ -220,9 +218,8 @@ def similarity_range(
 
 
 @njit(**JIT)
-def gradient_range(
-    first: int,
-    step: int,
+def difference_gradient(
+    taken: Taken,
     image: Float32,
     target: Float32,
     weights: Float32,
@@ -245,7 +242,7 @@ def gradient_range(
     scale = splat(f4(of_similarity))
     plus = splat(f4(of_difference))
     minus = splat(f4(-of_difference))
-    for task in range(first, 3 * n_strips, step):
+    for task in shared(taken, 3 * n_strips, 1):
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
         n_rows = min(STRIP, height - top)

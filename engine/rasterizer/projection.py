@@ -23,6 +23,7 @@ from ..cameras.camera import PinholeCamera
 from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
 from .spherical_harmonics import sh_basis
+from .threads import Taken, shared
 from .tile_spans import walk_tiles
 
 __all__ = [
@@ -30,11 +31,12 @@ __all__ = [
     "CULLED_NEAR",
     "CULLED_OUTSIDE",
     "CULLED_TRANSPARENT",
+    "GAUSSIANS_AT_ONCE",
     "ROOT_SCALE",
     "VISIBLE",
     "Projected",
     "camera_numbers",
-    "project_range",
+    "project_gaussians",
     "rotation_matrix",
 ]
 
@@ -45,6 +47,9 @@ VISIBLE, CULLED_NEAR, CULLED_DEGENERATE, CULLED_TRANSPARENT, CULLED_OUTSIDE = 0,
 
 ROOT_SCALE = math.sqrt(0.5 / math.log(2.0))
 """u and v are measured so that alpha is a power of two: sqrt(log2(e) / 2) times the whitened distance."""
+
+GAUSSIANS_AT_ONCE = 512
+"""Neighbours that one thread takes together."""
 
 
 def camera_numbers(camera: PinholeCamera, settings: RasterSettings) -> Float64:
@@ -222,9 +227,8 @@ def _project_one(
 
 
 @njit(**JIT)
-def project_range(
-    start: int,
-    stop: int,
+def project_gaussians(
+    taken: Taken,
     means: Float32,
     quats: Float32,
     scales: Float32,
@@ -246,7 +250,7 @@ def project_range(
     colors: Float32,
     n_tiles: NDArray[np.int32],
 ) -> None:
-    """Project Gaussians `start` to `stop` and fill their rows of `Projected`.
+    """Project this thread's share of the Gaussians and fill their rows of `Projected`.
 
     `sh` [N, n_sh, 3] has n_sh = 0 when there are no colours, `channels` [N, C] has C = 0 when there are none.
     colour = max(0, 0.5 + sum_k sh_k Y_k(direction)), direction from the camera's `center` to the mean.
@@ -257,30 +261,32 @@ def project_range(
     n_basis = (sh_degree + 1) * (sh_degree + 1)
     n_rgb = 3 if sh.shape[1] > 0 else 0
     n_channels = channels.shape[1]
-    for g in range(start, stop):
-        state[g] = _project_one(
-            g, means, quats, scales, opacities, camera, width, height, r, m, pixels, roots, faded, limits, depths,
-            radii, n_tiles,
-        )  # fmt: skip
-        if state[g] != VISIBLE:
-            continue
-        if n_rgb > 0:
-            dx = means[g, 0] - center[0]
-            dy = means[g, 1] - center[1]
-            dz = means[g, 2] - center[2]
-            k = 1.0 / max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-30)
-            sh_basis(dx * k, dy * k, dz * k, sh_degree, basis)
-            red = 0.5
-            green = 0.5
-            blue = 0.5
-            for i in range(n_basis):
-                red += basis[i] * sh[g, i, 0]
-                green += basis[i] * sh[g, i, 1]
-                blue += basis[i] * sh[g, i, 2]
-            colors[g, 0] = max(red, 0.0)
-            colors[g, 1] = max(green, 0.0)
-            colors[g, 2] = max(blue, 0.0)
-        for i in range(n_channels):
-            colors[g, n_rgb + i] = channels[g, i]
-        for i in range(n_rgb + n_channels, colors.shape[1]):
-            colors[g, i] = 0.0
+    n = means.shape[0]
+    for first in shared(taken, n, GAUSSIANS_AT_ONCE):
+        for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
+            state[g] = _project_one(
+                g, means, quats, scales, opacities, camera, width, height, r, m, pixels, roots, faded, limits, depths,
+                radii, n_tiles,
+            )  # fmt: skip
+            if state[g] != VISIBLE:
+                continue
+            if n_rgb > 0:
+                dx = means[g, 0] - center[0]
+                dy = means[g, 1] - center[1]
+                dz = means[g, 2] - center[2]
+                k = 1.0 / max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-30)
+                sh_basis(dx * k, dy * k, dz * k, sh_degree, basis)
+                red = 0.5
+                green = 0.5
+                blue = 0.5
+                for i in range(n_basis):
+                    red += basis[i] * sh[g, i, 0]
+                    green += basis[i] * sh[g, i, 1]
+                    blue += basis[i] * sh[g, i, 2]
+                colors[g, 0] = max(red, 0.0)
+                colors[g, 1] = max(green, 0.0)
+                colors[g, 2] = max(blue, 0.0)
+            for i in range(n_channels):
+                colors[g, n_rgb + i] = channels[g, i]
+            for i in range(n_rgb + n_channels, colors.shape[1]):
+                colors[g, i] = 0.0

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from .blend_backward import MOMENTS
 from .jit import INNER, JIT
-from .projection import ROOT_SCALE, VISIBLE, rotation_matrix
+from .projection import GAUSSIANS_AT_ONCE, ROOT_SCALE, VISIBLE, rotation_matrix
 from .spherical_harmonics import sh_basis, sh_basis_gradient
+from .threads import Taken, shared
 
-__all__ = ["project_backward_range"]
+__all__ = ["project_gaussians_backward"]
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -48,9 +49,8 @@ def _quaternion_gradient(
 
 
 @njit(**JIT)
-def project_backward_range(
-    start: int,
-    stop: int,
+def project_gaussians_backward(
+    taken: Taken,
     state: NDArray[np.uint8],
     pair_start: NDArray[np.int64],
     pair_gradients: Float32,
@@ -72,12 +72,13 @@ def project_backward_range(
     channels_gradient: Float32,
     pose_gradients: Float64,
 ) -> None:
-    """Fill the gradients of the visible ones of Gaussians `start` to `stop`.
+    """Fill the gradients of this thread's share of the Gaussians, zero for those that are not visible.
 
     `pose_gradients` [N, 12] gets each Gaussian's part of dL/dW (row major) and dL/dt of world-to-camera x = W X + t;
     [0, 12] when the pose needs none.
     `pair_gradients` is [M, MOMENTS + n_colors]; a Gaussian's pairs are summed in their order, in float64.
     """
+    zero = np.float32(0.0)
     row_length = pair_gradients.shape[1]
     n_rgb = 3 if sh.shape[1] > 0 else 0
     n_basis = (sh_degree + 1) * (sh_degree + 1)
@@ -91,165 +92,173 @@ def project_backward_range(
     lm = np.empty((2, 3), np.float64)
     d_m = np.empty((2, 3), np.float64)
     d_q = np.empty((2, 3), np.float64)
-    for g in range(start, stop):
-        if state[g] != VISIBLE:
-            continue
-        total[:] = 0.0
-        for pair in range(pair_start[g], pair_start[g + 1]):
-            for k in range(row_length):
-                total[k] += pair_gradients[pair, k]
-        for k in range(n_channels):
-            channels_gradient[g, k] = total[MOMENTS + n_rgb + k]
-        opacities_gradient[g] = total[0] / opacities[g]
+    n = state.shape[0]
+    for first in shared(taken, n, GAUSSIANS_AT_ONCE):
+        for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
+            means_gradient[g] = zero
+            quats_gradient[g] = zero
+            scales_gradient[g] = zero
+            opacities_gradient[g] = zero
+            sh_gradient[g] = zero
+            channels_gradient[g] = zero
+            if state[g] != VISIBLE:
+                continue
+            total[:] = 0.0
+            for pair in range(pair_start[g], pair_start[g + 1]):
+                for k in range(row_length):
+                    total[k] += pair_gradients[pair, k]
+            for k in range(n_channels):
+                channels_gradient[g, k] = total[MOMENTS + n_rgb + k]
+            opacities_gradient[g] = total[0] / opacities[g]
 
-        # the projection once more
-        x0 = np.float64(means[g, 0])
-        y0 = np.float64(means[g, 1])
-        z0 = np.float64(means[g, 2])
-        x = camera[0] * x0 + camera[1] * y0 + camera[2] * z0 + camera[9]
-        y = camera[3] * x0 + camera[4] * y0 + camera[5] * z0 + camera[10]
-        z = camera[6] * x0 + camera[7] * y0 + camera[8] * z0 + camera[11]
-        qw = np.float64(quats[g, 0])
-        qx = np.float64(quats[g, 1])
-        qy = np.float64(quats[g, 2])
-        qz = np.float64(quats[g, 3])
-        norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-        qw /= norm
-        qx /= norm
-        qy /= norm
-        qz /= norm
-        rotation_matrix(qw, qx, qy, qz, r)
-        fx_z = camera[12] / z
-        fy_z = camera[13] / z
-        tan_x = min(max(x / z, camera[16]), camera[17])
-        tan_y = min(max(y / z, camera[18]), camera[19])
-        for k in range(3):
-            q[0, k] = fx_z * (camera[k] - tan_x * camera[6 + k])
-            q[1, k] = fy_z * (camera[3 + k] - tan_y * camera[6 + k])
-        # M = Q V, V = R S, and the ellipse, in float64: L M is at most 1 while L and M may be far from it, so the
-        # float32 roots of the blending would leave nothing of it for a needle
-        for k in range(3):
-            s = np.float64(scales[g, k])
-            m[0, k] = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
-            m[1, k] = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
-        c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-        c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
-        c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-        low_pass = camera[21]
-        xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
-        xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
-        yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
-        det = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
-        yy += low_pass
-        a = math.sqrt(yy / det)
-        b = -a * xy / yy
-        c = 1.0 / math.sqrt(yy)
-        s_u = total[1] / ROOT_SCALE
-        s_v = total[2] / ROOT_SCALE
-        scale2 = ROOT_SCALE * ROOT_SCALE
-        s_uu = total[3] / scale2
-        s_uv = total[4] / scale2
-        s_vv = total[5] / scale2
-        d_px = a * s_u
-        d_py = b * s_u + c * s_v
-        # d_m = 2 dL/dSigma M = L^T S_ww (L M); a m0 + b m1 = a / yy (yy m0 - xy m1), written without cancellation
-        lean = a / yy
-        lm[0, 0] = lean * (low_pass * m[0, 0] + m[1, 1] * c2 - m[1, 2] * c1)
-        lm[0, 1] = lean * (low_pass * m[0, 1] + m[1, 2] * c0 - m[1, 0] * c2)
-        lm[0, 2] = lean * (low_pass * m[0, 2] + m[1, 0] * c1 - m[1, 1] * c0)
-        for k in range(3):
-            lm[1, k] = c * m[1, k]
-            d_u = s_uu * lm[0, k] + s_uv * lm[1, k]
-            d_v = s_uv * lm[0, k] + s_vv * lm[1, k]
-            d_m[0, k] = a * d_u
-            d_m[1, k] = b * d_u + c * d_v
-        for k in range(3):
-            s = np.float64(scales[g, k])
-            along = 0.0
-            for j in range(3):
-                d_v = q[0, j] * d_m[0, k] + q[1, j] * d_m[1, k]
-                along += d_v * r[j, k]
-                d[j, k] = d_v * s
-            scales_gradient[g, k] = along
-        gw, gx, gy, gz = _quaternion_gradient(qw, qx, qy, qz, norm, d)
-        quats_gradient[g, 0] = gw
-        quats_gradient[g, 1] = gx
-        quats_gradient[g, 2] = gy
-        quats_gradient[g, 3] = gz
-        for j in range(3):
-            d_q[0, j] = 0.0
-            d_q[1, j] = 0.0
+            # the projection once more
+            x0 = np.float64(means[g, 0])
+            y0 = np.float64(means[g, 1])
+            z0 = np.float64(means[g, 2])
+            x = camera[0] * x0 + camera[1] * y0 + camera[2] * z0 + camera[9]
+            y = camera[3] * x0 + camera[4] * y0 + camera[5] * z0 + camera[10]
+            z = camera[6] * x0 + camera[7] * y0 + camera[8] * z0 + camera[11]
+            qw = np.float64(quats[g, 0])
+            qx = np.float64(quats[g, 1])
+            qy = np.float64(quats[g, 2])
+            qz = np.float64(quats[g, 3])
+            norm = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+            qw /= norm
+            qx /= norm
+            qy /= norm
+            qz /= norm
+            rotation_matrix(qw, qx, qy, qz, r)
+            fx_z = camera[12] / z
+            fy_z = camera[13] / z
+            tan_x = min(max(x / z, camera[16]), camera[17])
+            tan_y = min(max(y / z, camera[18]), camera[19])
             for k in range(3):
-                v = r[j, k] * scales[g, k]
-                d_q[0, j] += d_m[0, k] * v
-                d_q[1, j] += d_m[1, k] * v
-        # Q = J W with J = (fx/z, 0, -tan_x fx/z; 0, fy/z, -tan_y fy/z)
-        j00 = 0.0
-        j02 = 0.0
-        j11 = 0.0
-        j12 = 0.0
-        for j in range(3):
-            j00 += d_q[0, j] * camera[j]
-            j02 += d_q[0, j] * camera[6 + j]
-            j11 += d_q[1, j] * camera[3 + j]
-            j12 += d_q[1, j] * camera[6 + j]
-        d_x = d_px * fx_z
-        d_y = d_py * fy_z
-        d_z = -(d_x * x + d_y * y) / z
-        d_z -= (fx_z * (j00 - tan_x * j02) + fy_z * (j11 - tan_y * j12)) / z
-        if camera[16] <= x / z <= camera[17]:
-            d_x -= fx_z * j02 / z
-            d_z += fx_z * j02 * x / (z * z)
-        if camera[18] <= y / z <= camera[19]:
-            d_y -= fy_z * j12 / z
-            d_z += fy_z * j12 * y / (z * z)
-        if pose_gradients.shape[0] > 0:
+                q[0, k] = fx_z * (camera[k] - tan_x * camera[6 + k])
+                q[1, k] = fy_z * (camera[3 + k] - tan_y * camera[6 + k])
+            # M = Q V, V = R S, and the ellipse, in float64: L M is at most 1 while L and M may be far from it, so the
+            # float32 roots of the blending would leave nothing of it for a needle
+            for k in range(3):
+                s = np.float64(scales[g, k])
+                m[0, k] = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
+                m[1, k] = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
+            c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+            c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
+            c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+            low_pass = camera[21]
+            xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
+            xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
+            yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
+            det = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
+            yy += low_pass
+            a = math.sqrt(yy / det)
+            b = -a * xy / yy
+            c = 1.0 / math.sqrt(yy)
+            s_u = total[1] / ROOT_SCALE
+            s_v = total[2] / ROOT_SCALE
+            scale2 = ROOT_SCALE * ROOT_SCALE
+            s_uu = total[3] / scale2
+            s_uv = total[4] / scale2
+            s_vv = total[5] / scale2
+            d_px = a * s_u
+            d_py = b * s_u + c * s_v
+            # d_m = 2 dL/dSigma M = L^T S_ww (L M); a m0 + b m1 = a / yy (yy m0 - xy m1), written without cancellation
+            lean = a / yy
+            lm[0, 0] = lean * (low_pass * m[0, 0] + m[1, 1] * c2 - m[1, 2] * c1)
+            lm[0, 1] = lean * (low_pass * m[0, 1] + m[1, 2] * c0 - m[1, 0] * c2)
+            lm[0, 2] = lean * (low_pass * m[0, 2] + m[1, 0] * c1 - m[1, 1] * c0)
+            for k in range(3):
+                lm[1, k] = c * m[1, k]
+                d_u = s_uu * lm[0, k] + s_uv * lm[1, k]
+                d_v = s_uv * lm[0, k] + s_vv * lm[1, k]
+                d_m[0, k] = a * d_u
+                d_m[1, k] = b * d_u + c * d_v
+            for k in range(3):
+                s = np.float64(scales[g, k])
+                along = 0.0
+                for j in range(3):
+                    d_v = q[0, j] * d_m[0, k] + q[1, j] * d_m[1, k]
+                    along += d_v * r[j, k]
+                    d[j, k] = d_v * s
+                scales_gradient[g, k] = along
+            gw, gx, gy, gz = _quaternion_gradient(qw, qx, qy, qz, norm, d)
+            quats_gradient[g, 0] = gw
+            quats_gradient[g, 1] = gx
+            quats_gradient[g, 2] = gy
+            quats_gradient[g, 3] = gz
             for j in range(3):
-                mean = np.float64(means[g, j])
-                pose_gradients[g, j] = d_x * mean + fx_z * d_q[0, j]
-                pose_gradients[g, 3 + j] = d_y * mean + fy_z * d_q[1, j]
-                pose_gradients[g, 6 + j] = d_z * mean - tan_x * fx_z * d_q[0, j] - tan_y * fy_z * d_q[1, j]
-            pose_gradients[g, 9] = d_x
-            pose_gradients[g, 10] = d_y
-            pose_gradients[g, 11] = d_z
-        d_x0 = camera[0] * d_x + camera[3] * d_y + camera[6] * d_z
-        d_y0 = camera[1] * d_x + camera[4] * d_y + camera[7] * d_z
-        d_z0 = camera[2] * d_x + camera[5] * d_y + camera[8] * d_z
-
-        # colour
-        if n_rgb > 0:
-            x = x0 - center[0]
-            y = y0 - center[1]
-            z = z0 - center[2]
-            k_inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-30)
-            x *= k_inverse
-            y *= k_inverse
-            z *= k_inverse
-            sh_basis(x, y, z, sh_degree, basis)
-            red = total[MOMENTS] if colors[g, 0] > 0.0 else 0.0
-            green = total[MOMENTS + 1] if colors[g, 1] > 0.0 else 0.0
-            blue = total[MOMENTS + 2] if colors[g, 2] > 0.0 else 0.0
-            for k in range(n_basis):
-                sh_gradient[g, k, 0] = basis[k] * red
-                sh_gradient[g, k, 1] = basis[k] * green
-                sh_gradient[g, k, 2] = basis[k] * blue
-                weights[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
-            gx, gy, gz = sh_basis_gradient(x, y, z, sh_degree, weights)
-            along = gx * x + gy * y + gz * z
-            gx = (gx - along * x) * k_inverse
-            gy = (gy - along * y) * k_inverse
-            gz = (gz - along * z) * k_inverse
-            d_x0 += gx
-            d_y0 += gy
-            d_z0 += gz
+                d_q[0, j] = 0.0
+                d_q[1, j] = 0.0
+                for k in range(3):
+                    v = r[j, k] * scales[g, k]
+                    d_q[0, j] += d_m[0, k] * v
+                    d_q[1, j] += d_m[1, k] * v
+            # Q = J W with J = (fx/z, 0, -tan_x fx/z; 0, fy/z, -tan_y fy/z)
+            j00 = 0.0
+            j02 = 0.0
+            j11 = 0.0
+            j12 = 0.0
+            for j in range(3):
+                j00 += d_q[0, j] * camera[j]
+                j02 += d_q[0, j] * camera[6 + j]
+                j11 += d_q[1, j] * camera[3 + j]
+                j12 += d_q[1, j] * camera[6 + j]
+            d_x = d_px * fx_z
+            d_y = d_py * fy_z
+            d_z = -(d_x * x + d_y * y) / z
+            d_z -= (fx_z * (j00 - tan_x * j02) + fy_z * (j11 - tan_y * j12)) / z
+            if camera[16] <= x / z <= camera[17]:
+                d_x -= fx_z * j02 / z
+                d_z += fx_z * j02 * x / (z * z)
+            if camera[18] <= y / z <= camera[19]:
+                d_y -= fy_z * j12 / z
+                d_z += fy_z * j12 * y / (z * z)
             if pose_gradients.shape[0] > 0:
-                # the direction starts at the camera's centre -W^T t
-                for i in range(3):
-                    t = camera[9 + i]
-                    pose_gradients[g, 3 * i] += t * gx
-                    pose_gradients[g, 3 * i + 1] += t * gy
-                    pose_gradients[g, 3 * i + 2] += t * gz
-                    pose_gradients[g, 9 + i] += camera[3 * i] * gx + camera[3 * i + 1] * gy + camera[3 * i + 2] * gz
-        means_gradient[g, 0] = d_x0
-        means_gradient[g, 1] = d_y0
-        means_gradient[g, 2] = d_z0
+                for j in range(3):
+                    mean = np.float64(means[g, j])
+                    pose_gradients[g, j] = d_x * mean + fx_z * d_q[0, j]
+                    pose_gradients[g, 3 + j] = d_y * mean + fy_z * d_q[1, j]
+                    pose_gradients[g, 6 + j] = d_z * mean - tan_x * fx_z * d_q[0, j] - tan_y * fy_z * d_q[1, j]
+                pose_gradients[g, 9] = d_x
+                pose_gradients[g, 10] = d_y
+                pose_gradients[g, 11] = d_z
+            d_x0 = camera[0] * d_x + camera[3] * d_y + camera[6] * d_z
+            d_y0 = camera[1] * d_x + camera[4] * d_y + camera[7] * d_z
+            d_z0 = camera[2] * d_x + camera[5] * d_y + camera[8] * d_z
+
+            # colour
+            if n_rgb > 0:
+                x = x0 - center[0]
+                y = y0 - center[1]
+                z = z0 - center[2]
+                k_inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-30)
+                x *= k_inverse
+                y *= k_inverse
+                z *= k_inverse
+                sh_basis(x, y, z, sh_degree, basis)
+                red = total[MOMENTS] if colors[g, 0] > 0.0 else 0.0
+                green = total[MOMENTS + 1] if colors[g, 1] > 0.0 else 0.0
+                blue = total[MOMENTS + 2] if colors[g, 2] > 0.0 else 0.0
+                for k in range(n_basis):
+                    sh_gradient[g, k, 0] = basis[k] * red
+                    sh_gradient[g, k, 1] = basis[k] * green
+                    sh_gradient[g, k, 2] = basis[k] * blue
+                    weights[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
+                gx, gy, gz = sh_basis_gradient(x, y, z, sh_degree, weights)
+                along = gx * x + gy * y + gz * z
+                gx = (gx - along * x) * k_inverse
+                gy = (gy - along * y) * k_inverse
+                gz = (gz - along * z) * k_inverse
+                d_x0 += gx
+                d_y0 += gy
+                d_z0 += gz
+                if pose_gradients.shape[0] > 0:
+                    # the direction starts at the camera's centre -W^T t
+                    for i in range(3):
+                        t = camera[9 + i]
+                        pose_gradients[g, 3 * i] += t * gx
+                        pose_gradients[g, 3 * i + 1] += t * gy
+                        pose_gradients[g, 3 * i + 2] += t * gz
+                        pose_gradients[g, 9 + i] += camera[3 * i] * gx + camera[3 * i + 1] * gy + camera[3 * i + 2] * gz
+            means_gradient[g, 0] = d_x0
+            means_gradient[g, 1] = d_y0
+            means_gradient[g, 2] = d_z0

@@ -1,13 +1,27 @@
-"""Kernels that release Python's lock, run on a few threads over interleaved ranges; results never depend on how many."""
+"""Kernels that release Python's lock, run on a few threads that fetch their shares as they go, so that a core which
+another program slows down does less; results never depend on how many threads there are, nor on who did what."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from typing import Any
 
-__all__ = ["n_usable_cores", "run_ranges", "split_ranges"]
+import numpy as np
+from llvmlite import ir
+from numba import njit
+from numba.core import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from .jit import INNER
+
+__all__ = ["Taken", "n_usable_cores", "run_shared", "shared"]
+
+Taken = NDArray[np.int64]
+"""One number: how many items of a work have been handed out."""
 
 
 def n_usable_cores() -> int:
@@ -22,20 +36,17 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(n_threads, thread_name_prefix="raster")
 
 
-def run_ranges(work: Callable[[int, int], None], n_threads: int | None) -> None:
-    """Call ``work(i, n)`` for i in 0..n-1 on n threads; each call takes items i, i + n, i + 2n, ...
+def run_shared(work: Callable[[Taken], None], n_threads: int | None) -> None:
+    """Call ``work(taken)`` on `n_threads` threads, all usable cores by default; its kernel loops over `shared` items.
 
     Numba's own parallel loops are not used: where TBB and OpenMP are missing, they abort the process when two Python
     threads use them at once. The first exception of a call is raised here, after all calls ended.
     """
     n = n_threads or n_usable_cores()
-    if n == 1:
-        work(0, 1)
-        return
-    pool = _pool(n)
-    futures = [pool.submit(work, i, n) for i in range(1, n)]
+    taken = np.zeros(1, np.int64)
+    futures = [_pool(n).submit(work, taken) for _ in range(1, n)]
     try:
-        work(0, n)
+        work(taken)
     finally:
         errors = [future.exception() for future in futures]
     for error in errors:
@@ -43,6 +54,25 @@ def run_ranges(work: Callable[[int, int], None], n_threads: int | None) -> None:
             raise error
 
 
-def split_ranges(n_items: int, i: int, n: int) -> tuple[int, int]:
-    """Return the i-th of n contiguous ranges ``start, stop`` that together cover ``range(n_items)``."""
-    return n_items * i // n, n_items * (i + 1) // n
+@intrinsic
+def _take(typing: Any, taken: Any, n: Any) -> Any:
+    """Add `n` to ``taken[0]`` as one indivisible operation and return what it was."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(taken)(context, builder, args[0]).data
+        n64 = context.cast(builder, args[1], sig.args[1], types.int64)
+        return builder.atomic_rmw("add", builder.bitcast(data, ir.IntType(64).as_pointer()), n64, "monotonic")
+
+    return types.int64(taken, n), emit
+
+
+@njit(**INNER)
+def shared(taken: Taken, n_items: int, grain: int) -> Iterator[int]:
+    """Yield the first item of each share that this thread gets of ``range(n_items)``; a share is `grain` items long.
+
+    Neighbours often write side by side, and two cores that write to one cache line wait for each other.
+    """
+    first = _take(taken, grain)
+    while first < n_items:
+        yield first
+        first = _take(taken, grain)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ..errors import NumericalError
 from .jit import JIT
-from .projection import VISIBLE, Projected
-from .threads import run_ranges, split_ranges
+from .projection import GAUSSIANS_AT_ONCE, VISIBLE, Projected
+from .threads import Taken, run_shared, shared
 from .tile_spans import TILE, walk_tiles
 
 __all__ = ["TileLists", "make_tile_lists"]
@@ -75,9 +75,8 @@ def _sort_by_depth(state: NDArray[np.uint8], depth_bits: NDArray[np.uint32]) -> 
 
 
 @njit(**JIT)
-def _list_range(
-    start: int,
-    stop: int,
+def _list_tiles(
+    taken: Taken,
     pair_start: Int64,
     pixels: NDArray[np.float64],
     roots: NDArray[np.float64],
@@ -86,13 +85,15 @@ def _list_range(
     height: int,
     tiles: Int32,
 ) -> None:
-    """Write the tile of each pair of Gaussians `start` to `stop`."""
-    for g in range(start, stop):
-        if pair_start[g + 1] > pair_start[g]:
-            walk_tiles(
-                pixels[g, 0], pixels[g, 1], roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, True,
-                pair_start[g], tiles,
-            )  # fmt: skip
+    """Write the tile of each pair of this thread's share of the Gaussians."""
+    n = pair_start.shape[0] - 1
+    for first in shared(taken, n, GAUSSIANS_AT_ONCE):
+        for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
+            if pair_start[g + 1] > pair_start[g]:
+                walk_tiles(
+                    pixels[g, 0], pixels[g, 1], roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, True,
+                    pair_start[g], tiles,
+                )  # fmt: skip
 
 
 @njit(**JIT)
@@ -135,13 +136,10 @@ def make_tile_lists(projected: Projected, width: int, height: int, n_threads: in
         )
     tiles = np.empty(n_pairs, np.int32)
 
-    def work(i: int, n_ranges: int) -> None:
-        _list_range(
-            *split_ranges(n, i, n_ranges), pair_start, projected.pixels, projected.roots, projected.limits, width,
-            height, tiles,
-        )  # fmt: skip
+    def work(taken: Taken) -> None:
+        _list_tiles(taken, pair_start, projected.pixels, projected.roots, projected.limits, width, height, tiles)
 
-    run_ranges(work, n_threads)
+    run_shared(work, n_threads)
     order = _sort_by_depth(projected.state, projected.depths.view(np.uint32))
     n_tiles = ((width + TILE - 1) // TILE) * ((height + TILE - 1) // TILE)
     return TileLists(pair_start, *_group_by_tile(order, pair_start, tiles, n_tiles))

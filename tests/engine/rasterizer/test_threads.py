@@ -1,0 +1,52 @@
+"""Work shared between threads, and the look for values that are not finite."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import njit
+from numpy.typing import NDArray
+
+from engine.rasterizer.finite import all_finite
+from engine.rasterizer.threads import Taken, run_shared, shared
+
+
+@njit(nogil=True)
+def _count(taken: Taken, times: NDArray[np.int64]) -> None:
+    n = times.shape[0]
+    for first in shared(taken, n, 3):
+        for i in range(first, min(first + 3, n)):
+            times[i] += 1
+
+
+@pytest.mark.parametrize("n_items", [0, 1, 2, 3, 4, 10_000])
+@pytest.mark.parametrize("n_threads", [1, 2, 7])
+def test_every_item_is_done_once_whatever_the_number_of_threads(n_items: int, n_threads: int) -> None:
+    times = np.zeros(n_items, np.int64)
+    run_shared(lambda taken: _count(taken, times), n_threads)
+    assert (times == 1).all()
+
+
+def test_an_error_on_another_thread_is_raised_here() -> None:
+    calls: list[int] = []
+
+    def work(_: Taken) -> None:
+        calls.append(1)
+        if len(calls) == 2:
+            raise ValueError("broken")
+
+    with pytest.raises(ValueError, match="broken"):
+        run_shared(work, 3)
+    assert len(calls) == 3
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("where", [0, 15, 16, 36])
+def test_one_value_that_is_not_finite_is_found_wherever_it_stands(where: int, bad: float, dtype: type) -> None:
+    values = np.full((37,), np.finfo(dtype).max, dtype)
+    assert all_finite(values)
+    assert all_finite(values[::2])
+    values[where] = bad
+    assert not all_finite(values)
+    assert not all_finite(values.reshape(1, 37, 1))
