@@ -8,22 +8,18 @@ those by the exact one.
 from __future__ import annotations
 
 import hashlib
-import json
-import logging
-import zipfile
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DiskError
-from ..project_folder import atomic_write, stage_key
+from ..kept_arrays import keep_arrays, read_kept_arrays
+from ..project_folder import stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MOST_EMBEDDINGS
 
 __all__ = ["EmbeddingFolder"]
 
-_LOG = logging.getLogger(__name__)
 _VERSION = 1
 _SUFFIX = ".sam.npz"
 _SHAPE = (1, 256, 64, 64)
@@ -70,21 +66,11 @@ class EmbeddingFolder:
         made = sam.encode(pixels)
         half = made.features.astype(np.float16)
         if path.exists() or sum(1 for _ in self._folder.rglob(f"*{_SUFFIX}")) < MOST_EMBEDDINGS:
-            try:
-                with atomic_write(path) as stream:
-                    np.savez(stream, features=half, header=np.array(json.dumps({"recipe": recipe})))
-            except DiskError as error:
-                _LOG.info("The embedding of %s is not kept: %s", photo, error)
+            keep_arrays(path, recipe, {"features": half})
         return Embedding(half.astype(np.float32), made.height, made.width, made.scale)
 
 
 def _read(path: Path, recipe: str) -> NDArray[np.float16] | None:
     """Return the features at `path`; None unless they are whole and of `recipe`."""
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            if json.loads(str(archive["header"]))["recipe"] != recipe:
-                return None
-            features = archive["features"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-        return None
-    return features if features.shape == _SHAPE and features.dtype == np.float16 else None
+    features = (read_kept_arrays(path, recipe) or {}).get("features")
+    return features if features is not None and features.shape == _SHAPE and features.dtype == np.float16 else None

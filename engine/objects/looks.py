@@ -7,9 +7,6 @@ photos together, at every level: for an exhibit of which SAM never draws the who
 from __future__ import annotations
 
 import hashlib
-import json
-import logging
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..errors import Cancelled, DiskError
+from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck
-from ..project_folder import atomic_write, stage_key
+from ..kept_arrays import keep_arrays, read_kept_arrays
+from ..project_folder import stage_key
 from .candidates import FEWEST_PIXELS, crop_of
 from .hierarchy import Hierarchy, build_hierarchy
 from .photos import Photos
@@ -32,13 +30,11 @@ if TYPE_CHECKING:
 
 __all__ = ["GroupLooks", "load_or_make_looks", "make_looks", "seeds_of_groups"]
 
-_LOG = logging.getLogger(__name__)
-
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 2
+_VERSION = 3
 _PICTURE = "picture "
 _N_VIEWS = 16
 _N_SIGHTINGS = 3
@@ -233,16 +229,12 @@ def load_or_make_looks(
     A disk that refuses costs only time. Parameters and errors are those of `make_looks`.
     """
     recipe = _recipe(views, detector)
-    kept = _read(file, recipe)
+    kept = read_kept_arrays(file, recipe)
     if kept is not None:
-        return kept
+        return _from_arrays(kept)
     made = make_looks(views, photos, detector, emit=emit, should_stop=should_stop)
     if made is not None:
-        try:
-            with atomic_write(file) as stream:
-                np.savez(stream, **_arrays(made, recipe))
-        except DiskError as error:
-            _LOG.info("What the groups look like is not kept: %s", error)
+        keep_arrays(file, recipe, _arrays(made))
     return made
 
 
@@ -256,36 +248,27 @@ def _recipe(views: Views, detector: Detector) -> str:
     return stage_key(_VERSION, detector.name, views.render_side, photos, digest.hexdigest())
 
 
-def _arrays(looks: GroupLooks, recipe: str) -> dict[str, Any]:
+def _arrays(looks: GroupLooks) -> dict[str, NDArray[Any]]:
     return {
-        "header": np.array(json.dumps({"recipe": recipe, "photo": looks.photo})),
         "finest": looks.hierarchy.finest,
         "groups": looks.hierarchy.groups,
         "standing": looks.hierarchy.standing,
         "group": looks.group,
+        "photo": np.array(looks.photo, dtype=np.str_),
         "described": looks.described.astype(np.float16),
         **{_PICTURE + photo: picture.astype(np.int16) for photo, picture in looks.pictures.items()},
     }
 
 
-def _read(file: Path, recipe: str) -> GroupLooks | None:
-    """Return what `file` holds; None unless it is whole and of `recipe`."""
-    try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            header = json.loads(str(archive["header"]))
-            if header["recipe"] != recipe:
-                return None
-            pictures = {
-                name.removeprefix(_PICTURE): archive[name].astype(np.int32)
-                for name in archive.files
-                if name.startswith(_PICTURE)
-            }
-            return GroupLooks(
-                Hierarchy(archive["finest"], archive["groups"], archive["standing"]),
-                pictures,
-                archive["group"],
-                tuple(header["photo"]),
-                archive["described"].astype(np.float32),
-            )
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-        return None
+def _from_arrays(arrays: dict[str, NDArray[Any]]) -> GroupLooks:
+    return GroupLooks(
+        Hierarchy(arrays["finest"], arrays["groups"], arrays["standing"]),
+        {
+            name.removeprefix(_PICTURE): picture.astype(np.int32)
+            for name, picture in arrays.items()
+            if name.startswith(_PICTURE)
+        },
+        arrays["group"],
+        tuple(str(photo) for photo in arrays["photo"]),
+        arrays["described"].astype(np.float32),
+    )

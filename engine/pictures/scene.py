@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import PinholeCamera
 from ..gaussians.gaussians import Gaussians
-from ..rasterizer.api import rasterize
+from ..rasterizer.api import MAX_CHANNELS, rasterize
 
 if TYPE_CHECKING:
     from ..rasterizer.still_view import StillView
@@ -21,6 +21,9 @@ __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
 Backend = Literal["cpu", "reference"]
 Float32 = NDArray[np.float32]
+
+_AT_ONCE = MAX_CHANNELS - 3
+"""Channels that are rendered in one go, with room for a colour; more take several."""
 
 _KEPT_BYTES = 500_000_000
 """Of projected and sorted views: about 5 MB each with 40,000 Gaussians in pictures 480 pixels wide."""
@@ -88,6 +91,12 @@ class Scene:
         -------
         Rendered
         """
+        if channels is not None and channels.shape[1] > _AT_ONCE:
+            blocks = (slice(first, first + _AT_ONCE) for first in range(0, channels.shape[1], _AT_ONCE))
+            parts = [
+                self.render(camera, color=color and block.start == 0, channels=channels[:, block]) for block in blocks
+            ]
+            return Rendered(np.concatenate([part.channels for part in parts], axis=-1), parts[0].alpha)
         n_channels = 3 * color + (0 if channels is None else channels.shape[1])
         if len(self) == 0:
             empty = np.zeros((camera.height, camera.width, n_channels), np.float32)
@@ -134,6 +143,9 @@ class Scene:
         """
         if len(self) == 0:
             return np.zeros((0, weights.shape[2]), np.float32)
+        if weights.shape[2] > _AT_ONCE:
+            firsts = range(0, weights.shape[2], _AT_ONCE)
+            return np.hstack([self.votes(camera, weights[..., first : first + _AT_ONCE]) for first in firsts])
         if self.backend == "cpu":
             return self._still_view(camera).votes(np.ascontiguousarray(weights, np.float32))
         channels = torch.zeros(len(self), weights.shape[2], requires_grad=True)

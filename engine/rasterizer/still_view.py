@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..cameras.camera import PinholeCamera
-from .api import check_camera, check_finite
+from .api import MAX_CHANNELS, check_camera, check_finite
 from .blend_backward import MOMENTS
 from .cpu import View, blend_view, padded, pair_gradients, project_view
 from .settings import RasterSettings
@@ -61,13 +61,13 @@ class StillView:
         return sum(array.nbytes for array in held) + 2 * len(view.lists.gaussians)
 
     def blend(self, channels: Float32) -> tuple[Float32, Float32]:
-        """Return the picture [H, W, C] of `channels`, float32 [N, C], and the transmittance [H, W]."""
+        """Return the picture [H, W, C] of `channels`, float32 [N, C <= 64], and the transmittance [H, W]."""
         check_finite("channels", torch.from_numpy(channels))
         self._take(channels)
         return blend_view(self._view, channels.shape[1])
 
     def votes(self, weights: Float32) -> Float32:
-        """Return how much of each weighted set of pixels, float32 [H, W, C], every Gaussian makes up, shape [N, C]."""
+        """Return how much of each weighted set of pixels, float32 [H, W, C <= 64], every Gaussian makes up: [N, C]."""
         assert self._view.lists is not None
         pair_start, n_channels = self._view.lists.pair_start, weights.shape[2]
         if self._view.masks is None:
@@ -85,6 +85,8 @@ class StillView:
     def _take(self, channels: Float32) -> None:
         assert self._view.projected is not None
         n, n_channels = channels.shape
+        if n_channels > MAX_CHANNELS:
+            raise ValueError(f"at most {MAX_CHANNELS} channels in a picture, got {n_channels}")
         colors = np.zeros((n, padded(n_channels)), np.float32)
         colors[:, :n_channels] = channels
         self._view.projected = replace(self._view.projected, colors=colors)

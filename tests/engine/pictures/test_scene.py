@@ -28,6 +28,21 @@ def test_votes_and_pictures_are_two_sides_of_one_sum(blobs: BlobScene) -> None:
     assert abs(by_picture - by_votes) < 1e-5 * by_picture
 
 
+def test_more_channels_than_one_picture_holds_are_rendered_and_counted_all_the_same(blobs: BlobScene) -> None:
+    scene, camera = Scene(blobs.gaussians), as_pinhole(blobs.cameras.cameras[1])
+    values = np.random.default_rng(1).random((len(scene), 70), np.float32)
+    weights = np.random.default_rng(2).random((camera.height, camera.width, 70), np.float32)
+    rendered, votes = scene.render(camera, color=True, channels=values), scene.votes(camera, weights)
+    assert rendered.channels.shape == (camera.height, camera.width, 73)
+    near = {"rtol": 1e-5, "atol": 1e-6}
+    np.testing.assert_allclose(rendered.channels[..., :3], scene.render(camera, color=True).channels, **near)
+    for k in (0, 60, 61, 69):
+        one = scene.render(camera, channels=values[:, k : k + 1])
+        np.testing.assert_allclose(rendered.channels[..., 3 + k], one.channels[..., 0], **near)
+        np.testing.assert_allclose(votes[:, k], scene.votes(camera, weights[..., k : k + 1])[:, 0], **near)
+    np.testing.assert_allclose(rendered.alpha, one.alpha, **near)
+
+
 def test_empty_scene_renders_nothing(blobs: BlobScene) -> None:
     empty = Scene(blobs.gaussians[:0])
     camera = as_pinhole(blobs.cameras.cameras[0])
