@@ -24,11 +24,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "NothingAlike",
+    "TextJudge",
     "gather_for_text",
     "nothing_alike",
     "rank_for_text",
-    "score_for_text",
-    "whole_as",
 ]
 
 Mask = NDArray[np.bool_]
@@ -102,32 +101,75 @@ def _lifted(views: Views, seed: Seed, settings: SegmentSettings) -> Lifted | Non
     return lift_group(views, seed.view, seed.mask, seed.members, settings)
 
 
+class TextJudge:
+    """How much Gaussians look like what a text names. What was looked at once is remembered.
+
+    Parameters
+    ----------
+    text : str
+    views : Views
+    photos : Photos
+    detector : Detector
+    settings : SegmentSettings
+        `n_crop_views`.
+    hierarchy : Hierarchy, optional
+        The scene's groups.
+    """
+
+    def __init__(
+        self,
+        text: str,
+        views: Views,
+        photos: Photos,
+        detector: Detector,
+        settings: SegmentSettings,
+        hierarchy: Hierarchy | None = None,
+    ) -> None:
+        self.text, self.views, self.settings = text, views, settings
+        self._photos, self._detector, self._hierarchy = photos, detector, hierarchy
+        self._seen: dict[bytes, float] = {}
+
+    def whole(self, members: Mask) -> float:
+        """Return how much members, bool [N], look like a whole one of what the text names, 0 to 1.
+
+        Half of it is the mean over the photos, half the median: a version must win from most sides. A flowerpot with
+        its plinth looked better than the pot from the one side where that alone was not recognised.
+        """
+        key = np.packbits(members).tobytes()
+        if key not in self._seen:
+            scores: list[float] = []
+            for pixels, box, mask in crops_of(self.views, members, self._photos, self.settings):
+                scores += self._detector.score_crops(pixels, [box], self.text, masks=[mask])
+            self._seen[key] = float(np.mean(scores) + np.median(scores)) / 2 if scores else 0.0
+        return self._seen[key]
+
+    def score(self, candidate: Candidate, members: Mask) -> float:
+        """Return how surely a candidate that came to be `members`, bool [N], is what the text names, 0 to 1.
+
+        The geometric mean of two: what the detector said of the one segment it was surest of, and what it says of the
+        Gaussians, cut out of photos all around; times the root of how much they stand out, where the scene's groups are
+        known. A segment that looks like something else from one side, or holds more than the object, is found out by
+        the second; a part of an object, or it with its plinth, by the third. Contrast to other words and other
+        candidates, spread and agreement over the views were tried beside it, weighted by a logistic fit: on the museum
+        room none of them told its ten exhibits better from the 982 words of the vocabulary that name nothing there.
+        """
+        standing = 1.0 if self._hierarchy is None else self._hierarchy.standing_of(members)
+        return float(np.sqrt(max(seed.score for seed in candidate.seeds) * self.whole(members) * standing))
+
+
 def rank_for_text(
-    text: str,
-    candidates: Sequence[Candidate],
-    views: Views,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    should_stop: StopCheck,
-    hierarchy: Hierarchy | None = None,
+    judge: TextJudge, candidates: Sequence[Candidate], should_stop: StopCheck
 ) -> list[tuple[float, Candidate]]:
     """Return the candidates worth keeping with their score, the best first; at least one. Versions of one object are
     all there, unless nothing is looked at again.
 
     Parameters
     ----------
-    text : str
-    candidates : sequence of Candidate
-    views : Views
-    photos : Photos
-    detector : Detector
-    settings : SegmentSettings
-        `n_rescored`, `n_crop_views`, `least_candidate`; `relative_score` and `same_object` where nothing is looked at
+    judge : TextJudge
+        Its settings' `n_rescored` and `least_candidate`; `relative_score` and `same_object` where nothing is looked at
         again.
+    candidates : sequence of Candidate
     should_stop : callable
-    hierarchy : Hierarchy, optional
-        The scene's groups.
 
     Raises
     ------
@@ -138,23 +180,23 @@ def rank_for_text(
 
     Notes
     -----
-    The score is that of `score_for_text`; with ``n_rescored=0``, `_agreement`.
+    The score is that of the judge; with ``n_rescored=0``, `_agreement`.
     """
+    settings = judge.settings
     looked_at = {seed.view.camera.photo for candidate in candidates for seed in candidate.seeds}
     scored = []
     for candidate in candidates:
         if should_stop():
             raise Cancelled("Stopped while comparing what was found; no object was stored.")
-        if settings.n_rescored:
-            score = score_for_text(
-                text, candidate, views, candidate.best.members, photos, detector, settings, hierarchy
-            )
-        else:
-            score = _agreement(views, candidate, looked_at)
+        score = (
+            judge.score(candidate, candidate.best.members)
+            if settings.n_rescored
+            else _agreement(judge.views, candidate, looked_at)
+        )
         scored.append((score, candidate))
     scored.sort(key=lambda pair: -pair[0])
     if scored[0][0] < settings.least_candidate:
-        raise nothing_alike(text, scored, settings)
+        raise nothing_alike(judge.text, scored, settings)
     least = (_WORTH_A_TRY if settings.n_rescored else settings.relative_score) * scored[0][0]
     kept: list[tuple[float, Candidate]] = []
     for score, candidate in scored:
@@ -162,30 +204,6 @@ def rank_for_text(
         if score >= least and (settings.n_rescored or not same):
             kept.append((score, candidate))
     return kept
-
-
-def score_for_text(
-    text: str,
-    candidate: Candidate,
-    views: Views,
-    members: Mask,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    hierarchy: Hierarchy | None = None,
-) -> float:
-    """Return how surely a candidate that came to be `members`, bool [N], is what `text` names, 0 to 1.
-
-    The geometric mean of two: what the detector said of the one segment it was surest of, and what it says of the
-    Gaussians, cut out of photos all around; times the root of how much they stand out, where the scene's groups are
-    known. A segment that looks like something else from one side, or holds more than the object, is found out by the
-    second; a part of an object, or it with its plinth, by the third. Contrast to other words and other candidates,
-    spread and agreement over the views were tried beside it, weighted by a logistic fit: on the museum room none of
-    them told its ten exhibits better from the 982 words of the vocabulary that name nothing there.
-    """
-    seen = whole_as(text, views, members, photos, detector, settings)
-    standing = 1.0 if hierarchy is None else hierarchy.standing_of(members)
-    return float(np.sqrt(max(seed.score for seed in candidate.seeds) * seen * standing))
 
 
 def nothing_alike(text: str, scored: Sequence[tuple[float, Candidate]], settings: SegmentSettings) -> NothingAlike:
@@ -210,20 +228,6 @@ def _agreement(views: Views, candidate: Candidate, looked_at: set[str]) -> float
         photo = seed.view.camera.photo
         by_photo[photo] = max(by_photo.get(photo, 0.0), seed.score)
     return min(1.0, sum(by_photo.values()) / max(len(facing), len(by_photo)) * candidate.fit)
-
-
-def whole_as(
-    text: str, views: Views, members: Mask, photos: Photos, detector: Detector, settings: SegmentSettings
-) -> float:
-    """Return how much members, bool [N], look like a whole one of what `text` names, 0 to 1.
-
-    Half of it is the mean over the photos, half the median: a version must win from most sides. A flowerpot with its
-    plinth looked better than the pot from the one side where that alone was not recognised.
-    """
-    scores: list[float] = []
-    for pixels, box, mask in crops_of(views, members, photos, settings):
-        scores += detector.score_crops(pixels, [box], text, masks=[mask])
-    return float(np.mean(scores) + np.median(scores)) / 2 if scores else 0.0
 
 
 def _iou(one: Mask, other: Mask) -> float:

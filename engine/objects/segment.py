@@ -27,7 +27,7 @@ from .lifting import complete, refine_by_votes
 from .looks import seeds_of_groups
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
-from .ranking import NothingAlike, gather_for_text, nothing_alike, rank_for_text, score_for_text, whole_as
+from .ranking import NothingAlike, TextJudge, gather_for_text, nothing_alike, rank_for_text
 from .seeds import DetectorFactory, Seed, find_seeds
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
@@ -259,19 +259,15 @@ def _isolate_named(
     accepted: bool,
 ) -> list[FoundObject]:
     """Return what of the seeds is named by `text`; errors as in `isolate`."""
-    views, photos = trained.views, trained.photos
     by_looks = settings.n_rescored > 0 and not accepted
-    candidates = (gather_for_text if by_looks else gather)(views, seeds, settings, should_stop)
+    candidates = (gather_for_text if by_looks else gather)(trained.views, seeds, settings, should_stop)
     _some(candidates)
     ranked = [(candidate.seeds[0].score, candidate) for candidate in candidates]
     looks = trained.looks(detector, emit=emit, should_stop=should_stop) if by_looks and settings.n_groups else None
     hierarchy = None if looks is None else looks.hierarchy
+    judge = TextJudge(text, trained.views, trained.photos, detector, settings, hierarchy)
     if not accepted:
-        ranked = rank_for_text(text, candidates, views, photos, detector, settings, should_stop, hierarchy)
-
-    def judge(members: NDArray[np.bool_]) -> float:
-        return whole_as(text, views, members, photos, detector, settings)
-
+        ranked = rank_for_text(judge, candidates, should_stop)
     found: list[FoundObject] = []
     refused: list[tuple[float, Candidate]] = []
     for number, (score, candidate) in enumerate(ranked):
@@ -283,14 +279,13 @@ def _isolate_named(
         if any(overlap(candidate.best.membership, other.membership) > settings.same_object for other in found):
             continue
         membership = finish(trained, candidate, settings, should_stop)
-        if by_looks and judge(membership >= THRESHOLD) < _WORSE * judge(candidate.best.members):
+        if by_looks and judge.whole(membership >= THRESHOLD) < _WORSE * judge.whole(candidate.best.members):
             membership = candidate.best.membership
         if any(overlap(membership, other.membership) > settings.same_object for other in found):
             continue
-        levels = _levels(trained, candidate, membership, settings, should_stop, judge)
+        levels = _levels(trained, candidate, membership, settings, should_stop, judge.whole)
         if by_looks:
-            members = levels.membership >= THRESHOLD
-            score = score_for_text(text, candidate, views, members, photos, detector, settings, hierarchy)
+            score = judge.score(candidate, levels.membership >= THRESHOLD)
         if by_looks and score < settings.least_score:
             refused.append((score, candidate))
         else:
