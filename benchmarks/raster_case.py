@@ -138,14 +138,14 @@ def _blend(case: Case) -> dict[str, float]:
 
         def forward(taken: Taken) -> None:
             blend_tiles(
-                taken, *size, lists.tile_start, lists.gaussians, *shape, projected.limits, projected.faded, colors,
-                n_colors, case.channels, image, transmittance, masks,
+                taken, lists.all_tiles, *size, lists.tile_start, lists.gaussians, *shape, projected.limits,
+                projected.faded, colors, n_colors, case.channels, image, transmittance, masks,
             )  # fmt: skip
 
         def backward(taken: Taken) -> None:
             blend_tiles_backward(
-                taken, *size, lists.tile_start, lists.gaussians, lists.pairs, *shape, projected.faded, colors,
-                n_colors, case.channels, masks, upstream, np.empty(0, np.float32), pairs,
+                taken, lists.all_tiles, *size, lists.tile_start, lists.gaussians, lists.pairs, *shape,
+                projected.faded, colors, n_colors, case.channels, masks, upstream, np.empty(0, np.float32), pairs,
             )  # fmt: skip
 
         run_shared(forward, case.threads)

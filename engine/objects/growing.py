@@ -163,9 +163,8 @@ def _voted(
             raise Cancelled("Stopped while looking for the whole object; no object was stored.")
         view = views.of(camera)
         mask = view.from_photo(photos.segment(camera, box=_box(camera, points))[0])
-        votes = views.scene.votes(view.frame, np.dstack([mask, view.within]).astype(np.float32))
-        inside += votes[:, 0]
-        seen += votes[:, 1]
+        inside += views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
+        seen += views.seen(view)
     # As in `refine_by_votes`, what was known counts as one pixel.
     voted = ((inside + core) / (seen + 1.0)).astype(np.float32)
     members = np.flatnonzero(voted >= _HALF)

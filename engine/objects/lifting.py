@@ -278,9 +278,8 @@ def refine_by_votes(
                     mask = snap_to_segments(mask, view.labels_from_photo(label_maps[camera.photo]))
                 if denied is not None:
                     mask = mask & ~(views.visible_share(view, denied) > 0.5)
-            votes = views.scene.votes(view.frame, np.dstack([mask & view.within, view.within]).astype(np.float32))
-            inside += votes[:, 0]
-            seen += votes[:, 1]
+            inside += views.scene.votes(view.frame, (mask & view.within)[..., None].astype(np.float32))[:, 0]
+            seen += views.seen(view)
         membership = ((inside + prior) / (seen + 1.0)).astype(np.float32)
         membership = _only_connected(views, membership, inside)
         if not (membership >= _HALF).any():

@@ -92,6 +92,7 @@ class Views:
         self.cameras = cameras
         self.render_side = render_side
         self._views: dict[str, View] = {}
+        self._seen: dict[str, Float32] = {}
 
     @property
     def directions(self) -> Float32:
@@ -118,8 +119,14 @@ class Views:
 
     def visible_share(self, view: View, members: Mask) -> Float32:
         """Return the share of each pixel of `view` that the members, bool [N], make up, occluded by the others."""
-        weights = np.asarray(members, np.float32)[:, None]
-        return self.scene.render(view.frame, channels=weights).channels[..., 0]
+        return self.scene.share(view.frame, members)
+
+    def seen(self, view: View) -> Float32:
+        """Return how many pixels of the photo each Gaussian makes up, shape [N]."""
+        if view.camera.photo not in self._seen:
+            weights = view.within[..., None].astype(np.float32)
+            self._seen[view.camera.photo] = self.scene.votes(view.frame, weights)[:, 0]
+        return self._seen[view.camera.photo]
 
     def facing(self, point: NDArray[np.floating]) -> list[Camera]:
         """Return the cameras that have the world point [3] in their picture."""

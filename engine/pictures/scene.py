@@ -117,6 +117,12 @@ class Scene:
             )
         return Rendered(raster.image.numpy(), 1.0 - raster.transmittance.numpy())
 
+    def share(self, camera: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
+        """Return the share of each pixel, [H, W], that the members, bool [N], make up, occluded by the others."""
+        if self.backend == "cpu" and len(self):
+            return self._still_view(camera).share(members)
+        return self.render(camera, channels=members.astype(np.float32)[:, None]).channels[..., 0]
+
     def depth_of(self, camera: PinholeCamera) -> Float32:
         """Return the depth of every centre along the view axis of `camera`, shape [N], world units."""
         return (self.gaussians.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]).astype(np.float32)

@@ -143,6 +143,7 @@ def _store_pairs(
 @njit(**JIT)
 def blend_tiles_backward(
     taken: Taken,
+    tiles: NDArray[np.int32],
     width: int,
     height: int,
     tile_start: NDArray[np.int64],
@@ -159,15 +160,15 @@ def blend_tiles_backward(
     transmittance_gradient: Float32,
     pair_gradients: Float32,
 ) -> int:
-    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of this thread's share of the tiles.
+    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of this thread's share of `tiles`.
 
     `transmittance_gradient` is flat [H W], or empty when it is zero everywhere. Returns how many blocks met an incoming
     gradient that is not finite.
     """
     n_columns = (width + TILE - 1) // TILE
-    n_tiles = n_columns * ((height + TILE - 1) // TILE)
+    n_tiles = tiles.shape[0]
     longest = 0
-    for t in range(n_tiles):
+    for t in tiles:
         longest = max(longest, tile_start[t + 1] - tile_start[t])
     block_length = n_colors * 16
     gradient = np.empty(16 * block_length, np.float32)
@@ -185,7 +186,7 @@ def blend_tiles_backward(
     one = splat(f4(1.0))
     n_bad = 0
     for first in shared(taken, n_tiles, TILES_AT_ONCE):
-        for t in range(first, min(first + TILES_AT_ONCE, n_tiles)):
+        for t in tiles[first : first + TILES_AT_ONCE]:
             x0 = (t % n_columns) * TILE
             y0 = (t // n_columns) * TILE
             start = tile_start[t]

@@ -152,6 +152,7 @@ def _write_block(image: Float32, corner: int, width: int, n_x: int, n_y: int, n_
 @njit(**JIT)
 def blend_tiles(
     taken: Taken,
+    tiles: NDArray[np.int32],
     width: int,
     height: int,
     tile_start: NDArray[np.int64],
@@ -167,14 +168,14 @@ def blend_tiles(
     transmittance: Float32,
     masks: NDArray[np.uint16],
 ) -> None:
-    """Render this thread's share of the tiles into flat `image` [H W n_channels] and `transmittance` [H W].
+    """Render this thread's share of `tiles` into flat `image` [H W n_channels] and `transmittance` [H W].
 
     `colors` is flat [N n_colors], n_colors = n_channels rounded up to a multiple of 4. `masks` [M] is filled.
     """
     n_columns = (width + TILE - 1) // TILE
-    n_tiles = n_columns * ((height + TILE - 1) // TILE)
+    n_tiles = tiles.shape[0]
     longest = 0
-    for t in range(n_tiles):
+    for t in tiles:
         longest = max(longest, tile_start[t + 1] - tile_start[t])
     geometry = np.empty(longest * GEOMETRY, np.float32)
     queue = np.empty(longest + 1, np.int32)
@@ -183,7 +184,7 @@ def blend_tiles(
     sums = np.empty(n_colors * 16, np.float32)
     zero = splat(f4(0.0))
     for first in shared(taken, n_tiles, TILES_AT_ONCE):
-        for t in range(first, min(first + TILES_AT_ONCE, n_tiles)):
+        for t in tiles[first : first + TILES_AT_ONCE]:
             x0 = (t % n_columns) * TILE
             y0 = (t // n_columns) * TILE
             start = tile_start[t]

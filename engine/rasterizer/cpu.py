@@ -43,6 +43,7 @@ __all__ = [
 ]
 
 Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
 
 
 @dataclass
@@ -142,7 +143,7 @@ def project_view(
     view.projected, view.lists = projected, make_tile_lists(projected, width, height, view.settings.threads)
 
 
-def blend_view(view: View, n_channels: int) -> tuple[Float32, Float32]:
+def blend_view(view: View, n_channels: int, tiles: Int32 | None = None) -> tuple[Float32, Float32]:
     """Blend the projected colours front to back, which also fills `masks` of `view`.
 
     Parameters
@@ -151,6 +152,8 @@ def blend_view(view: View, n_channels: int) -> tuple[Float32, Float32]:
         After `project_view`.
     n_channels : int
         Of the projected colours, without their padding.
+    tiles : int32 array, optional
+        Those to blend, row by row from 0; the others stay zero, picture and transmittance. Once all have been blended.
 
     Returns
     -------
@@ -160,16 +163,17 @@ def blend_view(view: View, n_channels: int) -> tuple[Float32, Float32]:
     projected, lists = view.projected, view.lists
     assert projected is not None and lists is not None
     width, height = view.camera.width, view.camera.height
-    image = np.empty((height, width, n_channels), np.float32)
-    transmittance = np.empty((height, width), np.float32)
-    masks = np.empty(len(lists.gaussians), np.uint16)
+    image = np.zeros((height, width, n_channels), np.float32)
+    transmittance = np.zeros((height, width), np.float32)
+    masks = np.empty(len(lists.gaussians), np.uint16) if view.masks is None else view.masks
+    wanted = lists.all_tiles if tiles is None else tiles
     n_colors = projected.colors.shape[1]
     flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
     flat_colors = projected.colors.reshape(-1)
 
     def blend(taken: Taken) -> None:
         blend_tiles(
-            taken, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
+            taken, wanted, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
             projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
         )  # fmt: skip
 
@@ -183,7 +187,9 @@ def padded(n_channels: int) -> int:
     return (n_channels + 3) // 4 * 4
 
 
-def pair_gradients(view: View, image_gradient: Float32, transmittance_gradient: Float32) -> Float32:
+def pair_gradients(
+    view: View, image_gradient: Float32, transmittance_gradient: Float32, tiles: Int32 | None = None
+) -> Float32:
     """Take the gradients of a picture back to the pairs of a tile and a Gaussian.
 
     Parameters
@@ -192,6 +198,8 @@ def pair_gradients(view: View, image_gradient: Float32, transmittance_gradient: 
         Filled by the forward pass; of M pairs.
     image_gradient : float32 array of shape [H, W, K]
     transmittance_gradient : float32 array of shape [H, W], or empty for zero
+    tiles : int32 array, optional
+        Those to go through; rows of pairs in others are not filled.
 
     Returns
     -------
@@ -209,11 +217,12 @@ def pair_gradients(view: View, image_gradient: Float32, transmittance_gradient: 
     pairs = np.empty((len(lists.gaussians), MOMENTS + n_colors), np.float32)
     flat_colors, flat_pairs = projected.colors.reshape(-1), pairs.reshape(-1)
     flat_image, flat_transmittance = image_gradient.reshape(-1), transmittance_gradient.reshape(-1)
+    wanted = lists.all_tiles if tiles is None else tiles
     bad_blocks: list[int] = []
 
     def blend_backward(taken: Taken) -> None:
         n_bad = blend_tiles_backward(
-            taken, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
+            taken, wanted, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
             projected.roots, projected.faded, flat_colors, n_colors, n_channels, masks, flat_image,
             flat_transmittance, flat_pairs,
         )  # fmt: skip

@@ -13,6 +13,7 @@ from .api import MAX_CHANNELS, check_camera, check_finite
 from .blend_backward import MOMENTS
 from .cpu import View, blend_view, padded, pair_gradients, project_view
 from .settings import RasterSettings
+from .tile_spans import TILE
 
 __all__ = ["StillView"]
 
@@ -66,20 +67,36 @@ class StillView:
         self._take(channels)
         return blend_view(self._view, channels.shape[1])
 
+    def share(self, members: NDArray[np.bool_]) -> Float32:
+        """Return the share of each pixel, [H, W], that the members, bool [N], make up; what it costs is where they are."""
+        lists = self._view.lists
+        assert lists is not None
+        chosen = members.astype(np.float32)[:, None]
+        if self._view.masks is None:
+            return self.blend(chosen)[0][..., 0]
+        self._take(chosen)
+        before = np.concatenate([[0], np.cumsum(members[lists.gaussians])])[lists.tile_start]
+        return blend_view(self._view, 1, np.flatnonzero(np.diff(before)).astype(np.int32))[0][..., 0]
+
     def votes(self, weights: Float32) -> Float32:
         """Return how much of each weighted set of pixels, float32 [H, W, C <= 64], every Gaussian makes up: [N, C]."""
-        assert self._view.lists is not None
-        pair_start, n_channels = self._view.lists.pair_start, weights.shape[2]
+        lists = self._view.lists
+        assert lists is not None
+        pair_start, n_channels = lists.pair_start, weights.shape[2]
         if self._view.masks is None:
             self.blend(np.zeros((len(pair_start) - 1, 1), np.float32))
         self._take(np.zeros((len(pair_start) - 1, n_channels), np.float32))
-        pairs = pair_gradients(self._view, weights, np.zeros(0, np.float32))
-        seen = pair_start[1:] > pair_start[:-1]
-        votes = np.zeros((len(seen), n_channels), np.float32)
-        if seen.any():
-            # A Gaussian's pairs lie side by side.
-            mine = pairs[:, MOMENTS : MOMENTS + n_channels]
-            votes[seen] = np.add.reduceat(mine, pair_start[:-1][seen], axis=0, dtype=np.float64)
+        tiles = _tiles_with(weights != 0)
+        pairs = pair_gradients(self._view, weights, np.zeros(0, np.float32), tiles)
+        votes = np.zeros((len(pair_start) - 1, n_channels), np.float32)
+        filled = [lists.pairs[lists.tile_start[t] : lists.tile_start[t + 1]] for t in tiles]
+        if sum(map(len, filled)):
+            # A Gaussian's pairs lie side by side, and are summed in their order.
+            rows = np.sort(np.concatenate(filled))
+            owner = np.searchsorted(pair_start, rows, side="right") - 1
+            first = np.flatnonzero(np.diff(owner, prepend=-1))
+            mine = pairs[rows, MOMENTS : MOMENTS + n_channels]
+            votes[owner[first]] = np.add.reduceat(mine, first, axis=0, dtype=np.float64)
         return votes
 
     def _take(self, channels: Float32) -> None:
@@ -90,3 +107,12 @@ class StillView:
         colors = np.zeros((n, padded(n_channels)), np.float32)
         colors[:, :n_channels] = channels
         self._view.projected = replace(self._view.projected, colors=colors)
+
+
+def _tiles_with(pixels: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the tiles in which any of `pixels` [H, W, C] is true."""
+    height, width = pixels.shape[:2]
+    padded_pixels = np.zeros((-(-height // TILE) * TILE, -(-width // TILE) * TILE), bool)
+    padded_pixels[:height, :width] = pixels.any(axis=2)
+    by_tile = padded_pixels.reshape(padded_pixels.shape[0] // TILE, TILE, -1, TILE)
+    return np.flatnonzero(by_tile.any(axis=(1, 3))).astype(np.int32)

@@ -41,6 +41,11 @@ class TileLists:
     gaussians: Int32
     pairs: Int32
 
+    @property
+    def all_tiles(self) -> Int32:
+        """Numbers of all tiles, row by row."""
+        return np.arange(len(self.tile_start) - 1, dtype=np.int32)
+
 
 @njit(**JIT)
 def _sort_by_depth(state: NDArray[np.uint8], depth_bits: NDArray[np.uint32]) -> Int32:

@@ -40,6 +40,33 @@ def test_votes_are_the_gradient_of_the_picture(n_sets: int, after_a_picture: boo
     np.testing.assert_array_equal(still.votes(weights), channels.grad.numpy())
 
 
+@pytest.mark.parametrize("corner", [(0, 0), (20, 10), (33, 58)])
+@pytest.mark.parametrize("after_a_picture", [True, False])
+def test_votes_of_few_pixels_are_the_gradient_too(corner: tuple[int, int], after_a_picture: bool) -> None:
+    view, (top, left) = camera(70, 50), corner
+    still = StillView(*ARRAYS, view)
+    if after_a_picture:
+        still.blend(np.ones((400, 3), np.float32))
+    weights = np.zeros((50, 70, 2), np.float32)
+    weights[top : top + 12, left : left + 9, 1] = 0.5
+    channels = torch.zeros(400, 2, requires_grad=True)
+    rasterize(*map(torch.from_numpy, ARRAYS), camera=view, channels=channels).image.backward(torch.from_numpy(weights))
+    assert channels.grad is not None and channels.grad.any()
+    np.testing.assert_array_equal(still.votes(weights), channels.grad.numpy())
+    assert not still.votes(np.zeros_like(weights)).any()
+
+
+@pytest.mark.parametrize("after_a_picture", [True, False])
+def test_the_share_of_some_gaussians_is_that_of_the_whole_picture(after_a_picture: bool) -> None:
+    still, rng = StillView(*ARRAYS, camera(70, 50)), np.random.default_rng(2)
+    if after_a_picture:
+        still.blend(np.ones((400, 3), np.float32))
+    for members in (rng.random(400) < 0.02, rng.random(400) < 0.5, np.ones(400, bool), np.zeros(400, bool)):
+        shown = still.share(members)
+        np.testing.assert_array_equal(shown, still.blend(members[:, None].astype(np.float32))[0][..., 0])
+        assert shown.any() == members.any()
+
+
 def test_nothing_in_the_picture_gets_no_vote() -> None:
     behind = (ARRAYS[0] * np.float32([1, 1, -1]), *ARRAYS[1:])
     still = StillView(*behind, camera(30, 20))
