@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import NumericalError
 from .finite import all_finite
 from .jit import JIT
-from .threads import Taken, run_shared, shared
+from .threads import Taken, run_shared, take
 
 __all__ = ["AdamState", "adam_step"]
 
@@ -68,7 +68,8 @@ def _adam(
 ) -> None:
     """m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps)."""
     n = gradient.shape[0]
-    for first in shared(taken, n, _VALUES_AT_ONCE):
+    first = take(taken, _VALUES_AT_ONCE)
+    while first < n:
         for i in range(first, min(first + _VALUES_AT_ONCE, n)):
             g = gradient[i]
             m = beta1 * mean[i] + rest1 * g
@@ -76,6 +77,7 @@ def _adam(
             mean[i] = m
             square[i] = v
             parameter[i] -= step_size * m / (np.sqrt(v) * root_correction + eps)
+        first = take(taken, _VALUES_AT_ONCE)
 
 
 def adam_step(

@@ -40,7 +40,7 @@ from .simd import (
     store,
     store_sums4,
 )
-from .threads import Taken, shared
+from .threads import Taken, take
 from .tile_spans import TILE
 
 __all__ = ["MOMENTS", "blend_tiles_backward"]
@@ -185,7 +185,8 @@ def blend_tiles_backward(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     n_bad = 0
-    for first in shared(taken, n_tiles, TILES_AT_ONCE):
+    first = take(taken, TILES_AT_ONCE)
+    while first < n_tiles:
         for t in tiles[first : first + TILES_AT_ONCE]:
             x0 = (t % n_columns) * TILE
             y0 = (t // n_columns) * TILE
@@ -301,4 +302,5 @@ def blend_tiles_backward(
             _store_pairs(
                 start, n, pairs, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
             )  # fmt: skip
+        first = take(taken, TILES_AT_ONCE)
     return n_bad

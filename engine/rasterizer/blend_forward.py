@@ -35,7 +35,7 @@ from .simd import (
     store,
     store_pixels4,
 )
-from .threads import Taken, shared
+from .threads import Taken, take
 from .tile_spans import LIMIT_MARGIN, TILE
 
 __all__ = ["BATCH", "GEOMETRY", "TILES_AT_ONCE", "blend_tiles", "lane_x", "lane_y", "place"]
@@ -183,7 +183,8 @@ def blend_tiles(
     weights = np.empty(BATCH * 16, np.float32)
     sums = np.empty(n_colors * 16, np.float32)
     zero = splat(f4(0.0))
-    for first in shared(taken, n_tiles, TILES_AT_ONCE):
+    first = take(taken, TILES_AT_ONCE)
+    while first < n_tiles:
         for t in tiles[first : first + TILES_AT_ONCE]:
             x0 = (t % n_columns) * TILE
             y0 = (t // n_columns) * TILE
@@ -267,3 +268,4 @@ def blend_tiles(
                 store(weights, 0, maximum(t_now, negative(t_now)))
                 _write_block(transmittance, corner, width, n_x, n_y, 1, weights)
                 _write_block(image, corner, width, n_x, n_y, n_channels, sums)
+        first = take(taken, TILES_AT_ONCE)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .jit import INNER, JIT
 from .simd import fma, load, select, splat, store
-from .threads import Taken, shared
+from .threads import Taken, take
 
 __all__ = ["BORDER", "PAD", "STRIP", "fill_planes", "difference_gradient", "similarity_and_maps", "blur_target"]
 
@@ -68,7 +68,8 @@ def fill_planes(
     row = (width + 15) // 16 * 16 + 2 * PAD
     plane = row * (height + 2 * BORDER)
     zero = splat(f4(0.0))
-    for padded_y in shared(taken, height + 2 * BORDER, 1):
+    padded_y = take(taken, 1)
+    while padded_y < height + 2 * BORDER:
         y = padded_y - BORDER
         for c in range(3):
             at = c * plane + padded_y * row
@@ -85,6 +86,7 @@ def fill_planes(
                     planes[at + PAD + x] = pixels[source + x * pixel_step]
                 else:
                     planes[at + PAD + x] = f4(0.0)
+        padded_y = take(taken, 1)
 
 
 @njit(**JIT)
@@ -96,7 +98,8 @@ def blur_target(taken: Taken, planes: Float32, height: int, width: int, means: F
     n_strips = (height + STRIP - 1) // STRIP
     squares = np.zeros(row, np.float32)
     blurred = np.empty(2 * (STRIP + 2 * BORDER) * inner, np.float32)
-    for task in shared(taken, 3 * n_strips, 1):
+    task = take(taken, 1)
+    while task < 3 * n_strips:
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
         n_rows = min(STRIP, height - top)
@@ -115,6 +118,7 @@ def blur_target(taken: Taken, planes: Float32, height: int, width: int, means: F
                 b = _blur_at(blurred, middle + i, inner)
                 store(means, at + i, b)
                 store(variances, at + i, _blur_at(blurred, part + middle + i, inner) - b * b)
+        task = take(taken, 1)
 
 
 @njit(**INNER)
@@ -154,7 +158,8 @@ def similarity_and_maps(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     two = f4(2.0)
-    for task in shared(taken, 3 * n_strips, 1):
+    task = take(taken, 1)
+    while task < 3 * n_strips:
         c = task // n_strips
         strip = task - c * n_strips
         top = strip * STRIP
@@ -215,6 +220,7 @@ def similarity_and_maps(
             if strip == n_strips - 1:
                 for i in range((height + BORDER) * row, plane, 16):
                     store(maps, start + i, zero)
+        task = take(taken, 1)
 
 
 @njit(**JIT)
@@ -242,7 +248,8 @@ def difference_gradient(
     scale = splat(f4(of_similarity))
     plus = splat(f4(of_difference))
     minus = splat(f4(-of_difference))
-    for task in shared(taken, 3 * n_strips, 1):
+    task = take(taken, 1)
+    while task < 3 * n_strips:
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
         n_rows = min(STRIP, height - top)
@@ -265,3 +272,4 @@ def difference_gradient(
             pixel = np.int64(top + k) * width * 3 + c
             for x_at in range(width):
                 gradient[pixel + 3 * x_at] = line[x_at]
+        task = take(taken, 1)

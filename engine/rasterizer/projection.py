@@ -23,7 +23,7 @@ from ..cameras.camera import PinholeCamera
 from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
 from .spherical_harmonics import sh_basis
-from .threads import Taken, shared
+from .threads import Taken, take
 from .tile_spans import walk_tiles
 
 __all__ = [
@@ -262,7 +262,8 @@ def project_gaussians(
     n_rgb = 3 if sh.shape[1] > 0 else 0
     n_channels = channels.shape[1]
     n = means.shape[0]
-    for first in shared(taken, n, GAUSSIANS_AT_ONCE):
+    first = take(taken, GAUSSIANS_AT_ONCE)
+    while first < n:
         for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
             state[g] = _project_one(
                 g, means, quats, scales, opacities, camera, width, height, r, m, pixels, roots, faded, limits, depths,
@@ -290,3 +291,4 @@ def project_gaussians(
                 colors[g, n_rgb + i] = channels[g, i]
             for i in range(n_rgb + n_channels, colors.shape[1]):
                 colors[g, i] = 0.0
+        first = take(taken, GAUSSIANS_AT_ONCE)

@@ -21,7 +21,7 @@ from .blend_backward import MOMENTS
 from .jit import INNER, JIT
 from .projection import GAUSSIANS_AT_ONCE, ROOT_SCALE, VISIBLE, rotation_matrix
 from .spherical_harmonics import sh_basis, sh_basis_gradient
-from .threads import Taken, shared
+from .threads import Taken, take
 
 __all__ = ["project_gaussians_backward"]
 
@@ -93,7 +93,8 @@ def project_gaussians_backward(
     d_m = np.empty((2, 3), np.float64)
     d_q = np.empty((2, 3), np.float64)
     n = state.shape[0]
-    for first in shared(taken, n, GAUSSIANS_AT_ONCE):
+    first = take(taken, GAUSSIANS_AT_ONCE)
+    while first < n:
         for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
             means_gradient[g] = zero
             quats_gradient[g] = zero
@@ -262,3 +263,4 @@ def project_gaussians_backward(
             means_gradient[g, 0] = d_x0
             means_gradient[g, 1] = d_y0
             means_gradient[g, 2] = d_z0
+        first = take(taken, GAUSSIANS_AT_ONCE)

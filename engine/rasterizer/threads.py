@@ -4,21 +4,20 @@ another program slows down does less; results never depend on how many threads t
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from .jit import INNER
+from . import jit  # noqa: F401  (sets Numba up before its first use)
 
-__all__ = ["Taken", "n_usable_cores", "run_shared", "shared"]
+__all__ = ["Taken", "n_usable_cores", "run_shared", "take"]
 
 Taken = NDArray[np.int64]
 """One number: how many items of a work have been handed out."""
@@ -37,7 +36,7 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
 
 
 def run_shared(work: Callable[[Taken], None], n_threads: int | None) -> None:
-    """Call ``work(taken)`` on `n_threads` threads, all usable cores by default; its kernel loops over `shared` items.
+    """Call ``work(taken)`` on `n_threads` threads, all usable cores by default; its kernel does what it can `take`.
 
     Numba's own parallel loops are not used: where TBB and OpenMP are missing, they abort the process when two Python
     threads use them at once. The first exception of a call is raised here, after all calls ended.
@@ -55,8 +54,13 @@ def run_shared(work: Callable[[Taken], None], n_threads: int | None) -> None:
 
 
 @intrinsic
-def _take(typing: Any, taken: Any, n: Any) -> Any:
-    """Add `n` to ``taken[0]`` as one indivisible operation and return what it was."""
+def take(typing: Any, taken: Any, n: Any) -> Any:
+    """Take the next `n` items of a work, ``taken[0]`` to ``taken[0] + n``, and return the first of them.
+
+    `taken` is raised by `n` in one indivisible operation, so that no other thread takes the same ones. A thread takes
+    neighbours together: they often write side by side, and two cores that write to one cache line wait for each other.
+    No generator makes a loop of it: Numba's generators never let go of the arrays they are given.
+    """
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(taken)(context, builder, args[0]).data
@@ -64,15 +68,3 @@ def _take(typing: Any, taken: Any, n: Any) -> Any:
         return builder.atomic_rmw("add", builder.bitcast(data, ir.IntType(64).as_pointer()), n64, "monotonic")
 
     return types.int64(taken, n), emit
-
-
-@njit(**INNER)
-def shared(taken: Taken, n_items: int, grain: int) -> Iterator[int]:
-    """Yield the first item of each share that this thread gets of ``range(n_items)``; a share is `grain` items long.
-
-    Neighbours often write side by side, and two cores that write to one cache line wait for each other.
-    """
-    first = _take(taken, grain)
-    while first < n_items:
-        yield first
-        first = _take(taken, grain)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import NumericalError
 from .jit import JIT
 from .projection import GAUSSIANS_AT_ONCE, VISIBLE, Projected
-from .threads import Taken, run_shared, shared
+from .threads import Taken, run_shared, take
 from .tile_spans import TILE, walk_tiles
 
 __all__ = ["TileLists", "make_tile_lists"]
@@ -92,13 +92,15 @@ def _list_tiles(
 ) -> None:
     """Write the tile of each pair of this thread's share of the Gaussians."""
     n = pair_start.shape[0] - 1
-    for first in shared(taken, n, GAUSSIANS_AT_ONCE):
+    first = take(taken, GAUSSIANS_AT_ONCE)
+    while first < n:
         for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
             if pair_start[g + 1] > pair_start[g]:
                 walk_tiles(
                     pixels[g, 0], pixels[g, 1], roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, True,
                     pair_start[g], tiles,
                 )  # fmt: skip
+        first = take(taken, GAUSSIANS_AT_ONCE)
 
 
 @njit(**JIT)

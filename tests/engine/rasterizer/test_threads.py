@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
+import torch
 from numba import njit
+from numba.core.runtime import _nrt_python, rtsys
 from numpy.typing import NDArray
 
+from engine.rasterizer.adam import AdamState, adam_step
+from engine.rasterizer.api import rasterize
 from engine.rasterizer.finite import all_finite
-from engine.rasterizer.threads import Taken, run_shared, shared
+from engine.rasterizer.loss import Target, photometric_loss
+from engine.rasterizer.threads import Taken, run_shared, take
+from tests.engine.rasterizer.scenes import camera, random_scene
 
 
 @njit(nogil=True)
 def _count(taken: Taken, times: NDArray[np.int64]) -> None:
     n = times.shape[0]
-    for first in shared(taken, n, 3):
+    first = take(taken, 3)
+    while first < n:
         for i in range(first, min(first + 3, n)):
             times[i] += 1
+        first = take(taken, 3)
 
 
 @pytest.mark.parametrize("n_items", [0, 1, 2, 3, 4, 10_000])
@@ -50,3 +60,29 @@ def test_one_value_that_is_not_finite_is_found_wherever_it_stands(where: int, ba
     values[where] = bad
     assert not all_finite(values)
     assert not all_finite(values.reshape(1, 37, 1))
+
+
+def test_no_kernel_keeps_memory() -> None:
+    """With Numba's generators they did: training took 4 MB more at every step."""
+    scene, view = random_scene(100), camera(70, 50)
+    tensors = [scene.means, scene.quats, scene.scales, scene.opacities]
+    for tensor in tensors:
+        tensor.requires_grad_()
+    state = AdamState.zeros_like(scene.means)
+
+    def step() -> None:
+        raster = rasterize(*tensors, camera=view, channels=torch.ones(100, 3))
+        photometric_loss(raster.image, Target(np.zeros((50, 70, 3), np.uint8))).backward()
+        adam_step([(scene.means, scene.means.grad, 0.1)], [state])  # type: ignore[list-item]
+
+    def held() -> int:
+        gc.collect()
+        stats = rtsys.get_allocation_stats()
+        return int(stats.mi_alloc - stats.mi_free)
+
+    _nrt_python.memsys_enable_stats()
+    step()
+    before = held()
+    for _ in range(3):
+        step()
+    assert held() == before
