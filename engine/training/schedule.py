@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -124,10 +125,15 @@ class Schedule:
         """Return the number of steps after which training ends."""
         return min(self._settings.steps, self.cooling_start(cooling_from) + self._cooling_steps)
 
-    def with_cooldown(self, n_steps: int) -> Schedule:
-        """Return the same plan with a cooldown that takes `n_steps` steps."""
+    def of_trial(self) -> Schedule:
+        """Return the same plan with a cooldown that takes the steps of a trial, and higher bands as fast as band 0.
+
+        At their own rate they settle in a thousand steps: in a trial of 84, band 1 gained 0.004 dB in a room where a
+        whole run with it ended 0.25 dB higher.
+        """
         other = copy.copy(self)
-        other._cooling_steps = n_steps
+        other._cooling_steps = self.trial_steps
+        other._settings = replace(self._settings, lr_sh_rest=self._settings.lr_sh)
         return other
 
     def _cooled(self, step: int, cooling_from: int | None) -> float:
@@ -206,7 +212,7 @@ def _trials(settings: TrainingSettings, n_steps: int, cooling_start: int) -> dic
     trials = {settings.sh_interval * band: str(band) for band in range(1, settings.sh_degree + 1)}
     if settings.exposure:
         step = round(_EXPOSURE_TRIAL * settings.steps)
-        while any(abs(step - other) <= n_steps for other in trials):
+        while step in trials:
             step += 1
         trials[step] = EXPOSURE
     return {step: what for step, what in trials.items() if step + n_steps <= cooling_start}
