@@ -32,11 +32,11 @@ def rebuilt(function: Any, old: str, new: str) -> Callable[..., Any]:
 
 def scaled(index: int, factor: float) -> Callable[..., None]:
     """Return the projection's backward kernel with one of its six outputs multiplied."""
-    whole = cpu.project_backward_range
+    whole = cpu.project_gaussians_backward
 
-    def run(start: int, stop: int, *arguments: Any) -> None:
-        whole(start, stop, *arguments)
-        arguments[-6 + index][start:stop] *= np.float32(factor)
+    def run(*arguments: Any) -> None:
+        whole(*arguments)  # all of it: the suite runs on one thread
+        arguments[-6 + index][...] *= np.float32(factor)
 
     return run
 
@@ -48,27 +48,27 @@ def test_a_gradient_that_is_a_ten_thousandth_too_large_is_seen(
     index: int, case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert is_green(case)
-    monkeypatch.setattr(cpu, "project_backward_range", scaled(index, 1.0001))
+    monkeypatch.setattr(cpu, "project_gaussians_backward", scaled(index, 1.0001))
     assert not is_green(case)
 
 
 def test_a_clamp_that_lets_gradients_through_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = rebuilt(blend_backward.blend_backward_range, "(raw <= _ALPHA_MAX)", "(raw <= splat(f4(2.0)))")
-    monkeypatch.setattr(cpu, "blend_backward_range", broken)
+    broken = rebuilt(blend_backward.blend_tiles_backward, "(raw <= _ALPHA_MAX)", "(raw <= splat(f4(2.0)))")
+    monkeypatch.setattr(cpu, "blend_tiles_backward", broken)
     for case in ("clamp_gradient", "opacity_logit_+20"):
         assert not is_green(case), case
 
 
 def test_another_alpha_threshold_in_the_backward_pass_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = rebuilt(blend_backward.blend_backward_range, "alpha >= _ALPHA_MIN", "alpha >= splat(f4(1.001 / 255.0))")
-    monkeypatch.setattr(cpu, "blend_backward_range", broken)
+    broken = rebuilt(blend_backward.blend_tiles_backward, "alpha >= _ALPHA_MIN", "alpha >= splat(f4(1.001 / 255.0))")
+    monkeypatch.setattr(cpu, "blend_tiles_backward", broken)
     assert not is_green("passes_agree")
     assert is_green("nothing_visible")
 
 
 def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the suite found in its first run: centres of needles far off screen lost four digits in float32."""
-    whole = cpu.project_range
+    whole = cpu.project_gaussians
 
     def run(*arguments: Any) -> None:
         whole(*arguments)
@@ -76,19 +76,19 @@ def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytes
         assert roots.dtype == np.float64 and roots.shape[1] == 3
         roots[:] = roots.astype(np.float32)
 
-    monkeypatch.setattr(cpu, "project_range", run)
+    monkeypatch.setattr(cpu, "project_gaussians", run)
     assert is_green("ordinary")
     assert not is_green("needle_centre_off")
 
 
 def test_a_culled_gaussian_with_a_gradient_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = cpu.project_backward_range
+    whole = cpu.project_gaussians_backward
 
-    def run(start: int, stop: int, *arguments: Any) -> None:
-        whole(start, stop, *arguments)
+    def run(*arguments: Any) -> None:
+        whole(*arguments)
         arguments[-6][0] = 1e-30
 
-    monkeypatch.setattr(cpu, "project_backward_range", run)
+    monkeypatch.setattr(cpu, "project_gaussians_backward", run)
     for case in ("nothing_visible", "quats_zero"):
         assert not is_green(case), case
 
@@ -101,13 +101,13 @@ def test_inputs_that_are_let_through_are_seen(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_loss_that_forgets_a_border_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = loss.gradient_range
+    whole = loss.difference_gradient
 
     def run(*arguments: Any) -> None:
         whole(*arguments)
         arguments[-1][:3] = 0.0
 
-    monkeypatch.setattr(loss, "gradient_range", run)
+    monkeypatch.setattr(loss, "difference_gradient", run)
     assert not is_green("loss_noise")
 
 
