@@ -163,10 +163,11 @@ def blend_view(view: View, n_channels: int, tiles: Int32 | None = None) -> tuple
     projected, lists = view.projected, view.lists
     assert projected is not None and lists is not None
     width, height = view.camera.width, view.camera.height
-    image = np.zeros((height, width, n_channels), np.float32)
-    transmittance = np.zeros((height, width), np.float32)
+    # Where all tiles are blended, every pixel is written.
+    new, wanted = (np.empty, lists.all_tiles) if tiles is None else (np.zeros, tiles)
+    image = new((height, width, n_channels), np.float32)
+    transmittance = new((height, width), np.float32)
     masks = np.empty(len(lists.gaussians), np.uint16) if view.masks is None else view.masks
-    wanted = lists.all_tiles if tiles is None else tiles
     n_colors = projected.colors.shape[1]
     flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
     flat_colors = projected.colors.reshape(-1)
