@@ -11,7 +11,7 @@ Summing R from the back keeps the gradients of Gaussians behind nearly opaque on
 in one sweep would leave them an error of the size of the whole. The sums over pixels of s times 1, u, v, u^2, u v, v^2
 are all that `projection_backward` needs for opacity, centre and covariance.
 
-Thresholds are tested on values computed by the very operations of `blend_forward`, so both passes agree bit by bit.
+Thresholds are tested by the very functions of `blend_forward`, so both passes agree bit by bit.
 """
 
 from __future__ import annotations
@@ -20,20 +20,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .blend_forward import GEOMETRY, TILES_AT_ONCE, lane_x, lane_y, place
+from .blend_forward import GEOMETRY, TILES_AT_ONCE, cover, lane_x, lane_y, offsets, place
 from .jit import INNER, JIT
-from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
+from .settings import ALPHA_MAX
 from .simd import (
     any_of,
-    exp2_nonpositive,
     fma,
     item,
     load,
     load_pixels4,
     maximum,
-    minimum,
     negative,
-    negative_abs,
     put,
     select,
     splat,
@@ -51,7 +48,7 @@ f4 = np.float32
 MOMENTS = 8
 """Floats before the colour gradients in a pair's row: sums of s, su, sv, suu, suv, svv and two zeros."""
 
-_ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
+_ALPHA_MAX = f4(ALPHA_MAX)
 
 
 @njit(**INNER)
@@ -244,19 +241,8 @@ def blend_tiles_backward(
                 for i in range(n_queue):
                     j = item(queue, i)
                     at = j * GEOMETRY
-                    dx = px - item(geometry, at)
-                    dy = py - item(geometry, at + 1)
-                    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
-                    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
-                    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
-                    power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
-                    raw = power * item(geometry, at + 5)
-                    alpha = minimum(raw, splat(_ALPHA_MAX))
-                    alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
-                    t_next = fma(negative(alpha), t_now, t_now)
-                    stop = t_next < _T_MIN
-                    weight = select(stop, zero, alpha * t_now)
-                    t_now = select(stop, negative_abs(t_now), t_next)
+                    u, v = offsets(px, py, geometry, at)
+                    raw, alpha, weight, t_now = cover(u, v, item(geometry, at + 5), t_now)
                     color_at = item(color_rows, j)
                     dot = zero
                     odd = zero
@@ -281,11 +267,7 @@ def blend_tiles_backward(
                 for i in range(n_queue - 1, -1, -1):
                     j = item(queue, i)
                     at = j * GEOMETRY
-                    dx = px - item(geometry, at)
-                    dy = py - item(geometry, at + 1)
-                    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
-                    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
-                    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
+                    u, v = offsets(px, py, geometry, at)
                     ratio = load(swept, i * 32 + 16)
                     e = load(swept, i * 32)
                     s = select(ratio > zero, fma(negative(rest), ratio, e), zero)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from .jit import INNER, JIT
 from .settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .simd import (
+    Vec,
     all_bits,
     any_of,
     exp2_nonpositive,
@@ -38,7 +39,7 @@ from .simd import (
 from .threads import Taken, take
 from .tile_spans import LIMIT_MARGIN, TILE
 
-__all__ = ["BATCH", "GEOMETRY", "TILES_AT_ONCE", "blend_tiles", "lane_x", "lane_y", "place"]
+__all__ = ["BATCH", "GEOMETRY", "TILES_AT_ONCE", "blend_tiles", "cover", "lane_x", "lane_y", "offsets", "place"]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
@@ -88,6 +89,30 @@ def place(
     dy = geometry[at + 1] - y
     geometry[at + 6] = roots[g, 0] * (geometry[at] - x) + roots[g, 1] * dy
     geometry[at + 7] = roots[g, 2] * dy
+
+
+@njit(**INNER)
+def offsets(px: Vec, py: Vec, geometry: Float32, at: int) -> tuple[Vec, Vec]:
+    """Return (u, v) at pixel centres (px, py) of the tile, geometry as of `place`."""
+    dx = px - item(geometry, at)
+    dy = py - item(geometry, at + 1)
+    b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
+    u = fma(dx, splat(item(geometry, at + 2)), b_dy)
+    v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
+    return u, v
+
+
+@njit(**INNER)
+def cover(u: Vec, v: Vec, opacity: float, t_now: Vec) -> tuple[Vec, Vec, Vec, Vec]:
+    """Return opacity 2^-(u^2 + v^2), the alpha it gives, its weight alpha T and T behind it; `t_now` is T before it."""
+    zero = splat(f4(0.0))
+    raw = exp2_nonpositive(fma(negative(u), u, negative(v * v))) * opacity
+    alpha = minimum(raw, splat(_ALPHA_MAX))
+    alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
+    t_next = fma(negative(alpha), t_now, t_now)
+    stop = t_next < _T_MIN
+    weight = select(stop, zero, alpha * t_now)
+    return raw, alpha, weight, select(stop, negative_abs(t_now), t_next)
 
 
 @njit(**INNER)
@@ -219,18 +244,8 @@ def blend_tiles(
                         j = int(item(queue, i))
                         i += 1
                         at = j * GEOMETRY
-                        dx = px - item(geometry, at)
-                        dy = py - item(geometry, at + 1)
-                        b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
-                        u = fma(dx, splat(item(geometry, at + 2)), b_dy)
-                        v = fma(dy, splat(item(geometry, at + 4)), splat(item(geometry, at + 7)))
-                        power = exp2_nonpositive(fma(negative(u), u, negative(v * v)))
-                        alpha = minimum(power * item(geometry, at + 5), splat(_ALPHA_MAX))
-                        alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
-                        t_next = fma(negative(alpha), t_now, t_now)
-                        stop = t_next < _T_MIN
-                        weight = select(stop, zero, alpha * t_now)
-                        t_next = select(stop, negative_abs(t_now), t_next)
+                        u, v = offsets(px, py, geometry, at)
+                        _, _, weight, t_next = cover(u, v, item(geometry, at + 5), t_now)
                         store(weights, n_batch * 16, weight)
                         put(rows, n_batch, np.int64(item(gaussians, start + j)) * n_colors)
                         if any_of(t_next != t_now):

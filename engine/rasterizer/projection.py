@@ -36,8 +36,12 @@ __all__ = [
     "VISIBLE",
     "Projected",
     "camera_numbers",
+    "camera_point",
+    "covariance",
+    "linearise",
     "project_gaussians",
     "rotation_matrix",
+    "screen_axes",
 ]
 
 Float32 = NDArray[np.float32]
@@ -137,6 +141,51 @@ def rotation_matrix(w: float, x: float, y: float, z: float, r: Float64) -> None:
 
 
 @njit(**INNER)
+def camera_point(g: int, means: Float32, camera: Float64) -> tuple[float, float, float]:
+    """Return the mean of Gaussian `g` in the camera: x right, y down, z forward."""
+    x = np.float64(means[g, 0])
+    y = np.float64(means[g, 1])
+    z = np.float64(means[g, 2])
+    return (
+        camera[0] * x + camera[1] * y + camera[2] * z + camera[9],
+        camera[3] * x + camera[4] * y + camera[5] * z + camera[10],
+        camera[6] * x + camera[7] * y + camera[8] * z + camera[11],
+    )
+
+
+@njit(**INNER)
+def linearise(x: float, y: float, z: float, camera: Float64, q: Float64) -> tuple[float, float]:
+    """Write Q = J W into `q` [2, 3] and return (x/z, y/z) where J is taken: held within the camera's bounds."""
+    tan_x = min(max(x / z, camera[16]), camera[17])
+    tan_y = min(max(y / z, camera[18]), camera[19])
+    for k in range(3):
+        q[0, k] = camera[12] / z * (camera[k] - tan_x * camera[6 + k])
+        q[1, k] = camera[13] / z * (camera[3 + k] - tan_y * camera[6 + k])
+    return tan_x, tan_y
+
+
+@njit(**INNER)
+def screen_axes(g: int, scales: Float32, r: Float64, q: Float64, m: Float64) -> None:
+    """Write M = Q R S into `m` [2, 3]: columns are the Gaussian's axes on the screen, pixels."""
+    for k in range(3):
+        s = np.float64(scales[g, k])
+        m[0, k] = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
+        m[1, k] = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
+
+
+@njit(**INNER)
+def covariance(m: Float64) -> tuple[float, float, float, float, float, float]:
+    """Return M M^T as xx, xy, yy, and the cross product of the rows of M, whose square is its determinant."""
+    xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
+    xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
+    yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
+    c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
+    c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
+    c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+    return xx, xy, yy, c0, c1, c2
+
+
+@njit(**INNER)
 def _project_one(
     g: int,
     means: Float32,
@@ -147,6 +196,7 @@ def _project_one(
     width: int,
     height: int,
     r: Float64,
+    q: Float64,
     m: Float64,
     pixels: Float64,
     roots: Float64,
@@ -156,15 +206,10 @@ def _project_one(
     radii: Float32,
     n_tiles: NDArray[np.int32],
 ) -> int:
-    """Project Gaussian `g` and return its state. `r` [3, 3] and `m` [2, 3] are scratch."""
-    x0 = np.float64(means[g, 0])
-    y0 = np.float64(means[g, 1])
-    z0 = np.float64(means[g, 2])
-    z = camera[6] * x0 + camera[7] * y0 + camera[8] * z0 + camera[11]
+    """Project Gaussian `g` and return its state. `r` [3, 3], `q` [2, 3], `m` [2, 3] are scratch."""
+    x, y, z = camera_point(g, means, camera)
     if not z > camera[20]:
         return CULLED_NEAR
-    x = camera[0] * x0 + camera[1] * y0 + camera[2] * z0 + camera[9]
-    y = camera[3] * x0 + camera[4] * y0 + camera[5] * z0 + camera[10]
     qw = np.float64(quats[g, 0])
     qx = np.float64(quats[g, 1])
     qy = np.float64(quats[g, 2])
@@ -174,23 +219,10 @@ def _project_one(
         return CULLED_DEGENERATE
     k = 1.0 / math.sqrt(norm2)
     rotation_matrix(qw * k, qx * k, qy * k, qz * k, r)
-    fx_z = camera[12] / z
-    fy_z = camera[13] / z
-    tan_x = min(max(x / z, camera[16]), camera[17])
-    tan_y = min(max(y / z, camera[18]), camera[19])
+    linearise(x, y, z, camera, q)
+    screen_axes(g, scales, r, q, m)
+    xx, xy, yy, c0, c1, c2 = covariance(m)
     low_pass = camera[21]
-    for j in range(3):
-        w0 = camera[0] * r[0, j] + camera[1] * r[1, j] + camera[2] * r[2, j]
-        w1 = camera[3] * r[0, j] + camera[4] * r[1, j] + camera[5] * r[2, j]
-        w2 = camera[6] * r[0, j] + camera[7] * r[1, j] + camera[8] * r[2, j]
-        m[0, j] = fx_z * (w0 - tan_x * w2) * scales[g, j]
-        m[1, j] = fy_z * (w1 - tan_y * w2) * scales[g, j]
-    xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
-    xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
-    yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
-    c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-    c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
-    c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
     det_alone = c0 * c0 + c1 * c1 + c2 * c2
     det = det_alone + low_pass * (xx + yy + low_pass)
     xx += low_pass
@@ -203,8 +235,8 @@ def _project_one(
     if opacity < ALPHA_MIN:
         return CULLED_TRANSPARENT
     limit = math.log2(255.0 * opacity)
-    px = fx_z * x + camera[14]
-    py = fy_z * y + camera[15]
+    px = camera[12] / z * x + camera[14]
+    py = camera[13] / z * y + camera[15]
     reach = 2.0 * math.log(2.0) * max(limit, 0.0)
     extent_x = math.sqrt(reach * xx)
     extent_y = math.sqrt(reach * yy)
@@ -256,6 +288,7 @@ def project_gaussians(
     colour = max(0, 0.5 + sum_k sh_k Y_k(direction)), direction from the camera's `center` to the mean.
     """
     r = np.empty((3, 3), np.float64)
+    q = np.empty((2, 3), np.float64)
     m = np.empty((2, 3), np.float64)
     basis = np.empty(16, np.float64)
     n_basis = (sh_degree + 1) * (sh_degree + 1)
@@ -266,7 +299,7 @@ def project_gaussians(
     while first < n:
         for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
             state[g] = _project_one(
-                g, means, quats, scales, opacities, camera, width, height, r, m, pixels, roots, faded, limits, depths,
+                g, means, quats, scales, opacities, camera, width, height, r, q, m, pixels, roots, faded, limits, depths,
                 radii, n_tiles,
             )  # fmt: skip
             if state[g] != VISIBLE:

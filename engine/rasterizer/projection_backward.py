@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from .blend_backward import MOMENTS
 from .jit import INNER, JIT
-from .projection import GAUSSIANS_AT_ONCE, ROOT_SCALE, VISIBLE, rotation_matrix
+from .projection import (
+    GAUSSIANS_AT_ONCE,
+    ROOT_SCALE,
+    VISIBLE,
+    camera_point,
+    covariance,
+    linearise,
+    rotation_matrix,
+    screen_axes,
+)
 from .spherical_harmonics import sh_basis, sh_basis_gradient
 from .threads import Taken, take
 
@@ -113,12 +122,7 @@ def project_gaussians_backward(
             opacities_gradient[g] = total[0] / opacities[g]
 
             # the projection once more
-            x0 = np.float64(means[g, 0])
-            y0 = np.float64(means[g, 1])
-            z0 = np.float64(means[g, 2])
-            x = camera[0] * x0 + camera[1] * y0 + camera[2] * z0 + camera[9]
-            y = camera[3] * x0 + camera[4] * y0 + camera[5] * z0 + camera[10]
-            z = camera[6] * x0 + camera[7] * y0 + camera[8] * z0 + camera[11]
+            x, y, z = camera_point(g, means, camera)
             qw = np.float64(quats[g, 0])
             qx = np.float64(quats[g, 1])
             qy = np.float64(quats[g, 2])
@@ -131,24 +135,12 @@ def project_gaussians_backward(
             rotation_matrix(qw, qx, qy, qz, r)
             fx_z = camera[12] / z
             fy_z = camera[13] / z
-            tan_x = min(max(x / z, camera[16]), camera[17])
-            tan_y = min(max(y / z, camera[18]), camera[19])
-            for k in range(3):
-                q[0, k] = fx_z * (camera[k] - tan_x * camera[6 + k])
-                q[1, k] = fy_z * (camera[3 + k] - tan_y * camera[6 + k])
-            # M = Q V, V = R S, and the ellipse, in float64: L M is at most 1 while L and M may be far from it, so the
-            # float32 roots of the blending would leave nothing of it for a needle
-            for k in range(3):
-                s = np.float64(scales[g, k])
-                m[0, k] = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
-                m[1, k] = (q[1, 0] * r[0, k] + q[1, 1] * r[1, k] + q[1, 2] * r[2, k]) * s
-            c0 = m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
-            c1 = m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]
-            c2 = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
+            tan_x, tan_y = linearise(x, y, z, camera, q)
+            screen_axes(g, scales, r, q, m)
+            # the ellipse in float64: L M is at most 1 while L and M may be far from it, so the float32 roots of the
+            # blending would leave nothing of it for a needle
+            xx, xy, yy, c0, c1, c2 = covariance(m)
             low_pass = camera[21]
-            xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
-            xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
-            yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
             det = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
             yy += low_pass
             a = math.sqrt(yy / det)
@@ -228,9 +220,9 @@ def project_gaussians_backward(
 
             # colour
             if n_rgb > 0:
-                x = x0 - center[0]
-                y = y0 - center[1]
-                z = z0 - center[2]
+                x = means[g, 0] - center[0]
+                y = means[g, 1] - center[1]
+                z = means[g, 2] - center[2]
                 k_inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-30)
                 x *= k_inverse
                 y *= k_inverse

@@ -21,6 +21,7 @@ from numba.extending import intrinsic, lower_builtin, register_model
 from . import jit  # noqa: F401  (sets the cache folder before the first kernel is decorated)
 
 __all__ = [
+    "Vec",
     "all_bits",
     "any_of",
     "exp2_nonpositive",
@@ -40,6 +41,9 @@ __all__ = [
     "store_pixels4",
     "store_sums4",
 ]
+
+Vec = Any
+"""Sixteen floats in the signature of a kernel's helper: what a checker of types outside of Numba can say of them."""
 
 LANES = 16
 _F = ir.FloatType()

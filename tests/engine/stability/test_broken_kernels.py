@@ -12,7 +12,7 @@ import pytest
 import torch
 from numba import njit
 
-from engine.rasterizer import adam, blend_backward, cpu, loss
+from engine.rasterizer import adam, blend_backward, blend_forward, cpu, loss
 from engine.stability.table import judge, select
 
 
@@ -20,12 +20,12 @@ def is_green(case: str) -> bool:
     return judge(select(case)[0]).green
 
 
-def rebuilt(function: Any, old: str, new: str) -> Callable[..., Any]:
-    """Return a kernel compiled again with `old` replaced in its source; nothing is kept on disk."""
+def rebuilt(function: Any, old: str, new: str, **calls: Any) -> Any:
+    """Return a kernel compiled again with `old` replaced in its source and other `calls`; nothing is kept on disk."""
     source = inspect.getsource(function.py_func)
     assert source.count(old) >= 1, f"{old!r} is no longer in the kernel: break another line"
-    scope = dict(function.py_func.__globals__)
-    code = source.replace("@njit(**JIT)\n", "").replace(old, new)
+    scope = {**function.py_func.__globals__, **calls}
+    code = source[source.index("def ") :].replace(old, new)
     exec(compile(code, "broken kernel", "exec"), scope)
     return njit(nogil=True, error_model="numpy")(scope[function.py_func.__name__])
 
@@ -60,7 +60,8 @@ def test_a_clamp_that_lets_gradients_through_is_seen(monkeypatch: pytest.MonkeyP
 
 
 def test_another_alpha_threshold_in_the_backward_pass_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken = rebuilt(blend_backward.blend_tiles_backward, "alpha >= _ALPHA_MIN", "alpha >= splat(f4(1.001 / 255.0))")
+    cover = rebuilt(blend_forward.cover, "alpha >= _ALPHA_MIN", "alpha >= splat(f4(1.001 / 255.0))")
+    broken = rebuilt(blend_backward.blend_tiles_backward, "cover(", "cover(", cover=cover)
     monkeypatch.setattr(cpu, "blend_tiles_backward", broken)
     assert not is_green("passes_agree")
     assert is_green("nothing_visible")
