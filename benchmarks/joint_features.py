@@ -136,7 +136,7 @@ def cost(bench: Bench, seeds: Sequence[int]) -> str:
 
 def convergence(bench: Bench, steps: Sequence[int]) -> tuple[str, bytes]:
     """Return the table of the paper's features after more and more steps, ours beside them; and its picture."""
-    rows = [bench.converged("ours", f"ours-{_STANDARD.steps}", _STANDARD)]
+    rows = [bench.converged("ours", f"joint-{_STANDARD.seed}", _STANDARD)]
     rows += [
         bench.converged("the paper's", f"paper-{count}", replace(_PAPER_FEATURES, steps=count))
         for count in sorted(steps)

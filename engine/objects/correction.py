@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..events import StopCheck
-from .lifting import behind, lift, refine_by_votes
+from .lifting import behind, lift, refine_by_votes, votes_of_mask
 from .photos import Photos
 from .prompts import Point
 from .seeds import seeds_of_clicks
@@ -61,7 +61,7 @@ def taken_away(
     """
     away = np.zeros(len(kept), bool)
     for seed in seeds_of_clicks(excluded, clicks, views, photos, settings):
-        hit = behind(views, seed.view, seed.mask)
+        hit = behind(votes_of_mask(views, seed.view, seed.mask))
         away |= hit
         lifted = lift(views, seed.view, seed.mask, settings, start=seed.start)
         if lifted is None:

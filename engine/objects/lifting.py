@@ -16,7 +16,7 @@ from .selection import calibrated, connected_parts, inside_hull, mean_direction,
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
 
-__all__ = ["Lifted", "behind", "complete", "lift", "lift_group", "refine_by_votes", "snap_to_segments"]
+__all__ = ["Lifted", "behind", "complete", "lift", "lift_group", "refine_by_votes", "snap_to_segments", "votes_of_mask"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -91,9 +91,10 @@ def lift(
     if directions is None:
         return None
     membership = calibrated((views.directions @ directions.T).max(axis=1), settings.cosine)
+    votes = votes_of_mask(views, view, mask)
     if given and settings.keep_given:
-        membership[_denied(views, view, mask)] = 0.0
-    seed_mass = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
+        membership[_denied(views, votes)] = 0.0
+    seed_mass = votes[:, 0]
     membership = _only_connected(views, membership, seed_mass)
     if not (membership >= _HALF).any():
         return None
@@ -255,8 +256,10 @@ def refine_by_votes(
         When `should_stop` says so.
     """
     prior = lifted.membership
-    given = behind(views, *seed) if seed is not None and settings.keep_given else None
-    denied = _denied(views, *seed) if seed is not None and settings.keep_given else None
+    given = denied = None
+    if seed is not None and settings.keep_given:
+        votes = votes_of_mask(views, *seed)
+        given, denied = behind(votes), _denied(views, votes)
     inside = seen = np.zeros(len(prior), np.float32)
     for number in range(settings.vote_rounds):
         center = np.median(views.scene.gaussians.means[lifted.members], axis=0)
@@ -288,22 +291,28 @@ def refine_by_votes(
     return lifted, seen
 
 
-def behind(views: Views, view: View, mask: Mask) -> Mask:
-    """Return the Gaussians that make up at least half a pixel of `mask`, and more of it than of what is beside it."""
-    votes = views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
+def votes_of_mask(views: Views, view: View, mask: Mask) -> Float32:
+    """Return the pixels that each Gaussian makes up in `mask`, and of what is beside it, [N, 2]."""
+    return views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
+
+
+def behind(votes: Float32) -> Mask:
+    """Return the Gaussians that make up at least half a pixel of a mask, and more of it than of what is beside it.
+
+    `votes` as of `votes_of_mask`.
+    """
     return np.asarray((votes[:, 0] >= _HALF) & (votes[:, 0] > votes[:, 1]))
 
 
-def _denied(views: Views, view: View, mask: Mask) -> Mask:
-    """Return the Gaussians that a mask the person gave says do not belong, bool [N].
+def _denied(views: Views, votes: Float32) -> Mask:
+    """Return the Gaussians that a mask the person gave says do not belong, bool [N]; `votes` as of `votes_of_mask`.
 
-    Those are what `view` shows beside the mask rather than in it, and what is farther from the middle of what lies
+    Those are what the view shows beside the mask rather than in it, and what is farther from the middle of what lies
     `behind` it than two of its radii: a wall may have the feature of the ball before it, where SAM drew one segment
     over both.
     """
-    votes = views.scene.votes(view.frame, np.dstack([mask, view.within & ~mask]).astype(np.float32))
     denied = np.asarray((votes[:, 1] >= _HALF) & (votes[:, 1] >= votes[:, 0]))
-    core = (votes[:, 0] >= _HALF) & (votes[:, 0] > votes[:, 1])
+    core = behind(votes)
     if core.any():
         means = views.scene.gaussians.means
         distances = np.linalg.norm(means - np.median(means[core], axis=0), axis=1)

@@ -198,7 +198,7 @@ def blend_tiles_backward(
             n_entries[:n] = 0
             for k in range(6 * n):
                 store(moments, k * 16, zero)
-            tile_chunks = 0
+            tile_chunks = np.int64(0)  # a plain 0 would have `_store_pairs` compiled for it once more
             n_weights = 0
             for block in range(16):
                 left = x0 + 4 * (block % 4)
