@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import torch
 
@@ -31,11 +32,14 @@ from engine.gaussians.storage import load_gaussians
 from engine.grounding.default import load_default_detector
 from engine.masks.embeddings import EmbeddingFolder
 from engine.masks.sam import load_default_sam
+from engine.objects.everything import find_everything
+from engine.objects.photos import Photos
 from engine.objects.prompts import TextPrompt
 from engine.objects.ranking import NothingAlike
 from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER, SegmentSettings
-from engine.objects.trained import label_maps_of
+from engine.objects.trained import Trained, label_maps_of
+from engine.objects.views import Views
 from engine.photos.pixels import load_pixels
 from engine.pictures.scene import Scene
 
@@ -67,6 +71,9 @@ _WAYS = {
     "without groups of Gaussians": replace(BETTER, n_groups=0, n_rescored=8),
     "without looking again from all sides": replace(BETTER, n_rescored=0, least_candidate=0.0),
 }
+_SINGLE, _EVERYTHING = "each photo by itself", "every object, without a word"
+_SHOWN = 0.002
+"""Of a photo: an exhibit that covers less of it is not expected to be found there."""
 _HEAD = """| word | first object (mean IoU) | right | objects | confidence | CPU s | wall s |
 | --- | --- | --- | ---: | ---: | ---: | ---: |"""
 
@@ -134,6 +141,65 @@ class Room:
         found = self.truth.prompts[best] if ious[best] >= 0.3 else "something else"
         return Answer(word, found, ious[best], len(objects), objects[0].score, *spent)
 
+    def in_single_photos(self, scene: str, n_photos: int) -> str:
+        """Return how often the detector's best segment of one photo is the exhibit that a word names."""
+        detector = load_default_detector()
+        photos = sorted(self.label_maps)
+        words, absent = list(dict.fromkeys(self.truth.prompts.values())), _NOT_THERE[scene]
+        right, shown, refused = dict.fromkeys(words, 0), dict.fromkeys(words, 0), 0
+        photos = photos[:: max(1, len(photos) // n_photos)][:n_photos]
+        for photo in photos:
+            pixels = load_pixels(self.photos / photo, max_side=BETTER.photo_side)
+            labels = self.label_maps[photo]
+            masks = self.truth.masks(photo)
+            for word in words:
+                named = [mask for name, mask in masks.items() if self.truth.prompts[name] == word]
+                named = [mask for mask in named if mask.mean() >= _SHOWN]
+                if not named:
+                    continue
+                shown[word] += 1
+                for best in detector.detect(pixels, word, labels=labels)[:1]:
+                    size = named[0].shape[::-1]
+                    segment = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST) == best.region
+                    right[word] += max(iou(segment, mask) for mask in named) >= 0.5
+            refused += sum(
+                not (detector.knows(word).known and detector.detect(pixels, word, labels=labels)) for word in absent
+            )
+        lines = ["| word | photos that show it | best segment is it |", "| --- | ---: | ---: |"]
+        lines += [f"| {word} | {shown[word]} | {right[word]} |" for word in words]
+        return (
+            f"`{_command(scene)} --way '{_SINGLE}'`\n\n"
+            f"The best segment of a single photo, of {len(photos)}, is the exhibit (IoU of 0.5 and more with its true "
+            f"mask) in {sum(right.values())} of {sum(shown.values())} cases "
+            f"({100 * sum(right.values()) / sum(shown.values()):.0f} %), and {refused} of {len(photos) * len(absent)} "
+            f"times nothing was found for a word for what is not there "
+            f"({100 * refused / (len(photos) * len(absent)):.0f} %).\n\n" + "\n".join(lines)
+        )
+
+    def everything(self, scene: str) -> str:
+        """Return what comes of asking for all objects without a word."""
+        trained = Trained(
+            Views(self.scene, self.cameras, render_side=BETTER.render_side),
+            Photos(self.photos, BETTER.photo_side, self.sam_factory, self.embeddings),
+            self.label_maps,
+        )
+        load_default_detector()
+        cpu, wall = time.process_time(), time.perf_counter()
+        objects = find_everything(
+            trained, BETTER, detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop
+        )
+        spent = (time.process_time() - cpu, time.perf_counter() - wall)
+        ious = [self._ious(one.members) for one in objects]
+        lines = ["| exhibit | best object's mean IoU | suggested name |", "| --- | ---: | --- |"]
+        best = {name: int(np.argmax([values[name] for values in ious])) for name in self.truth.objects}
+        lines += [f"| {name} | {ious[i][name]:.2f} | {objects[i].name or '-'} |" for name, i in best.items()]
+        found = [ious[i][name] for name, i in best.items()]
+        return (
+            f"`{_command(scene)} --way '{_EVERYTHING}'`\n\n{len(objects)} objects in {spent[1]:.0f} s wall "
+            f"({spent[0]:.0f} CPU s). {sum(value >= 0.5 for value in found)} of {len(found)} exhibits are among them "
+            f"(mean IoU of 0.5 and more); mean of all {np.mean(found):.2f}.\n\n" + "\n".join(lines)
+        )
+
     def _ious(self, members: np.ndarray) -> dict[str, float]:
         """Return the mean IoU of a set of Gaussians with every exhibit, over photos spread over the room."""
         sums: dict[str, list[float]] = {name: [] for name in self.truth.objects}
@@ -162,20 +228,29 @@ def main() -> None:
     parser.add_argument(
         "--scene", choices=sorted(_NOT_THERE), default="museum_room", help="which (default: %(default)s)"
     )
-    parser.add_argument("--way", choices=_WAYS, help="one way only (default: all)")
+    parser.add_argument("--way", choices=[*_WAYS, _SINGLE, _EVERYTHING], help="one section only (default: all)")
     parser.add_argument("--out", type=Path, help="Markdown file for the tables; its sections on other scenes stay")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         room = Room(arguments.project, _DEMO / arguments.scene, Path(folder))
-        for title, settings in _WAYS.items():
+        sections = {
+            title: functools.partial(_section, room, arguments.scene, settings) for title, settings in _WAYS.items()
+        }
+        sections[_SINGLE] = functools.partial(room.in_single_photos, arguments.scene, BETTER.n_text_views)
+        sections[_EVERYTHING] = functools.partial(room.everything, arguments.scene)
+        for title, section in sections.items():
             if arguments.way not in (None, title):
                 continue
-            body = _section(room, arguments.scene, settings)
+            body = section()
             sys.stdout.write(f"{arguments.scene}, {title}\n\n{body}\n\n")
             sys.stdout.flush()
             if arguments.out:
                 write_section(arguments.out, introduction=_INTRODUCTION, title=f"{arguments.scene}, {title}", body=body)
+
+
+def _command(scene: str) -> str:
+    return f"python -m benchmarks.text_prompts out/{scene}/project --scene {scene}"
 
 
 def _section(room: Room, scene: str, settings: SegmentSettings) -> str:
@@ -186,7 +261,7 @@ def _section(room: Room, scene: str, settings: SegmentSettings) -> str:
     n_refused = sum(a.n_objects == 0 for a in missing)
     walls = [a.wall_seconds for a in [*found[1:], *missing]]
     return (
-        f"`python -m benchmarks.text_prompts out/{scene}/project --scene {scene}`\n\n"
+        f"`{_command(scene)}`\n\n"
         f"{n_right} of {len(found)} exhibits right, {n_refused} of {len(missing)} things that are not there refused. "
         f"Words after the first took {np.median(walls):.0f} s wall in the median, {max(walls):.0f} s at most.\n\n"
         + "\n".join([_HEAD, *rows(found, True), *rows(missing, False)])

@@ -2,12 +2,14 @@
 
 Segment Anything's own generator asks 1,024 times a photo; with one mask a call that is a minute and more on a
 CPU. Here each click goes to the middle of the largest area that no mask covers, so that some 40 are enough. Where the
-decoder gives part, object and whole for a click, each is judged by itself.
+decoder gives part, object and whole for a click, each is judged by itself. The generator as published is there too, for
+comparison (`engine.masks.generator`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck, never_stop
+from .generator import masks_of_grid
 from .sam import INPUT_SIDE, LOW_RES_SIDE, Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
@@ -63,8 +66,8 @@ def segment_everything(
     Returns
     -------
     array of shape [h, w], int32
-        0 where no segment is, ids 1, 2, ... without gaps, larger segments first; h, w is the photo's frame scaled
-        so that its longest side is at most ``settings.max_side``.
+        0 where no segment is, ids 1, 2, ... without gaps, in the order of ``settings.painting``; h, w is the photo's
+        frame scaled so that its longest side is at most ``settings.max_side``.
 
     Raises
     ------
@@ -73,9 +76,13 @@ def segment_everything(
     """
     settings = settings or MaskSettings()
     height, width = label_map_size(embedding.height, embedding.width, settings.max_side)
-    found = _search(embedding, sam, settings, min_area=settings.min_area, size=(height, width), should_stop=should_stop)
-    masks = [photo_logits(candidate.logits, embedding, height, width) > 0 for candidate in found]
-    return paint_labels(masks, (height, width), min_area=settings.min_area)
+    size = (height, width)
+    if settings.generator == "published":
+        masks = masks_of_grid(embedding, sam, settings, size, should_stop=should_stop)
+    else:
+        found = _search(embedding, sam, settings, min_area=settings.min_area, size=size, should_stop=should_stop)
+        masks = [photo_logits(candidate.logits, embedding, height, width) > 0 for candidate in found]
+    return paint_labels(masks, size, min_area=settings.min_area, painting=settings.painting)
 
 
 def _search(
@@ -170,7 +177,9 @@ def _iou(a: Mask, b: Mask) -> float:
     return np.count_nonzero(a & b) / union if union else 0.0
 
 
-def paint_labels(masks: list[Mask], size: tuple[int, int], *, min_area: int) -> NDArray[np.int32]:
+def paint_labels(
+    masks: list[Mask], size: tuple[int, int], *, min_area: int, painting: Literal["size", "score"] = "size"
+) -> NDArray[np.int32]:
     """Return one label map from masks that may overlap: large ones below, small ones on top.
 
     Parameters
@@ -180,6 +189,8 @@ def paint_labels(masks: list[Mask], size: tuple[int, int], *, min_area: int) -> 
         h, w.
     min_area : int
         Islands of a segment that have fewer pixels are unlabelled, holes are filled.
+    painting : {"size", "score"}
+        ``score`` paints them in the order given instead.
 
     Returns
     -------
@@ -187,7 +198,8 @@ def paint_labels(masks: list[Mask], size: tuple[int, int], *, min_area: int) -> 
         Ids 1, 2, ... without gaps, in order of painting.
     """
     labels = np.zeros(size, np.int32)
-    for number, mask in enumerate(sorted(masks, key=np.count_nonzero, reverse=True), start=1):
+    order = sorted(masks, key=np.count_nonzero, reverse=True) if painting == "size" else masks
+    for number, mask in enumerate(order, start=1):
         labels[_cleaned(mask, min_area)] = number
     clean = np.zeros(size, np.int32)
     number = 0

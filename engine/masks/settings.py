@@ -1,8 +1,9 @@
-"""Settings of the masks room."""
+"""Settings of the masks room, and its presets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from ..settings import require
 
@@ -42,7 +43,17 @@ class MaskSettings:
         A mask that covers more of the frame than this (a wall, a floor) does not stop clicks inside it on the
         coarse grid, since small things may stand before it.
     grid : int
-        Clicks along the longest side of the coarse grid; 0 leaves it out.
+        Clicks along the longest side of the coarse grid; 0 leaves it out. Of the published generator: along both sides.
+    generator : {"free", "published"}
+        ``free``: clicks where nothing is found yet (`engine.masks.automatic`). ``published``: Segment Anything's own
+        grid (`engine.masks.generator`); of those above it uses `min_iou`, `min_stability`, `max_overlap` (of boxes),
+        `min_area` and `grid`.
+    scales : {"all", "whole"}
+        Whether part, object and whole of a click may each become a segment, or the whole alone, as in the code that
+        the paper "Gaussian Heritage" released; where a decoder gives one mask a click, it is that.
+    painting : {"size", "score"}
+        Which of overlapping masks the label map shows: the smaller, or, as that code has it, the one whose predicted
+        IoU is lower.
     model : str
         Which Segment Anything, one of `SAM_MODELS`.
     """
@@ -56,6 +67,9 @@ class MaskSettings:
     min_area: int = 100
     large_fraction: float = 0.1
     grid: int = 6
+    generator: Literal["free", "published"] = "free"
+    scales: Literal["all", "whole"] = "all"
+    painting: Literal["size", "score"] = "size"
     model: str = SAM_MODELS[0]
 
     def __post_init__(self) -> None:
@@ -68,12 +82,19 @@ class MaskSettings:
         require(self, "min_area", self.min_area >= 1, "at least 1")
         require(self, "large_fraction", 0 < self.large_fraction <= 1, "above 0, at most 1")
         require(self, "grid", 0 <= self.grid <= 64, "between 0 and 64")
+        require(self, "generator", self.generator in ("free", "published"), "'free' or 'published'")
+        require(self, "grid", self.grid >= 1 or self.generator == "free", "at least 1 for the published generator")
+        require(self, "scales", self.scales in ("all", "whole"), "'all' or 'whole'")
+        require(self, "painting", self.painting in ("size", "score"), "'size' or 'score'")
         require(self, "model", self.model in SAM_MODELS, f"one of {', '.join(SAM_MODELS)}")
 
 
 _DEFAULT = MaskSettings()
+_PUBLISHED = replace(_DEFAULT, generator="published", grid=32, min_iou=0.88, min_stability=0.95)
 PRESETS: dict[str, MaskSettings] = {
     "default": _DEFAULT,  # about 3 seconds a photo on two idle cores
     "quick": replace(_DEFAULT, max_prompts=24, grid=0),  # about half the time; small things are missed
     "thorough": replace(_DEFAULT, max_prompts=160, grid=12),  # about three times the time
+    "published": _PUBLISHED,  # Segment Anything's own settings; a minute and more a photo
+    "paper": replace(_PUBLISHED, min_iou=0.7, scales="whole", painting="score"),  # as Gaussian Heritage's code has it
 }

@@ -77,6 +77,12 @@ def test_small_masks_are_painted_over_large_ones_whatever_their_order() -> None:
         assert labels[15, 15] == 1 and labels[50, 50] == 2 and labels[0, 0] == 0
 
 
+def test_painted_by_score_the_last_covers_the_others() -> None:
+    large, small = _square(100, 10, 80), _square(100, 40, 20)
+    labels = paint_labels([small, large], (100, 100), min_area=50, painting="score")
+    assert labels[50, 50] == 1 and labels.max() == 1
+
+
 def test_islands_go_and_holes_are_filled() -> None:
     mask = _square(100, 10, 60)
     mask[30:34, 30:34] = False
@@ -119,4 +125,6 @@ def test_settings_out_of_bounds_are_named() -> None:
         MaskSettings(max_prompts=0)
     with pytest.raises(SettingsError, match="min_iou"):
         MaskSettings(min_iou=1.5)
-    assert set(PRESETS) == {"default", "quick", "thorough"}
+    with pytest.raises(SettingsError, match="at least 1 for the published generator"):
+        MaskSettings(generator="published", grid=0)
+    assert set(PRESETS) == {"default", "quick", "thorough", "published", "paper"}

@@ -6,20 +6,23 @@ encoder's frame: the same place is ``ours = theirs + 0.5 / scale``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import torch
 import transformers
-from transformers.models.sam.image_processing_pil_sam import _compute_stability_score
+from PIL import Image
+from transformers.models.sam.image_processing_pil_sam import _compute_stability_score, _rle_to_mask
 
 from engine.errors import MaskError, ModelFileError, SettingsError
 from engine.masks.automatic import _Candidate, _is_good, segment_everything
+from engine.masks.generator import _kept, masks_of_grid
 from engine.masks.sam import Embedding, SegmentAnything, load_sam
-from engine.masks.settings import SAM_MODELS, MaskSettings
+from engine.masks.settings import PRESETS, SAM_MODELS, MaskSettings
 from engine.models.catalogue import CACHE_VARIABLE, find_together
 from tests.engine.masks import tiny_sam
 from tests.engine.masks.shapes import iou, shapes_picture
@@ -164,6 +167,44 @@ def test_stability_is_judged_as_transformers_does() -> None:
                 assert _is_good(_Candidate(mask, mask > 0, 1.0), mask, settings, 1) == (wanted <= score)
 
 
+def test_published_generator_gives_the_masks_of_transformers(tiny: Tiny) -> None:
+    """Of random weights nothing passes the published thresholds: both get lower ones, and thin out nothing."""
+    pixels, along, stable = _large(), 6, 0.02
+    image_processor = transformers.SamImageProcessorPil()
+    sam = tiny.ours("four")
+    embedding = sam.encode(pixels)
+    ious = [
+        iou
+        for y in range(along)
+        for x in range(along)
+        for _, iou in sam.predict_scales(embedding, [((x + 0.5) / along * 1024, (y + 0.5) / along * 768)], [1])
+    ]
+    limit = float(np.quantile([value for value in ious if value > 0], 0.1))
+    generator = transformers.MaskGenerationPipeline(model=tiny.model, image_processor=image_processor)
+    (given,) = generator.preprocess(Image.fromarray(pixels), points_per_batch=along**2, points_per_crop=along)
+    theirs = generator.forward(given, pred_iou_thresh=limit, stability_score_thresh=stable)
+    settings = replace(PRESETS["published"], grid=along, min_iou=limit, min_stability=stable, max_overlap=1.0)
+    ours = masks_of_grid(embedding, sam, settings, (768, 1024), should_stop=lambda: False)
+    best_first = torch.argsort(theirs["iou_scores"], descending=True)
+    wanted = [_rle_to_mask(theirs["masks"][i]) for i in best_first]
+    assert 10 < len(wanted) < len(ious)
+    assert len(ours) == len(wanted)
+    for mine, other in zip(ours, wanted, strict=True):
+        assert iou(mine, other) > 0.999
+
+
+def test_published_generator_thins_out_boxes_as_opencv_does() -> None:
+    generator = np.random.default_rng(5)
+    low = generator.integers(0, 60, (200, 2))
+    boxes = np.hstack([low, low + generator.integers(10, 60, (200, 2))])
+    scores = generator.random(200)
+    sizes = np.hstack([low, boxes[:, 2:] - low])
+    for overlap in (0.3, 0.7):
+        wanted = cv2.dnn.NMSBoxes(sizes.tolist(), scores.tolist(), 0.0, overlap)
+        assert 20 < len(wanted) < 200
+        assert _kept(boxes, scores, overlap) == list(wanted)
+
+
 def test_each_scale_of_a_click_may_become_a_segment() -> None:
     """With a fake SAM: part, object and whole of one click are nested, and the label map shows all three."""
 
@@ -180,6 +221,9 @@ def test_each_scale_of_a_click_may_become_a_segment() -> None:
     embedding = Embedding(np.zeros((1, 1, 1, 1), np.float32), 1024, 1024, 1.0)
     labels = segment_everything(embedding, Nested(), settings)  # type: ignore[arg-type]
     assert labels.max() == 3 and labels[100, 215] == 1 and labels[100, 100] == 2 and labels[30, 30] == 3
+    # The code that the paper released takes the whole alone.
+    labels = segment_everything(embedding, Nested(), replace(PRESETS["paper"], grid=2, max_side=256))  # type: ignore[arg-type]
+    assert labels.max() == 1 and labels[30, 30] == labels[100, 215] == 1
 
 
 def test_named_models_are_in_the_catalogue_and_say_how_to_get_them(
