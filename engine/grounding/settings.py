@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..settings import require
 
-__all__ = ["PRESETS", "GroundingSettings"]
+__all__ = ["GroundingSettings"]
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,3 @@ class GroundingSettings:
         require(self, "text_threshold", 0 < self.text_threshold < 1, "between 0 and 1")
         require(self, "max_overlap", 0 < self.max_overlap <= 1, "above 0, at most 1")
         require(self, "min_fit", 0 <= self.min_fit < 1, "at least 0, below 1")
-
-
-PRESETS: dict[str, GroundingSettings] = {
-    "default": GroundingSettings(),
-    "paper": GroundingSettings(box_threshold=0.3, text_threshold=0.45, max_overlap=1.0),
-}

@@ -7,7 +7,7 @@ from typing import Literal
 
 from ..settings import require
 
-__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "SegmentSettings"]
+__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "SegmentSettings"]
 
 
 @dataclass(frozen=True)
@@ -149,5 +149,8 @@ PAPER = replace(
 )
 """Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
 
-PRESETS = {"paper": PAPER, "better": BETTER}
+RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)
+"""What the paper's code does where it differs from its text: one photo, and nothing set aside before the hull."""
+
+PRESETS = {"paper": PAPER, "released": RELEASED, "better": BETTER}
 DEFAULT_PRESET = "better"

@@ -16,7 +16,7 @@ from engine.errors import ModelFileError, PromptError
 from engine.grounding.detector import Detector
 from engine.grounding.dino_inputs import caption, load_tokenizer, picture, resized_size
 from engine.grounding.grounding_dino import GroundingDino, best_segments
-from engine.grounding.settings import PRESETS, GroundingSettings
+from engine.grounding.settings import GroundingSettings
 from engine.models.onnx_session import open_session
 from tests.engine.grounding import tiny_dino
 
@@ -201,7 +201,3 @@ def test_other_model_and_broken_tokenizer_are_named(tiny: Tiny, tmp_path: Path) 
     (tmp_path / "tokenizer.json").write_text("{}")
     with pytest.raises(ModelFileError, match="tokenizer file .* cannot be read"):
         GroundingDino.from_session("other", _Scripted([], []), tmp_path / "tokenizer.json")
-
-
-def test_paper_thresholds_are_a_preset() -> None:
-    assert (PRESETS["paper"].box_threshold, PRESETS["paper"].text_threshold) == (0.3, 0.45)
