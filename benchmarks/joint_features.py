@@ -200,7 +200,8 @@ def main() -> None:
         text += (
             "The paper's feature losses, start, rates and intervals on the standard preset's Gaussians and pictures, "
             "every row trained anew with a schedule of its length. All objects by their true masks, held-out photos. "
-            "The published 30,000 steps evaluate L_CC 600 times, one step in 50; rows with fewer steps are not converged."
+            "The published 30,000 steps evaluate L_CC 600 times, one step in 50; "
+            "rows with fewer steps are not converged."
         )
         if arguments.doc:
             file = arguments.doc.with_name(f"{arguments.doc.stem}_{name}_steps.png")
