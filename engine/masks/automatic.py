@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck, never_stop
-from .generator import masks_of_grid
+from .generator import masks_of_grid, stability
 from .sam import INPUT_SIDE, LOW_RES_SIDE, Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
@@ -159,8 +159,7 @@ def _is_good(candidate: _Candidate, logits: NDArray[np.float32], settings: MaskS
         return False
     if candidate.iou < settings.min_iou:
         return False
-    # The mask at +1 lies inside the one at -1, so their IoU is the ratio of their areas.
-    return bool(np.count_nonzero(logits > 1) >= settings.min_stability * np.count_nonzero(logits > -1))
+    return stability(logits) >= settings.min_stability
 
 
 def _admit(candidate: _Candidate, found: list[_Candidate], max_overlap: float) -> None:

@@ -14,7 +14,7 @@ from ..events import StopCheck
 from .sam import Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
-__all__ = ["masks_of_grid"]
+__all__ = ["masks_of_grid", "stability"]
 
 Mask = NDArray[np.bool_]
 
@@ -56,10 +56,16 @@ def masks_of_grid(
                 continue
             logits = photo_logits(low, embedding, *size)
             mask = logits > 0
-            if mask.any() and np.count_nonzero(logits > 1) > settings.min_stability * np.count_nonzero(logits > -1):
+            if mask.any() and stability(logits) > settings.min_stability:
                 masks.append(mask)
                 scores.append(iou)
-    return [masks[i] for i in _kept(np.array([_box(mask) for mask in masks]), np.array(scores), settings.max_overlap)]
+    boxes = np.array([_box(mask) for mask in masks], np.int64).reshape(-1, 4)
+    return [masks[i] for i in _kept(boxes, np.array(scores), settings.max_overlap)]
+
+
+def stability(logits: NDArray[np.float32]) -> float:
+    """Return the IoU of a mask at logit +1 with the one at -1: the former lies inside, so the ratio of their areas."""
+    return float(np.count_nonzero(logits > 1)) / max(1.0, float(np.count_nonzero(logits > -1)))
 
 
 def _grid(embedding: Embedding, along: int) -> list[tuple[float, float]]:
@@ -82,13 +88,13 @@ def _kept(boxes: NDArray[np.int64], scores: NDArray[np.float64], max_overlap: fl
     """Return which boxes stay, best first: each drops those behind it whose IoU with it is above `max_overlap`."""
     kept: list[int] = []
     order = np.argsort(-scores, kind="stable")
+    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
     while len(order):
         best, order = int(order[0]), order[1:]
         kept.append(best)
         low = np.maximum(boxes[best, :2], boxes[order, :2])
         high = np.minimum(boxes[best, 2:], boxes[order, 2:])
         shared = np.prod(np.maximum(high - low, 0), axis=1)
-        areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)
         union = areas[best] + areas[order] - shared
         order = order[shared <= max_overlap * union]
     return kept

@@ -193,6 +193,13 @@ def test_published_generator_gives_the_masks_of_transformers(tiny: Tiny) -> None
         assert iou(mine, other) > 0.999
 
 
+def test_published_generator_leaves_a_photo_without_segments_unlabelled(tiny: Tiny) -> None:
+    """Of random weights nothing passes the published thresholds."""
+    sam = tiny.ours("four")
+    labels = segment_everything(sam.encode(_large()), sam, replace(PRESETS["published"], grid=2))
+    assert labels.shape == (768, 1024) and not labels.any()
+
+
 def test_published_generator_thins_out_boxes_as_opencv_does() -> None:
     generator = np.random.default_rng(5)
     low = generator.integers(0, 60, (200, 2))
