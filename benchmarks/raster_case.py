@@ -158,6 +158,26 @@ def _reference(case: Case) -> dict[str, float]:
     return least(_Ours(case, "reference").both, case.repeats)
 
 
+def _accuracy(case: Case) -> dict[str, float]:
+    """Relative errors of the gradients against float64, a row a Gaussian; the worst of all parameters.
+
+    A row that is less than a thousandth of the typical one is measured against that thousandth.
+    """
+    ours, truth = _Ours(case), _Ours(case, "reference")
+    truth.scene = {name: value.detach().double().requires_grad_() for name, value in ours.scene.items()}
+    truth.upstream = ours.upstream.double()
+    ours.both()
+    truth.both()
+    found = {"median": 0.0, "99.9 %": 0.0}
+    for name in truth.scene:
+        exact, nearly = (scene[name].grad.double().reshape(case.n, -1) for scene in (truth.scene, ours.scene))
+        size = exact.norm(dim=1)
+        errors = (nearly - exact).norm(dim=1) / size.clamp(min=1e-3 * float(size[size > 0].median()))
+        for key, share in zip(found, (0.5, 0.999), strict=True):
+            found[key] = max(found[key], float(errors.quantile(share)))
+    return found
+
+
 def _floor(case: Case) -> dict[str, float]:
     peak = fma_peak()
     return {"cpu_ms": 1e3 * operations(_Ours(case).masks(), case.channels) / peak, "peak_gflops": peak / 1e9}
@@ -280,8 +300,8 @@ def main() -> None:
     torch.set_num_threads(1)  # its OpenMP threads spin at barriers: on a busy machine they cost more than the work
     case = Case(**json.loads(sys.argv[1]))
     kinds = {
-        "cpu": _cpu, "speed_up": _speed_up, "blend": _blend, "reference": _reference, "floor": _floor,
-        "textbook": _textbook, "step": _step, "parts": _parts, "memory": _memory, "compile": _compile,
+        "cpu": _cpu, "speed_up": _speed_up, "blend": _blend, "reference": _reference, "accuracy": _accuracy,
+        "floor": _floor, "textbook": _textbook, "step": _step, "parts": _parts, "memory": _memory, "compile": _compile,
     }  # fmt: skip
     print(json.dumps(kinds[case.what](case)))
 
