@@ -20,7 +20,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .blend_forward import GEOMETRY, TILES_AT_ONCE, cover, lane_x, lane_y, offsets, place
+from .blend_forward import (
+    AHEAD,
+    GEOMETRY,
+    TILES_AT_ONCE,
+    cover,
+    lane_x,
+    lane_y,
+    offsets,
+    place,
+    prefetch_block,
+    prefetch_gaussian,
+)
 from .jit import INNER, JIT
 from .settings import ALPHA_MAX
 from .simd import (
@@ -31,6 +42,7 @@ from .simd import (
     load_pixels4,
     maximum,
     negative,
+    prefetch,
     put,
     select,
     splat,
@@ -61,14 +73,10 @@ def _read_block(
     """
     row_step = np.int64(width) * n_channels
     start = corner * n_channels
-    if n_x == 4 and n_y == 4:
-        whole = n_channels - n_channels % 4
-        for chunk in range(0, whole, 4):
-            load_pixels4(image, start + chunk, row_step, np.int64(n_channels), planes, np.int64(at + chunk * 16))
-        for k in range(whole, n_channels):
-            for y in range(4):
-                for x in range(4):
-                    put(planes, at + k * 16 + 4 * y + x, item(image, start + k + y * row_step + x * n_channels))
+    if n_x == 4 and n_y == 4 and n_channels >= 4:
+        for chunk in range(0, n_channels, 4):
+            first = min(chunk, n_channels - 4)  # the last four overlap those before
+            load_pixels4(image, start + first, row_step, np.int64(n_channels), planes, np.int64(at + first * 16))
         return
     for y in range(n_y):
         for x in range(n_x):
@@ -87,11 +95,13 @@ def _gather(
     pixels: NDArray[np.float64],
     roots: NDArray[np.float64],
     opacities: Float32,
+    colors: Float32,
     geometry: Float32,
     color_rows: NDArray[np.int64],
 ) -> None:
     """Copy what a tile at pixel (x0, y0) needs of its `n` Gaussians to where it lies side by side."""
     for j in range(n):
+        prefetch_gaussian(gaussians[start + min(j + AHEAD, n - 1)], pixels, roots, opacities, colors, n_colors)
         g = gaussians[start + j]
         place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
         color_rows[j] = np.int64(g) * n_colors
@@ -116,6 +126,9 @@ def _store_pairs(
     for j in range(n):
         row = np.int64(pairs[start + j]) * (MOMENTS + n_colors)
         at = j * 96
+        ahead = np.int64(pairs[start + min(j + AHEAD, n - 1)]) * (MOMENTS + n_colors)
+        for k in range(0, MOMENTS + n_colors + 15, 16):
+            prefetch(pair_gradients, ahead + k)
         store_sums4(
             pair_gradients, row, load(moments, at), load(moments, at + 16), load(moments, at + 32),
             load(moments, at + 48),
@@ -194,7 +207,7 @@ def blend_tiles_backward(
             if x0 + TILE > width or y0 + TILE > height or n_channels % 4 != 0:
                 gradient[:] = f4(0.0)
                 by_transmittance[:] = f4(0.0)
-            _gather(start, n, x0, y0, n_colors, gaussians, pixels, roots, opacities, geometry, color_rows)
+            _gather(start, n, x0, y0, n_colors, gaussians, pixels, roots, opacities, colors, geometry, color_rows)
             n_entries[:n] = 0
             for k in range(6 * n):
                 store(moments, k * 16, zero)
@@ -210,6 +223,11 @@ def blend_tiles_backward(
                 corner = np.int64(top) * width + left
                 gradient_at = block * block_length
                 _read_block(image_gradient, corner, width, n_x, n_y, n_channels, gradient, gradient_at)
+                # the next block, the last one's being the first of the tile to the right
+                next_x, next_y = (
+                    (x0 + 4 * ((block + 1) % 4), y0 + 4 * ((block + 1) // 4)) if block < 15 else (x0 + TILE, y0)
+                )
+                prefetch_block(image_gradient, np.int64(next_y) * width + next_x, width, n_channels)
                 if transmittance_gradient.shape[0] > 0:
                     _read_block(transmittance_gradient, corner, width, n_x, n_y, 1, by_transmittance, block * 16)
                 rest = load(by_transmittance, block * 16)

@@ -34,6 +34,7 @@ __all__ = [
     "minimum",
     "negative",
     "negative_abs",
+    "prefetch",
     "put",
     "select",
     "splat",
@@ -245,6 +246,21 @@ def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.void(array, types.int64, array.dtype), emit
 
 
+@intrinsic
+def prefetch(typing: Any, array: Any, index: Any) -> Any:
+    """Ask for the flat ``array[index]`` before it is read or written; any index may be asked for."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        data = context.make_array(array)(context, builder, args[0]).data
+        place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [place.type, _I32, _I32, _I32])
+        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(ask, [place, *(ir.Constant(_I32, value) for value in (0, 3, 1))])
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64), emit
+
+
 # ---------------------------------------------------------------------------------------------- arithmetic
 
 
@@ -382,16 +398,17 @@ def store_sums4(typing: Any, array: Any, index: Any, a: Any, b: Any, c: Any, d: 
     """Set ``array[index:index + 4]`` to the sums over the lanes of four vectors."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        quarters = []
-        for x in args[2:]:
-            eight = builder.fadd(_shuffle(builder, x, x, list(range(8))), _shuffle(builder, x, x, list(range(8, 16))))
-            quarters.append(
-                builder.fadd(
-                    _shuffle(builder, eight, eight, [0, 1, 2, 3]), _shuffle(builder, eight, eight, [4, 5, 6, 7])
-                )
-            )
-        columns = _transpose4(builder, quarters)
-        total = builder.fadd(builder.fadd(columns[0], columns[1]), builder.fadd(columns[2], columns[3]))
+        def folded(x: Any, y: Any, width: int) -> Any:
+            """Add the halves of each group of `2 width` lanes: those of `x` become the first half, those of `y` follow."""
+            groups = range(0, 2 * LANES, 2 * width)
+            near, far = ([at + half + lane for at in groups for lane in range(width)] for half in (0, width))
+            return builder.fadd(_shuffle(builder, x, y, near), _shuffle(builder, x, y, far))
+
+        a, b, c, d = args[2:]
+        fours = folded(folded(a, b, 8), folded(c, d, 8), 4)
+        for distance in (1, 2):
+            fours = builder.fadd(fours, _shuffle(builder, fours, fours, [lane ^ distance for lane in range(LANES)]))
+        total = _shuffle(builder, fours, fours, [0, 4, 8, 12])
         _store_unaligned(builder, total, _element(context, builder, array, args[0], args[1], _V4))
         return context.get_dummy_value()
 
