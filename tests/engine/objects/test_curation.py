@@ -239,6 +239,31 @@ def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
         assert (overlap(levels.membership >= 0.5, whole) > 0.85) == chosen
 
 
+class ThreeScales(FakeSam):
+    """Gives one ball as the part, that and another as the object, and everything as the whole, whatever the box."""
+
+    def masks_of_scales(self, embedding, box):  # type: ignore[no-untyped-def]
+        truth = self.scene.labels[list(self.scene.pixels)[int(embedding.features[0, 0, 0, 0])]]
+        return [truth == RED, np.isin(truth, [RED, BLUE]), np.ones(truth.shape, bool)]
+
+
+def test_part_object_and_whole_of_sam_become_levels(blobs: BlobScene, project: ProjectFolder) -> None:
+    settings = replace(SMALL, n_level_views=6)
+    asked = np.isin(blobs.part, [RED, BLUE])
+    found = {}
+    for sam in (FakeSam, ThreeScales):
+        trained = load_trained(project, settings, lambda sam=sam: sam(blobs))
+        found[sam] = levels_of(
+            trained.views, trained.photos, asked.astype(np.float32), np.zeros((0, 16), np.float32), settings,
+            encoded=(), judge=None, should_stop=never_stop,
+        )  # fmt: skip
+    assert len(found[FakeSam].memberships) == 1, "one mask a prompt knows nothing smaller"
+    part, middle, whole = (one >= 0.5 for one in found[ThreeScales].memberships)
+    assert overlap(part, blobs.part == RED) > 0.9
+    np.testing.assert_array_equal(middle, asked)
+    assert overlap(whole, np.ones(len(whole), bool)) > 0.9
+
+
 def test_another_level_is_chosen_without_any_model(blobs: BlobScene, project: ProjectFolder) -> None:
     from engine.objects.storage import ObjectRecord, save_object
 
