@@ -48,7 +48,7 @@ class NothingAlike(PromptError):
     Attributes
     ----------
     candidates : tuple of (float, Candidate)
-        What comes nearest with its score, the best first.
+        What comes nearest with its score: first what votes made whole, then what was only looked at; the best first.
     """
 
     def __init__(self, message: str, candidates: Sequence[tuple[float, Candidate]]) -> None:

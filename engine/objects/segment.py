@@ -292,7 +292,13 @@ def _isolate_named(
             found.append(_found(trained, candidate, levels, score))
     emit(Progress("objects", 1.0, message="Isolating"))
     if not found:
-        raise nothing_alike(text, sorted(refused, key=lambda pair: -pair[0]), settings)
+        nearest = sorted(refused, key=lambda pair: -pair[0])
+        for score, candidate in ranked:  # those that nothing more was spent on come behind
+            if not any(
+                overlap(candidate.best.membership, other.best.membership) > settings.same_object for _, other in nearest
+            ):
+                nearest.append((score, candidate))
+        raise nothing_alike(text, nearest, settings)
     best = max(one.score for one in found)
     kept = [one for one in found if one.score >= settings.relative_score * best or not by_looks]
     return sorted(kept, key=lambda one: -one.score)

@@ -11,6 +11,7 @@ from PIL import Image
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
+from engine.objects.ranking import NothingAlike
 from engine.objects.segment import FoundObject, find_objects, segment_project
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
@@ -156,6 +157,25 @@ def test_what_photos_all_mistake_is_found_out_by_its_crops(find, blobs: BlobScen
     assert overlap(find(prompt, **fooled)[0], blobs, BLUE) < 0.1
     (found,) = find(prompt, settings=SMALL_BETTER, **fooled)
     assert overlap(found, blobs, BLUE) > 0.95
+
+
+class Undecided(FakeDetector):
+    """Finds every ball, and each looks as much like what was asked for as the others."""
+
+    def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
+        return [0.9] * len(masks)
+
+
+def test_refused_text_names_all_that_came_near_not_only_what_was_tried(find, blobs: BlobScene) -> None:
+    settings = replace(SMALL_BETTER, least_score=1.0, n_groups=0)
+    with pytest.raises(NothingAlike, match="needed 1.00") as refusal:
+        find(
+            TextPrompt("blue ball"),
+            settings=settings,
+            detector_factory=lambda: Undecided(blobs, wrong=tuple(blobs.pixels)),
+        )
+    named = [int(np.bincount(blobs.part[candidate.best.members]).argmax()) for _, candidate in refusal.value.candidates]
+    assert sorted(named) == [RED, TWIN, BLUE]
 
 
 def test_text_tells_a_ball_from_the_floor_that_has_its_feature(find) -> None:  # type: ignore[no-untyped-def]
