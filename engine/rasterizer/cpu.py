@@ -137,6 +137,7 @@ def project_view(
             taken, means, quats, scales, opacities, sh, view.sh_degree, channels,
             numbers, center, width, height, projected.state, projected.pixels, projected.roots,
             projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
+            projected.spans,
         )  # fmt: skip
 
     run_shared(project, view.settings.threads)

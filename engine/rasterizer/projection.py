@@ -24,7 +24,7 @@ from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
 from .spherical_harmonics import sh_basis
 from .threads import Taken, take
-from .tile_spans import walk_tiles
+from .tile_spans import ROWS_KEPT, walk_tiles
 
 __all__ = [
     "CULLED_DEGENERATE",
@@ -98,6 +98,8 @@ class Projected:
         What is blended; K rounded up to a multiple of 4 with zeros.
     n_tiles : int32 [N]
         How many 16x16 tiles the ellipse touches; 0 when culled.
+    spans : uint16 [N, 2 + 2 ROWS_KEPT]
+        Which, see `walk_tiles`.
     """
 
     state: NDArray[np.uint8]
@@ -109,6 +111,7 @@ class Projected:
     radii: Float32
     colors: Float32
     n_tiles: NDArray[np.int32]
+    spans: NDArray[np.uint16]
 
     @classmethod
     def empty(cls, n: int, n_colors: int) -> Projected:
@@ -123,6 +126,7 @@ class Projected:
             np.zeros(n, np.float32),
             np.empty((n, n_colors), np.float32),
             np.zeros(n, np.int32),
+            np.empty((n, 2 + 2 * ROWS_KEPT), np.uint16),
         )
 
 
@@ -205,6 +209,7 @@ def _project_one(
     depths: Float32,
     radii: Float32,
     n_tiles: NDArray[np.int32],
+    spans: NDArray[np.uint16],
 ) -> int:
     """Project Gaussian `g` and return its state. `r` [3, 3], `q` [2, 3], `m` [2, 3] are scratch."""
     x, y, z = camera_point(g, means, camera)
@@ -253,7 +258,7 @@ def _project_one(
     depths[g] = z
     radii[g] = 3.0 * math.sqrt(0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy))
     n_tiles[g] = walk_tiles(
-        px, py, roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, False, 0, n_tiles
+        px, py, roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, spans, g, False, 0, n_tiles
     )  # fmt: skip
     return VISIBLE
 
@@ -281,6 +286,7 @@ def project_gaussians(
     radii: Float32,
     colors: Float32,
     n_tiles: NDArray[np.int32],
+    spans: NDArray[np.uint16],
 ) -> None:
     """Project this thread's share of the Gaussians and fill their rows of `Projected`.
 
@@ -300,7 +306,7 @@ def project_gaussians(
         for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
             state[g] = _project_one(
                 g, means, quats, scales, opacities, camera, width, height, r, q, m, pixels, roots, faded, limits, depths,
-                radii, n_tiles,
+                radii, n_tiles, spans,
             )  # fmt: skip
             if state[g] != VISIBLE:
                 continue

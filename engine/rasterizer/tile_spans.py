@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from .jit import INNER
 
-__all__ = ["LIMIT_MARGIN", "TILE", "walk_tiles"]
+__all__ = ["LIMIT_MARGIN", "ROWS_KEPT", "TILE", "walk_tiles"]
 
 TILE = 16
+
+ROWS_KEPT = 4
+"""Rows of tiles whose spans are kept of a Gaussian that touches no more."""
 
 LIMIT_MARGIN = 0.01
 """Added to the limit of u^2 + v^2, so that rounding never leaves out a pixel that passes alpha >= 1/255."""
@@ -67,14 +70,17 @@ def walk_tiles(
     limit: float,
     width: int,
     height: int,
+    spans: NDArray[np.uint16],
+    g: int,
     write: bool,
     at: int,
     tiles: NDArray[np.int32],
 ) -> int:
     """Return how many tiles the ellipse u^2 + v^2 <= `limit` around (px, py) touches.
 
-    With `write` (one function for both, so that counting and listing cannot disagree) their numbers go to
-    ``tiles[at:]``, row by row.
+    Row `g` of `spans` gets the first row of tiles, their number, and of up to `ROWS_KEPT` of them the first column and
+    the one after the last. With `write` (one function for both, so that counting and listing cannot disagree) the
+    tiles' numbers go to ``tiles[at:]``, row by row.
     """
     limit = max(limit, 0.0) + LIMIT_MARGIN
     n_columns = (width + TILE - 1) // TILE
@@ -85,15 +91,21 @@ def walk_tiles(
     y_right = -b * extent / math.sqrt(b * b + c * c)
     c2 = c * c
     first, last = _tile_rows(py, extent, height)
+    spans[g, 0] = first
+    spans[g, 1] = max(last - first, 0)
     n = 0
     for row in range(first, last):
+        left = 0
+        right = 0
         y_low = row * TILE + 0.5 - py
         y_high = min(row * TILE + TILE, height) - 0.5 - py
-        if y_high < -extent or y_low > extent:
-            continue
-        left, right = _tile_span(
-            max(y_low, -extent), min(y_high, extent), y_right, px, slope, inverse_a, c2, limit, n_columns
-        )
+        if y_high >= -extent and y_low <= extent:
+            left, right = _tile_span(
+                max(y_low, -extent), min(y_high, extent), y_right, px, slope, inverse_a, c2, limit, n_columns
+            )
+        if row - first < ROWS_KEPT:
+            spans[g, 2 + 2 * (row - first)] = left
+            spans[g, 3 + 2 * (row - first)] = right
         if write:
             for column in range(left, right):
                 tiles[at + n + column - left] = row * n_columns + column

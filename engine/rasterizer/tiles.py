@@ -12,7 +12,7 @@ from ..errors import NumericalError
 from .jit import JIT
 from .projection import GAUSSIANS_AT_ONCE, VISIBLE, Projected
 from .threads import Taken, run_shared, take
-from .tile_spans import TILE, walk_tiles
+from .tile_spans import ROWS_KEPT, TILE, walk_tiles
 
 __all__ = ["TileLists", "make_tile_lists"]
 
@@ -86,20 +86,31 @@ def _list_tiles(
     pixels: NDArray[np.float64],
     roots: NDArray[np.float64],
     limits: NDArray[np.float32],
+    spans: NDArray[np.uint16],
     width: int,
     height: int,
     tiles: Int32,
 ) -> None:
-    """Write the tile of each pair of this thread's share of the Gaussians."""
+    """Write the tile of each pair of this thread's share of the Gaussians, from what the projection kept of most."""
+    n_columns = (width + TILE - 1) // TILE
     n = pair_start.shape[0] - 1
     first = take(taken, GAUSSIANS_AT_ONCE)
     while first < n:
         for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
-            if pair_start[g + 1] > pair_start[g]:
+            at = pair_start[g]
+            if pair_start[g + 1] == at:
+                continue
+            if spans[g, 1] > ROWS_KEPT:
                 walk_tiles(
-                    pixels[g, 0], pixels[g, 1], roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, True,
-                    pair_start[g], tiles,
+                    pixels[g, 0], pixels[g, 1], roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, spans,
+                    g, True, at, tiles,
                 )  # fmt: skip
+                continue
+            for k in range(np.int64(spans[g, 1])):
+                row = (np.int64(spans[g, 0]) + k) * n_columns
+                for column in range(np.int64(spans[g, 2 + 2 * k]), np.int64(spans[g, 3 + 2 * k])):
+                    tiles[at] = row + column
+                    at += 1
         first = take(taken, GAUSSIANS_AT_ONCE)
 
 
@@ -144,7 +155,17 @@ def make_tile_lists(projected: Projected, width: int, height: int, n_threads: in
     tiles = np.empty(n_pairs, np.int32)
 
     def work(taken: Taken) -> None:
-        _list_tiles(taken, pair_start, projected.pixels, projected.roots, projected.limits, width, height, tiles)
+        _list_tiles(
+            taken,
+            pair_start,
+            projected.pixels,
+            projected.roots,
+            projected.limits,
+            projected.spans,
+            width,
+            height,
+            tiles,
+        )
 
     run_shared(work, n_threads)
     order = _sort_by_depth(projected.state, projected.depths.view(np.uint32))

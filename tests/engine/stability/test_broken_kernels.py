@@ -73,7 +73,7 @@ def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytes
 
     def run(*arguments: Any) -> None:
         whole(*arguments)
-        roots = arguments[-7]
+        roots = arguments[-8]
         assert roots.dtype == np.float64 and roots.shape[1] == 3
         roots[:] = roots.astype(np.float32)
 
