@@ -27,9 +27,6 @@ _LOOKS_FOR_PASSERS_BY = (0.2, 0.4)
 """Parts of the steps after which it is looked for what stands in one photo only. Each look replaces what the one before
 found: what the Gaussians have learned of somebody who walks by is forgotten once he is left out."""
 
-_ROUNDS_IN_TRIAL = 2
-"""Of the photos, at least: in a single one, brightness factors of photos that differ by a third gained nothing yet."""
-
 _EXPOSURE_TRIAL = 0.25
 """Part of the steps after which the brightness factors are tried: the scene's colours are known, its detail is not."""
 
@@ -74,8 +71,7 @@ class Schedule:
         looks = _LOOKS_FOR_PASSERS_BY if settings.passers_by else ()
         self.looks_for_passers_by = frozenset(max(1, round(part * settings.steps)) for part in looks)
         self.flat_checks = _flat_checks(settings, self.cooling_start(None))
-        part = round(settings.trial * settings.steps)
-        self.trial_steps = max(part, _ROUNDS_IN_TRIAL * n_views) if part else 0
+        self.trial_steps = settings.trial_steps(n_views)
         self.trials = _trials(settings, self.trial_steps, self.cooling_start(None)) if self.trial_steps else {}
         self.curve_steps = _log_spaced(settings.steps, settings.curve_points) | self.flat_checks
 

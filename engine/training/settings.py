@@ -12,6 +12,9 @@ __all__ = ["PAPER_PIXELS", "PRESETS", "TrainingSettings"]
 PAPER_PIXELS = 980 * 735
 """Size of the paper's pictures, for which its numbers of pixels and sums over pixels are meant."""
 
+_ROUNDS_IN_TRIAL = 2
+"""Of the photos, at least: in a single one, brightness factors of photos that differ by a third gained nothing yet."""
+
 
 @dataclass(frozen=True)
 class TrainingSettings:
@@ -186,6 +189,11 @@ class TrainingSettings:
     preview_seconds: float = 30.0
     seed: int = 0
     backend: Literal["cpu", "reference"] = "cpu"
+
+    def trial_steps(self, n_views: int) -> int:
+        """Return the steps of a trial where `n_views` photos are trained on; 0 where none is made."""
+        part = round(self.trial * self.steps)
+        return max(part, _ROUNDS_IN_TRIAL * n_views) if part else 0
 
     def __post_init__(self) -> None:
         for name in ("steps", "max_gaussians", "sh_interval", "clustering_interval", "regularisation_interval",

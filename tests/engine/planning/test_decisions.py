@@ -93,7 +93,12 @@ def test_brightness_is_corrected_when_exif_says_that_exposures_differ() -> None:
     assert any("0.00 stops" in item.why and "0.5" in item.why for item in manual.left_out)
 
 
-def test_brightness_is_corrected_without_exif_only_when_photos_differ_much() -> None:
+def test_brightness_correction_is_tried_where_exif_does_not_say_and_a_trial_costs_little() -> None:
+    assert work(48).exposure and training_settings(work(48)).trial > 0
+    assert not work(48, PlanSettings(preset="preview")).exposure, "two rounds through the photos are a quarter of it"
+
+
+def test_brightness_is_corrected_without_exif_and_trial_only_when_photos_differ_much() -> None:
     assert not with_looks(4, brightness=[-2.0, -2.5, -3.0, -2.2]).exposure
     assert with_looks(4, brightness=[-2.0, -4.0, -1.0, -5.0]).exposure
 
