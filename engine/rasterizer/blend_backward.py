@@ -134,20 +134,46 @@ def _store_pairs(
             load(moments, at + 48),
         )  # fmt: skip
         store_sums4(pair_gradients, row + 4, load(moments, at + 64), load(moments, at + 80), zero, zero)
-        for k in range(n_colors >> 2):
+        first = j * 32
+        stop = first + 2 * n_entries[j]
+        for k in range(0, n_colors - 4, 8):  # eight at a time, so that a weight is loaded once for all of them
             g0 = zero
             g1 = zero
             g2 = zero
             g3 = zero
-            if (tile_chunks >> k) & 1 != 0:
-                for i in range(j * 32, j * 32 + 2 * n_entries[j], 2):
+            g4 = zero
+            g5 = zero
+            g6 = zero
+            g7 = zero
+            if (tile_chunks >> (k >> 2)) & 3 != 0:
+                for i in range(first, stop, 2):
                     weight = load(weights, item(entries, i))
-                    at = item(entries, i + 1) + k * 64
+                    at = item(entries, i + 1) + k * 16
                     g0 = fma(weight, load(gradient, at), g0)
                     g1 = fma(weight, load(gradient, at + 16), g1)
                     g2 = fma(weight, load(gradient, at + 32), g2)
                     g3 = fma(weight, load(gradient, at + 48), g3)
-            store_sums4(pair_gradients, row + MOMENTS + 4 * k, g0, g1, g2, g3)
+                    g4 = fma(weight, load(gradient, at + 64), g4)
+                    g5 = fma(weight, load(gradient, at + 80), g5)
+                    g6 = fma(weight, load(gradient, at + 96), g6)
+                    g7 = fma(weight, load(gradient, at + 112), g7)
+            store_sums4(pair_gradients, row + MOMENTS + k, g0, g1, g2, g3)
+            store_sums4(pair_gradients, row + MOMENTS + k + 4, g4, g5, g6, g7)
+        if n_colors & 4 != 0:
+            k = n_colors - 4
+            g0 = zero
+            g1 = zero
+            g2 = zero
+            g3 = zero
+            if (tile_chunks >> (k >> 2)) & 1 != 0:
+                for i in range(first, stop, 2):
+                    weight = load(weights, item(entries, i))
+                    at = item(entries, i + 1) + k * 16
+                    g0 = fma(weight, load(gradient, at), g0)
+                    g1 = fma(weight, load(gradient, at + 16), g1)
+                    g2 = fma(weight, load(gradient, at + 32), g2)
+                    g3 = fma(weight, load(gradient, at + 48), g3)
+            store_sums4(pair_gradients, row + MOMENTS + k, g0, g1, g2, g3)
 
 
 @njit(**JIT)
@@ -188,8 +214,8 @@ def blend_tiles_backward(
     color_rows = np.empty(longest, np.int64)
     queue = np.empty(longest + 1, np.int64)
     moments = np.empty(longest * 96, np.float32)
-    swept = np.empty(longest * 32, np.float32)  # of each Gaussian in a block: e, and alpha / (1 - alpha) or 0
-    weights = np.empty(longest * 256, np.float32)  # w of every Gaussian in the blocks it changes
+    swept = np.empty(longest * 32 + 32, np.float32)  # of each Gaussian in a block: e, and alpha / (1 - alpha) or 0
+    weights = np.empty(longest * 256 + 16, np.float32)  # w of every Gaussian in the blocks it changes
     entries = np.empty(longest * 32, np.int64)  # for each: where its weights are, and the block's gradient
     n_entries = np.empty(longest, np.int64)
     zero = splat(f4(0.0))
@@ -261,18 +287,6 @@ def blend_tiles_backward(
                     at = j * GEOMETRY
                     u, v = offsets(px, py, geometry, at)
                     raw, alpha, weight, t_now = cover(u, v, item(geometry, at + 5), t_now)
-                    color_at = item(color_rows, j)
-                    dot = zero
-                    odd = zero
-                    for c in range(n_present):
-                        k = item(present, c)
-                        at = gradient_at + k * 16
-                        k += color_at
-                        dot = fma(load(gradient, at), splat(item(colors, k)), dot)
-                        odd = fma(load(gradient, at + 16), splat(item(colors, k + 1)), odd)
-                        dot = fma(load(gradient, at + 32), splat(item(colors, k + 2)), dot)
-                        odd = fma(load(gradient, at + 48), splat(item(colors, k + 3)), odd)
-                    store(swept, i * 32, weight * (dot + odd))
                     ratio = alpha / (one - alpha)
                     store(swept, i * 32 + 16, select((weight > zero) & (raw <= _ALPHA_MAX), ratio, zero))
                     store(weights, n_weights * 16, weight)
@@ -281,6 +295,34 @@ def blend_tiles_backward(
                     put(entries, j * 32 + 2 * entry, n_weights * 16)
                     put(entries, j * 32 + 2 * entry + 1, gradient_at)
                     n_weights += 1
+                # e of two Gaussians together, so that the incoming gradient is loaded once for both; a last one alone
+                # goes with itself, and what that gives is never read
+                put(queue, n_queue, item(queue, max(n_queue - 1, 0)))
+                weights_at = (n_weights - n_queue) * 16
+                for i in range(0, n_queue, 2):
+                    color_at = item(color_rows, item(queue, i))
+                    other_at = item(color_rows, item(queue, i + 1))
+                    dot = zero
+                    odd = zero
+                    other_dot = zero
+                    other_odd = zero
+                    for c in range(n_present):
+                        k = item(present, c)
+                        at = gradient_at + k * 16
+                        g0 = load(gradient, at)
+                        g1 = load(gradient, at + 16)
+                        g2 = load(gradient, at + 32)
+                        g3 = load(gradient, at + 48)
+                        dot = fma(g0, splat(item(colors, color_at + k)), dot)
+                        odd = fma(g1, splat(item(colors, color_at + k + 1)), odd)
+                        dot = fma(g2, splat(item(colors, color_at + k + 2)), dot)
+                        odd = fma(g3, splat(item(colors, color_at + k + 3)), odd)
+                        other_dot = fma(g0, splat(item(colors, other_at + k)), other_dot)
+                        other_odd = fma(g1, splat(item(colors, other_at + k + 1)), other_odd)
+                        other_dot = fma(g2, splat(item(colors, other_at + k + 2)), other_dot)
+                        other_odd = fma(g3, splat(item(colors, other_at + k + 3)), other_odd)
+                    store(swept, i * 32, load(weights, weights_at + i * 16) * (dot + odd))
+                    store(swept, i * 32 + 32, load(weights, weights_at + i * 16 + 16) * (other_dot + other_odd))
                 rest = rest * maximum(t_now, negative(t_now))
                 for i in range(n_queue - 1, -1, -1):
                     j = item(queue, i)

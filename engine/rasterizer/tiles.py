@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -154,20 +155,16 @@ def make_tile_lists(projected: Projected, width: int, height: int, n_threads: in
         )
     tiles = np.empty(n_pairs, np.int32)
 
+    sorts = threading.Lock()  # taken by the thread that sorts while the others list
+    orders: list[Int32] = []
+
     def work(taken: Taken) -> None:
+        if sorts.acquire(blocking=False):
+            orders.append(_sort_by_depth(projected.state, projected.depths.view(np.uint32)))
         _list_tiles(
-            taken,
-            pair_start,
-            projected.pixels,
-            projected.roots,
-            projected.limits,
-            projected.spans,
-            width,
-            height,
-            tiles,
-        )
+            taken, pair_start, projected.pixels, projected.roots, projected.limits, projected.spans, width, height, tiles
+        )  # fmt: skip
 
     run_shared(work, n_threads)
-    order = _sort_by_depth(projected.state, projected.depths.view(np.uint32))
     n_tiles = ((width + TILE - 1) // TILE) * ((height + TILE - 1) // TILE)
-    return TileLists(pair_start, *_group_by_tile(order, pair_start, tiles, n_tiles))
+    return TileLists(pair_start, *_group_by_tile(orders[0], pair_start, tiles, n_tiles))
