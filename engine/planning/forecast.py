@@ -66,11 +66,14 @@ _MOST_CORES = {"masks": 2}
 _BARE_PYTHON = 65_000_000
 _PYTHON = 500_000_000
 """Python with torch, OpenCV and the compiled kernels, measured."""
-_LEFT_BY_MASKS = 220_000_000
-"""What the process does not give back after SAM, measured."""
+_LEFT_BY_MASKS = 420_000_000
+"""What the process does not give back after SAM: 260 to 650 MB in four runs."""
+_COLMAP = 230_000_000
+"""What pycolmap and its database hold besides: 180 to 350 MB in four runs."""
 _COLMAP_PIXEL = 260
 """Bytes a pixel of a working copy that SIFT on the doubled picture takes on each thread."""
-_SAM = 680_000_000
+_SAM = 880_000_000
+"""770 to 1,020 MB in four runs."""
 _TARGET_PIXEL, _MOST_TARGETS = 36, 1 << 30
 _GAUSSIAN_FLOAT, _GAUSSIAN_FEATURE = 24, 256
 """Bytes: value, gradient, two moments, and copies while growing; and what blending 16 features takes besides."""
@@ -246,17 +249,19 @@ def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: 
     Notes
     -----
     photos: 65 MB and 15 bytes a pixel on each thread. All others: 500 MB for Python, torch and the compiled kernels,
-    and: cameras: 260 bytes a pixel of working copy on each thread. masks, objects: SAM, 680 MB. training: each photo's
-    pixels (3 bytes), labels and their index (12) and prepared target (36, when all stay within 1 GiB), 24 bytes a
-    number and 256 a feature-carrying Gaussian, the picture being made with its channels and their gradients, and 220 MB
-    that SAM left. A process gives little back: objects and report hold what training held.
+    and: cameras: 230 MB and 260 bytes a pixel of working copy on each thread. masks, objects: SAM, 880 MB. training:
+    each photo's pixels (3 bytes), labels and their index (12) and prepared target (36, when all stay within 1 GiB), 24
+    bytes a number and 256 a feature-carrying Gaussian, the picture being made with its channels and their gradients,
+    and 420 MB that SAM left. A process gives little back: objects and report hold what training held.
     """
     pixels, python = work.width * work.height, _PYTHON + libraries
     full = work.photo_width * work.photo_height
     if stage == "photos":
         return _BARE_PYTHON + 15 * full * min(8, cores)
     if stage == "cameras":
-        return python if work.pairs == "none" else int(python + _COLMAP_PIXEL * _copy_pixels(work) * min(4, cores))
+        if work.pairs == "none":
+            return python
+        return int(python + _COLMAP + _COLMAP_PIXEL * _copy_pixels(work) * min(4, cores))
     if stage == "masks":
         return python + _SAM
     targets = _TARGET_PIXEL * pixels * work.n_photos
