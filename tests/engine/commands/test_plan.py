@@ -51,10 +51,10 @@ def test_too_little_memory_is_refused_before_any_work(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(machine, "free_memory", lambda: 900_000_000)
-    planned = call(capsys, "plan", photos, "--preset", "paper", "--no-objects")
+    model = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
+    planned = call(capsys, "plan", photos, "--preset", "paper", "--no-objects", "--cameras", model)
     assert planned.code == 1
     assert "0.9 GB are free" in planned.error and "--preset" in planned.error
-    model = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
     command = ["reconstruct", photos, "--out", tmp_path / "scene", "--preset", "paper", "--no-objects"]
     refused = call(capsys, *command, "--cameras", model)
     assert refused.code == 1 and refused.error == planned.error
