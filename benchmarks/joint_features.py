@@ -39,7 +39,6 @@ _OF_THE_PAPER = (
 )  # fmt: skip
 _PARTS = {
     "L_CC on all labelled pixels": {"clustering_pixels": 0},
-    "L_CC in every step": {"clustering_interval": 1, "lambda_clustering": 2e-7, "lambda_ray": 0.002},
     "L_CC in one step of 50": {"clustering_interval": 50},
     "the paper's neighbours in L_reg": {"regularisation": "paper"},
     "no variance along the ray": {"lambda_ray": 0.0},
@@ -149,7 +148,7 @@ def parts(bench: Bench) -> str:
     """Return the table of our features with one part of their training exchanged at a time."""
     rows = [bench.converged("ours", f"joint-{_STANDARD.seed}", _STANDARD)]
     rows += [
-        bench.converged(f"{name}", "joint-" + "-".join(name.lower().split()), replace(_STANDARD, **changed))
+        bench.converged(name, "joint-" + "-".join(name.lower().split()), replace(_STANDARD, **changed))
         for name, changed in _PARTS.items()
     ]
     return _table(rows)
