@@ -1,4 +1,4 @@
-"""The least time the arithmetic of blending can take: operations that must be done over the measured speed of FMAs."""
+"""The least time the arithmetic of blending can take: as many operations as must be done, all of them FMAs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from engine.rasterizer.jit import JIT
 from engine.rasterizer.simd import fma, load, store
 from engine.rasterizer.threads import Taken, run_shared
 
-__all__ = ["fma_peak", "operations", "spin_on"]
+__all__ = ["least_time", "operations", "spin_on"]
 
 _CHAINS = 8
 """Independent sums, so that the latency of one FMA is hidden."""
@@ -42,18 +42,14 @@ def _spin(n: int, x: NDArray[np.float32]) -> None:
     store(x, 0, ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)))
 
 
-def fma_peak(repeats: int = 20) -> float:
-    """Return the most operations a CPU second that FMAs on vectors of 16 reach on one core now."""
+def least_time(n_operations: float) -> float:
+    """Return the CPU milliseconds in which one core does so many operations right now, all of them FMAs on vectors."""
     x = np.full(32, 0.5, np.float32)
-    n = 200_000
     _spin(10, x)
-    best = 0.0
-    for _ in range(repeats):
-        x[:] = 0.5
-        start = time.process_time()
-        _spin(n, x)
-        best = max(best, n * _CHAINS * 16 * 2 / (time.process_time() - start))
-    return best
+    x[:] = 0.5
+    start = time.process_time()
+    _spin(round(n_operations / (_CHAINS * 16 * 2)), x)
+    return 1e3 * (time.process_time() - start)
 
 
 def spin_on(n_threads: int) -> float:

@@ -27,10 +27,10 @@ from .blend_forward import (
     cover,
     lane_x,
     lane_y,
+    list_block,
     offsets,
-    place,
     prefetch_block,
-    prefetch_gaussian,
+    prefetch_colors,
 )
 from .jit import INNER, JIT
 from .settings import ALPHA_MAX
@@ -42,7 +42,6 @@ from .simd import (
     load_pixels4,
     maximum,
     negative,
-    prefetch,
     put,
     select,
     splat,
@@ -85,33 +84,9 @@ def _read_block(
 
 
 @njit(**INNER)
-def _gather(
-    start: int,
-    n: int,
-    x0: int,
-    y0: int,
-    n_colors: int,
-    gaussians: NDArray[np.int32],
-    pixels: NDArray[np.float64],
-    roots: NDArray[np.float64],
-    opacities: Float32,
-    colors: Float32,
-    geometry: Float32,
-    color_rows: NDArray[np.int64],
-) -> None:
-    """Copy what a tile at pixel (x0, y0) needs of its `n` Gaussians to where it lies side by side."""
-    for j in range(n):
-        prefetch_gaussian(gaussians[start + min(j + AHEAD, n - 1)], pixels, roots, opacities, colors, n_colors)
-        g = gaussians[start + j]
-        place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
-        color_rows[j] = np.int64(g) * n_colors
-
-
-@njit(**INNER)
 def _store_pairs(
     start: int,
     n: int,
-    pairs: NDArray[np.int32],
     n_colors: int,
     tile_chunks: int,
     moments: Float32,
@@ -124,11 +99,8 @@ def _store_pairs(
     """Sum over the lanes and write the rows of a tile's pairs; the colours' gradients are summed over blocks here."""
     zero = splat(f4(0.0))
     for j in range(n):
-        row = np.int64(pairs[start + j]) * (MOMENTS + n_colors)
+        row = (start + j) * (MOMENTS + n_colors)
         at = j * 96
-        ahead = np.int64(pairs[start + min(j + AHEAD, n - 1)]) * (MOMENTS + n_colors)
-        for k in range(0, MOMENTS + n_colors + 15, 16):
-            prefetch(pair_gradients, ahead + k)
         store_sums4(
             pair_gradients, row, load(moments, at), load(moments, at + 16), load(moments, at + 32),
             load(moments, at + 48),
@@ -186,10 +158,7 @@ def blend_tiles_backward(
     height: int,
     tile_start: NDArray[np.int64],
     gaussians: NDArray[np.int32],
-    pairs: NDArray[np.int32],
-    pixels: NDArray[np.float64],
-    roots: NDArray[np.float64],
-    opacities: Float32,
+    geometry: Float32,
     colors: Float32,
     n_colors: int,
     n_channels: int,
@@ -198,13 +167,14 @@ def blend_tiles_backward(
     transmittance_gradient: Float32,
     pair_gradients: Float32,
 ) -> int:
-    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of this thread's share of `tiles`.
+    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of this thread's share of `tiles`, in their order.
 
-    `transmittance_gradient` is flat [H W], or empty when it is zero everywhere. Returns how many blocks met an incoming
-    gradient that is not finite.
+    `masks` and `geometry` are those that the forward pass filled; `transmittance_gradient` is flat [H W], or empty when
+    it is zero everywhere. Returns how many blocks met an incoming gradient that is not finite.
     """
     n_columns = (width + TILE - 1) // TILE
     n_tiles = tiles.shape[0]
+    n_pairs = gaussians.shape[0]
     longest = 0
     for t in tiles:
         longest = max(longest, tile_start[t + 1] - tile_start[t])
@@ -212,9 +182,8 @@ def blend_tiles_backward(
     gradient = np.empty(16 * block_length, np.float32)
     by_transmittance = np.zeros(256, np.float32)
     present = np.empty(n_colors // 4, np.int64)  # first channels of the fours that have a gradient in the block
-    geometry = np.empty(longest * GEOMETRY, np.float32)
     color_rows = np.empty(longest, np.int64)
-    queue = np.empty(longest + 1, np.int64)
+    queue = np.empty(longest + 16, np.int32)
     moments = np.empty(longest * 96, np.float32)
     swept = np.empty(longest * 32 + 32, np.float32)  # of each Gaussian in a block: e, and alpha / (1 - alpha) or 0
     weights = np.empty(longest * 256 + 16, np.float32)  # w of every Gaussian in the blocks it changes
@@ -235,7 +204,10 @@ def blend_tiles_backward(
             if x0 + TILE > width or y0 + TILE > height or n_channels % 4 != 0:
                 gradient[:] = f4(0.0)
                 by_transmittance[:] = f4(0.0)
-            _gather(start, n, x0, y0, n_colors, gaussians, pixels, roots, opacities, colors, geometry, color_rows)
+            placed = start * GEOMETRY
+            for j in range(n):
+                prefetch_colors(np.int64(item(gaussians, min(start + j + AHEAD, n_pairs - 1))), colors, n_colors)
+                color_rows[j] = np.int64(gaussians[start + j]) * n_colors
             n_entries[:n] = 0
             for k in range(6 * n):
                 store(moments, k * 16, zero)
@@ -277,20 +249,17 @@ def blend_tiles_backward(
                     n_bad += 1
                 if n_present == 0 and not active:
                     continue
-                n_queue = 0
-                for j in range(n):
-                    put(queue, n_queue, j)
-                    n_queue += int((item(masks, start + j) >> block) & 1)
+                n_queue = list_block(masks, start, n, block, queue)
                 px = lane_x() + f4(4 * (block % 4))
                 py = lane_y() + f4(4 * (block // 4))
                 t_now = one
                 for i in range(n_queue):
-                    j = item(queue, i)
-                    at = j * GEOMETRY
+                    j = int(item(queue, i))
+                    at = placed + j * GEOMETRY
                     u, v = offsets(px, py, geometry, at)
-                    raw, alpha, weight, t_now = cover(u, v, item(geometry, at + 5), t_now)
+                    raw, alpha, weight, stop, t_now = cover(u, v, item(geometry, at + 5), t_now)
                     ratio = alpha / (one - alpha)
-                    store(swept, i * 32 + 16, select((weight > zero) & (raw <= _ALPHA_MAX), ratio, zero))
+                    store(swept, i * 32 + 16, select(stop, zero, select(raw <= _ALPHA_MAX, ratio, zero)))
                     store(weights, n_weights * 16, weight)
                     entry = item(n_entries, j)
                     put(n_entries, j, entry + 1)
@@ -302,8 +271,8 @@ def blend_tiles_backward(
                 put(queue, n_queue, item(queue, max(n_queue - 1, 0)))
                 weights_at = (n_weights - n_queue) * 16
                 for i in range(0, n_queue, 2):
-                    color_at = item(color_rows, item(queue, i))
-                    other_at = item(color_rows, item(queue, i + 1))
+                    color_at = item(color_rows, int(item(queue, i)))
+                    other_at = item(color_rows, int(item(queue, i + 1)))
                     dot = zero
                     odd = zero
                     other_dot = zero
@@ -327,8 +296,8 @@ def blend_tiles_backward(
                     store(swept, i * 32 + 32, load(weights, weights_at + i * 16 + 16) * (other_dot + other_odd))
                 rest = rest * maximum(t_now, negative(t_now))
                 for i in range(n_queue - 1, -1, -1):
-                    j = item(queue, i)
-                    at = j * GEOMETRY
+                    j = int(item(queue, i))
+                    at = placed + j * GEOMETRY
                     u, v = offsets(px, py, geometry, at)
                     ratio = load(swept, i * 32 + 16)
                     e = load(swept, i * 32)
@@ -344,7 +313,7 @@ def blend_tiles_backward(
                     store(moments, at + 64, fma(su, v, load(moments, at + 64)))
                     store(moments, at + 80, fma(sv, v, load(moments, at + 80)))
             _store_pairs(
-                start, n, pairs, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
+                start, n, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
             )  # fmt: skip
         first = take(taken, TILES_AT_ONCE)
     return n_bad

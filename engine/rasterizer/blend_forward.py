@@ -29,12 +29,14 @@ from .simd import (
     item,
     lanes,
     load,
+    load_bit,
     maximum,
     minimum,
     negative,
     negative_abs,
     prefetch,
     put,
+    put_chosen,
     select,
     splat,
     store,
@@ -44,6 +46,7 @@ from .threads import Taken, take
 from .tile_spans import LIMIT_MARGIN, TILE
 
 __all__ = [
+    "AHEAD",
     "BATCH",
     "GEOMETRY",
     "TILES_AT_ONCE",
@@ -51,10 +54,10 @@ __all__ = [
     "cover",
     "lane_x",
     "lane_y",
+    "list_block",
     "offsets",
-    "place",
     "prefetch_block",
-    "prefetch_gaussian",
+    "prefetch_colors",
 ]
 
 Float32 = NDArray[np.float32]
@@ -64,7 +67,7 @@ BATCH = 64
 """Gaussians whose weights are kept before their colours are added; bounds the scratch memory of a block."""
 
 GEOMETRY = 8
-"""Floats of a Gaussian in a tile's scratch, see `place`."""
+"""Floats of a Gaussian in a tile, see `_place`."""
 
 AHEAD = 8
 """Gaussians of a tile that are asked for before they are needed."""
@@ -74,6 +77,7 @@ TILES_AT_ONCE = 8
 
 lane_x = lanes([i % 4 + 0.5 for i in range(16)])
 lane_y = lanes([i // 4 + 0.5 for i in range(16)])
+_lane_number = lanes(list(range(16)))
 _block_x = lanes([4 * (b % 4) + 0.5 for b in range(16)])
 _block_y = lanes([4 * (b // 4) + 0.5 for b in range(16)])
 
@@ -81,7 +85,7 @@ _ALPHA_MIN, _ALPHA_MAX, _T_MIN = f4(ALPHA_MIN), f4(ALPHA_MAX), f4(T_MIN)
 
 
 @njit(**INNER)
-def place(
+def _place(
     g: int,
     x0: int,
     y0: int,
@@ -97,31 +101,57 @@ def place(
     u = a dx + b dy + u0, v = c dy + v0 with (dx, dy) from that point. A needle whose centre lies 10^4 pixels off would
     lose four of float32's seven digits if dx and dy were taken from the centre.
     """
-    x = pixels[g, 0] - x0
-    y = pixels[g, 1] - y0
-    geometry[at] = min(max(x, 0.0), np.float64(TILE))
-    geometry[at + 1] = min(max(y, 0.0), np.float64(TILE))
-    geometry[at + 2] = roots[g, 0]
-    geometry[at + 3] = roots[g, 1]
-    geometry[at + 4] = roots[g, 2]
-    geometry[at + 5] = opacities[g]
-    dy = geometry[at + 1] - y
-    geometry[at + 6] = roots[g, 0] * (geometry[at] - x) + roots[g, 1] * dy
-    geometry[at + 7] = roots[g, 2] * dy
+    x = item(pixels, 2 * g) - x0
+    y = item(pixels, 2 * g + 1) - y0
+    a = item(roots, 3 * g)
+    b = item(roots, 3 * g + 1)
+    c = item(roots, 3 * g + 2)
+    near_x = f4(min(max(x, 0.0), np.float64(TILE)))
+    near_y = f4(min(max(y, 0.0), np.float64(TILE)))
+    dx = near_x - x
+    dy = near_y - y
+    put(geometry, at, near_x)
+    put(geometry, at + 1, near_y)
+    put(geometry, at + 2, f4(a))
+    put(geometry, at + 3, f4(b))
+    put(geometry, at + 4, f4(c))
+    put(geometry, at + 5, item(opacities, g))
+    put(geometry, at + 6, f4(a * dx + b * dy))
+    put(geometry, at + 7, f4(c * dy))
 
 
 @njit(**INNER)
-def prefetch_gaussian(
-    g: int, pixels: NDArray[np.float64], roots: NDArray[np.float64], opacities: Float32, colors: Float32, n_colors: int
-) -> None:
-    """Ask for what `place` and the sums of colours take of Gaussian `g`, which lies anywhere."""
-    row = np.int64(g)
-    prefetch(pixels, 2 * row)
-    prefetch(roots, 3 * row)
-    prefetch(roots, 3 * row + 2)
-    prefetch(opacities, row)
+def _prefetch_ellipse(g: int, pixels: NDArray[np.float64], roots: NDArray[np.float64], opacities: Float32) -> None:
+    """Ask for what `_place` takes of Gaussian `g`, which lies anywhere."""
+    prefetch(pixels, 2 * g)
+    prefetch(roots, 3 * g)
+    prefetch(roots, 3 * g + 2)
+    prefetch(opacities, g)
+
+
+@njit(**INNER)
+def prefetch_colors(g: int, colors: Float32, n_colors: int) -> None:
+    """Ask for the `n_colors` values of Gaussian `g` in flat `colors`."""
     for at in range(0, n_colors + 15, 16):
-        prefetch(colors, row * n_colors + at)
+        prefetch(colors, g * n_colors + at)
+
+
+@njit(**INNER)
+def list_block(masks: NDArray[np.uint16], start: int, n: int, block: int, queue: NDArray[np.int32]) -> int:
+    """Write which of a tile's `n` Gaussians, its first being ``masks[start]``, touch `block`; return how many.
+
+    `queue` needs room for n + 16.
+    """
+    n_queue = 0
+    j = 0
+    while j < n and start + j + 16 <= masks.shape[0]:  # the last 16 reach into the next tile's, but not beyond them
+        n_queue += put_chosen(queue, n_queue, j, load_bit(masks, start + j, block) & (_lane_number() < f4(n - j)))
+        j += 16
+    while j < n:
+        put(queue, n_queue, np.int32(j))
+        n_queue += int((item(masks, start + j) >> block) & 1)
+        j += 1
+    return n_queue
 
 
 @njit(**INNER)
@@ -135,7 +165,7 @@ def prefetch_block(image: Float32, corner: int, width: int, n_channels: int) -> 
 
 @njit(**INNER)
 def offsets(px: Vec, py: Vec, geometry: Float32, at: int) -> tuple[Vec, Vec]:
-    """Return (u, v) at pixel centres (px, py) of the tile, geometry as of `place`."""
+    """Return (u, v) at pixel centres (px, py) of the tile, geometry as of `_place`."""
     dx = px - item(geometry, at)
     dy = py - item(geometry, at + 1)
     b_dy = fma(dy, splat(item(geometry, at + 3)), splat(item(geometry, at + 6)))
@@ -145,8 +175,11 @@ def offsets(px: Vec, py: Vec, geometry: Float32, at: int) -> tuple[Vec, Vec]:
 
 
 @njit(**INNER)
-def cover(u: Vec, v: Vec, opacity: float, t_now: Vec) -> tuple[Vec, Vec, Vec, Vec]:
-    """Return opacity 2^-(u^2 + v^2), the alpha it gives, its weight alpha T and T behind it; `t_now` is T before it."""
+def cover(u: Vec, v: Vec, opacity: float, t_now: Vec) -> tuple[Vec, Vec, Vec, Vec, Vec]:
+    """Return opacity 2^-(u^2 + v^2), the alpha it gives, its weight alpha T, where that was left out, and T behind it.
+
+    `t_now` is T before it.
+    """
     zero = splat(f4(0.0))
     raw = exp2_nonpositive(fma(negative(u), u, negative(v * v))) * opacity
     alpha = minimum(raw, splat(_ALPHA_MAX))
@@ -154,22 +187,22 @@ def cover(u: Vec, v: Vec, opacity: float, t_now: Vec) -> tuple[Vec, Vec, Vec, Ve
     t_next = fma(negative(alpha), t_now, t_now)
     stop = t_next < _T_MIN
     weight = select(stop, zero, alpha * t_now)
-    return raw, alpha, weight, select(stop, negative_abs(t_now), t_next)
+    return raw, alpha, weight, stop, select(stop, negative_abs(t_now), t_next)
 
 
 @njit(**INNER)
 def _touched_blocks(geometry: Float32, at: int, limit: float) -> int:
-    """Return 16 bits: the blocks of pixel centres that have a point with u^2 + v^2 <= `limit`; geometry as of `place`.
+    """Return 16 bits: the blocks of pixel centres that have a point with u^2 + v^2 <= `limit`; geometry as of `_place`.
 
     The nearest point lies on one of the block's sides that face the centre: each is minimised in closed form.
     """
-    x = geometry[at]
-    y = geometry[at + 1]
-    a = geometry[at + 2]
-    b = geometry[at + 3]
-    c = geometry[at + 4]
-    u0 = geometry[at + 6]
-    v0 = geometry[at + 7]
+    x = item(geometry, at)
+    y = item(geometry, at + 1)
+    a = item(geometry, at + 2)
+    b = item(geometry, at + 3)
+    c = item(geometry, at + 4)
+    u0 = item(geometry, at + 6)
+    v0 = item(geometry, at + 7)
     zero = splat(f4(0.0))
     left = _block_x() - x
     right = left + f4(3.0)
@@ -231,18 +264,20 @@ def blend_tiles(
     image: Float32,
     transmittance: Float32,
     masks: NDArray[np.uint16],
+    geometry: Float32,
 ) -> None:
     """Render this thread's share of `tiles` into flat `image` [H W n_channels] and `transmittance` [H W].
 
-    `colors` is flat [N n_colors], n_colors = n_channels rounded up to a multiple of 4. `masks` [M] is filled.
+    `pixels` [N 2], `roots` [N 3] and `colors` [N n_colors] are flat, n_colors = n_channels rounded up to a multiple of 4. `masks` [M] and flat
+    `geometry` [M GEOMETRY], see `_place`, are filled.
     """
     n_columns = (width + TILE - 1) // TILE
     n_tiles = tiles.shape[0]
+    n_pairs = gaussians.shape[0]
     longest = 0
     for t in tiles:
         longest = max(longest, tile_start[t + 1] - tile_start[t])
-    geometry = np.empty(longest * GEOMETRY, np.float32)
-    queue = np.empty(longest + 1, np.int32)
+    queue = np.empty(longest + 16, np.int32)
     rows = np.empty(BATCH, np.int64)
     weights = np.empty(BATCH * 16, np.float32)
     sums = np.empty(n_colors * 16, np.float32)
@@ -254,12 +289,16 @@ def blend_tiles(
             y0 = (t // n_columns) * TILE
             start = tile_start[t]
             n = tile_start[t + 1] - start
-            last = start + n - 1
+            placed = start * GEOMETRY
             for j in range(n):
-                prefetch_gaussian(gaussians[min(start + j + AHEAD, last)], pixels, roots, opacities, colors, n_colors)
-                g = gaussians[start + j]
-                place(g, x0, y0, pixels, roots, opacities, geometry, j * GEOMETRY)
-                masks[start + j] = _touched_blocks(geometry, j * GEOMETRY, f4(limits[g] + LIMIT_MARGIN))
+                ahead = np.int64(item(gaussians, min(start + j + AHEAD, n_pairs - 1)))
+                _prefetch_ellipse(ahead, pixels, roots, opacities)
+                prefetch_colors(ahead, colors, n_colors)
+                g = np.int64(item(gaussians, start + j))
+                at = placed + j * GEOMETRY
+                _place(g, x0, y0, pixels, roots, opacities, geometry, at)
+                touched = _touched_blocks(geometry, at, f4(item(limits, g) + LIMIT_MARGIN))
+                put(masks, start + j, np.uint16(touched))
             for block in range(16):
                 block_x = 4 * (block % 4)
                 block_y = 4 * (block // 4)
@@ -270,10 +309,7 @@ def blend_tiles(
                     continue
                 corner = np.int64(y0 + block_y) * width + x0 + block_x
                 prefetch_block(image, corner, width, n_channels)
-                n_queue = 0
-                for j in range(n):
-                    put(queue, n_queue, np.int32(j))
-                    n_queue += int((item(masks, start + j) >> block) & 1)
+                n_queue = list_block(masks, start, n, block, queue)
                 px = lane_x() + f4(block_x)
                 py = lane_y() + f4(block_y)
                 for k in range(n_colors):
@@ -286,9 +322,9 @@ def blend_tiles(
                     while i < n_queue and n_batch < BATCH:
                         j = int(item(queue, i))
                         i += 1
-                        at = j * GEOMETRY
+                        at = placed + j * GEOMETRY
                         u, v = offsets(px, py, geometry, at)
-                        _, _, weight, t_next = cover(u, v, item(geometry, at + 5), t_now)
+                        _, _, weight, _, t_next = cover(u, v, item(geometry, at + 5), t_now)
                         store(weights, n_batch * 16, weight)
                         put(rows, n_batch, np.int64(item(gaussians, start + j)) * n_colors)
                         if any_of(t_next != t_now):

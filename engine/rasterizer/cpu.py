@@ -16,7 +16,7 @@ from ..cameras.camera import PinholeCamera
 from ..errors import NumericalError
 from .api import CulledCounts, Raster, check_finite
 from .blend_backward import MOMENTS, blend_tiles_backward
-from .blend_forward import blend_tiles
+from .blend_forward import GEOMETRY, blend_tiles
 from .projection import (
     CULLED_DEGENERATE,
     CULLED_NEAR,
@@ -56,6 +56,7 @@ class View:
     projected: Projected | None = None
     lists: TileLists | None = None
     masks: NDArray[np.uint16] | None = None
+    geometry: Float32 | None = None
 
 
 def _array(tensor: torch.Tensor) -> Float32:
@@ -145,7 +146,7 @@ def project_view(
 
 
 def blend_view(view: View, n_channels: int, tiles: Int32 | None = None) -> tuple[Float32, Float32]:
-    """Blend the projected colours front to back, which also fills `masks` of `view`.
+    """Blend the projected colours front to back, which also fills `masks` and `geometry` of `view`.
 
     Parameters
     ----------
@@ -168,19 +169,22 @@ def blend_view(view: View, n_channels: int, tiles: Int32 | None = None) -> tuple
     new, wanted = (np.empty, lists.all_tiles) if tiles is None else (np.zeros, tiles)
     image = new((height, width, n_channels), np.float32)
     transmittance = new((height, width), np.float32)
-    masks = np.empty(len(lists.gaussians), np.uint16) if view.masks is None else view.masks
+    n_pairs = len(lists.gaussians)
+    masks = np.empty(n_pairs, np.uint16) if view.masks is None else view.masks
+    geometry = np.empty(n_pairs * GEOMETRY, np.float32) if view.geometry is None else view.geometry
     n_colors = projected.colors.shape[1]
     flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
     flat_colors = projected.colors.reshape(-1)
 
     def blend(taken: Taken) -> None:
         blend_tiles(
-            taken, wanted, width, height, lists.tile_start, lists.gaussians, projected.pixels, projected.roots,
-            projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image, flat_transmittance, masks,
+            taken, wanted, width, height, lists.tile_start, lists.gaussians, projected.pixels.reshape(-1),
+            projected.roots.reshape(-1), projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image,
+            flat_transmittance, masks, geometry,
         )  # fmt: skip
 
     run_shared(blend, view.settings.threads)
-    view.masks = masks
+    view.masks, view.geometry = masks, geometry
     return image, transmittance
 
 
@@ -206,14 +210,15 @@ def pair_gradients(
     Returns
     -------
     float32 array of shape [M, MOMENTS + K4]
+        In the order of the tiles' lists.
 
     Raises
     ------
     NumericalError
         When a gradient of the picture is not finite.
     """
-    projected, lists, masks = view.projected, view.lists, view.masks
-    assert projected is not None and lists is not None and masks is not None
+    projected, lists, masks, geometry = view.projected, view.lists, view.masks, view.geometry
+    assert projected is not None and lists is not None and masks is not None and geometry is not None
     height, width, n_channels = image_gradient.shape
     n_colors = projected.colors.shape[1]
     pairs = np.empty((len(lists.gaussians), MOMENTS + n_colors), np.float32)
@@ -224,9 +229,8 @@ def pair_gradients(
 
     def blend_backward(taken: Taken) -> None:
         n_bad = blend_tiles_backward(
-            taken, wanted, width, height, lists.tile_start, lists.gaussians, lists.pairs, projected.pixels,
-            projected.roots, projected.faded, flat_colors, n_colors, n_channels, masks, flat_image,
-            flat_transmittance, flat_pairs,
+            taken, wanted, width, height, lists.tile_start, lists.gaussians, geometry, flat_colors, n_colors,
+            n_channels, masks, flat_image, flat_transmittance, flat_pairs,
         )  # fmt: skip
         bad_blocks.append(n_bad)
 
@@ -270,9 +274,11 @@ def gaussian_gradients(
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
+    flat_pairs = pairs.reshape(-1)
+
     def project_backward(taken: Taken) -> None:
         project_gaussians_backward(
-            taken, projected.state, lists.pair_start, pairs, means,
+            taken, projected.state, lists.pair_start, lists.places, flat_pairs, means,
             quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
             channels.shape[1], *outputs, by_gaussian,
         )  # fmt: skip

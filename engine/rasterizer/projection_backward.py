@@ -18,6 +18,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .blend_backward import MOMENTS
+from .blend_forward import AHEAD
 from .jit import INNER, JIT
 from .projection import (
     GAUSSIANS_AT_ONCE,
@@ -29,6 +30,7 @@ from .projection import (
     rotation_matrix,
     screen_axes,
 )
+from .simd import item, prefetch
 from .spherical_harmonics import sh_basis, sh_basis_gradient
 from .threads import Taken, take
 
@@ -62,6 +64,7 @@ def project_gaussians_backward(
     taken: Taken,
     state: NDArray[np.uint8],
     pair_start: NDArray[np.int64],
+    places: NDArray[np.int32],
     pair_gradients: Float32,
     means: Float32,
     quats: Float32,
@@ -85,10 +88,11 @@ def project_gaussians_backward(
 
     `pose_gradients` [N, 12] gets each Gaussian's part of dL/dW (row major) and dL/dt of world-to-camera x = W X + t;
     [0, 12] when the pose needs none.
-    `pair_gradients` is [M, MOMENTS + n_colors]; a Gaussian's pairs are summed in their order, in float64.
+    `pair_gradients` is flat [M (MOMENTS + n_colors)], in the order of the tiles' lists; a Gaussian's pairs, whose rows
+    `places` [M] tells, are summed in their order, in float64.
     """
     zero = np.float32(0.0)
-    row_length = pair_gradients.shape[1]
+    row_length = MOMENTS + colors.shape[1]
     n_rgb = 3 if sh.shape[1] > 0 else 0
     n_basis = (sh_degree + 1) * (sh_degree + 1)
     total = np.empty(row_length, np.float64)
@@ -115,8 +119,12 @@ def project_gaussians_backward(
                 continue
             total[:] = 0.0
             for pair in range(pair_start[g], pair_start[g + 1]):
+                ahead = np.int64(places[min(pair + AHEAD, places.shape[0] - 1)]) * row_length
+                for k in range(0, row_length + 15, 16):
+                    prefetch(pair_gradients, ahead + k)
+                row = np.int64(places[pair]) * row_length
                 for k in range(row_length):
-                    total[k] += pair_gradients[pair, k]
+                    total[k] += item(pair_gradients, row + k)
             for k in range(n_channels):
                 channels_gradient[g, k] = total[MOMENTS + n_rgb + k]
             opacities_gradient[g] = total[0] / opacities[g]

@@ -29,6 +29,7 @@ __all__ = [
     "item",
     "lanes",
     "load",
+    "load_bit",
     "load_pixels4",
     "maximum",
     "minimum",
@@ -36,6 +37,7 @@ __all__ = [
     "negative_abs",
     "prefetch",
     "put",
+    "put_chosen",
     "select",
     "splat",
     "store",
@@ -275,22 +277,24 @@ def fma(typing: Any, x: Any, y: Any, z: Any) -> Any:
     return vec(*(vec if kind == vec else types.float32 for kind in (x, y, z))), emit
 
 
-def _two(name: str) -> Any:
+def _pick(builder: Any, order: str, x: Any, y: Any) -> Any:
+    """Return x where x `order` y, else y, which is one instruction; unlike IEEE's, two more of which see to a NaN in y."""
+    return builder.select(builder.fcmp_ordered(order, x, y), x, y)
+
+
+def _two(order: str) -> Any:
     @intrinsic
     def two(typing: Any, x: Any, y: Any) -> Any:
-        def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            function = cgutils.get_or_insert_function(
-                builder.module, ir.FunctionType(_VF, [_VF] * 2), f"llvm.{name}.v16f32"
-            )
-            return builder.call(function, args)
-
-        return vec(vec, vec), emit
+        return vec(vec, vec), lambda context, builder, sig, args: _pick(builder, order, *args)
 
     return two
 
 
-minimum = _two("minnum")
-maximum = _two("maxnum")
+minimum = _two("<")
+"""The lesser; `y` where one is NaN."""
+
+maximum = _two(">")
+"""The greater; `y` where one is NaN."""
 
 
 @intrinsic
@@ -333,8 +337,7 @@ def exp2_nonpositive(typing: Any, x: Any) -> Any:
     coefficients = _EXP2_POLYNOMIAL
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        floor = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VF, [_VF] * 2), "llvm.maxnum.v16f32")
-        x = builder.call(floor, [args[0], _constant(-100.0)])
+        x = _pick(builder, ">", args[0], _constant(-100.0))
         shift = _constant(12582912.0)  # 1.5 * 2^23: adding it rounds to an integer, left in the low mantissa bits
         shifted = builder.fadd(x, shift)
         fraction = builder.fsub(x, builder.fsub(shifted, shift))
@@ -369,6 +372,47 @@ def all_bits(typing: Any, condition: Any) -> Any:
         return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), _I64)
 
     return types.int64(mask), emit
+
+
+@intrinsic
+def load_bit(typing: Any, array: Any, index: Any, bit: Any) -> Any:
+    """Return in which of the 16 integers ``array[index:index + 16]`` bit number `bit` is set."""
+    scalar = ir.IntType(array.dtype.bitwidth)
+    wide = ir.VectorType(scalar, LANES)
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        values = _load_unaligned(builder, _element(context, builder, array, args[0], args[1], wide))
+        wanted = builder.shl(ir.Constant(scalar, 1), context.cast(builder, args[2], sig.args[2], array.dtype))
+        undefined = ir.Constant(wide, ir.Undefined)
+        first = builder.insert_element(undefined, wanted, ir.Constant(_I32, 0))
+        wanted = builder.shuffle_vector(first, undefined, _int_constant(0))
+        return builder.icmp_unsigned("!=", builder.and_(values, wanted), ir.Constant(wide, None))
+
+    return mask(array, types.int64, types.int64), emit
+
+
+@intrinsic
+def put_chosen(typing: Any, array: Any, index: Any, first: Any, chosen: Any) -> Any:
+    """Write ``first + lane`` of each true lane to int32 ``array[index:]``, side by side, and return how many.
+
+    All of ``array[index:index + 16]`` is written.
+    """
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        base = context.cast(builder, args[2], sig.args[2], types.int32)
+        undefined = ir.Constant(_VI, ir.Undefined)
+        wide = builder.shuffle_vector(
+            builder.insert_element(undefined, base, ir.Constant(_I32, 0)), undefined, _int_constant(0)
+        )
+        numbers = builder.add(wide, ir.Constant(_VI, list(range(LANES))))
+        compress = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(_VI, [_VI, _VB, _VI]), "llvm.experimental.vector.compress.v16i32"
+        )
+        kept = builder.call(compress, [numbers, args[3], undefined])
+        _store_unaligned(builder, kept, _element(context, builder, array, args[0], args[1], _VI))
+        return builder.ctpop(builder.zext(builder.bitcast(args[3], ir.IntType(LANES)), _I64))
+
+    return types.int64(array, types.int64, types.int64, mask), emit
 
 
 # ---------------------------------------------------------------------------------------------- sums and transposes

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import PinholeCamera
 from .api import MAX_CHANNELS, check_camera, check_finite
 from .blend_backward import MOMENTS
+from .blend_forward import GEOMETRY
 from .cpu import View, blend_view, padded, pair_gradients, project_view
 from .settings import RasterSettings
 from .tile_spans import TILE
@@ -59,7 +60,7 @@ class StillView:
         view = self._view
         assert view.projected is not None and view.lists is not None
         held = [*vars(view.projected).values(), *vars(view.lists).values()]
-        return sum(array.nbytes for array in held) + 2 * len(view.lists.gaussians)
+        return sum(array.nbytes for array in held) + (2 + 4 * GEOMETRY) * len(view.lists.gaussians)
 
     def blend(self, channels: Float32) -> tuple[Float32, Float32]:
         """Return the picture [H, W, C] of `channels`, float32 [N, C <= 64], and the transmittance [H, W]."""
@@ -89,11 +90,12 @@ class StillView:
         tiles = _tiles_with(weights != 0)
         pairs = pair_gradients(self._view, weights, np.zeros(0, np.float32), tiles)
         votes = np.zeros((len(pair_start) - 1, n_channels), np.float32)
-        filled = [lists.pairs[lists.tile_start[t] : lists.tile_start[t + 1]] for t in tiles]
-        if sum(map(len, filled)):
-            # A Gaussian's pairs lie side by side, and are summed in their order.
-            rows = np.sort(np.concatenate(filled))
-            owner = np.searchsorted(pair_start, rows, side="right") - 1
+        filled = np.zeros(len(pairs), bool)
+        for t in tiles:
+            filled[lists.tile_start[t] : lists.tile_start[t + 1]] = True
+        rows = lists.places[filled[lists.places]]  # of one Gaussian after another, in the order of its pairs
+        if len(rows):
+            owner = lists.gaussians[rows]
             first = np.flatnonzero(np.diff(owner, prepend=-1))
             mine = pairs[rows, MOMENTS : MOMENTS + n_channels]
             votes[owner[first]] = np.add.reduceat(mine, first, axis=0, dtype=np.float64)

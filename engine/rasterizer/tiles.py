@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import NumericalError
 from .jit import JIT
 from .projection import GAUSSIANS_AT_ONCE, VISIBLE, Projected
+from .simd import item, put
 from .threads import Taken, run_shared, take
 from .tile_spans import ROWS_KEPT, TILE, walk_tiles
 
@@ -30,17 +31,17 @@ class TileLists:
     pair_start : int64 [N + 1]
         The pairs of Gaussian g are numbered ``pair_start[g]`` to ``pair_start[g + 1]``; none when it was culled.
     tile_start : int64 [n_tiles + 1]
-        Entries ``tile_start[t]`` to ``tile_start[t + 1]`` of the next two arrays belong to tile t, nearest first.
+        Entries ``tile_start[t]`` to ``tile_start[t + 1]`` of ``gaussians`` belong to tile t, nearest first.
     gaussians : int32 [M]
         Index of the Gaussian.
-    pairs : int32 [M]
-        Number of the pair: where its gradient goes, so that a Gaussian's gradients lie side by side.
+    places : int32 [M]
+        Entry of ``gaussians`` that holds pair p.
     """
 
     pair_start: Int64
     tile_start: Int64
     gaussians: Int32
-    pairs: Int32
+    places: Int32
 
     @property
     def all_tiles(self) -> Int32:
@@ -54,29 +55,29 @@ def _sort_by_depth(state: NDArray[np.uint8], depth_bits: NDArray[np.uint32]) -> 
 
     The bits of a positive float32 rise with its value.
     """
+    keys = np.empty(state.shape[0], np.uint64)  # depth above, number below
+    starts = np.zeros((3, 2049), np.int64)
     n = 0
     for g in range(state.shape[0]):
-        n += state[g] == VISIBLE
-    order = np.empty(n, np.int32)
-    other = np.empty(n, np.int32)
-    i = 0
-    for g in range(state.shape[0]):
         if state[g] == VISIBLE:
-            order[i] = g
-            i += 1
-    starts = np.empty(2049, np.int64)
+            bits = depth_bits[g]
+            keys[n] = np.uint64(bits) << np.uint64(32) | np.uint64(g)
+            n += 1
+            for digit in range(3):
+                starts[digit, ((bits >> np.uint32(11 * digit)) & np.uint32(2047)) + 1] += 1
+    sorted_keys = np.empty(n, np.uint64)
     for digit in range(3):
-        shift = np.uint32(11 * digit)
-        starts[:] = 0
-        for i in range(n):
-            starts[((depth_bits[order[i]] >> shift) & np.uint32(2047)) + 1] += 1
+        shift = np.uint64(32 + 11 * digit)
         for k in range(2048):
-            starts[k + 1] += starts[k]
+            starts[digit, k + 1] += starts[digit, k]
         for i in range(n):
-            k = (depth_bits[order[i]] >> shift) & np.uint32(2047)
-            other[starts[k]] = order[i]
-            starts[k] += 1
-        order, other = other, order
+            k = (keys[i] >> shift) & np.uint64(2047)
+            sorted_keys[starts[digit, k]] = keys[i]
+            starts[digit, k] += 1
+        keys, sorted_keys = sorted_keys, keys
+    order = np.empty(n, np.int32)
+    for i in range(n):
+        order[i] = np.int32(keys[i] & np.uint64(0xFFFFFFFF))
     return order
 
 
@@ -117,23 +118,26 @@ def _list_tiles(
 
 @njit(**JIT)
 def _group_by_tile(order: Int32, pair_start: Int64, tiles: Int32, n_tiles: int) -> tuple[Int64, Int32, Int32]:
-    """Return `tile_start`, `gaussians` and `pairs` of `TileLists`: a counting sort by tile that keeps depth `order`."""
+    """Return `tile_start`, `gaussians` and `places` of `TileLists`: a counting sort by tile that keeps depth `order`."""
+    n_pairs = tiles.shape[0]
     starts = np.zeros(n_tiles + 1, np.int64)
-    for pair in range(tiles.shape[0]):
-        starts[tiles[pair] + 1] += 1
+    for pair in range(n_pairs):
+        t = int(item(tiles, pair)) + 1
+        put(starts, t, item(starts, t) + 1)
     for t in range(n_tiles):
         starts[t + 1] += starts[t]
-    place = starts[:-1].copy()
-    gaussians = np.empty(tiles.shape[0], np.int32)
-    pairs = np.empty(tiles.shape[0], np.int32)
+    next_places = starts[:-1].copy()
+    gaussians = np.empty(n_pairs, np.int32)
+    places = np.empty(n_pairs, np.int32)
     for i in range(order.shape[0]):
-        g = order[i]
-        for pair in range(pair_start[g], pair_start[g + 1]):
-            at = place[tiles[pair]]
-            place[tiles[pair]] = at + 1
-            gaussians[at] = g
-            pairs[at] = pair
-    return starts, gaussians, pairs
+        g = int(item(order, i))
+        for pair in range(item(pair_start, g), item(pair_start, g + 1)):
+            t = int(item(tiles, pair))
+            place = item(next_places, t)
+            put(next_places, t, place + 1)
+            put(gaussians, place, np.int32(g))
+            put(places, pair, np.int32(place))
+    return starts, gaussians, places
 
 
 def make_tile_lists(projected: Projected, width: int, height: int, n_threads: int | None) -> TileLists:

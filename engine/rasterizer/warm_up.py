@@ -81,7 +81,7 @@ def _empty_view() -> View:
     view = View(_CAMERA, 1, RasterSettings(threads=1), Projected.empty(0, 4))
     nobody = np.zeros(0, np.int32)
     view.lists = TileLists(np.zeros(1, np.int64), np.zeros(2, np.int64), nobody, nobody)
-    view.masks = np.zeros(0, np.uint16)
+    view.masks, view.geometry = np.zeros(0, np.uint16), np.zeros(0, np.float32)
     return view
 
 
