@@ -152,6 +152,8 @@ class Room:
             pixels = load_pixels(self.photos / photo, max_side=BETTER.photo_side)
             labels = self.label_maps[photo]
             masks = self.truth.masks(photo)
+            shape = next((mask.shape for mask in masks.values()), labels.shape)
+            shown_labels = cv2.resize(labels, shape[::-1], interpolation=cv2.INTER_NEAREST)
             for word in words:
                 named = [mask for name, mask in masks.items() if self.truth.prompts[name] == word]
                 named = [mask for mask in named if mask.mean() >= _SHOWN]
@@ -159,9 +161,7 @@ class Room:
                     continue
                 shown[word] += 1
                 for best in detector.detect(pixels, word, labels=labels)[:1]:
-                    size = named[0].shape[::-1]
-                    segment = cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST) == best.region
-                    right[word] += max(iou(segment, mask) for mask in named) >= 0.5
+                    right[word] += max(iou(shown_labels == best.region, mask) for mask in named) >= 0.5
             refused += sum(
                 not (detector.knows(word).known and detector.detect(pixels, word, labels=labels)) for word in absent
             )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import mean, stdev
 from typing import Any
 
 from ..cameras.settings import CameraSettings
@@ -43,6 +45,7 @@ class Row:
     ----------
     name : str
         The preset, with `EVERYTHING` behind it when leaving-out was switched off.
+    seed : int
     steps, planned_steps : int
     n_gaussians : int
     psnr, ssim, l1, flip : float or None
@@ -63,6 +66,7 @@ class Row:
     """
 
     name: str
+    seed: int
     steps: int
     planned_steps: int
     n_gaussians: int
@@ -103,7 +107,7 @@ def compare(scene: Path, out: Path, settings: BenchSettings, *, emit: Emit, shou
     rows = []
     for preset in settings.presets:
         for leave_out in (True, False) if settings.everything else (True,):
-            rows.append(_row(scenes, preset, leave_out, calibration))
+            rows += [_row(scenes, preset, leave_out, seed, calibration) for seed in settings.seeds]
     return rows
 
 
@@ -201,12 +205,13 @@ def _of_project(scene: Path, should_stop: StopCheck) -> Prepared:
     )
 
 
-def _row(scenes: _Scenes, preset: str, leave_out: bool, calibration: Calibration) -> Row:
-    """Train one preset, or return what it reached before."""
+def _row(scenes: _Scenes, preset: str, leave_out: bool, seed: int, calibration: Calibration) -> Row:
+    """Train one preset by one seed, or return what it reached before."""
     settings, out = scenes.settings, scenes.out
     name = preset if leave_out else preset + EVERYTHING
+    run = name if seed == PRESETS[preset].seed else f"{name} {seed}"
     work = scenes.plan(preset, leave_out)
-    training = training_settings(work)
+    training = replace(training_settings(work), seed=seed)
     refused = ""
     forecast = forecast_work(work, training, describe_machine(), calibration)
     try:
@@ -215,19 +220,19 @@ def _row(scenes: _Scenes, preset: str, leave_out: bool, calibration: Calibration
         refused = str(error)
     prepared, masks = scenes.with_masks(work, leave_out) if not refused else (None, {})
     row = Row(
-        name, 0, training.steps, 0, None, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
+        name, seed, 0, training.steps, 0, None, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
         masks.get("wall_seconds"), "", refused, (),
     )  # fmt: skip
     if prepared is None:
         return row
-    folder = out / name
+    folder = out / run.replace(" ", "-")
     earlier = _stopped_earlier(folder, training)
     if earlier is not None and settings.limit_minutes is not None and earlier >= settings.limit_minutes:
         return scenes.judged(_stopped(row, _so_far(folder), earlier), work, _gaussians_so_far(folder))
     spent = (_so_far(folder) or {"wall_seconds": 0.0})["wall_seconds"] if earlier is not None else 0.0
     limit = _Limit(settings.limit_minutes, spent, scenes.should_stop)
     try:
-        project = train_prepared(prepared, folder, work, training, emit=_named(scenes.emit, name), should_stop=limit)
+        project = train_prepared(prepared, folder, work, training, emit=_named(scenes.emit, run), should_stop=limit)
     except Cancelled:
         if scenes.should_stop() or settings.limit_minutes is None:
             raise
@@ -323,22 +328,29 @@ def savings(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     -------
     dict
         Preset to ``training_cpu_seconds``, ``training_share``, ``mask_cpu_seconds`` (where both were measured),
-        ``share`` (of training and masks together) and ``psnr_lost`` in dB.
+        ``share`` (of training and masks together) and ``psnr_lost`` in dB, all means over the seeds that were trained
+        both ways; ``psnr_lost_error`` is the standard error of that mean, there with two seeds or more.
     """
-    by_name = {row.name: row for row in rows}
-    found = {}
+    by_run = {(row.name, row.seed): row for row in rows}
+    both: dict[str, list[tuple[Row, Row]]] = {}
+    psnr_lost: dict[str, list[float]] = {}
     for row in rows:
-        full = by_name.get(row.name + EVERYTHING)
+        full = by_run.get((row.name + EVERYTHING, row.seed))
         if full is None or row.psnr is None or full.psnr is None or "limit" in row.remark + full.remark:
             continue
-        saved = {
-            "training_cpu_seconds": full.cpu_seconds - row.cpu_seconds,
-            "training_share": 1.0 - row.cpu_seconds / full.cpu_seconds,
-            "psnr_lost": full.psnr - row.psnr,
-        }
+        both.setdefault(row.name, []).append((row, full))
+        psnr_lost.setdefault(row.name, []).append(full.psnr - row.psnr)
+    found = {}
+    for name, pairs in both.items():
+        lost = psnr_lost[name]
+        own, whole = mean(row.cpu_seconds for row, _ in pairs), mean(full.cpu_seconds for _, full in pairs)
+        saved = {"training_cpu_seconds": whole - own, "training_share": 1.0 - own / whole, "psnr_lost": mean(lost)}
+        if len(lost) > 1:
+            saved["psnr_lost_error"] = stdev(lost) / math.sqrt(len(lost))
+        row, full = pairs[0]
         if full.mask_cpu_seconds is not None:
             masks = row.mask_cpu_seconds or 0.0
             saved["mask_cpu_seconds"] = full.mask_cpu_seconds - masks
-            saved["share"] = 1.0 - (row.cpu_seconds + masks) / (full.cpu_seconds + full.mask_cpu_seconds)
-        found[row.name] = saved
+            saved["share"] = 1.0 - (own + masks) / (whole + full.mask_cpu_seconds)
+        found[name] = saved
     return found

@@ -37,12 +37,12 @@ def markdown(rows: Sequence[Row]) -> str:
     for row, on_front in zip(rows, pareto_front(rows), strict=True):
         memory = f"{row.peak_memory / 1e9:.2f} GB" if row.peak_memory else "not known"
         cells = [
-            f"`{row.name}`", f"{row.steps:,}", f"{row.n_gaussians:,}", _number(row.psnr, ".2f"),
+            f"`{row.name}`{_seed(row, rows)}", f"{row.steps:,}", f"{row.n_gaussians:,}", _number(row.psnr, ".2f"),
             _number(row.ssim, ".3f"), _number(row.l1, ".4f"), _number(row.flip, ".4f"), f"{row.wall_seconds:.0f}",
             f"{row.cpu_seconds:.0f}", memory, "yes" if on_front else "no",
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
-    remarks = [f"- `{row.name}`: {row.remark}" for row in rows if row.remark]
+    remarks = [f"- `{row.name}`{_seed(row, rows)}: {row.remark}" for row in rows if row.remark]
     return "\n".join([*lines, *([""] + remarks if remarks else []), *_savings_in_words(rows)])
 
 
@@ -55,8 +55,15 @@ def _savings_in_words(rows: Sequence[Row]) -> list[str]:
         )
         if "mask_cpu_seconds" in saved:
             text += f" and {saved['mask_cpu_seconds']:.0f} CPU s of masks; together {saved['share']:.0%}"
-        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f} dB on held-out photos (measured)")
+        chance = saved.get("psnr_lost_error")
+        each = f" ± {chance:.2f} dB on average over seeds" if chance is not None else " dB"
+        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f}{each} on held-out photos (measured)")
     return ["", *lines] if lines else []
+
+
+def _seed(row: Row, rows: Sequence[Row]) -> str:
+    """Return what tells `row` from others of its name."""
+    return f", seed {row.seed}" if len({other.seed for other in rows}) > 1 else ""
 
 
 def _number(value: float | None, form: str) -> str:
@@ -83,7 +90,7 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
         The Markdown file in `out`.
     """
     front = [(row.cpu_seconds, row.psnr) for row, on in zip(rows, pareto_front(rows), strict=True) if on and row.psnr]
-    picture = compare_curves([(row.name, row.curve) for row in rows], front)
+    picture = compare_curves([(row.name + _seed(row, rows), row.curve) for row in rows], front)
     write_json(out / "bench.json", finite_or_null(_as_json(rows, title=title, command=command)))
     body = _body(rows, command=command)
     _write_picture(out / "bench.png", picture)

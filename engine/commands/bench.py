@@ -40,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="train each preset once more with nothing left out: measures what leaving out saves and costs",
     )
+    parser.add_argument(
+        "--seeds", default="0", metavar="N,N", help="train each preset by each of these (default: %(default)s)"
+    )
 
 
 def project_folder(options: argparse.Namespace) -> None:
@@ -64,6 +67,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         presets=tuple(name.strip() for name in options.presets.split(",") if name.strip()),
         wants_objects=not options.no_objects,
         everything=options.everything,
+        seeds=_seeds(options.seeds),
         limit_minutes=options.limit,
         camera_model=options.cameras,
         photo_masks=options.photo_masks,
@@ -80,6 +84,13 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     return 0
 
 
+def _seeds(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(word) for word in text.split(",") if word.strip())
+    except ValueError:
+        raise SettingsError(f"--seeds takes numbers like 0,1,2, got {text}.") from None
+
+
 def _title(scene: Path) -> str:
     name = scene.resolve().name
     return scene.resolve().parent.name if name.lower() in ("photos", "images", "project") else name
@@ -92,5 +103,6 @@ def _command(options: argparse.Namespace) -> str:
     words += [f"--photo-masks {options.photo_masks.name}"] if options.photo_masks else []
     words += ["--no-objects"] if options.no_objects else []
     words += ["--everything"] if options.everything else []
+    words += [f"--seeds {options.seeds}"] if options.seeds != "0" else []
     words += [f"--limit {options.limit:g}"] if options.limit is not None else []
     return " ".join(words)

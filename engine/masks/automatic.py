@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck, never_stop
-from .generator import masks_of_grid, stability
+from .generator import STOPPED, masks_of_grid, stability
 from .sam import INPUT_SIDE, LOW_RES_SIDE, Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
@@ -104,7 +104,7 @@ def _search(
     grid = _grid(rows, columns, settings.grid)
     for _ in range(settings.max_prompts):
         if should_stop():
-            raise Cancelled("Stopped while cutting a photo into segments; the photos done before are kept.")
+            raise Cancelled(STOPPED)
         click = _next_click(found, tried, grid, settings)
         if click is None:
             break

@@ -14,9 +14,11 @@ from ..events import StopCheck
 from .sam import Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
-__all__ = ["masks_of_grid", "stability"]
+__all__ = ["STOPPED", "masks_of_grid", "stability"]
 
 Mask = NDArray[np.bool_]
+
+STOPPED = "Stopped while cutting a photo into segments; the photos done before are kept."
 
 
 def masks_of_grid(
@@ -49,7 +51,7 @@ def masks_of_grid(
     scores: list[float] = []
     for point in _grid(embedding, settings.grid):
         if should_stop():
-            raise Cancelled("Stopped while cutting a photo into segments; the photos done before are kept.")
+            raise Cancelled(STOPPED)
         scales = sam.predict_scales(embedding, [point], [1])
         for low, iou in scales[-1:] if settings.scales == "whole" else scales:
             if iou <= settings.min_iou:

@@ -39,15 +39,14 @@ from .simd import (
     fma,
     item,
     load,
-    load_pixels4,
     maximum,
     negative,
     put,
     select,
     splat,
     store,
-    store_sums4,
 )
+from .simd_pixels import load_pixels4, store_sums4
 from .threads import Taken, take
 from .tile_spans import TILE
 

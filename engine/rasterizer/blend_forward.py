@@ -24,10 +24,11 @@ from .simd import (
     Vec,
     all_bits,
     any_of,
-    exp2_nonpositive,
+    exp2_negative,
     fma,
     item,
     lanes,
+    least_of,
     load,
     load_bit,
     maximum,
@@ -40,8 +41,8 @@ from .simd import (
     select,
     splat,
     store,
-    store_pixels4,
 )
+from .simd_pixels import store_pixels4
 from .threads import Taken, take
 from .tile_spans import LIMIT_MARGIN, TILE
 
@@ -77,6 +78,7 @@ TILES_AT_ONCE = 8
 
 lane_x = lanes([i % 4 + 0.5 for i in range(16)])
 lane_y = lanes([i // 4 + 0.5 for i in range(16)])
+_at_most_alpha_max = least_of(ALPHA_MAX)
 _lane_number = lanes(list(range(16)))
 _block_x = lanes([4 * (b % 4) + 0.5 for b in range(16)])
 _block_y = lanes([4 * (b // 4) + 0.5 for b in range(16)])
@@ -181,8 +183,8 @@ def cover(u: Vec, v: Vec, opacity: float, t_now: Vec) -> tuple[Vec, Vec, Vec, Ve
     `t_now` is T before it.
     """
     zero = splat(f4(0.0))
-    raw = exp2_nonpositive(fma(negative(u), u, negative(v * v))) * opacity
-    alpha = minimum(raw, splat(_ALPHA_MAX))
+    raw = exp2_negative(fma(u, u, v * v)) * opacity
+    alpha = _at_most_alpha_max(raw)
     alpha = select(alpha >= _ALPHA_MIN, alpha, zero)
     t_next = fma(negative(alpha), t_now, t_now)
     stop = t_next < _T_MIN

@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .jit import JIT
-from .simd import LANES, any_of, load, splat
+from .llvm import LANES
+from .simd import any_of, load, splat
 
 __all__ = ["all_finite"]
 

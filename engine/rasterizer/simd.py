@@ -19,18 +19,33 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, register_model
 
 from . import jit  # noqa: F401  (sets the cache folder before the first kernel is decorated)
+from .llvm import (
+    I32,
+    I64,
+    LANES,
+    V16B,
+    V16F,
+    V16I,
+    broadcast,
+    constant,
+    element,
+    fused,
+    int_constant,
+    load_unaligned,
+    store_unaligned,
+)
 
 __all__ = [
     "Vec",
     "all_bits",
     "any_of",
-    "exp2_nonpositive",
+    "exp2_negative",
     "fma",
     "item",
     "lanes",
+    "least_of",
     "load",
     "load_bit",
-    "load_pixels4",
     "maximum",
     "minimum",
     "negative",
@@ -41,18 +56,10 @@ __all__ = [
     "select",
     "splat",
     "store",
-    "store_pixels4",
-    "store_sums4",
 ]
 
 Vec = Any
 """Sixteen floats in the signature of a kernel's helper: what a checker of types outside of Numba can say of them."""
-
-LANES = 16
-_F = ir.FloatType()
-_I1, _I32, _I64 = ir.IntType(1), ir.IntType(32), ir.IntType(64)
-_VF, _VI, _VB = ir.VectorType(_F, LANES), ir.VectorType(_I32, LANES), ir.VectorType(_I1, LANES)
-_V4 = ir.VectorType(_F, 4)
 
 
 class VecType(types.Type):
@@ -75,62 +82,18 @@ vec, mask = VecType(), MaskType()
 @register_model(VecType)
 class _VecModel(models.PrimitiveModel):
     def __init__(self, manager: Any, fe_type: Any) -> None:
-        super().__init__(manager, fe_type, _VF)
+        super().__init__(manager, fe_type, V16F)
 
 
 @register_model(MaskType)
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: Any, fe_type: Any) -> None:
-        super().__init__(manager, fe_type, _VB)
+        super().__init__(manager, fe_type, V16B)
 
 
 _nodes = 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64)
 _EXP2_POLYNOMIAL = [float(c) for c in np.polynomial.Polynomial.fit(_nodes, 2.0**_nodes, 5).convert().coef]
 """2^f on |f| <= 1/2: least squares at Chebyshev nodes, all but the best polynomial of degree 5."""
-
-# ---------------------------------------------------------------------------------------------- LLVM helpers
-
-
-def _constant(values: float | Sequence[float]) -> ir.Constant:
-    values = [values] * LANES if isinstance(values, int | float) else list(values)
-    return ir.Constant(_VF, [ir.Constant(_F, float(value)) for value in values])
-
-
-def _int_constant(value: int) -> ir.Constant:
-    return ir.Constant(_VI, [value] * LANES)
-
-
-def _broadcast(builder: Any, scalar: Any) -> Any:
-    undefined = ir.Constant(_VF, ir.Undefined)
-    first = builder.insert_element(undefined, scalar, ir.Constant(_I32, 0))
-    return builder.shuffle_vector(first, undefined, _int_constant(0))
-
-
-def _shuffle(builder: Any, a: Any, b: Any, indices: Sequence[int]) -> Any:
-    pattern = ir.Constant(ir.VectorType(_I32, len(indices)), [ir.Constant(_I32, i) for i in indices])
-    return builder.shuffle_vector(a, b, pattern)
-
-
-def _fma(builder: Any, x: Any, y: Any, z: Any) -> Any:
-    function = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_VF, [_VF] * 3), "llvm.fma.v16f32")
-    return builder.call(function, [x, y, z])
-
-
-def _element(context: Any, builder: Any, array_type: Any, array: Any, index: Any, pointee: Any) -> Any:
-    """Return a pointer of type `pointee` to element `index` of a one-dimensional array."""
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), pointee.as_pointer())
-
-
-def _load_unaligned(builder: Any, pointer: Any) -> Any:
-    loaded = builder.load(pointer)
-    loaded.align = 4
-    return loaded
-
-
-def _store_unaligned(builder: Any, value: Any, pointer: Any) -> None:
-    builder.store(value, pointer).align = 4
-
 
 # ---------------------------------------------------------------------------------------------- operators
 
@@ -145,9 +108,7 @@ def _register(op: Callable[..., Any], result: Any, emit: Callable[[Any, Any, Any
     infer_global(op)(Template)
 
     def lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        a, b = (
-            value if kind == vec else _broadcast(builder, value) for kind, value in zip(sig.args, args, strict=True)
-        )
+        a, b = (value if kind == vec else broadcast(builder, value) for kind, value in zip(sig.args, args, strict=True))
         return emit(builder, a, b)
 
     for pair in pairs:
@@ -188,18 +149,18 @@ def splat(typing: Any, x: Any) -> Any:
     """Return the vector that holds float32 `x` in all lanes."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _broadcast(builder, args[0])
+        return broadcast(builder, args[0])
 
     return vec(types.float32), emit
 
 
 def lanes(values: Sequence[float]) -> Any:
     """Return an intrinsic without arguments that gives the constant vector of 16 `values`."""
-    constant = _constant(values)
+    numbers = constant(values)
 
     @intrinsic
     def constant_lanes(typing: Any) -> Any:
-        return vec(), lambda context, builder, sig, args: constant
+        return vec(), lambda context, builder, sig, args: numbers
 
     return constant_lanes
 
@@ -209,7 +170,7 @@ def load(typing: Any, array: Any, index: Any) -> Any:
     """Return ``array[index:index + 16]``."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return _load_unaligned(builder, _element(context, builder, array, args[0], args[1], _VF))
+        return load_unaligned(builder, element(context, builder, array, args[0], args[1], V16F))
 
     return vec(array, types.int64), emit
 
@@ -219,7 +180,7 @@ def store(typing: Any, array: Any, index: Any, x: Any) -> Any:
     """Set ``array[index:index + 16] = x``."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        _store_unaligned(builder, args[2], _element(context, builder, array, args[0], args[1], _VF))
+        store_unaligned(builder, args[2], element(context, builder, array, args[0], args[1], V16F))
         return context.get_dummy_value()
 
     return types.void(array, types.int64, vec), emit
@@ -255,9 +216,9 @@ def prefetch(typing: Any, array: Any, index: Any) -> Any:
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(array)(context, builder, args[0]).data
         place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [place.type, _I32, _I32, _I32])
+        kind = ir.FunctionType(ir.VoidType(), [place.type, I32, I32, I32])
         ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(ask, [place, *(ir.Constant(_I32, value) for value in (0, 3, 1))])
+        builder.call(ask, [place, *(ir.Constant(I32, value) for value in (0, 3, 1))])
         return context.get_dummy_value()
 
     return types.void(array, types.int64), emit
@@ -271,8 +232,8 @@ def fma(typing: Any, x: Any, y: Any, z: Any) -> Any:
     """Return x * y + z, rounded once."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        wide = [a if kind == vec else _broadcast(builder, a) for kind, a in zip(sig.args, args, strict=True)]
-        return _fma(builder, *wide)
+        wide = [a if kind == vec else broadcast(builder, a) for kind, a in zip(sig.args, args, strict=True)]
+        return fused(builder, *wide)
 
     return vec(*(vec if kind == vec else types.float32 for kind in (x, y, z))), emit
 
@@ -295,6 +256,25 @@ minimum = _two("<")
 
 maximum = _two(">")
 """The greater; `y` where one is NaN."""
+
+
+def _least_of_bits(builder: Any, x: Any, limit: float) -> Any:
+    """Return the lesser of vector `x`, nowhere negative, and `limit`, which also takes the place of NaN.
+
+    The bits of such floats rise with them, and processors have more units that compare integers than floats.
+    """
+    bits, most = builder.bitcast(x, V16I), builder.bitcast(constant(limit), V16I)
+    return builder.bitcast(builder.select(builder.icmp_unsigned("<", bits, most), bits, most), V16F)
+
+
+def least_of(limit: float) -> Any:
+    """Return an intrinsic that gives the lesser of each lane, none being negative, and `limit`; `limit` for NaN."""
+
+    @intrinsic
+    def at_most(typing: Any, x: Any) -> Any:
+        return vec(vec), lambda context, builder, sig, args: _least_of_bits(builder, args[0], limit)
+
+    return at_most
 
 
 @intrinsic
@@ -322,30 +302,30 @@ def negative_abs(typing: Any, x: Any) -> Any:
     """Return -|x| by setting the sign bit."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        bits = builder.or_(builder.bitcast(args[0], _VI), _int_constant(-(1 << 31)))
-        return builder.bitcast(bits, _VF)
+        bits = builder.or_(builder.bitcast(args[0], V16I), int_constant(-(1 << 31)))
+        return builder.bitcast(bits, V16F)
 
     return vec(vec), emit
 
 
 @intrinsic
-def exp2_nonpositive(typing: Any, x: Any) -> Any:
-    """Return 2^x for x <= 0, within 3e-7 relative; below -100 it stays at 2^-100.
+def exp2_negative(typing: Any, x: Any) -> Any:
+    """Return 2^-x for x >= 0, within 3e-7 relative; above 100 it stays at 2^-100.
 
-    x = n + f with integer n and |f| <= 1/2; 2^f is a polynomial of degree 5 and n is added to the exponent bits.
+    -x = n - f with integer n and |f| <= 1/2; 2^-f is a polynomial of degree 5 and n is added to the exponent bits.
     """
-    coefficients = _EXP2_POLYNOMIAL
+    coefficients = [c * (-1) ** i for i, c in enumerate(_EXP2_POLYNOMIAL)]
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        x = _pick(builder, ">", args[0], _constant(-100.0))
-        shift = _constant(12582912.0)  # 1.5 * 2^23: adding it rounds to an integer, left in the low mantissa bits
-        shifted = builder.fadd(x, shift)
-        fraction = builder.fsub(x, builder.fsub(shifted, shift))
-        power = _constant(coefficients[-1])
+        x = _least_of_bits(builder, args[0], 100.0)
+        shift = constant(12582912.0)  # 1.5 * 2^23: taking x off rounds to an integer, left in the low mantissa bits
+        shifted = builder.fsub(shift, x)
+        fraction = builder.fadd(x, builder.fsub(shifted, shift))
+        power = constant(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
-            power = _fma(builder, power, fraction, _constant(coefficient))
-        exponent = builder.shl(builder.bitcast(shifted, _VI), _int_constant(23))
-        return builder.bitcast(builder.add(builder.bitcast(power, _VI), exponent), _VF)
+            power = fused(builder, power, fraction, constant(coefficient))
+        exponent = builder.shl(builder.bitcast(shifted, V16I), int_constant(23))
+        return builder.bitcast(builder.add(builder.bitcast(power, V16I), exponent), V16F)
 
     return vec(vec), emit
 
@@ -369,7 +349,7 @@ def all_bits(typing: Any, condition: Any) -> Any:
     """Return the truth values as the 16 low bits of an int64, lane 0 lowest."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), _I64)
+        return builder.zext(builder.bitcast(args[0], ir.IntType(LANES)), I64)
 
     return types.int64(mask), emit
 
@@ -381,11 +361,9 @@ def load_bit(typing: Any, array: Any, index: Any, bit: Any) -> Any:
     wide = ir.VectorType(scalar, LANES)
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        values = _load_unaligned(builder, _element(context, builder, array, args[0], args[1], wide))
+        values = load_unaligned(builder, element(context, builder, array, args[0], args[1], wide), scalar.width // 8)
         wanted = builder.shl(ir.Constant(scalar, 1), context.cast(builder, args[2], sig.args[2], array.dtype))
-        undefined = ir.Constant(wide, ir.Undefined)
-        first = builder.insert_element(undefined, wanted, ir.Constant(_I32, 0))
-        wanted = builder.shuffle_vector(first, undefined, _int_constant(0))
+        wanted = broadcast(builder, wanted)
         return builder.icmp_unsigned("!=", builder.and_(values, wanted), ir.Constant(wide, None))
 
     return mask(array, types.int64, types.int64), emit
@@ -399,117 +377,13 @@ def put_chosen(typing: Any, array: Any, index: Any, first: Any, chosen: Any) -> 
     """
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        base = context.cast(builder, args[2], sig.args[2], types.int32)
-        undefined = ir.Constant(_VI, ir.Undefined)
-        wide = builder.shuffle_vector(
-            builder.insert_element(undefined, base, ir.Constant(_I32, 0)), undefined, _int_constant(0)
-        )
-        numbers = builder.add(wide, ir.Constant(_VI, list(range(LANES))))
+        base = broadcast(builder, context.cast(builder, args[2], sig.args[2], types.int32))
+        numbers = builder.add(base, ir.Constant(V16I, list(range(LANES))))
         compress = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(_VI, [_VI, _VB, _VI]), "llvm.experimental.vector.compress.v16i32"
+            builder.module, ir.FunctionType(V16I, [V16I, V16B, V16I]), "llvm.experimental.vector.compress.v16i32"
         )
-        kept = builder.call(compress, [numbers, args[3], undefined])
-        _store_unaligned(builder, kept, _element(context, builder, array, args[0], args[1], _VI))
-        return builder.ctpop(builder.zext(builder.bitcast(args[3], ir.IntType(LANES)), _I64))
+        kept = builder.call(compress, [numbers, args[3], ir.Constant(V16I, ir.Undefined)])
+        store_unaligned(builder, kept, element(context, builder, array, args[0], args[1], V16I))
+        return builder.ctpop(builder.zext(builder.bitcast(args[3], ir.IntType(LANES)), I64))
 
     return types.int64(array, types.int64, types.int64, mask), emit
-
-
-# ---------------------------------------------------------------------------------------------- sums and transposes
-
-
-def _transpose4(builder: Any, rows: Sequence[Any]) -> list[Any]:
-    """Transpose the 4x4 matrices that lie in each group of 4 lanes of four vectors (1 or 4 groups)."""
-    n = rows[0].type.count
-
-    def pick(a: Any, b: Any, pattern: Sequence[tuple[int, int]]) -> Any:
-        return _shuffle(builder, a, b, [side * n + group + lane for group in range(0, n, 4) for side, lane in pattern])
-
-    low, high = [(0, 0), (1, 0), (0, 1), (1, 1)], [(0, 2), (1, 2), (0, 3), (1, 3)]
-    ab_low, ab_high = pick(rows[0], rows[1], low), pick(rows[0], rows[1], high)
-    cd_low, cd_high = pick(rows[2], rows[3], low), pick(rows[2], rows[3], high)
-    first, second = [(0, 0), (0, 1), (1, 0), (1, 1)], [(0, 2), (0, 3), (1, 2), (1, 3)]
-    return [
-        pick(ab_low, cd_low, first),
-        pick(ab_low, cd_low, second),
-        pick(ab_high, cd_high, first),
-        pick(ab_high, cd_high, second),
-    ]
-
-
-@intrinsic
-def store_sums4(typing: Any, array: Any, index: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Set ``array[index:index + 4]`` to the sums over the lanes of four vectors."""
-
-    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        def folded(x: Any, y: Any, width: int) -> Any:
-            """Add the halves of each group of `2 width` lanes: those of `x` become the first half, those of `y` follow."""
-            groups = range(0, 2 * LANES, 2 * width)
-            near, far = ([at + half + lane for at in groups for lane in range(width)] for half in (0, width))
-            return builder.fadd(_shuffle(builder, x, y, near), _shuffle(builder, x, y, far))
-
-        a, b, c, d = args[2:]
-        fours = folded(folded(a, b, 8), folded(c, d, 8), 4)
-        for distance in (1, 2):
-            fours = builder.fadd(fours, _shuffle(builder, fours, fours, [lane ^ distance for lane in range(LANES)]))
-        total = _shuffle(builder, fours, fours, [0, 4, 8, 12])
-        _store_unaligned(builder, total, _element(context, builder, array, args[0], args[1], _V4))
-        return context.get_dummy_value()
-
-    return types.void(array, types.int64, vec, vec, vec, vec), emit
-
-
-@intrinsic
-def load_pixels4(typing: Any, image: Any, start: Any, row_step: Any, pixel_step: Any, planes: Any, at: Any) -> Any:
-    """Copy 4 neighbouring channels of a 4x4 block of pixels into 4 vectors, one a channel, at ``planes[at:at + 64]``.
-
-    `start` is the index of the block's first value in the flat `image`; `row_step` and `pixel_step` count floats.
-    """
-
-    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        image_value, start_value, row_value, pixel_value, planes_value, at_value = args
-        pixels = []
-        for y in range(4):
-            for x in range(4):
-                index = builder.add(
-                    start_value,
-                    builder.add(
-                        builder.mul(row_value, ir.Constant(_I64, y)), builder.mul(pixel_value, ir.Constant(_I64, x))
-                    ),
-                )
-                pixels.append(_load_unaligned(builder, _element(context, builder, image, image_value, index, _V4)))
-        columns = []
-        for x in range(4):  # column x of the block, its four rows one after another
-            upper = _shuffle(builder, pixels[x], pixels[x + 4], list(range(8)))
-            lower = _shuffle(builder, pixels[x + 8], pixels[x + 12], list(range(8)))
-            columns.append(_shuffle(builder, upper, lower, list(range(16))))
-        for channel, values in enumerate(_transpose4(builder, columns)):
-            index = builder.add(at_value, ir.Constant(_I64, channel * LANES))
-            _store_unaligned(builder, values, _element(context, builder, planes, planes_value, index, _VF))
-        return context.get_dummy_value()
-
-    return types.void(image, types.int64, types.int64, types.int64, planes, types.int64), emit
-
-
-@intrinsic
-def store_pixels4(
-    typing: Any, image: Any, start: Any, row_step: Any, pixel_step: Any, a: Any, b: Any, c: Any, d: Any
-) -> Any:
-    """Write 4 vectors, one a channel, to 4 neighbouring channels of a 4x4 block of pixels: `load_pixels4` undone."""
-
-    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        image_value, start_value, row_value, pixel_value = args[:4]
-        columns = _transpose4(builder, args[4:])
-        for y in range(4):
-            for x in range(4):
-                index = builder.add(
-                    start_value,
-                    builder.add(
-                        builder.mul(row_value, ir.Constant(_I64, y)), builder.mul(pixel_value, ir.Constant(_I64, x))
-                    ),
-                )
-                pixel = _shuffle(builder, columns[x], columns[x], [4 * y + k for k in range(4)])
-                _store_unaligned(builder, pixel, _element(context, builder, image, image_value, index, _V4))
-        return context.get_dummy_value()
-
-    return types.void(image, types.int64, types.int64, types.int64, vec, vec, vec, vec), emit

@@ -23,10 +23,12 @@ from tests.engine.museum import VIEWS, picture, write_cameras
 SECOND = "second"
 
 
-def row(name: str, psnr: float | None, cpu: float, *, masks: float | None = None, remark: str = "") -> Row:
+def row(
+    name: str, psnr: float | None, cpu: float, *, masks: float | None = None, remark: str = "", seed: int = 0
+) -> Row:
     curve = ({"step": 10, "wall_seconds": cpu / 2, "cpu_seconds": cpu, "psnr": psnr, "l1": 0.1},)
     return Row(
-        name, 10, 10, 100, psnr, 0.5, 0.1, 0.2, cpu / 2, cpu, None, masks, masks, "held-out photos", remark, curve
+        name, seed, 10, 10, 100, psnr, 0.5, 0.1, 0.2, cpu / 2, cpu, None, masks, masks, "held-out photos", remark, curve
     )
 
 
@@ -144,6 +146,30 @@ def test_savings_are_measured_only_between_runs_that_ended() -> None:
     assert "together 50%" in markdown(rows) and "cost 0.10 dB" in markdown(rows)
     cut = replace(rows[1], remark="stopped at the limit of 5 min")
     assert savings([rows[0], cut]) == {}
+
+
+def test_what_leaving_out_costs_is_told_with_its_chance() -> None:
+    rows = [row("a", 20.0, 60.0), row("a_full", 20.1, 100.0)]
+    rows += [row("a", 20.2, 50.0, seed=1), row("a_full", 20.5, 120.0, seed=1), row("a_full", 30.0, 1.0, seed=2)]
+    (saved,) = savings(rows).values()
+    assert saved["training_cpu_seconds"] == 55.0
+    assert saved["psnr_lost"] == pytest.approx(0.2) and saved["psnr_lost_error"] == pytest.approx(0.1)
+    text = markdown(rows)
+    assert "cost 0.20 ± 0.10 dB" in text and "| `a_full`, seed 1 |" in text
+    assert "seed" not in markdown(rows[:2])
+
+
+def test_each_preset_is_trained_by_each_seed(
+    scene: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photos, cameras = scene
+    command = [photos, tmp_path / "out", "--presets", "test", "--cameras", cameras, "--seeds"]
+    assert bench(capsys, *command, "0").computed == ["photos", "cameras", "training test"]  # type: ignore[arg-type]
+    assert bench(capsys, *command, "0,7").computed == ["training test 7"]  # type: ignore[arg-type]
+    one, other = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))["rows"]
+    assert (one["seed"], other["seed"]) == (0, 7) and one["psnr"] != other["psnr"]
+    assert "numbers like 0,1,2" in bench(capsys, *command, "a").error  # type: ignore[arg-type]
+    assert "seeds" in bench(capsys, *command, "3,3").error  # type: ignore[arg-type]
 
 
 def test_refused_preset_costs_only_its_row(

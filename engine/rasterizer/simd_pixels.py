@@ -1,0 +1,113 @@
+"""Vectors across their lanes: sums, and 4x4 blocks of pixels between a picture, channel by channel beside each other,
+and vectors that hold one channel each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+from .llvm import I64, LANES, V4F, V16F, element, load_unaligned, shuffle, store_unaligned
+from .simd import vec
+
+__all__ = ["load_pixels4", "store_pixels4", "store_sums4"]
+
+
+def _transpose4(builder: Any, rows: Sequence[Any]) -> list[Any]:
+    """Transpose the 4x4 matrices that lie in each group of 4 lanes of four vectors (1 or 4 groups)."""
+    n = rows[0].type.count
+
+    def pick(a: Any, b: Any, pattern: Sequence[tuple[int, int]]) -> Any:
+        return shuffle(builder, a, b, [side * n + group + lane for group in range(0, n, 4) for side, lane in pattern])
+
+    low, high = [(0, 0), (1, 0), (0, 1), (1, 1)], [(0, 2), (1, 2), (0, 3), (1, 3)]
+    ab_low, ab_high = pick(rows[0], rows[1], low), pick(rows[0], rows[1], high)
+    cd_low, cd_high = pick(rows[2], rows[3], low), pick(rows[2], rows[3], high)
+    first, second = [(0, 0), (0, 1), (1, 0), (1, 1)], [(0, 2), (0, 3), (1, 2), (1, 3)]
+    return [
+        pick(ab_low, cd_low, first),
+        pick(ab_low, cd_low, second),
+        pick(ab_high, cd_high, first),
+        pick(ab_high, cd_high, second),
+    ]
+
+
+@intrinsic
+def store_sums4(typing: Any, array: Any, index: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Set ``array[index:index + 4]`` to the sums over the lanes of four vectors."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        def folded(x: Any, y: Any, width: int) -> Any:
+            """Add the halves of each group of `2 width` lanes: those of `x` become the first half, those of `y` follow."""
+            groups = range(0, 2 * LANES, 2 * width)
+            near, far = ([at + half + lane for at in groups for lane in range(width)] for half in (0, width))
+            return builder.fadd(shuffle(builder, x, y, near), shuffle(builder, x, y, far))
+
+        a, b, c, d = args[2:]
+        fours = folded(folded(a, b, 8), folded(c, d, 8), 4)
+        for distance in (1, 2):
+            fours = builder.fadd(fours, shuffle(builder, fours, fours, [lane ^ distance for lane in range(LANES)]))
+        total = shuffle(builder, fours, fours, [0, 4, 8, 12])
+        store_unaligned(builder, total, element(context, builder, array, args[0], args[1], V4F))
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, vec, vec, vec, vec), emit
+
+
+@intrinsic
+def load_pixels4(typing: Any, image: Any, start: Any, row_step: Any, pixel_step: Any, planes: Any, at: Any) -> Any:
+    """Copy 4 neighbouring channels of a 4x4 block of pixels into 4 vectors, one a channel, at ``planes[at:at + 64]``.
+
+    `start` is the index of the block's first value in the flat `image`; `row_step` and `pixel_step` count floats.
+    """
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        image_value, start_value, row_value, pixel_value, planes_value, at_value = args
+        pixels = []
+        for y in range(4):
+            for x in range(4):
+                index = builder.add(
+                    start_value,
+                    builder.add(
+                        builder.mul(row_value, ir.Constant(I64, y)), builder.mul(pixel_value, ir.Constant(I64, x))
+                    ),
+                )
+                pixels.append(load_unaligned(builder, element(context, builder, image, image_value, index, V4F)))
+        columns = []
+        for x in range(4):  # column x of the block, its four rows one after another
+            upper = shuffle(builder, pixels[x], pixels[x + 4], list(range(8)))
+            lower = shuffle(builder, pixels[x + 8], pixels[x + 12], list(range(8)))
+            columns.append(shuffle(builder, upper, lower, list(range(16))))
+        for channel, values in enumerate(_transpose4(builder, columns)):
+            index = builder.add(at_value, ir.Constant(I64, channel * LANES))
+            store_unaligned(builder, values, element(context, builder, planes, planes_value, index, V16F))
+        return context.get_dummy_value()
+
+    return types.void(image, types.int64, types.int64, types.int64, planes, types.int64), emit
+
+
+@intrinsic
+def store_pixels4(
+    typing: Any, image: Any, start: Any, row_step: Any, pixel_step: Any, a: Any, b: Any, c: Any, d: Any
+) -> Any:
+    """Write 4 vectors, one a channel, to 4 neighbouring channels of a 4x4 block of pixels: `load_pixels4` undone."""
+
+    def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        image_value, start_value, row_value, pixel_value = args[:4]
+        columns = _transpose4(builder, args[4:])
+        for y in range(4):
+            for x in range(4):
+                index = builder.add(
+                    start_value,
+                    builder.add(
+                        builder.mul(row_value, ir.Constant(I64, y)), builder.mul(pixel_value, ir.Constant(I64, x))
+                    ),
+                )
+                pixel = shuffle(builder, columns[x], columns[x], [4 * y + k for k in range(4)])
+                store_unaligned(builder, pixel, element(context, builder, image, image_value, index, V4F))
+        return context.get_dummy_value()
+
+    return types.void(image, types.int64, types.int64, types.int64, vec, vec, vec, vec), emit
