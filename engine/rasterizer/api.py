@@ -135,10 +135,6 @@ def rasterize(
     else:
         camera = replace(camera, viewmat=viewmat.detach().numpy().astype(np.float64))
     check_camera(camera)
-    named = {"means": means, "quats": quats, "scales": scales, "opacities": opacities, "sh": sh, "channels": channels}
-    for name, value in named.items():
-        if value is not None:
-            check_finite(name, value)
     if backend == "cpu":
         from .cpu import rasterize_cpu
 
@@ -146,6 +142,10 @@ def rasterize(
     if backend == "reference":
         from .reference import rasterize_reference
 
+        arrays = {"means": means, "quats": quats, "scales": scales, "opacities": opacities}
+        for name, value in {**arrays, "sh": sh, "channels": channels}.items():
+            if value is not None:
+                check_finite(name, value)
         return rasterize_reference(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
     raise ValueError(f"backend must be 'cpu' or 'reference', got {backend!r}")
 

@@ -4,6 +4,7 @@ out of the work: on a busy machine its OpenMP threads spin at every barrier and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,8 +97,6 @@ class _Rasterize(torch.autograd.Function):
         wants_pose = ctx.needs_input_grad[len(tensors)]
         outputs, by_gaussian = gaussian_gradients(view, arrays, pairs, with_pose=wants_pose)
         gradients = [torch.from_numpy(output) for output in outputs]
-        for name, gradient in zip(("means", "quats", "scales", "opacities", "sh", "channels"), gradients, strict=True):
-            check_finite(f"gradient of {name}", gradient)
         pose_gradient = None
         if wants_pose:
             total = by_gaussian.sum(axis=0)
@@ -126,6 +125,11 @@ def project_view(
     view : View
     means, quats, scales, opacities, sh, channels : float32 arrays
         As in `engine.rasterizer.api.rasterize`; [N, 0, 3] and [N, 0] where there are none.
+
+    Raises
+    ------
+    NumericalError
+        When one of them is not finite.
     """
     width, height, n = view.camera.width, view.camera.height, len(means)
     n_channels = (3 if sh.shape[1] else 0) + channels.shape[1]
@@ -133,15 +137,20 @@ def project_view(
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
+    n_bad: list[int] = []
+
     def project(taken: Taken) -> None:
-        project_gaussians(
+        bad = project_gaussians(
             taken, means, quats, scales, opacities, sh, view.sh_degree, channels,
             numbers, center, width, height, projected.state, projected.pixels, projected.roots,
             projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
             projected.spans,
         )  # fmt: skip
+        n_bad.append(bad)
 
     run_shared(project, view.settings.threads)
+    if sum(n_bad):
+        _name_what_is_not_finite("", (means, quats, scales, opacities, sh, channels))
     view.projected, view.lists = projected, make_tile_lists(projected, width, height, view.settings.threads)
 
 
@@ -265,6 +274,11 @@ def gaussian_gradients(
         Of `arrays`.
     by_gaussian : float64 array of shape [N, 12], or [0, 12] without pose
         Each Gaussian's part of the gradient of the view's rotation, row by row, and translation.
+
+    Raises
+    ------
+    NumericalError
+        When one of `gradients` is not finite.
     """
     projected, lists = view.projected, view.lists
     assert projected is not None and lists is not None
@@ -273,18 +287,27 @@ def gaussian_gradients(
     by_gaussian = np.zeros((len(means) if with_pose else 0, 12))
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
-
     flat_pairs = pairs.reshape(-1)
+    n_bad: list[int] = []
 
     def project_backward(taken: Taken) -> None:
-        project_gaussians_backward(
+        bad = project_gaussians_backward(
             taken, projected.state, lists.pair_start, lists.places, flat_pairs, means,
             quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
             channels.shape[1], *outputs, by_gaussian,
         )  # fmt: skip
+        n_bad.append(bad)
 
     run_shared(project_backward, view.settings.threads)
+    if sum(n_bad):
+        _name_what_is_not_finite("gradient of ", outputs)
     return outputs, by_gaussian
+
+
+def _name_what_is_not_finite(prefix: str, arrays: Sequence[Float32]) -> None:
+    """Raise `NumericalError` for the first of these arrays that is not finite."""
+    for name, array in zip(("means", "quats", "scales", "opacities", "sh", "channels"), arrays, strict=True):
+        check_finite(prefix + name, torch.from_numpy(array))
 
 
 def rasterize_cpu(
@@ -299,10 +322,12 @@ def rasterize_cpu(
     sh_degree: int,
     settings: RasterSettings,
 ) -> Raster:
-    """Render as `engine.rasterizer.api.rasterize` describes; arguments are already checked.
+    """Render as `engine.rasterizer.api.rasterize` describes; shapes and camera are already checked.
 
     Raises
     ------
+    NumericalError
+        When an input is not finite, which is found while it is projected.
     ValueError
         For tensors that are not float32 on the CPU.
     """

@@ -6,27 +6,39 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .jit import JIT
+from .jit import INNER, JIT
 from .llvm import LANES
 from .simd import any_of, load, splat
 
-__all__ = ["all_finite"]
+__all__ = ["all_finite", "rows_finite"]
 
 
-@njit(**JIT)
-def _all_finite(values: NDArray[np.float32]) -> bool:
-    n = values.shape[0]
-    whole = n - n % LANES
+@njit(**INNER)
+def _between(values: NDArray[np.float32], start: int, stop: int) -> bool:
+    """Return whether flat ``values[start:stop]`` are finite."""
+    whole = stop - (stop - start) % LANES
     odd = splat(np.float32(0.0))
-    for i in range(0, whole, LANES):
+    for i in range(start, whole, LANES):
         x = load(values, i)
         odd = odd + (x - x)  # inf - inf and NaN are NaN, and stay so
     if any_of(odd != np.float32(0.0)):
         return False
     rest = np.float32(0.0)
-    for i in range(whole, n):
+    for i in range(whole, stop):
         rest += values[i] - values[i]
     return rest == np.float32(0.0)
+
+
+@njit(**INNER)
+def rows_finite(values: NDArray[np.float32], first: int, last: int) -> bool:
+    """Return whether ``values[first:last]`` of an array of any shape, its rows side by side, are finite."""
+    length = values.size // max(values.shape[0], 1)
+    return _between(values.reshape(-1), first * length, last * length)
+
+
+@njit(**JIT)
+def _all_finite(values: NDArray[np.float32]) -> bool:
+    return _between(values, 0, values.shape[0])
 
 
 def all_finite(values: NDArray[np.floating]) -> bool:

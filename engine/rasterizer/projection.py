@@ -20,6 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..cameras.camera import PinholeCamera
+from .finite import rows_finite
 from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
 from .spherical_harmonics import sh_basis
@@ -287,8 +288,10 @@ def project_gaussians(
     colors: Float32,
     n_tiles: NDArray[np.int32],
     spans: NDArray[np.uint16],
-) -> None:
+) -> int:
     """Project this thread's share of the Gaussians and fill their rows of `Projected`.
+
+    Returns how often it met a value that is not finite; where it did, nothing is projected.
 
     `sh` [N, n_sh, 3] has n_sh = 0 when there are no colours, `channels` [N, C] has C = 0 when there are none.
     colour = max(0, 0.5 + sum_k sh_k Y_k(direction)), direction from the camera's `center` to the mean.
@@ -301,9 +304,21 @@ def project_gaussians(
     n_rgb = 3 if sh.shape[1] > 0 else 0
     n_channels = channels.shape[1]
     n = means.shape[0]
+    n_bad = 0
     first = take(taken, GAUSSIANS_AT_ONCE)
     while first < n:
-        for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
+        last = min(first + GAUSSIANS_AT_ONCE, n)
+        if not (
+            rows_finite(means, first, last)
+            and rows_finite(quats, first, last)
+            and rows_finite(scales, first, last)
+            and rows_finite(opacities, first, last)
+            and rows_finite(sh, first, last)
+            and rows_finite(channels, first, last)
+        ):
+            n_bad += 1
+            last = first
+        for g in range(first, last):
             state[g] = _project_one(
                 g, means, quats, scales, opacities, camera, width, height, r, q, m, pixels, roots, faded, limits, depths,
                 radii, n_tiles, spans,
@@ -331,3 +346,4 @@ def project_gaussians(
             for i in range(n_rgb + n_channels, colors.shape[1]):
                 colors[g, i] = 0.0
         first = take(taken, GAUSSIANS_AT_ONCE)
+    return n_bad

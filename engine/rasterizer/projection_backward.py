@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from .blend_backward import MOMENTS
 from .blend_forward import AHEAD
+from .finite import rows_finite
 from .jit import INNER, JIT
 from .projection import (
     GAUSSIANS_AT_ONCE,
@@ -83,8 +84,10 @@ def project_gaussians_backward(
     sh_gradient: Float32,
     channels_gradient: Float32,
     pose_gradients: Float64,
-) -> None:
+) -> int:
     """Fill the gradients of this thread's share of the Gaussians, zero for those that are not visible.
+
+    Returns how often one of them, the pose's left out, is not finite, counted once for each of the shares it took.
 
     `pose_gradients` [N, 12] gets each Gaussian's part of dL/dW (row major) and dL/dt of world-to-camera x = W X + t;
     [0, 12] when the pose needs none.
@@ -106,9 +109,11 @@ def project_gaussians_backward(
     d_m = np.empty((2, 3), np.float64)
     d_q = np.empty((2, 3), np.float64)
     n = state.shape[0]
+    n_bad = 0
     first = take(taken, GAUSSIANS_AT_ONCE)
     while first < n:
-        for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
+        last = min(first + GAUSSIANS_AT_ONCE, n)
+        for g in range(first, last):
             means_gradient[g] = zero
             quats_gradient[g] = zero
             scales_gradient[g] = zero
@@ -263,4 +268,13 @@ def project_gaussians_backward(
             means_gradient[g, 0] = d_x0
             means_gradient[g, 1] = d_y0
             means_gradient[g, 2] = d_z0
+        n_bad += not (
+            rows_finite(means_gradient, first, last)
+            and rows_finite(quats_gradient, first, last)
+            and rows_finite(scales_gradient, first, last)
+            and rows_finite(opacities_gradient, first, last)
+            and rows_finite(sh_gradient, first, last)
+            and rows_finite(channels_gradient, first, last)
+        )
         first = take(taken, GAUSSIANS_AT_ONCE)
+    return n_bad

@@ -48,8 +48,6 @@ class StillView:
     ) -> None:
         n = len(means)
         check_camera(camera)
-        for name, array in {"means": means, "quats": quats, "scales": scales, "opacities": opacities}.items():
-            check_finite(name, torch.from_numpy(array))
         self._view = View(camera, 0, RasterSettings())
         nothing = np.zeros((n, 0), np.float32)
         project_view(self._view, means, quats, scales, opacities, nothing.reshape(n, 0, 3), nothing)

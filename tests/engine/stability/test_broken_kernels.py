@@ -30,13 +30,14 @@ def rebuilt(function: Any, old: str, new: str, **calls: Any) -> Any:
     return njit(nogil=True, error_model="numpy")(scope[function.py_func.__name__])
 
 
-def scaled(index: int, factor: float) -> Callable[..., None]:
+def scaled(index: int, factor: float) -> Callable[..., int]:
     """Return the projection's backward kernel with one of its six outputs multiplied."""
     whole = cpu.project_gaussians_backward
 
-    def run(*arguments: Any) -> None:
-        whole(*arguments)  # all of it: the suite runs on one thread
+    def run(*arguments: Any) -> int:
+        n_bad: int = whole(*arguments)  # all of it: the suite runs on one thread
         arguments[-6 + index][...] *= np.float32(factor)
+        return n_bad
 
     return run
 
@@ -71,11 +72,12 @@ def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytes
     """What the suite found in its first run: centres of needles far off screen lost four digits in float32."""
     whole = cpu.project_gaussians
 
-    def run(*arguments: Any) -> None:
-        whole(*arguments)
+    def run(*arguments: Any) -> int:
+        n_bad: int = whole(*arguments)
         roots = arguments[-8]
         assert roots.dtype == np.float64 and roots.shape[1] == 3
         roots[:] = roots.astype(np.float32)
+        return n_bad
 
     monkeypatch.setattr(cpu, "project_gaussians", run)
     assert is_green("ordinary")
@@ -85,9 +87,10 @@ def test_ellipses_in_float32_are_seen_in_needles_from_far_off(monkeypatch: pytes
 def test_a_culled_gaussian_with_a_gradient_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = cpu.project_gaussians_backward
 
-    def run(*arguments: Any) -> None:
-        whole(*arguments)
+    def run(*arguments: Any) -> int:
+        n_bad: int = whole(*arguments)
         arguments[-6][0] = 1e-30
+        return n_bad
 
     monkeypatch.setattr(cpu, "project_gaussians_backward", run)
     for case in ("nothing_visible", "quats_zero"):
@@ -95,9 +98,7 @@ def test_a_culled_gaussian_with_a_gradient_is_seen(monkeypatch: pytest.MonkeyPat
 
 
 def test_inputs_that_are_let_through_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    from engine.rasterizer import api
-
-    monkeypatch.setattr(api, "check_finite", lambda name, value: None)
+    monkeypatch.setattr(cpu, "check_finite", lambda name, value: None)
     assert not is_green("not_finite_opacities")
 
 
