@@ -239,7 +239,7 @@ def fma(typing: Any, x: Any, y: Any, z: Any) -> Any:
 
 
 def _pick(builder: Any, order: str, x: Any, y: Any) -> Any:
-    """Return x where x `order` y, else y, which is one instruction; unlike IEEE's, two more of which see to a NaN in y."""
+    """Return x where x `order` y, else y: one instruction, where LLVM's own takes three to let no NaN through."""
     return builder.select(builder.fcmp_ordered(order, x, y), x, y)
 
 
