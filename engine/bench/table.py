@@ -90,7 +90,7 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
         The Markdown file in `out`.
     """
     front = [(row.cpu_seconds, row.psnr) for row, on in zip(rows, pareto_front(rows), strict=True) if on and row.psnr]
-    picture = compare_curves([(row.name + _seed(row, rows), row.curve) for row in rows], front)
+    picture = compare_curves([(row.name, row.curve) for row in rows], front)
     write_json(out / "bench.json", finite_or_null(_as_json(rows, title=title, command=command)))
     body = _body(rows, command=command)
     _write_picture(out / "bench.png", picture)

@@ -79,7 +79,7 @@ def compare_curves(
     Parameters
     ----------
     curves : sequence of (str, sequence of dict)
-        Name and measurements of each run, as for `error_curve`.
+        Name and measurements of each run, as for `error_curve`; those of one name are drawn alike.
     front : sequence of (float, float)
         CPU seconds and PSNR of the runs on the Pareto front, all measured at one picture size; drawn as a line.
 
@@ -95,6 +95,7 @@ def compare_curves(
     FigureCanvasAgg(figure)
     columns = (("cpu_seconds", "CPU seconds"), ("wall_seconds", "wall seconds"))
     rows = (("psnr", "PSNR, dB (higher is better)"), ("l1", "L1 (lower is better)"))
+    colors = {name: f"C{i}" for i, name in enumerate(dict.fromkeys(name for name, _ in curves))}
     drawn = False
     for line, (key, title) in zip(figure.subplots(2, 2, sharex="col"), rows, strict=True):
         for axes, (time, label) in zip(line, columns, strict=True):
@@ -104,14 +105,16 @@ def compare_curves(
                     continue
                 drawn = True
                 xs, ys = [p[time] for p in points], [p[key] for p in points]
-                axes.plot(xs, ys, marker="o", markersize=3, linewidth=1.4, label=name)
+                told = name in axes.get_legend_handles_labels()[1]
+                axes.plot(xs, ys, color=colors[name], marker="o", markersize=3, linewidth=1.2,
+                          label=None if told else name)  # fmt: skip
             if key == "psnr" and time == "cpu_seconds":
                 if front:
                     ends = sorted(front)
                     axes.plot([x for x, _ in ends], [y for _, y in ends], "k--", linewidth=1.0, marker="*",
                               markersize=9, label="Pareto front, one size")  # fmt: skip
                 if axes.lines:
-                    axes.legend(fontsize=8, frameon=False)
+                    axes.legend(fontsize=8, frameon=False, loc="lower right")
             axes.set_title(title, fontsize=9, color=_INK, loc="left")
             axes.set_xlabel(label, fontsize=8, color=_INK)
             axes.set_xscale("log")
