@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from ..cameras.camera import PinholeCamera
 from .api import MAX_CHANNELS, check_camera, check_finite
 from .blend_backward import MOMENTS
-from .blend_forward import GEOMETRY
 from .cpu import View, blend_view, padded, pair_gradients, project_view
 from .settings import RasterSettings
 from .tile_spans import TILE
@@ -58,13 +57,15 @@ class StillView:
         view = self._view
         assert view.projected is not None and view.lists is not None
         held = [*vars(view.projected).values(), *vars(view.lists).values()]
-        return sum(array.nbytes for array in held) + (2 + 4 * GEOMETRY) * len(view.lists.gaussians)
+        return sum(array.nbytes for array in held) + 2 * len(view.lists.gaussians)
 
     def blend(self, channels: Float32) -> tuple[Float32, Float32]:
         """Return the picture [H, W, C] of `channels`, float32 [N, C <= 64], and the transmittance [H, W]."""
         check_finite("channels", torch.from_numpy(channels))
         self._take(channels)
-        return blend_view(self._view, channels.shape[1])
+        blended = blend_view(self._view, channels.shape[1])
+        self._view.geometry = None  # as much memory as all else, and many views are kept
+        return blended
 
     def share(self, members: NDArray[np.bool_]) -> Float32:
         """Return the share of each pixel, [H, W], that the members, bool [N], make up; what it costs is where they are."""
@@ -75,18 +76,21 @@ class StillView:
             return self.blend(chosen)[0][..., 0]
         self._take(chosen)
         before = np.concatenate([[0], np.cumsum(members[lists.gaussians])])[lists.tile_start]
-        return blend_view(self._view, 1, np.flatnonzero(np.diff(before)).astype(np.int32))[0][..., 0]
+        share = blend_view(self._view, 1, np.flatnonzero(np.diff(before)).astype(np.int32))[0][..., 0]
+        self._view.geometry = None
+        return share
 
     def votes(self, weights: Float32) -> Float32:
         """Return how much of each weighted set of pixels, float32 [H, W, C <= 64], every Gaussian makes up: [N, C]."""
         lists = self._view.lists
         assert lists is not None
         pair_start, n_channels = lists.pair_start, weights.shape[2]
-        if self._view.masks is None:
-            self.blend(np.zeros((len(pair_start) - 1, 1), np.float32))
-        self._take(np.zeros((len(pair_start) - 1, n_channels), np.float32))
         tiles = _tiles_with(weights != 0)
+        self._take(np.zeros((len(pair_start) - 1, 1), np.float32))
+        blend_view(self._view, 1, None if self._view.masks is None else tiles)
+        self._take(np.zeros((len(pair_start) - 1, n_channels), np.float32))
         pairs = pair_gradients(self._view, weights, np.zeros(0, np.float32), tiles)
+        self._view.geometry = None
         votes = np.zeros((len(pair_start) - 1, n_channels), np.float32)
         filled = np.zeros(len(pairs), bool)
         for t in tiles:
