@@ -74,6 +74,7 @@ _COLMAP_PIXEL = 260
 """Bytes a pixel of a working copy that SIFT on the doubled picture takes on each thread."""
 _SAM = 880_000_000
 """770 to 1,020 MB in four runs."""
+_VIEW_GAUSSIAN, _MOST_VIEWS = 130, 500_000_000
 _TARGET_PIXEL, _MOST_TARGETS = 36, 1 << 30
 _GAUSSIAN_FLOAT, _GAUSSIAN_FEATURE = 24, 256
 """Bytes: value, gradient, two moments, and copies while growing; and what blending 16 features takes besides."""
@@ -252,7 +253,9 @@ def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: 
     and: cameras: 230 MB and 260 bytes a pixel of working copy on each thread. masks, objects: SAM, 880 MB. training:
     each photo's pixels (3 bytes), labels and their index (12) and prepared target (36, when all stay within 1 GiB), 24
     bytes a number and 256 a feature-carrying Gaussian, the picture being made with its channels and their gradients,
-    and 420 MB that SAM left. A process gives little back: objects and report hold what training held.
+    and 420 MB that SAM left. A process gives little back: report holds what training held, and objects SAM besides and
+    130 bytes a Gaussian of each photo's view, up to 500 MB (the museum room held 3.1 GB, 0.25 GB of which are spared
+    since).
     """
     pixels, python = work.width * work.height, _PYTHON + libraries
     full = work.photo_width * work.photo_height
@@ -272,7 +275,8 @@ def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: 
     photos = pixels * (3 * work.n_photos + 12 * work.n_mask_photos)
     training = python + photos + kept + gaussians + pixels * (60 + 16 * channels)
     training += _LEFT_BY_MASKS if work.n_mask_photos else 0
-    return max(training, python + _SAM + gaussians // 4) if stage == "objects" else training
+    views = min(_MOST_VIEWS, _VIEW_GAUSSIAN * settings.max_gaussians * work.n_photos)
+    return training + _SAM + views if stage == "objects" else training
 
 
 def forecast_work(
