@@ -332,22 +332,20 @@ def savings(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
         both ways; ``psnr_lost_error`` is the standard error of that mean, there with two seeds or more.
     """
     by_run = {(row.name, row.seed): row for row in rows}
-    both: dict[str, list[tuple[Row, Row]]] = {}
-    psnr_lost: dict[str, list[float]] = {}
+    both: dict[str, list[tuple[Row, Row, float]]] = {}
     for row in rows:
         full = by_run.get((row.name + EVERYTHING, row.seed))
         if full is None or row.psnr is None or full.psnr is None or "limit" in row.remark + full.remark:
             continue
-        both.setdefault(row.name, []).append((row, full))
-        psnr_lost.setdefault(row.name, []).append(full.psnr - row.psnr)
+        both.setdefault(row.name, []).append((row, full, full.psnr - row.psnr))
     found = {}
-    for name, pairs in both.items():
-        lost = psnr_lost[name]
-        own, whole = mean(row.cpu_seconds for row, _ in pairs), mean(full.cpu_seconds for _, full in pairs)
+    for name, runs in both.items():
+        own, whole = mean(row.cpu_seconds for row, _, _ in runs), mean(full.cpu_seconds for _, full, _ in runs)
+        lost = [psnr for _, _, psnr in runs]
         saved = {"training_cpu_seconds": whole - own, "training_share": 1.0 - own / whole, "psnr_lost": mean(lost)}
         if len(lost) > 1:
             saved["psnr_lost_error"] = stdev(lost) / math.sqrt(len(lost))
-        row, full = pairs[0]
+        row, full, _ = runs[0]
         if full.mask_cpu_seconds is not None:
             masks = row.mask_cpu_seconds or 0.0
             saved["mask_cpu_seconds"] = full.mask_cpu_seconds - masks

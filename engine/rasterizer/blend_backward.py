@@ -130,9 +130,8 @@ def _store_pairs(
                     g7 = fma(weight, load(gradient, at + 112), g7)
             store_sums4(pair_gradients, row + MOMENTS + k, g0, g1, g2, g3)
             store_sums4(pair_gradients, row + MOMENTS + k + 4, g4, g5, g6, g7)
-        if (
-            n_colors & 4 != 0
-        ):  # the four that are left; a function for both loops made RGB's backward pass a sixth slower
+        # the four that are left; a function for both loops made RGB's backward pass a sixth slower
+        if n_colors & 4 != 0:
             k = n_colors - 4
             g0 = zero
             g1 = zero

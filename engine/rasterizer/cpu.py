@@ -137,19 +137,15 @@ def project_view(
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
-    n_bad: list[int] = []
-
-    def project(taken: Taken) -> None:
-        bad = project_gaussians(
+    def project(taken: Taken) -> int:
+        return project_gaussians(
             taken, means, quats, scales, opacities, sh, view.sh_degree, channels,
             numbers, center, width, height, projected.state, projected.pixels, projected.roots,
             projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
             projected.spans,
         )  # fmt: skip
-        n_bad.append(bad)
 
-    run_shared(project, view.settings.threads)
-    if sum(n_bad):
+    if sum(run_shared(project, view.settings.threads)):
         _name_what_is_not_finite("", (means, quats, scales, opacities, sh, channels))
     view.projected, view.lists = projected, make_tile_lists(projected, width, height, view.settings.threads)
 
@@ -180,7 +176,7 @@ def blend_view(view: View, n_channels: int, tiles: Int32 | None = None) -> tuple
     transmittance = new((height, width), np.float32)
     n_pairs = len(lists.gaussians)
     masks = np.empty(n_pairs, np.uint16) if view.masks is None else view.masks
-    geometry = np.empty(n_pairs * GEOMETRY, np.float32) if view.geometry is None else view.geometry
+    geometry = np.empty(n_pairs * GEOMETRY, np.float32)
     n_colors = projected.colors.shape[1]
     flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
     flat_colors = projected.colors.reshape(-1)
@@ -234,20 +230,17 @@ def pair_gradients(
     flat_colors, flat_pairs = projected.colors.reshape(-1), pairs.reshape(-1)
     flat_image, flat_transmittance = image_gradient.reshape(-1), transmittance_gradient.reshape(-1)
     wanted = lists.all_tiles if tiles is None else tiles
-    bad_blocks: list[int] = []
 
-    def blend_backward(taken: Taken) -> None:
-        n_bad = blend_tiles_backward(
+    def blend_backward(taken: Taken) -> int:
+        return blend_tiles_backward(
             taken, wanted, width, height, lists.tile_start, lists.gaussians, geometry, flat_colors, n_colors,
             n_channels, masks, flat_image, flat_transmittance, flat_pairs,
         )  # fmt: skip
-        bad_blocks.append(n_bad)
 
-    run_shared(blend_backward, view.settings.threads)
-    if sum(bad_blocks):
+    n_bad = sum(run_shared(blend_backward, view.settings.threads))
+    if n_bad:
         raise NumericalError(
-            f"the gradient of the picture is not finite in {sum(bad_blocks)} blocks of 4x4 pixels; "
-            "look at the loss that made it."
+            f"the gradient of the picture is not finite in {n_bad} blocks of 4x4 pixels; look at the loss that made it."
         )
     return pairs
 
@@ -288,18 +281,15 @@ def gaussian_gradients(
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
     flat_pairs = pairs.reshape(-1)
-    n_bad: list[int] = []
 
-    def project_backward(taken: Taken) -> None:
-        bad = project_gaussians_backward(
+    def project_backward(taken: Taken) -> int:
+        return project_gaussians_backward(
             taken, projected.state, lists.pair_start, lists.places, flat_pairs, means,
             quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
             channels.shape[1], *outputs, by_gaussian,
         )  # fmt: skip
-        n_bad.append(bad)
 
-    run_shared(project_backward, view.settings.threads)
-    if sum(n_bad):
+    if sum(run_shared(project_backward, view.settings.threads)):
         _name_what_is_not_finite("gradient of ", outputs)
     return outputs, by_gaussian
 

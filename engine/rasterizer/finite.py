@@ -30,10 +30,32 @@ def _between(values: NDArray[np.float32], start: int, stop: int) -> bool:
 
 
 @njit(**INNER)
-def rows_finite(values: NDArray[np.float32], first: int, last: int) -> bool:
+def _rows(values: NDArray[np.float32], first: int, last: int) -> bool:
     """Return whether ``values[first:last]`` of an array of any shape, its rows side by side, are finite."""
     length = values.size // max(values.shape[0], 1)
     return _between(values.reshape(-1), first * length, last * length)
+
+
+@njit(**INNER)
+def rows_finite(
+    first: int,
+    last: int,
+    means: NDArray[np.float32],
+    quats: NDArray[np.float32],
+    scales: NDArray[np.float32],
+    opacities: NDArray[np.float32],
+    sh: NDArray[np.float32],
+    channels: NDArray[np.float32],
+) -> bool:
+    """Return whether all that is given of Gaussians `first` to `last`, or all its gradients, are finite."""
+    return (
+        _rows(means, first, last)
+        and _rows(quats, first, last)
+        and _rows(scales, first, last)
+        and _rows(opacities, first, last)
+        and _rows(sh, first, last)
+        and _rows(channels, first, last)
+    )
 
 
 @njit(**JIT)

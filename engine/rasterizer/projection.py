@@ -308,14 +308,7 @@ def project_gaussians(
     first = take(taken, GAUSSIANS_AT_ONCE)
     while first < n:
         last = min(first + GAUSSIANS_AT_ONCE, n)
-        if not (
-            rows_finite(means, first, last)
-            and rows_finite(quats, first, last)
-            and rows_finite(scales, first, last)
-            and rows_finite(opacities, first, last)
-            and rows_finite(sh, first, last)
-            and rows_finite(channels, first, last)
-        ):
+        if not rows_finite(first, last, means, quats, scales, opacities, sh, channels):
             n_bad += 1
             last = first
         for g in range(first, last):

@@ -268,13 +268,9 @@ def project_gaussians_backward(
             means_gradient[g, 0] = d_x0
             means_gradient[g, 1] = d_y0
             means_gradient[g, 2] = d_z0
-        n_bad += not (
-            rows_finite(means_gradient, first, last)
-            and rows_finite(quats_gradient, first, last)
-            and rows_finite(scales_gradient, first, last)
-            and rows_finite(opacities_gradient, first, last)
-            and rows_finite(sh_gradient, first, last)
-            and rows_finite(channels_gradient, first, last)
-        )
+        n_bad += not rows_finite(
+            first, last, means_gradient, quats_gradient, scales_gradient, opacities_gradient, sh_gradient,
+            channels_gradient,
+        )  # fmt: skip
         first = take(taken, GAUSSIANS_AT_ONCE)
     return n_bad

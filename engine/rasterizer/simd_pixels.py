@@ -3,7 +3,7 @@ and vectors that hold one channel each."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -57,6 +57,18 @@ def store_sums4(typing: Any, array: Any, index: Any, a: Any, b: Any, c: Any, d: 
     return types.void(array, types.int64, vec, vec, vec, vec), emit
 
 
+def _pixels(
+    context: Any, builder: Any, image_type: Any, image: Any, start: Any, row_step: Any, pixel_step: Any
+) -> Iterator[Any]:
+    """Yield pointers to 4 channels of each pixel of a 4x4 block, row by row; arguments as of `load_pixels4`."""
+    for y in range(4):
+        for x in range(4):
+            offset = builder.add(
+                builder.mul(row_step, ir.Constant(I64, y)), builder.mul(pixel_step, ir.Constant(I64, x))
+            )
+            yield element(context, builder, image_type, image, builder.add(start, offset), V4F)
+
+
 @intrinsic
 def load_pixels4(typing: Any, image: Any, start: Any, row_step: Any, pixel_step: Any, planes: Any, at: Any) -> Any:
     """Copy 4 neighbouring channels of a 4x4 block of pixels into 4 vectors, one a channel, at ``planes[at:at + 64]``.
@@ -65,17 +77,8 @@ def load_pixels4(typing: Any, image: Any, start: Any, row_step: Any, pixel_step:
     """
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        image_value, start_value, row_value, pixel_value, planes_value, at_value = args
-        pixels = []
-        for y in range(4):
-            for x in range(4):
-                index = builder.add(
-                    start_value,
-                    builder.add(
-                        builder.mul(row_value, ir.Constant(I64, y)), builder.mul(pixel_value, ir.Constant(I64, x))
-                    ),
-                )
-                pixels.append(load_unaligned(builder, element(context, builder, image, image_value, index, V4F)))
+        planes_value, at_value = args[4:]
+        pixels = [load_unaligned(builder, pointer) for pointer in _pixels(context, builder, image, *args[:4])]
         columns = []
         for x in range(4):  # column x of the block, its four rows one after another
             upper = shuffle(builder, pixels[x], pixels[x + 4], list(range(8)))
@@ -96,18 +99,11 @@ def store_pixels4(
     """Write 4 vectors, one a channel, to 4 neighbouring channels of a 4x4 block of pixels: `load_pixels4` undone."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        image_value, start_value, row_value, pixel_value = args[:4]
         columns = _transpose4(builder, args[4:])
-        for y in range(4):
-            for x in range(4):
-                index = builder.add(
-                    start_value,
-                    builder.add(
-                        builder.mul(row_value, ir.Constant(I64, y)), builder.mul(pixel_value, ir.Constant(I64, x))
-                    ),
-                )
-                pixel = shuffle(builder, columns[x], columns[x], [4 * y + k for k in range(4)])
-                store_unaligned(builder, pixel, element(context, builder, image, image_value, index, V4F))
+        for i, pointer in enumerate(_pixels(context, builder, image, *args[:4])):
+            y, x = divmod(i, 4)
+            pixel = shuffle(builder, columns[x], columns[x], [4 * y + k for k in range(4)])
+            store_unaligned(builder, pixel, pointer)
         return context.get_dummy_value()
 
     return types.void(image, types.int64, types.int64, types.int64, vec, vec, vec, vec), emit

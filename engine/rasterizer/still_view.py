@@ -62,10 +62,7 @@ class StillView:
     def blend(self, channels: Float32) -> tuple[Float32, Float32]:
         """Return the picture [H, W, C] of `channels`, float32 [N, C <= 64], and the transmittance [H, W]."""
         check_finite("channels", torch.from_numpy(channels))
-        self._take(channels)
-        blended = blend_view(self._view, channels.shape[1])
-        self._view.geometry = None  # as much memory as all else, and many views are kept
-        return blended
+        return self._blend(channels)
 
     def share(self, members: NDArray[np.bool_]) -> Float32:
         """Return the share of each pixel, [H, W], that the members, bool [N], make up; what it costs is where they are."""
@@ -74,11 +71,8 @@ class StillView:
         chosen = members.astype(np.float32)[:, None]
         if self._view.masks is None:
             return self.blend(chosen)[0][..., 0]
-        self._take(chosen)
         before = np.concatenate([[0], np.cumsum(members[lists.gaussians])])[lists.tile_start]
-        share = blend_view(self._view, 1, np.flatnonzero(np.diff(before)).astype(np.int32))[0][..., 0]
-        self._view.geometry = None
-        return share
+        return self._blend(chosen, np.flatnonzero(np.diff(before)).astype(np.int32))[0][..., 0]
 
     def votes(self, weights: Float32) -> Float32:
         """Return how much of each weighted set of pixels, float32 [H, W, C <= 64], every Gaussian makes up: [N, C]."""
@@ -102,6 +96,12 @@ class StillView:
             mine = pairs[rows, MOMENTS : MOMENTS + n_channels]
             votes[owner[first]] = np.add.reduceat(mine, first, axis=0, dtype=np.float64)
         return votes
+
+    def _blend(self, channels: Float32, tiles: NDArray[np.int32] | None = None) -> tuple[Float32, Float32]:
+        self._take(channels)
+        blended = blend_view(self._view, channels.shape[1], tiles)
+        self._view.geometry = None  # as much memory as all else, and many views are kept
+        return blended
 
     def _take(self, channels: Float32) -> None:
         assert self._view.projected is not None

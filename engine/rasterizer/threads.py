@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from llvmlite import ir
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from . import jit  # noqa: F401  (sets Numba up before its first use)
 
 __all__ = ["Taken", "n_usable_cores", "run_shared", "take"]
+
+T = TypeVar("T")
 
 Taken = NDArray[np.int64]
 """One number: how many items of a work have been handed out."""
@@ -35,8 +37,10 @@ def _pool(n_threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(n_threads, thread_name_prefix="raster")
 
 
-def run_shared(work: Callable[[Taken], None], n_threads: int | None) -> None:
+def run_shared(work: Callable[[Taken], T], n_threads: int | None) -> list[T]:
     """Call ``work(taken)`` on `n_threads` threads, all usable cores by default; its kernel does what it can `take`.
+
+    Returns what each call returned.
 
     Numba's own parallel loops are not used: where TBB and OpenMP are missing, they abort the process when two Python
     threads use them at once. The first exception of a call is raised here, after all calls ended.
@@ -45,12 +49,13 @@ def run_shared(work: Callable[[Taken], None], n_threads: int | None) -> None:
     taken = np.zeros(1, np.int64)
     futures = [_pool(n).submit(work, taken) for _ in range(1, n)]
     try:
-        work(taken)
+        own = work(taken)
     finally:
         errors = [future.exception() for future in futures]
     for error in errors:
         if error is not None:
             raise error
+    return [own, *(future.result() for future in futures)]
 
 
 @intrinsic
