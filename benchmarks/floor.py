@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from engine.rasterizer.jit import JIT
 from engine.rasterizer.simd import fma, load, store
-from engine.rasterizer.threads import Taken, run_shared
+from engine.rasterizer.threads import Share, run_shared
 
 __all__ = ["least_time", "operations", "spin_on"]
 
@@ -56,7 +56,7 @@ def spin_on(n_threads: int) -> float:
     """Return the wall milliseconds of the same FMAs shared between threads: what the machine's cores give right now."""
     each = 2_000_000 // n_threads
 
-    def work(_: Taken) -> None:
+    def work(_: Share) -> None:
         _spin(each, np.full(32, 0.5, np.float32))
 
     _spin(10, np.full(32, 0.5, np.float32))

@@ -23,7 +23,7 @@ from engine.rasterizer.blend_backward import MOMENTS, blend_tiles_backward
 from engine.rasterizer.blend_forward import GEOMETRY, blend_tiles
 from engine.rasterizer.loss import Target, photometric_loss
 from engine.rasterizer.settings import RasterSettings
-from engine.rasterizer.threads import Taken, run_shared
+from engine.rasterizer.threads import Share, run_shared
 from engine.rasterizer.tiles import make_tile_lists
 
 from .floor import least_time, operations, spin_on
@@ -139,16 +139,16 @@ def _blend(case: Case) -> dict[str, float]:
         geometry = np.empty(len(masks) * GEOMETRY, np.float32)
         pairs = np.empty(len(masks) * (MOMENTS + n_colors), np.float32)
 
-        def forward(taken: Taken) -> None:
+        def forward(share: Share) -> None:
             blend_tiles(
-                taken, lists.all_tiles, *size, lists.tile_start, lists.gaussians, projected.pixels.reshape(-1),
+                share, lists.all_tiles, *size, lists.tile_start, lists.gaussians, projected.pixels.reshape(-1),
                 projected.roots.reshape(-1), projected.limits, projected.faded, colors, n_colors, case.channels, image,
                 transmittance, masks, geometry,
             )  # fmt: skip
 
-        def backward(taken: Taken) -> None:
+        def backward(share: Share) -> None:
             blend_tiles_backward(
-                taken, lists.all_tiles, *size, lists.tile_start, lists.gaussians, geometry, colors, n_colors,
+                share, lists.all_tiles, *size, lists.tile_start, lists.gaussians, geometry, colors, n_colors,
                 case.channels, masks, upstream, np.empty(0, np.float32), pairs,
             )  # fmt: skip
 

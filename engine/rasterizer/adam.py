@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import NumericalError
 from .finite import all_finite
 from .jit import JIT
-from .threads import Taken, run_shared, take
+from .threads import Share, nothing_taken, run_shared, take
 
 __all__ = ["AdamState", "adam_step"]
 
@@ -53,7 +53,7 @@ class AdamState:
 
 @njit(**JIT)
 def _adam(
-    taken: Taken,
+    share: Share,
     parameter: Float32,
     gradient: Float32,
     mean: Float32,
@@ -68,16 +68,16 @@ def _adam(
 ) -> None:
     """m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps)."""
     n = gradient.shape[0]
-    first = take(taken, _VALUES_AT_ONCE)
-    while first < n:
-        for i in range(first, min(first + _VALUES_AT_ONCE, n)):
+    first, last = take(share, n, _VALUES_AT_ONCE)
+    while first < last:
+        for i in range(first, last):
             g = gradient[i]
             m = beta1 * mean[i] + rest1 * g
             v = beta2 * square[i] + rest2 * g * g
             mean[i] = m
             square[i] = v
             parameter[i] -= step_size * m / (np.sqrt(v) * root_correction + eps)
-        first = take(taken, _VALUES_AT_ONCE)
+        first, last = take(share, n, _VALUES_AT_ONCE)
 
 
 def adam_step(
@@ -117,10 +117,10 @@ def adam_step(
         root_correction = 1.0 / math.sqrt(1.0 - beta2**state.step)
         arrays = [tensor.detach().numpy().reshape(-1) for tensor in (parameter, state.mean, state.square)]
         numbers = (beta1, beta2, 1.0 - beta1, 1.0 - beta2, step_size, root_correction, eps)
-        calls.append((np.zeros(1, np.int64), arrays, gradient, [np.float32(number) for number in numbers]))
+        calls.append((nothing_taken(threads), arrays, gradient, [np.float32(number) for number in numbers]))
 
-    def work(_: Taken) -> None:
-        for taken, (parameter, mean, square), gradient, numbers in calls:  # each counts its own shares
-            _adam(taken, parameter, gradient, mean, square, *numbers)
+    def work(share: Share) -> None:
+        for taken, (parameter, mean, square), gradient, numbers in calls:
+            _adam(Share(taken, share.own), parameter, gradient, mean, square, *numbers)
 
     run_shared(work, threads)

@@ -47,7 +47,7 @@ from .simd import (
     store,
 )
 from .simd_pixels import load_pixels4, store_sums4
-from .threads import Taken, take
+from .threads import Share, take
 from .tile_spans import TILE
 
 __all__ = ["MOMENTS", "blend_tiles_backward"]
@@ -150,7 +150,7 @@ def _store_pairs(
 
 @njit(**JIT)
 def blend_tiles_backward(
-    taken: Taken,
+    share: Share,
     tiles: NDArray[np.int32],
     width: int,
     height: int,
@@ -190,9 +190,9 @@ def blend_tiles_backward(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     n_bad = 0
-    first = take(taken, TILES_AT_ONCE)
-    while first < n_tiles:
-        for t in tiles[first : first + TILES_AT_ONCE]:
+    first, last = take(share, n_tiles, TILES_AT_ONCE)
+    while first < last:
+        for t in tiles[first:last]:
             x0 = (t % n_columns) * TILE
             y0 = (t // n_columns) * TILE
             start = tile_start[t]
@@ -313,5 +313,5 @@ def blend_tiles_backward(
             _store_pairs(
                 start, n, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
             )  # fmt: skip
-        first = take(taken, TILES_AT_ONCE)
+        first, last = take(share, n_tiles, TILES_AT_ONCE)
     return n_bad

@@ -43,7 +43,7 @@ from .simd import (
     store,
 )
 from .simd_pixels import store_pixels4
-from .threads import Taken, take
+from .threads import Share, take
 from .tile_spans import LIMIT_MARGIN, TILE
 
 __all__ = [
@@ -250,7 +250,7 @@ def _write_block(image: Float32, corner: int, width: int, n_x: int, n_y: int, n_
 
 @njit(**JIT)
 def blend_tiles(
-    taken: Taken,
+    share: Share,
     tiles: NDArray[np.int32],
     width: int,
     height: int,
@@ -284,9 +284,9 @@ def blend_tiles(
     weights = np.empty(BATCH * 16, np.float32)
     sums = np.empty(n_colors * 16, np.float32)
     zero = splat(f4(0.0))
-    first = take(taken, TILES_AT_ONCE)
-    while first < n_tiles:
-        for t in tiles[first : first + TILES_AT_ONCE]:
+    first, last = take(share, n_tiles, TILES_AT_ONCE)
+    while first < last:
+        for t in tiles[first:last]:
             x0 = (t % n_columns) * TILE
             y0 = (t // n_columns) * TILE
             start = tile_start[t]
@@ -363,4 +363,4 @@ def blend_tiles(
                 store(weights, 0, maximum(t_now, negative(t_now)))
                 _write_block(transmittance, corner, width, n_x, n_y, 1, weights)
                 _write_block(image, corner, width, n_x, n_y, n_channels, sums)
-        first = take(taken, TILES_AT_ONCE)
+        first, last = take(share, n_tiles, TILES_AT_ONCE)

@@ -30,7 +30,7 @@ from .projection import (
 )
 from .projection_backward import project_gaussians_backward
 from .settings import RasterSettings
-from .threads import Taken, run_shared
+from .threads import Share, run_shared
 from .tiles import TileLists, make_tile_lists
 
 __all__ = [
@@ -137,9 +137,9 @@ def project_view(
     numbers = camera_numbers(view.camera, view.settings)
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
 
-    def project(taken: Taken) -> int:
+    def project(share: Share) -> int:
         return project_gaussians(
-            taken, means, quats, scales, opacities, sh, view.sh_degree, channels,
+            share, means, quats, scales, opacities, sh, view.sh_degree, channels,
             numbers, center, width, height, projected.state, projected.pixels, projected.roots,
             projected.faded, projected.limits, projected.depths, projected.radii, projected.colors, projected.n_tiles,
             projected.spans,
@@ -181,9 +181,9 @@ def blend_view(view: View, n_channels: int, tiles: Int32 | None = None) -> tuple
     flat_image, flat_transmittance = image.reshape(-1), transmittance.reshape(-1)
     flat_colors = projected.colors.reshape(-1)
 
-    def blend(taken: Taken) -> None:
+    def blend(share: Share) -> None:
         blend_tiles(
-            taken, wanted, width, height, lists.tile_start, lists.gaussians, projected.pixels.reshape(-1),
+            share, wanted, width, height, lists.tile_start, lists.gaussians, projected.pixels.reshape(-1),
             projected.roots.reshape(-1), projected.limits, projected.faded, flat_colors, n_colors, n_channels, flat_image,
             flat_transmittance, masks, geometry,
         )  # fmt: skip
@@ -231,9 +231,9 @@ def pair_gradients(
     flat_image, flat_transmittance = image_gradient.reshape(-1), transmittance_gradient.reshape(-1)
     wanted = lists.all_tiles if tiles is None else tiles
 
-    def blend_backward(taken: Taken) -> int:
+    def blend_backward(share: Share) -> int:
         return blend_tiles_backward(
-            taken, wanted, width, height, lists.tile_start, lists.gaussians, geometry, flat_colors, n_colors,
+            share, wanted, width, height, lists.tile_start, lists.gaussians, geometry, flat_colors, n_colors,
             n_channels, masks, flat_image, flat_transmittance, flat_pairs,
         )  # fmt: skip
 
@@ -282,9 +282,9 @@ def gaussian_gradients(
     center = np.ascontiguousarray(view.camera.center, dtype=np.float64)
     flat_pairs = pairs.reshape(-1)
 
-    def project_backward(taken: Taken) -> int:
+    def project_backward(share: Share) -> int:
         return project_gaussians_backward(
-            taken, projected.state, lists.pair_start, lists.places, flat_pairs, means,
+            share, projected.state, lists.pair_start, lists.places, flat_pairs, means,
             quats, scales, opacities, sh, view.sh_degree, numbers, center, projected.colors,
             channels.shape[1], *outputs, by_gaussian,
         )  # fmt: skip

@@ -20,7 +20,7 @@ from .loss_kernels import (
     fill_planes,
     similarity_and_maps,
 )
-from .threads import Taken, run_shared
+from .threads import Share, run_shared
 
 __all__ = ["Target", "photometric_loss", "ssim"]
 
@@ -69,11 +69,11 @@ class Target:
         self.planes, self.means, self.variances = (np.zeros(size, np.float32) for _ in range(3))
         flat = values.reshape(-1)
 
-        def fill(taken: Taken) -> None:
-            fill_planes(taken, flat, 3, self.weights, self.height, self.width, self.planes)
+        def fill(share: Share) -> None:
+            fill_planes(share, flat, 3, self.weights, self.height, self.width, self.planes)
 
-        def blur(taken: Taken) -> None:
-            blur_target(taken, self.planes, self.height, self.width, self.means, self.variances)
+        def blur(share: Share) -> None:
+            blur_target(share, self.planes, self.height, self.width, self.means, self.variances)
 
         run_shared(fill, threads)
         run_shared(blur, threads)
@@ -123,12 +123,12 @@ def _compare(
     n_strips = (height + STRIP - 1) // STRIP
     totals = np.zeros((3 * n_strips, 2))
 
-    def fill(taken: Taken) -> None:
-        fill_planes(taken, flat, pixel_step, target.weights, height, width, planes)
+    def fill(share: Share) -> None:
+        fill_planes(share, flat, pixel_step, target.weights, height, width, planes)
 
-    def compare(taken: Taken) -> None:
+    def compare(share: Share) -> None:
         similarity_and_maps(
-            taken, planes, target.planes, target.means, target.variances, target.weights, height, width, maps, totals
+            share, planes, target.planes, target.means, target.variances, target.weights, height, width, maps, totals
         )
 
     run_shared(fill, threads)
@@ -144,9 +144,9 @@ def _compare(
     gradient = np.empty((height, width, 3), np.float32)
     flat_gradient = gradient.reshape(-1)
 
-    def differentiate(taken: Taken) -> None:
+    def differentiate(share: Share) -> None:
         difference_gradient(
-            taken, planes, target.planes, target.weights, maps, height, width, -lambda_dssim, 1.0 - lambda_dssim,
+            share, planes, target.planes, target.weights, maps, height, width, -lambda_dssim, 1.0 - lambda_dssim,
             flat_gradient,
         )  # fmt: skip
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .jit import INNER, JIT
 from .simd import fma, load, select, splat, store
-from .threads import Taken, take
+from .threads import Share, take
 
 __all__ = ["BORDER", "PAD", "STRIP", "fill_planes", "difference_gradient", "similarity_and_maps", "blur_target"]
 
@@ -62,14 +62,14 @@ def _blur_row(source: Float32, at: int, row: int, target: Float32, target_at: in
 
 @njit(**JIT)
 def fill_planes(
-    taken: Taken, pixels: Float32, pixel_step: int, weights: Float32, height: int, width: int, planes: Float32
+    share: Share, pixels: Float32, pixel_step: int, weights: Float32, height: int, width: int, planes: Float32
 ) -> None:
     """Copy flat `pixels` (`pixel_step` floats apart, 3 used) into 3 padded `planes`, zero where the weight is zero."""
     row = (width + 15) // 16 * 16 + 2 * PAD
     plane = row * (height + 2 * BORDER)
     zero = splat(f4(0.0))
-    padded_y = take(taken, 1)
-    while padded_y < height + 2 * BORDER:
+    padded_y, end = take(share, height + 2 * BORDER, 1)
+    while padded_y < end:
         y = padded_y - BORDER
         for c in range(3):
             at = c * plane + padded_y * row
@@ -86,11 +86,11 @@ def fill_planes(
                     planes[at + PAD + x] = pixels[source + x * pixel_step]
                 else:
                     planes[at + PAD + x] = f4(0.0)
-        padded_y = take(taken, 1)
+        padded_y, end = take(share, height + 2 * BORDER, 1)
 
 
 @njit(**JIT)
-def blur_target(taken: Taken, planes: Float32, height: int, width: int, means: Float32, variances: Float32) -> None:
+def blur_target(share: Share, planes: Float32, height: int, width: int, means: Float32, variances: Float32) -> None:
     """Fill `means` (b) and `variances` (s_yy) of this thread's strips of 3 padded planes y."""
     inner = (width + 15) // 16 * 16
     row = inner + 2 * PAD
@@ -98,8 +98,8 @@ def blur_target(taken: Taken, planes: Float32, height: int, width: int, means: F
     n_strips = (height + STRIP - 1) // STRIP
     squares = np.zeros(row, np.float32)
     blurred = np.empty(2 * (STRIP + 2 * BORDER) * inner, np.float32)
-    task = take(taken, 1)
-    while task < 3 * n_strips:
+    task, end = take(share, 3 * n_strips, 1)
+    while task < end:
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
         n_rows = min(STRIP, height - top)
@@ -118,7 +118,7 @@ def blur_target(taken: Taken, planes: Float32, height: int, width: int, means: F
                 b = _blur_at(blurred, middle + i, inner)
                 store(means, at + i, b)
                 store(variances, at + i, _blur_at(blurred, part + middle + i, inner) - b * b)
-        task = take(taken, 1)
+        task, end = take(share, 3 * n_strips, 1)
 
 
 @njit(**INNER)
@@ -131,7 +131,7 @@ def _clear_margins(maps: Float32, at: int, row: int) -> None:
 
 @njit(**JIT)
 def similarity_and_maps(
-    taken: Taken,
+    share: Share,
     image: Float32,
     target: Float32,
     target_means: Float32,
@@ -158,8 +158,8 @@ def similarity_and_maps(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     two = f4(2.0)
-    task = take(taken, 1)
-    while task < 3 * n_strips:
+    task, end = take(share, 3 * n_strips, 1)
+    while task < end:
         c = task // n_strips
         strip = task - c * n_strips
         top = strip * STRIP
@@ -220,12 +220,12 @@ def similarity_and_maps(
             if strip == n_strips - 1:
                 for i in range((height + BORDER) * row, plane, 16):
                     store(maps, start + i, zero)
-        task = take(taken, 1)
+        task, end = take(share, 3 * n_strips, 1)
 
 
 @njit(**JIT)
 def difference_gradient(
-    taken: Taken,
+    share: Share,
     image: Float32,
     target: Float32,
     weights: Float32,
@@ -248,8 +248,8 @@ def difference_gradient(
     scale = splat(f4(of_similarity))
     plus = splat(f4(of_difference))
     minus = splat(f4(-of_difference))
-    task = take(taken, 1)
-    while task < 3 * n_strips:
+    task, end = take(share, 3 * n_strips, 1)
+    while task < end:
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
         n_rows = min(STRIP, height - top)
@@ -272,4 +272,4 @@ def difference_gradient(
             pixel = np.int64(top + k) * width * 3 + c
             for x_at in range(width):
                 gradient[pixel + 3 * x_at] = line[x_at]
-        task = take(taken, 1)
+        task, end = take(share, 3 * n_strips, 1)

@@ -24,7 +24,7 @@ from .finite import rows_finite
 from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
 from .spherical_harmonics import sh_basis
-from .threads import Taken, take
+from .threads import Share, take
 from .tile_spans import ROWS_KEPT, walk_tiles
 
 __all__ = [
@@ -266,7 +266,7 @@ def _project_one(
 
 @njit(**JIT)
 def project_gaussians(
-    taken: Taken,
+    share: Share,
     means: Float32,
     quats: Float32,
     scales: Float32,
@@ -305,9 +305,8 @@ def project_gaussians(
     n_channels = channels.shape[1]
     n = means.shape[0]
     n_bad = 0
-    first = take(taken, GAUSSIANS_AT_ONCE)
-    while first < n:
-        last = min(first + GAUSSIANS_AT_ONCE, n)
+    first, last = take(share, n, GAUSSIANS_AT_ONCE)
+    while first < last:
         if not rows_finite(first, last, means, quats, scales, opacities, sh, channels):
             n_bad += 1
             last = first
@@ -338,5 +337,5 @@ def project_gaussians(
                 colors[g, n_rgb + i] = channels[g, i]
             for i in range(n_rgb + n_channels, colors.shape[1]):
                 colors[g, i] = 0.0
-        first = take(taken, GAUSSIANS_AT_ONCE)
+        first, last = take(share, n, GAUSSIANS_AT_ONCE)
     return n_bad

@@ -33,7 +33,7 @@ from .projection import (
 )
 from .simd import item, prefetch
 from .spherical_harmonics import sh_basis, sh_basis_gradient
-from .threads import Taken, take
+from .threads import Share, take
 
 __all__ = ["project_gaussians_backward"]
 
@@ -62,7 +62,7 @@ def _quaternion_gradient(
 
 @njit(**JIT)
 def project_gaussians_backward(
-    taken: Taken,
+    share: Share,
     state: NDArray[np.uint8],
     pair_start: NDArray[np.int64],
     places: NDArray[np.int32],
@@ -110,9 +110,8 @@ def project_gaussians_backward(
     d_q = np.empty((2, 3), np.float64)
     n = state.shape[0]
     n_bad = 0
-    first = take(taken, GAUSSIANS_AT_ONCE)
-    while first < n:
-        last = min(first + GAUSSIANS_AT_ONCE, n)
+    first, last = take(share, n, GAUSSIANS_AT_ONCE)
+    while first < last:
         for g in range(first, last):
             means_gradient[g] = zero
             quats_gradient[g] = zero
@@ -272,5 +271,5 @@ def project_gaussians_backward(
             first, last, means_gradient, quats_gradient, scales_gradient, opacities_gradient, sh_gradient,
             channels_gradient,
         )  # fmt: skip
-        first = take(taken, GAUSSIANS_AT_ONCE)
+        first, last = take(share, n, GAUSSIANS_AT_ONCE)
     return n_bad

@@ -13,7 +13,7 @@ from ..errors import NumericalError
 from .jit import JIT
 from .projection import GAUSSIANS_AT_ONCE, VISIBLE, Projected
 from .simd import item, put
-from .threads import Taken, run_shared, take
+from .threads import Share, run_shared, take
 from .tile_spans import ROWS_KEPT, TILE, walk_tiles
 
 __all__ = ["TileLists", "make_tile_lists"]
@@ -83,7 +83,7 @@ def _sort_by_depth(state: NDArray[np.uint8], depth_bits: NDArray[np.uint32]) -> 
 
 @njit(**JIT)
 def _list_tiles(
-    taken: Taken,
+    share: Share,
     pair_start: Int64,
     pixels: NDArray[np.float64],
     roots: NDArray[np.float64],
@@ -96,9 +96,9 @@ def _list_tiles(
     """Write the tile of each pair of this thread's share of the Gaussians, from what the projection kept of most."""
     n_columns = (width + TILE - 1) // TILE
     n = pair_start.shape[0] - 1
-    first = take(taken, GAUSSIANS_AT_ONCE)
-    while first < n:
-        for g in range(first, min(first + GAUSSIANS_AT_ONCE, n)):
+    first, last = take(share, n, GAUSSIANS_AT_ONCE)
+    while first < last:
+        for g in range(first, last):
             at = pair_start[g]
             if pair_start[g + 1] == at:
                 continue
@@ -113,7 +113,7 @@ def _list_tiles(
                 for column in range(np.int64(spans[g, 2 + 2 * k]), np.int64(spans[g, 3 + 2 * k])):
                     tiles[at] = row + column
                     at += 1
-        first = take(taken, GAUSSIANS_AT_ONCE)
+        first, last = take(share, n, GAUSSIANS_AT_ONCE)
 
 
 @njit(**JIT)
@@ -162,11 +162,11 @@ def make_tile_lists(projected: Projected, width: int, height: int, n_threads: in
     sorts = threading.Lock()  # taken by the thread that sorts while the others list
     orders: list[Int32] = []
 
-    def work(taken: Taken) -> None:
+    def work(share: Share) -> None:
         if sorts.acquire(blocking=False):
             orders.append(_sort_by_depth(projected.state, projected.depths.view(np.uint32)))
         _list_tiles(
-            taken, pair_start, projected.pixels, projected.roots, projected.limits, projected.spans, width, height, tiles
+            share, pair_start, projected.pixels, projected.roots, projected.limits, projected.spans, width, height, tiles
         )  # fmt: skip
 
     run_shared(work, n_threads)

@@ -15,32 +15,46 @@ from engine.rasterizer.adam import AdamState, adam_step
 from engine.rasterizer.api import rasterize
 from engine.rasterizer.finite import all_finite
 from engine.rasterizer.loss import Target, photometric_loss
-from engine.rasterizer.threads import Taken, run_shared, take
+from engine.rasterizer.threads import Share, nothing_taken, run_shared, take
 from tests.engine.rasterizer.scenes import camera, random_scene
 
 
 @njit(nogil=True)
-def _count(taken: Taken, times: NDArray[np.int64]) -> None:
+def _count(share: Share, times: NDArray[np.int64]) -> None:
     n = times.shape[0]
-    first = take(taken, 3)
-    while first < n:
-        for i in range(first, min(first + 3, n)):
+    first, last = take(share, n, 3)
+    while first < last:
+        for i in range(first, last):
             times[i] += 1
-        first = take(taken, 3)
+        first, last = take(share, n, 3)
 
 
 @pytest.mark.parametrize("n_items", [0, 1, 2, 3, 4, 10_000])
 @pytest.mark.parametrize("n_threads", [1, 2, 7])
 def test_every_item_is_done_once_whatever_the_number_of_threads(n_items: int, n_threads: int) -> None:
     times = np.zeros(n_items, np.int64)
-    run_shared(lambda taken: _count(taken, times), n_threads)
+    run_shared(lambda share: _count(share, times), n_threads)
     assert (times == 1).all()
+
+
+@njit(nogil=True)
+def _firsts(share: Share, n: int, at_once: int) -> list[tuple[int, int]]:
+    found = [take(share, n, at_once)]
+    while found[-1][0] < found[-1][1]:
+        found.append(take(share, n, at_once))
+    return found
+
+
+def test_a_thread_does_its_own_part_and_then_what_others_leave() -> None:
+    taken = nothing_taken(3)
+    assert _firsts(Share(taken, 1), 11, 2) == [(4, 6), (6, 8), (8, 10), (10, 11), (0, 2), (2, 4), (11, 11)]
+    assert _firsts(Share(taken, 0), 11, 2) == [(11, 11)]
 
 
 def test_an_error_on_another_thread_is_raised_here() -> None:
     calls: list[int] = []
 
-    def work(_: Taken) -> None:
+    def work(_: Share) -> None:
         calls.append(1)
         if len(calls) == 2:
             raise ValueError("broken")
