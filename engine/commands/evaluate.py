@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
+from ..masks.settings import SAM_MODELS
 from ..project_folder import ProjectFolder
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
@@ -37,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view-counts", default="", metavar="N,N", help="also with so many photos looked at, e.g. 1,2,4,8,16"
     )
+    parser.add_argument(
+        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
+    )
     parser.add_argument("--objects", default="", help='only these, e.g. "vase;bust"')
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write this scene's section there")
 
@@ -51,7 +55,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..evaluation.settings import EvaluationSettings
     from ..evaluation.table import markdown, write_evaluation
     from ..grounding.default import load_default_detector
-    from ..masks.sam import load_default_sam
+    from ..masks.sam import load_sam
 
     if options.doc is not None and options.doc.is_dir():
         raise SettingsError(f"{options.doc} is a folder. Choose a file name.")
@@ -70,7 +74,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         settings,
         layout=options.layout,
         detector_factory=load_default_detector,
-        sam_factory=load_default_sam,
+        sam_factory=lambda: load_sam(options.sam),
         emit=emit,
         should_stop=should_stop,
     )
@@ -103,6 +107,7 @@ def _command(options: argparse.Namespace) -> str:
     words += [f"--presets {options.presets}", f"--seed {options.seed}", f"--views {options.views}"]
     words += ["--ablations"] if options.ablations else []
     words += [f"--view-counts {options.view_counts}"] if options.view_counts else []
+    words += [f"--sam {options.sam}"] if options.sam != SAM_MODELS[0] else []
     words += [f"--objects {shlex.quote(options.objects)}"] if options.objects else []
     return " ".join([*words, f"--doc {_short(options.doc, 1)}"])
 

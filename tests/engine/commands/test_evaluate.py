@@ -8,7 +8,7 @@ import pytest
 
 from tests.engine.command_line import call
 from tests.engine.evaluation.test_isolation import held_out, write_truth
-from tests.engine.objects.fakes import trained_project
+from tests.engine.objects.fakes import FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 
@@ -67,3 +67,23 @@ def test_what_cannot_be_compared_is_said_in_a_sentence(
     wrong: tuple[str, str], told: str, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert told in call(capsys, "evaluate", scene, tmp_path / "truth", *wrong).error
+
+
+def test_the_chosen_segment_anything_answers_and_is_named_in_the_document(
+    scene: Path,
+    blobs: BlobScene,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked_for: list[str] = []
+
+    def load(name: str) -> FakeSam:
+        asked_for.append(name)
+        return FakeSam(blobs)
+
+    monkeypatch.setattr("engine.masks.sam.load_sam", load)
+    asked = ("--sam", "mobile-sam", "--seed", "click", "--objects", "blue ball", "--doc", tmp_path / "table.md")
+    assert call(capsys, "evaluate", scene, tmp_path / "truth", *asked).code == 0
+    assert set(asked_for) == {"mobile-sam"}
+    assert "--seed click --views held-out --sam mobile-sam" in (tmp_path / "table.md").read_text(encoding="utf-8")
