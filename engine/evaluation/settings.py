@@ -90,7 +90,6 @@ def ways_of(settings: EvaluationSettings) -> list[Way]:
             Way("better, one part", replace(BETTER, parts=1)),
             Way("better, no votes", replace(BETTER, refinement="none")),
             Way("better, one vote round", replace(BETTER, vote_rounds=1)),
-            Way("better, nothing filled in", replace(BETTER, completion="none")),
             Way("better, hull filled in", replace(BETTER, completion="hull")),
         ]
         if settings.seed == "mask":

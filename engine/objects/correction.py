@@ -67,7 +67,7 @@ def taken_away(
         if lifted is None:
             continue
         if settings.refinement == "votes":
-            lifted, _ = refine_by_votes(views, lifted, None, label_maps, settings, should_stop=should_stop)
+            lifted = refine_by_votes(views, lifted, None, label_maps, settings, should_stop=should_stop)
         rest = kept & ~hit
         if (lifted.members & rest).sum() < _SHARED * rest.sum():
             away |= lifted.members

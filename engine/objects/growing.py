@@ -16,7 +16,6 @@ from ..cameras.camera import Camera
 from ..cameras.lens import project
 from ..errors import Cancelled
 from ..events import StopCheck
-from .lifting import Lifted, complete
 from .photos import Photos
 from .selection import connected_parts
 from .settings import SegmentSettings
@@ -87,7 +86,7 @@ def levels_of(
     directions : array of shape [K, D], float32
         Of its features, the main one first: those of the object that are like the first alone are its part.
     settings : SegmentSettings
-        `n_level_views`, `level_gain`, `cosine`, `completion`.
+        `n_level_views`, `level_gain`, `cosine`.
     encoded : collection of str
         Photos that SAM has seen: they are asked first, where there are enough of them.
     judge : callable or None
@@ -183,11 +182,11 @@ def _voted(
         drawn = np.dstack([view.from_photo(mask) for mask in masks]).astype(np.float32)
         inside = inside + views.scene.votes(view.frame, drawn)
         seen += views.seen(view)
-    return [one for votes in inside.T if (one := _elected(views, votes, seen, core, settings)) is not None]
+    return [one for votes in inside.T if (one := _elected(views, votes, seen, core)) is not None]
 
 
-def _elected(views: Views, inside: Float32, seen: Float32, core: Float32, settings: SegmentSettings) -> Float32 | None:
-    """Return the membership that votes elect, completed; None when they elect nothing."""
+def _elected(views: Views, inside: Float32, seen: Float32, core: Float32) -> Float32 | None:
+    """Return the membership that votes elect; None when they elect nothing."""
     # As in `refine_by_votes`, what was known counts as one pixel.
     voted = ((inside + core) / (seen + 1.0)).astype(np.float32)
     members = np.flatnonzero(voted >= _HALF)
@@ -197,7 +196,7 @@ def _elected(views: Views, inside: Float32, seen: Float32, core: Float32, settin
     below = np.nextafter(_HALF, np.float32(0))
     result = np.minimum(voted, below)
     result[members[hangs]] = voted[members[hangs]]
-    return complete(views, Lifted(np.zeros((0, 0), np.float32), result, inside), settings, seen)
+    return result
 
 
 def _reaching(points: Float32, downward: float) -> Float32:

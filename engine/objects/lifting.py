@@ -179,8 +179,8 @@ def _nearby(views: Views, membership: Float32, members: Mask) -> Float32:
     return np.where(members, membership, around).astype(np.float32)
 
 
-def complete(views: Views, lifted: Lifted, settings: SegmentSettings, seen: Float32 | None = None) -> Float32:
-    """Return the membership with what lies inside of the object filled in at 0.5.
+def complete(views: Views, lifted: Lifted, settings: SegmentSettings) -> Float32:
+    """Return the membership with what lies inside of the object filled in at 0.5, where the settings say so.
 
     Parameters
     ----------
@@ -188,9 +188,6 @@ def complete(views: Views, lifted: Lifted, settings: SegmentSettings, seen: Floa
     lifted : Lifted
     settings : SegmentSettings
         `completion` and `outlier_iqr`.
-    seen : array of shape [N], float32, optional
-        Pixels that each Gaussian makes up in the views that voted; needed for the ``guarded`` completion, which
-        leaves alone whatever is seen in at least one pixel.
 
     Returns
     -------
@@ -202,10 +199,7 @@ def complete(views: Views, lifted: Lifted, settings: SegmentSettings, seen: Floa
     corners = means[lifted.members]
     if settings.outlier_iqr is not None:
         corners = corners[within_quartiles(corners, settings.outlier_iqr)]
-    filled = inside_hull(corners, means)
-    if settings.completion == "guarded" and seen is not None:
-        filled &= seen < 1.0
-    return np.where(filled, np.maximum(lifted.membership, _HALF), lifted.membership)
+    return np.where(inside_hull(corners, means), np.maximum(lifted.membership, _HALF), lifted.membership)
 
 
 def refine_by_votes(
@@ -216,7 +210,7 @@ def refine_by_votes(
     settings: SegmentSettings,
     *,
     should_stop: StopCheck,
-) -> tuple[Lifted, Float32]:
+) -> Lifted:
     """Let the masks of many views vote on every Gaussian.
 
     In the first round, a view's mask are the pixels near the object whose rendered feature is like the prompt:
@@ -242,8 +236,6 @@ def refine_by_votes(
     -------
     Lifted
         Refined.
-    array of shape [N], float32
-        Pixels that each Gaussian makes up, over all voting views.
 
     Notes
     -----
@@ -260,7 +252,6 @@ def refine_by_votes(
     if seed is not None and settings.keep_given:
         votes = votes_of_mask(views, *seed)
         given, denied = behind(votes), _denied(views, votes)
-    inside = seen = np.zeros(len(prior), np.float32)
     for number in range(settings.vote_rounds):
         center = np.median(views.scene.gaussians.means[lifted.members], axis=0)
         voters = spread_cameras(views.facing(center), settings.n_vote_views)
@@ -288,7 +279,7 @@ def refine_by_votes(
         if not (membership >= _HALF).any():
             break
         lifted = Lifted(lifted.directions, membership, lifted.seed_mass)
-    return lifted, seen
+    return lifted
 
 
 def votes_of_mask(views: Views, view: View, mask: Mask) -> Float32:

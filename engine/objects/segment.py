@@ -360,14 +360,12 @@ def _levels(
 
 def finish(trained: Trained, candidate: Candidate, settings: SegmentSettings, should_stop: StopCheck) -> Float32:
     """Return the membership of a candidate after the votes and the completion, shape [N], float32."""
-    lifted, seen = candidate.best, None
+    lifted = candidate.best
     if settings.refinement == "votes":
         best = candidate.seeds[0]
         seed = (best.view, best.mask) if best.given else None
-        lifted, seen = refine_by_votes(
-            trained.views, lifted, seed, trained.label_maps, settings, should_stop=should_stop
-        )
-    return complete(trained.views, lifted, settings, seen)
+        lifted = refine_by_votes(trained.views, lifted, seed, trained.label_maps, settings, should_stop=should_stop)
+    return complete(trained.views, lifted, settings)
 
 
 def segment_project(

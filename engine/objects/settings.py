@@ -48,9 +48,8 @@ class SegmentSettings:
         A mask the person gave is right about what it shows: in the first round of votes what lies behind it belongs,
         whatever its feature, and what is seen beside it never does. On twelve exhibits of a store room the second half
         of this raised the mean IoU from 60 to 77.
-    completion : {"none", "hull", "guarded"}
-        What is filled in: ``hull`` takes all Gaussians inside of the convex hull (paper); ``guarded`` only those
-        inside that no view sees.
+    completion : {"none", "hull"}
+        What is filled in: ``hull`` takes all Gaussians inside of the convex hull (paper).
     outlier_iqr : float or None
         Before the hull is drawn, Gaussians farther than this many interquartile ranges from the quartiles on any
         axis are set aside (Gaussian Grouping: 1.0); None for no such filter.
@@ -94,7 +93,7 @@ class SegmentSettings:
     n_vote_views: int = 24
     vote_rounds: int = 2
     keep_given: bool = True
-    completion: Literal["none", "hull", "guarded"] = "guarded"
+    completion: Literal["none", "hull"] = "none"
     outlier_iqr: float | None = 1.0
     same_object: float = 0.4
     n_rescored: int = 4
@@ -118,7 +117,7 @@ class SegmentSettings:
         require(self, "refinement", self.refinement in ("none", "votes"), "'none' or 'votes'")
         require(self, "n_vote_views", self.n_vote_views >= 1, "at least 1")
         require(self, "vote_rounds", self.vote_rounds >= 1, "at least 1")
-        require(self, "completion", self.completion in ("none", "hull", "guarded"), "'none', 'hull' or 'guarded'")
+        require(self, "completion", self.completion in ("none", "hull"), "'none' or 'hull'")
         require(self, "outlier_iqr", self.outlier_iqr is None or self.outlier_iqr > 0, "above 0 or None")
         require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
         require(self, "n_rescored", self.n_rescored >= 0, "at least 0")
@@ -133,7 +132,7 @@ class SegmentSettings:
 
 
 BETTER = SegmentSettings()
-"""All parts that a mask shows; masks of up to 24 views vote on every Gaussian; only what no view sees is filled in."""
+"""All parts that a mask shows; masks of up to 24 views vote on every Gaussian."""
 
 PAPER = replace(
     BETTER,

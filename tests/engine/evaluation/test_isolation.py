@@ -155,9 +155,9 @@ def test_ablations_switch_one_ingredient_off_each(evaluate) -> None:
     for way in changed:
         differing = [name for name in vars(BETTER) if getattr(way.settings, name) != getattr(BETTER, name)]
         assert len(differing) + (not way.snaps) == 1, way
-    assert len(changed) == 7
-    assert [way.snaps for way in ways_of(replace(found.settings, seed="text"))] == [True] * 7
-    assert len(ways_of(replace(found.settings, seed="click"))) == 8
+    assert len(changed) == 6
+    assert [way.snaps for way in ways_of(replace(found.settings, seed="text"))] == [True] * 6
+    assert len(ways_of(replace(found.settings, seed="click"))) == 7
 
 
 def test_segments_of_evaluated_photos_take_no_part(
