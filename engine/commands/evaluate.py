@@ -10,6 +10,7 @@ from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..masks.settings import SAM_MODELS
 from ..project_folder import ProjectFolder
+from .chosen_models import add_sam_argument, models_of
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -38,9 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view-counts", default="", metavar="N,N", help="also with so many photos looked at, e.g. 1,2,4,8,16"
     )
-    parser.add_argument(
-        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
-    )
+    add_sam_argument(parser)
     parser.add_argument("--objects", default="", help='only these, e.g. "vase;bust"')
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write this scene's section there")
 
@@ -54,8 +53,6 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..evaluation.isolation import evaluate_project
     from ..evaluation.settings import EvaluationSettings
     from ..evaluation.table import markdown, write_evaluation
-    from ..grounding.default import load_default_detector
-    from ..masks.sam import load_sam
 
     if options.doc is not None and options.doc.is_dir():
         raise SettingsError(f"{options.doc} is a folder. Choose a file name.")
@@ -73,8 +70,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         options.truth,
         settings,
         layout=options.layout,
-        detector_factory=load_default_detector,
-        sam_factory=lambda: load_sam(options.sam),
+        **models_of(options),
         emit=emit,
         should_stop=should_stop,
     )

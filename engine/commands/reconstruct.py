@@ -9,10 +9,10 @@ from pathlib import Path
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..masks.settings import PRESETS as MASK_PRESETS
-from ..masks.settings import SAM_MODELS
 from ..pipeline import PipelineSettings, reconstruct
 from ..planning.decisions import PlanSettings
 from ..training.settings import PRESETS
+from .chosen_models import add_sam_argument
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -43,9 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--passers-by", action="store_true", help="people walk through some of the photos: leave them out of the scene"
     )
     parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
-    parser.add_argument(
-        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
-    )
+    add_sam_argument(parser)
     parser.add_argument(
         "--segments",
         choices=MASK_PRESETS,

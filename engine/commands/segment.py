@@ -8,10 +8,10 @@ from typing import Any
 
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
-from ..masks.settings import SAM_MODELS
 from ..objects.prompts import parse_point, parse_prompt, parse_texts
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
+from .chosen_models import add_sam_argument, models_of
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -50,9 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="method (default: %(default)s)"
     )
-    parser.add_argument(
-        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
-    )
+    add_sam_argument(parser)
 
 
 def project_folder(options: argparse.Namespace) -> Path:
@@ -108,7 +106,7 @@ def _texts(
         raise SettingsError("One name does not fit several texts. Leave --name out: each is named after its text.")
     records, refused = segment_texts(
         project, texts, options.name, PRESETS[options.preset],
-        **_models(options), emit=emit, should_stop=should_stop,
+        **models_of(options), emit=emit, should_stop=should_stop,
     )  # fmt: skip
     outputs: dict[str, Any] = {"objects": [record.id for record in records]}
     if refused:
@@ -125,7 +123,7 @@ def _pointed(
     prompt = parse_prompt(click=options.click, box=options.box, seed_mask=options.seed_mask, excluded=options.excluded)
     name = "object" if options.name is None else options.name
     records = segment_project(
-        project, prompt, name, PRESETS[options.preset], **_models(options), emit=emit, should_stop=should_stop
+        project, prompt, name, PRESETS[options.preset], **models_of(options), emit=emit, should_stop=should_stop
     )
     return _isolated(records), {"objects": [record.id for record in records]}
 
@@ -137,7 +135,7 @@ def _accept(
 
     records = accept_candidate(
         project, options.accept, options.name, PRESETS[options.preset],
-        **_models(options), emit=emit, should_stop=should_stop,
+        **models_of(options), emit=emit, should_stop=should_stop,
     )  # fmt: skip
     return _isolated(records), {"objects": [record.id for record in records]}
 
@@ -156,7 +154,7 @@ def _refine(
     elif clicks or excluded:
         record = refine_object(
             project, options.refine, clicks, excluded, PRESETS[options.preset],
-            sam_factory=_models(options)["sam_factory"], emit=emit, should_stop=should_stop,
+            sam_factory=models_of(options)["sam_factory"], emit=emit, should_stop=should_stop,
         )  # fmt: skip
     else:
         raise SettingsError("--refine needs --click for what is missing, --not for what is too much, or --level.")
@@ -178,7 +176,7 @@ def _all(
     from ..objects.everything import segment_everything_in
 
     made, kept, background = segment_everything_in(
-        project, PRESETS[options.preset], **_models(options), emit=emit, should_stop=should_stop
+        project, PRESETS[options.preset], **models_of(options), emit=emit, should_stop=should_stop
     )
     ids = [record.id for record in [*made, background]]
     message = f"{_isolated(made)} {len(kept)} were there before." if kept else _isolated(made)
@@ -193,13 +191,6 @@ _DO = {
     "accept": _accept,
     "refine": _refine,
 }
-
-
-def _models(options: argparse.Namespace) -> dict[str, Any]:
-    from ..grounding.default import load_default_detector
-    from ..masks.sam import load_sam
-
-    return {"detector_factory": load_default_detector, "sam_factory": lambda: load_sam(options.sam)}
 
 
 def _isolated(records: list[Any]) -> str:

@@ -1,0 +1,25 @@
+"""``--sam``, which several commands share, and the models that answer a prompt; no command of its own."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ..masks.settings import SAM_MODELS
+
+__all__ = ["add_sam_argument", "models_of"]
+
+
+def add_sam_argument(parser: argparse.ArgumentParser) -> None:
+    """Add ``--sam``."""
+    parser.add_argument(
+        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
+    )
+
+
+def models_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return `detector_factory` and `sam_factory`; nothing is loaded before one of them is called."""
+    from ..grounding.default import load_default_detector
+    from ..masks.sam import load_sam
+
+    return {"detector_factory": load_default_detector, "sam_factory": lambda: load_sam(options.sam)}
