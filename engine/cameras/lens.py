@@ -24,6 +24,7 @@ __all__ = [
     "distort",
     "project",
     "read_camera_json",
+    "shows",
     "training_pinhole",
     "undistort",
 ]
@@ -193,6 +194,13 @@ def project(camera: Camera, points: NDArray[np.floating[Any]]) -> tuple[Float64,
     if front.any():
         pixels[front] = _to_photo(_lens_key(camera), local[front])
     return pixels, depth
+
+
+def shows(camera: Camera, point: NDArray[np.floating[Any]]) -> bool:
+    """Return whether a world point, shape [3], lies in the picture of `camera`, before it."""
+    pixels, depth = project(camera, np.asarray(point, np.float64)[None])
+    x, y = pixels[0]
+    return bool(depth[0] > 0 and 0 <= x < camera.width and 0 <= y < camera.height)
 
 
 def read_camera_json(path: Path) -> PinholeCamera:

@@ -6,8 +6,8 @@ outlines in boxes that reach further along gravity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,12 @@ from ..cameras.camera import Camera
 from ..cameras.lens import project
 from ..errors import Cancelled
 from ..events import StopCheck
+from .hierarchy import Hierarchy
+from .lifting import Lifted, refine_by_votes
 from .photos import Photos
 from .selection import connected_parts
 from .settings import SegmentSettings
+from .standing import only_a_foot_more, what_stands
 from .views import Views, spread_cameras
 
 __all__ = ["Levels", "levels_of"]
@@ -35,12 +38,26 @@ _LEAST_KEPT = 0.85
 """Of an object, in what is grown from it: a box that SAM fills with something else is no level of it."""
 
 _MOST_GROWN = 6.0
+_JUST_BELOW = np.nextafter(_HALF, np.float32(0))
+
+_AS_GOOD = 0.97
+"""A foot makes an object hardly look more like its name. So what stands on something, and is the object with little
+more, is meant where it looks as much like it."""
+
 _NEW = 0.9
 """Levels with a higher IoU are one."""
 
 _IN_PICTURE = 0.8
-_ASKED_AGAIN = 1
 _FEWEST_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class _Version:
+    """A membership, how much it looks like what was asked for, and whether it is cut where it stands on something."""
+
+    membership: Float32
+    score: float
+    stands: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,8 +88,9 @@ def levels_of(
     directions: Float32,
     settings: SegmentSettings,
     *,
-    encoded: Collection[str],
+    label_maps: Mapping[str, NDArray[np.int32]],
     judge: Callable[[Mask], float] | None,
+    hierarchy: Hierarchy | None,
     should_stop: StopCheck,
 ) -> Levels:
     """Return an object with smaller and larger versions of it.
@@ -87,11 +105,14 @@ def levels_of(
         Of its features, the main one first: those of the object that are like the first alone are its part.
     settings : SegmentSettings
         `n_level_views`, `level_gain`, `cosine`.
-    encoded : collection of str
-        Photos that SAM has seen: they are asked first, where there are enough of them.
+    label_maps : mapping of str to int32 array
+        SAM label maps of photos by name: SAM has seen these, and they are asked first where there are enough of them.
     judge : callable or None
         Returns how much members, bool [N], look like what was asked for, 0 to 1. With it the level that scores best
         is chosen, without it the object as it came.
+    hierarchy : Hierarchy or None
+        The scene's groups. With them and a judge, what stands on something is a version too (`upper_parts`), of the
+        object and of the groups around it.
     should_stop : callable
 
     Raises
@@ -104,22 +125,15 @@ def levels_of(
     What SAM and the features take for the object is often only its main part; which version is meant, the detector says
     best, which knows how a whole one looks. Figures are with `SegmentSettings.n_level_views`.
     """
-    grown = _grown(views, photos, membership, encoded, settings, should_stop)
-    scales = _voted(views, photos, membership, membership, 0.0, encoded, settings, should_stop, scales=True)
+    grown = _grown(views, photos, membership, label_maps, settings, should_stop)
+    scales = _voted(views, photos, membership, membership, 0.0, label_maps, settings, should_stop, scales=True)
     grown += [one for one in scales if _is_level(one, membership)]
     chosen = membership
-    if judge is not None and grown:
-        score = judge(membership >= _HALF)
-        judged = sorted(((judge(one >= _HALF), i) for i, one in enumerate(grown)), reverse=True)
-        # Once more from its own box, where SAM's answer no longer depends on how far the first one reached.
-        for _, i in judged[:_ASKED_AGAIN]:
-            for again in _voted(views, photos, grown[i], membership, 0.0, encoded, settings, should_stop):
-                if _is_level(again, membership):
-                    grown.append(again)
-                    judged.append((judge(again >= _HALF), len(grown) - 1))
-        best, i = max(judged)
-        if best > settings.level_gain * score:
-            chosen = grown[i]
+    if judge is not None:
+        chosen, again = _meant(
+            views, photos, membership, grown, label_maps, settings, should_stop, judge=judge, hierarchy=hierarchy
+        )
+        grown += again
     return _chain(chosen, [membership, *grown, *scales, *_parts(views, chosen, directions, settings)])
 
 
@@ -137,6 +151,58 @@ def _grown(
             if _is_level(one, membership) and not any(_iou(one, other) > _NEW for other in grown):
                 grown.append(one)
     return grown
+
+
+def _meant(
+    views: Views,
+    photos: Photos,
+    membership: Float32,
+    grown: Sequence[Float32],
+    label_maps: Mapping[str, NDArray[np.int32]],
+    settings: SegmentSettings,
+    should_stop: StopCheck,
+    *,
+    judge: Callable[[Mask], float],
+    hierarchy: Hierarchy | None,
+) -> tuple[Float32, list[Float32]]:
+    """Return the version that `judge` takes for the whole one, and what SAM makes of the best in its own box."""
+    versions = [_Version(one, judge(one >= _HALF)) for one in grown]
+    if hierarchy is not None:
+        standing = what_stands(views.scene.gaussians.means, membership, hierarchy)
+        versions += [_Version(one, judge(one >= _HALF), stands=True) for one in standing]
+    if not versions:
+        return membership, []
+    best = max(versions, key=lambda one: one.score)
+    # Once more from its own box, where SAM's answer no longer depends on how far the first one reached.
+    core = np.minimum(membership, best.membership)
+    asked = _voted(views, photos, best.membership, core, 0.0, label_maps, settings, should_stop)
+    again = [one for one in asked if _is_level(one, core)]
+    versions += [_Version(one, judge(one >= _HALF)) for one in again]
+    score = judge(membership >= _HALF)
+    better = [one for one in versions if one.score > settings.level_gain * score]
+    as_good = [
+        one
+        for one in versions
+        if one.stands and one.score >= _AS_GOOD * score and only_a_foot_more(one.membership, membership)
+    ]
+    best = max(better or as_good or [_Version(membership, score)], key=lambda one: one.score)
+    return _outlined(
+        views, best.membership, label_maps, settings, should_stop
+    ) if best.stands else best.membership, again
+
+
+def _outlined(
+    views: Views,
+    membership: Float32,
+    label_maps: Mapping[str, NDArray[np.int32]],
+    settings: SegmentSettings,
+    should_stop: StopCheck,
+) -> Float32:
+    """Return what was cut at a height with the outline that the photos' segments give it."""
+    nothing = np.zeros_like(membership)
+    cut = Lifted(np.zeros((0, views.directions.shape[1]), np.float32), membership, nothing, known=True)
+    once = replace(settings, vote_rounds=1)
+    return refine_by_votes(views, cut, None, label_maps, once, should_stop=should_stop).membership
 
 
 def _is_level(grown: Float32, membership: Float32) -> bool:
@@ -193,8 +259,7 @@ def _elected(views: Views, inside: Float32, seen: Float32, core: Float32) -> Flo
     if len(members) == 0:
         return None
     hangs = connected_parts(views.scene.gaussians.means[members], (inside * (core >= _HALF))[members])
-    below = np.nextafter(_HALF, np.float32(0))
-    result = np.minimum(voted, below)
+    result = np.minimum(voted, _JUST_BELOW)
     result[members[hangs]] = voted[members[hangs]]
     return result
 
@@ -227,8 +292,7 @@ def _parts(views: Views, membership: Float32, directions: Float32, settings: Seg
     if len(directions) == 0:
         return []
     like = views.directions @ directions[0] >= settings.cosine
-    below = np.nextafter(_HALF, np.float32(0))
-    return [np.where(like, membership, np.minimum(membership, below)).astype(np.float32)]
+    return [np.where(like, membership, np.minimum(membership, _JUST_BELOW)).astype(np.float32)]
 
 
 def _iou(one: Float32, other: Float32) -> float:

@@ -23,6 +23,7 @@ from .candidate_file import remember_candidates
 from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap
 from .correction import taken_away, without
 from .growing import Levels, levels_of
+from .hierarchy import Hierarchy
 from .lifting import complete, refine_by_votes
 from .looks import seeds_of_groups
 from .photos import Photos, SamFactory
@@ -283,7 +284,7 @@ def _isolate_named(
             membership = candidate.best.membership
         if any(overlap(membership, other.membership) > settings.same_object for other in found):
             continue
-        levels = _levels(trained, candidate, membership, settings, should_stop, judge.whole)
+        levels = _levels(trained, candidate, membership, settings, should_stop, judge.whole, hierarchy)
         if by_looks:
             score = judge.score(candidate, levels.membership >= THRESHOLD)
         if by_looks and score < settings.least_score:
@@ -343,6 +344,7 @@ def _levels(
     settings: SegmentSettings,
     should_stop: StopCheck,
     judge: Callable[[NDArray[np.bool_]], float] | None = None,
+    hierarchy: Hierarchy | None = None,
 ) -> Levels:
     if settings.n_level_views == 0:
         return Levels((membership,))
@@ -352,8 +354,9 @@ def _levels(
         membership,
         candidate.best.directions,
         settings,
-        encoded=trained.label_maps,
+        label_maps=trained.label_maps,
         judge=judge,
+        hierarchy=hierarchy,
         should_stop=should_stop,
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera, CameraSet, PinholeCamera
-from ..cameras.lens import covering_pinhole, distort, project, undistort
+from ..cameras.lens import covering_pinhole, distort, shows, undistort
 from ..errors import ObjectError
 from ..pictures.scene import Scene, normalized
 
@@ -130,13 +130,7 @@ class Views:
 
     def facing(self, point: NDArray[np.floating]) -> list[Camera]:
         """Return the cameras that have the world point [3] in their picture."""
-        facing = []
-        for camera in self.cameras.cameras:
-            pixels, depth = project(camera, np.asarray(point, np.float64)[None])
-            x, y = pixels[0]
-            if depth[0] > 0 and 0 <= x < camera.width and 0 <= y < camera.height:
-                facing.append(camera)
-        return facing
+        return [camera for camera in self.cameras.cameras if shows(camera, point)]
 
 
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:

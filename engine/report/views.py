@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera, PinholeCamera
-from ..cameras.lens import training_pinhole, undistort
+from ..cameras.lens import shows, training_pinhole, undistort
 from ..evaluation.mask_metrics import feature_agreement
 from ..gaussians.gaussians import Gaussians
 from ..pictures.render import render_view
@@ -25,7 +25,7 @@ PAPER_WHITE = (0.965, 0.957, 0.937)
 _PAIR_SIDE = 760
 _ORBIT_SIDE = 360
 _FIELD_OF_VIEW = np.radians(35.0)
-_ELEVATION = np.radians(18.0)
+_STEEPEST = np.radians(60.0)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,8 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
     points : array of shape [M, 3], float
         Centres of the object's Gaussians, at least one; world units, Z up.
     cameras : sequence of Camera
-        Of the photos. All around the object when they were, else spread over 140 degrees about their mean direction.
+        Of the photos. All around the object when those that have its middle in their picture were, else over the angles
+        that nine of ten of them lie within: what is behind a shield on a wall no photo shows. As far above it as they.
     count : int
 
     Returns
@@ -79,22 +80,28 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
     center = (low + high) / 2
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
     distance = 1.25 * radius / np.sin(_FIELD_OF_VIEW / 2)
-    sides = np.array([camera.center[:2] - center[:2] for camera in cameras]).reshape(-1, 2)
-    lengths = np.linalg.norm(sides, axis=1, keepdims=True)
-    mean = (sides / np.maximum(lengths, 1e-9)).mean(axis=0) if len(sides) else np.zeros(2)
-    front = float(np.arctan2(mean[1], mean[0])) if np.linalg.norm(mean) > 1e-6 else 0.0
+    facing = [camera for camera in cameras if shows(camera, center)]
+    away = np.array([camera.center - center for camera in facing or cameras]).reshape(-1, 3)
+    sides = away[:, :2] / np.maximum(np.linalg.norm(away[:, :2], axis=1, keepdims=True), 1e-9)
+    mean = sides.mean(axis=0) if len(sides) else np.zeros(2)
+    front = float(np.arctan2(mean[1], mean[0]))
     if np.linalg.norm(mean) < 0.3:
         angles = front + 2 * np.pi * np.arange(count) / count
     else:
-        angles = front + np.radians(np.linspace(-70, 70, count))
+        beside = np.angle(np.exp(1j * (np.arctan2(sides[:, 1], sides[:, 0]) - front)))
+        first, last = np.percentile(beside, [5, 95])
+        angles = front + np.linspace(first, last, count)
+    above = np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1))
+    elevation = float(np.clip(np.median(above), -_STEEPEST, _STEEPEST)) if len(away) else 0.0
     focal = _ORBIT_SIDE / 2 / np.tan(_FIELD_OF_VIEW / 2)
     K = np.array([[focal, 0, _ORBIT_SIDE / 2], [0, focal, _ORBIT_SIDE / 2], [0, 0, 1.0]])
-    return [PinholeCamera(_look_at(center, distance, angle), K, _ORBIT_SIDE, _ORBIT_SIDE) for angle in angles]
+    viewmats = [_look_at(center, distance, angle, elevation) for angle in angles]
+    return [PinholeCamera(viewmat, K, _ORBIT_SIDE, _ORBIT_SIDE) for viewmat in viewmats]
 
 
-def _look_at(center: NDArray[np.floating], distance: float, angle: float) -> NDArray[np.float64]:
-    """Return the world-to-camera matrix that looks at `center` from above at `angle` about Z."""
-    away = np.array([np.cos(angle) * np.cos(_ELEVATION), np.sin(angle) * np.cos(_ELEVATION), np.sin(_ELEVATION)])
+def _look_at(center: NDArray[np.floating], distance: float, angle: float, elevation: float) -> NDArray[np.float64]:
+    """Return the world-to-camera matrix that looks at `center` from `angle` about Z and `elevation` above it."""
+    away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])
     forward = -away
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

@@ -237,3 +237,20 @@ def test_sheet_of_nothing_is_none() -> None:
     from engine.report.sheet import picture_sheet
 
     assert picture_sheet([("a", [])], (1, 1, 1)) is None
+
+
+def test_what_hangs_on_a_wall_is_shown_from_where_the_photos_were_taken(blobs: BlobScene) -> None:
+    points = blobs.gaussians.means[blobs.part == BLUE]
+    middle = points.mean(axis=0)
+    cameras = blobs.cameras.cameras[:3]
+
+    def angles(centers: list[np.ndarray]) -> np.ndarray:
+        away = np.stack(centers)[:, :2] - middle[:2]
+        return np.unwrap(np.sort(np.arctan2(away[:, 1], away[:, 0])))
+
+    photographed, shown = (
+        angles([camera.center for camera in cameras]),
+        angles([camera.center for camera in orbit_cameras(points, cameras)]),
+    )
+    assert np.ptp(shown) <= np.ptp(photographed) + 1e-6
+    assert np.ptp(shown) > 0.8 * np.ptp(photographed)

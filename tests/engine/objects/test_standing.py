@@ -1,0 +1,106 @@
+"""What stands on something is cut off where the figure widens on the way down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.events import never_stop
+from engine.objects.growing import levels_of
+from engine.objects.hierarchy import Hierarchy
+from engine.objects.settings import BETTER
+from engine.objects.standing import only_a_foot_more, upper_parts, what_stands
+from engine.objects.trained import load_trained
+from tests.engine.objects.fakes import FakeSam, trained_project
+from tests.engine.pictures.blob_scene import BLUE, RED, make_scene
+
+HEIGHTS = {"plinth": (-1.0, 0.0, 0.5), "foot": (0.0, 0.12, 0.22), "stem": (0.12, 0.4, 0.05), "bowl": (0.4, 0.8, 0.3)}
+
+
+def goblet_on_a_plinth() -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return points on the surfaces of four cylinders above each other, and which are of which."""
+    random = np.random.default_rng(0)
+    parts = []
+    for bottom, top, radius in HEIGHTS.values():
+        angle, height = random.uniform(0, 2 * np.pi, 600), random.uniform(bottom, top, 600)
+        sides = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+        reach = radius * np.sqrt(random.uniform(0, 1, 300))
+        lid = np.column_stack([reach * np.cos(angle[:300]), reach * np.sin(angle[:300]), np.full(300, top)])
+        parts.append(np.vstack([sides, lid]))
+    of = np.repeat(np.arange(len(parts)), [len(one) for one in parts])
+    return np.vstack(parts).astype(np.float32), {name: of == i for i, name in enumerate(HEIGHTS)}
+
+
+def iou(one: np.ndarray, other: np.ndarray) -> float:
+    return float((one & other).sum() / (one | other).sum())
+
+
+def one_group(members: np.ndarray) -> Hierarchy:
+    return Hierarchy(np.where(members, 0, -1).astype(np.int32), np.array([[0, 1]], np.int32), np.ones(1, np.float32))
+
+
+def test_goblet_is_cut_off_its_plinth_below_its_foot() -> None:
+    means, part = goblet_on_a_plinth()
+    everything = np.ones(len(means), bool)
+    found = upper_parts(means, everything)
+    assert max(iou(one, everything & ~part["plinth"]) for one in found) > 0.9
+    assert max(iou(one, part["bowl"] | part["stem"]) for one in found) > 0.9, "a foot is an end too"
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_too_few_gaussians_have_no_parts(count: int) -> None:
+    assert upper_parts(np.zeros((count, 3), np.float32), np.ones(count, bool)) == []
+
+
+def test_box_of_one_width_has_no_parts() -> None:
+    points = np.random.default_rng(0).uniform(-1, 1, (4000, 3)).astype(np.float32)
+    assert upper_parts(points, np.ones(len(points), bool)) == []
+
+
+def test_bowl_and_stem_get_their_foot_and_goblet_with_plinth_loses_the_plinth() -> None:
+    means, part = goblet_on_a_plinth()
+    goblet, everything = ~part["plinth"], np.ones(len(means), bool)
+    for known in (goblet & ~part["foot"], everything):
+        membership = np.where(known, 0.8, 0.1).astype(np.float32)
+        found = what_stands(means, membership, one_group(everything))
+        best = max(found, key=lambda one: iou(one >= 0.5, goblet))
+        assert iou(best >= 0.5, goblet) > 0.9
+        assert (best[known & (best >= 0.5)] == np.float32(0.8)).all(), "what was known keeps its membership"
+    cut = np.where(goblet & ~part["foot"], 1.0, 0.0).astype(np.float32)
+    assert only_a_foot_more(np.where(goblet, 1.0, 0.0).astype(np.float32), np.maximum(cut, 0.0)) == (
+        goblet.sum() <= 1.35 * (goblet & ~part["foot"]).sum()
+    )
+    assert not only_a_foot_more(np.ones(len(means), np.float32), cut), "not with the plinth"
+
+
+def test_group_that_is_not_around_the_object_is_not_looked_at() -> None:
+    means, part = goblet_on_a_plinth()
+    membership = np.where(part["bowl"], 0.8, 0.1).astype(np.float32)
+    others = one_group(part["plinth"] | part["foot"])
+    assert all(not (one >= 0.5)[part["foot"]].any() for one in what_stands(means, membership, others))
+
+
+def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None:
+    scene = make_scene()
+    whole, plate = scene.part == BLUE, scene.part == RED
+    means = scene.gaussians.means.copy()
+    low, high = means[whole].min(axis=0), means[whole].max(axis=0)
+    random = np.random.default_rng(0)
+    spread = random.uniform(-1.2, 1.2, (int(plate.sum()), 2)) * (high - low)[:2]
+    means[plate] = np.column_stack([(low + high)[:2] / 2 + spread, np.full(int(plate.sum()), low[2] - 0.02)])
+    scene = replace(scene, gaussians=replace(scene.gaussians, means=means.astype(np.float32)))
+    settings = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=6)
+    trained = load_trained(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
+    cut = whole & (means[:, 2] > low[2] + 0.25 * (high - low)[2])
+    sizes = {}
+    for hierarchy in (None, one_group(whole | plate)):
+        levels = levels_of(
+            trained.views, trained.photos, cut.astype(np.float32), np.zeros((0, 16), np.float32), settings,
+            label_maps=trained.label_maps, judge=lambda members: 0.9, hierarchy=hierarchy, should_stop=never_stop,
+        )  # fmt: skip
+        sizes[hierarchy is None] = iou(levels.membership >= 0.5, whole)
+    assert sizes[True] == iou(cut, whole)
+    assert sizes[False] > max(0.95, sizes[True])
