@@ -6,7 +6,7 @@ outlines in boxes that reach further along gravity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,7 +88,7 @@ def levels_of(
     directions: Float32,
     settings: SegmentSettings,
     *,
-    label_maps: Mapping[str, NDArray[np.int32]],
+    encoded: Collection[str],
     judge: Callable[[Mask], float] | None,
     hierarchy: Hierarchy | None,
     should_stop: StopCheck,
@@ -105,8 +105,8 @@ def levels_of(
         Of its features, the main one first: those of the object that are like the first alone are its part.
     settings : SegmentSettings
         `n_level_views`, `level_gain`, `cosine`.
-    label_maps : mapping of str to int32 array
-        SAM label maps of photos by name: SAM has seen these, and they are asked first where there are enough of them.
+    encoded : collection of str
+        Photos that SAM has seen: they are asked first, where there are enough of them.
     judge : callable or None
         Returns how much members, bool [N], look like what was asked for, 0 to 1. With it the level that scores best
         is chosen, without it the object as it came.
@@ -125,13 +125,13 @@ def levels_of(
     What SAM and the features take for the object is often only its main part; which version is meant, the detector says
     best, which knows how a whole one looks. Figures are with `SegmentSettings.n_level_views`.
     """
-    grown = _grown(views, photos, membership, label_maps, settings, should_stop)
-    scales = _voted(views, photos, membership, membership, 0.0, label_maps, settings, should_stop, scales=True)
+    grown = _grown(views, photos, membership, encoded, settings, should_stop)
+    scales = _voted(views, photos, membership, membership, 0.0, encoded, settings, should_stop, scales=True)
     grown += [one for one in scales if _is_level(one, membership)]
     chosen = membership
     if judge is not None:
         chosen, again = _meant(
-            views, photos, membership, grown, label_maps, settings, should_stop, judge=judge, hierarchy=hierarchy
+            views, photos, membership, grown, encoded, settings, should_stop, judge=judge, hierarchy=hierarchy
         )
         grown += again
     return _chain(chosen, [membership, *grown, *scales, *_parts(views, chosen, directions, settings)])
@@ -158,7 +158,7 @@ def _meant(
     photos: Photos,
     membership: Float32,
     grown: Sequence[Float32],
-    label_maps: Mapping[str, NDArray[np.int32]],
+    encoded: Collection[str],
     settings: SegmentSettings,
     should_stop: StopCheck,
     *,
@@ -175,7 +175,7 @@ def _meant(
     best = max(versions, key=lambda one: one.score)
     # Once more from its own box, where SAM's answer no longer depends on how far the first one reached.
     core = np.minimum(membership, best.membership)
-    asked = _voted(views, photos, best.membership, core, 0.0, label_maps, settings, should_stop)
+    asked = _voted(views, photos, best.membership, core, 0.0, encoded, settings, should_stop)
     again = [one for one in asked if _is_level(one, core)]
     versions += [_Version(one, judge(one >= _HALF)) for one in again]
     score = judge(membership >= _HALF)
@@ -186,23 +186,18 @@ def _meant(
         if one.stands and one.score >= _AS_GOOD * score and only_a_foot_more(one.membership, membership)
     ]
     best = max(better or as_good or [_Version(membership, score)], key=lambda one: one.score)
-    return _outlined(
-        views, best.membership, label_maps, settings, should_stop
-    ) if best.stands else best.membership, again
+    return _outlined(views, best.membership, settings, should_stop) if best.stands else best.membership, again
 
 
-def _outlined(
-    views: Views,
-    membership: Float32,
-    label_maps: Mapping[str, NDArray[np.int32]],
-    settings: SegmentSettings,
-    should_stop: StopCheck,
-) -> Float32:
-    """Return what was cut at a height with the outline that the photos' segments give it."""
+def _outlined(views: Views, membership: Float32, settings: SegmentSettings, should_stop: StopCheck) -> Float32:
+    """Return what was cut at a height with the outline that it has in the views.
+
+    Not with that of the photos' segments, which may well end where features do, above the foot.
+    """
     nothing = np.zeros_like(membership)
     cut = Lifted(np.zeros((0, views.directions.shape[1]), np.float32), membership, nothing, known=True)
     once = replace(settings, vote_rounds=1)
-    return refine_by_votes(views, cut, None, label_maps, once, should_stop=should_stop).membership
+    return refine_by_votes(views, cut, None, {}, once, should_stop=should_stop).membership
 
 
 def _is_level(grown: Float32, membership: Float32) -> bool:

@@ -354,7 +354,7 @@ def _levels(
         membership,
         candidate.best.directions,
         settings,
-        label_maps=trained.label_maps,
+        encoded=trained.label_maps,
         judge=judge,
         hierarchy=hierarchy,
         should_stop=should_stop,

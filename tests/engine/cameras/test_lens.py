@@ -16,6 +16,7 @@ from engine.cameras.lens import (
     distort,
     project,
     read_camera_json,
+    shows,
     training_pinhole,
     undistort,
 )
@@ -177,6 +178,12 @@ def test_points_behind_the_camera_or_beyond_the_lens_have_no_pixel() -> None:
     assert np.isnan(pixels).any(axis=1).tolist() == [False, True, True, True, False]
     assert depth.tolist() == [1.0, -1.0, 0.0, 1.0, 1.0]
     assert project(photo, np.zeros((0, 3)))[0].shape == (0, 2)
+
+
+def test_a_camera_shows_what_lies_before_it_within_its_picture() -> None:
+    photo = Camera("a.jpg", W, H, *LENSES["none"], np.eye(4))
+    places = ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.5, 0.0, 1.0], [0.6, 0.0, 1.0])
+    assert [shows(photo, np.array(place)) for place in places] == [True, False, True, False]
 
 
 @pytest.mark.parametrize(

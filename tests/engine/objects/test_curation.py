@@ -227,7 +227,7 @@ def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
 
     for given, chosen in ((judge, True), (None, False)):
         levels = levels_of(
-            trained.views, trained.photos, part, np.zeros((0, 16), np.float32), settings, label_maps={}, judge=given,
+            trained.views, trained.photos, part, np.zeros((0, 16), np.float32), settings, encoded=(), judge=given,
             hierarchy=None, should_stop=never_stop,
         )  # fmt: skip
         sizes = [int((one >= 0.5).sum()) for one in levels.memberships]
@@ -255,7 +255,7 @@ def test_part_object_and_whole_of_sam_become_levels(blobs: BlobScene, project: P
         trained = load_trained(project, settings, lambda sam=sam: sam(blobs))
         found[sam] = levels_of(
             trained.views, trained.photos, asked.astype(np.float32), np.zeros((0, 16), np.float32), settings,
-            label_maps={}, judge=None, hierarchy=None, should_stop=never_stop,
+            encoded=(), judge=None, hierarchy=None, should_stop=never_stop,
         )  # fmt: skip
     assert len(found[FakeSam].memberships) == 1, "one mask a prompt knows nothing smaller"
     part, middle, whole = (one >= 0.5 for one in found[ThreeScales].memberships)

@@ -99,7 +99,7 @@ def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None
     for hierarchy in (None, one_group(whole | plate)):
         levels = levels_of(
             trained.views, trained.photos, cut.astype(np.float32), np.zeros((0, 16), np.float32), settings,
-            label_maps=trained.label_maps, judge=lambda members: 0.9, hierarchy=hierarchy, should_stop=never_stop,
+            encoded=trained.label_maps, judge=lambda members: 0.9, hierarchy=hierarchy, should_stop=never_stop,
         )  # fmt: skip
         sizes[hierarchy is None] = iou(levels.membership >= 0.5, whole)
     assert sizes[True] == iou(cut, whole)
