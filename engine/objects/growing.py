@@ -21,7 +21,7 @@ from .lifting import Lifted, refine_by_votes
 from .photos import Photos
 from .selection import connected_parts
 from .settings import SegmentSettings
-from .standing import only_a_foot_more, what_stands
+from .standing import Standing, what_stands
 from .views import Views, spread_cameras
 
 __all__ = ["Levels", "levels_of"]
@@ -41,8 +41,8 @@ _MOST_GROWN = 6.0
 _JUST_BELOW = np.nextafter(_HALF, np.float32(0))
 
 _AS_GOOD = 0.97
-"""A foot makes an object hardly look more like its name. So what stands on something, and is the object with little
-more, is meant where it looks as much like it."""
+"""A foot makes an object hardly look more like its name. So a version with more of a foot is meant where it looks as
+much like it; of several the middle one, since the cuts of the groups around an object scatter about where it ends."""
 
 _NEW = 0.9
 """Levels with a higher IoU are one."""
@@ -53,11 +53,11 @@ _FEWEST_VIEWS = 3
 
 @dataclass(frozen=True)
 class _Version:
-    """A membership, how much it looks like what was asked for, and whether it is cut where it stands on something."""
+    """A membership, how much it looks like what was asked for, and what it is cut to where it stands on something."""
 
     membership: Float32
     score: float
-    stands: bool = False
+    stands: Standing | None = None
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _meant(
     versions = [_Version(one, judge(one >= _HALF)) for one in grown]
     if hierarchy is not None:
         standing = what_stands(views.scene.gaussians.means, membership, hierarchy)
-        versions += [_Version(one, judge(one >= _HALF), stands=True) for one in standing]
+        versions += [_Version(one.membership, judge(one.membership >= _HALF), one) for one in standing]
     if not versions:
         return membership, []
     best = max(versions, key=lambda one: one.score)
@@ -180,12 +180,14 @@ def _meant(
     versions += [_Version(one, judge(one >= _HALF)) for one in again]
     score = judge(membership >= _HALF)
     better = [one for one in versions if one.score > settings.level_gain * score]
-    as_good = [
-        one
-        for one in versions
-        if one.stands and one.score >= _AS_GOOD * score and only_a_foot_more(one.membership, membership)
-    ]
-    best = max(better or as_good or [_Version(membership, score)], key=lambda one: one.score)
+    with_foot = [one for one in versions if one.stands and one.stands.with_foot and one.score >= _AS_GOOD * score]
+    if better:
+        best = max(better, key=lambda one: one.score)
+    elif with_foot:
+        by_size = sorted(with_foot, key=lambda one: int((one.membership >= _HALF).sum()))
+        best = by_size[(len(by_size) - 1) // 2]
+    else:
+        return membership, again
     return _outlined(views, best.membership, settings, should_stop) if best.stands else best.membership, again
 
 

@@ -286,7 +286,8 @@ def _isolate_named(
             continue
         levels = _levels(trained, candidate, membership, settings, should_stop, judge.whole, hierarchy)
         if by_looks:
-            score = judge.score(candidate, levels.membership >= THRESHOLD)
+            # A version that stands out less, since its foot is like what it stands on, is no less surely it.
+            score = max(judge.score(candidate, one >= THRESHOLD) for one in (membership, levels.membership))
         if by_looks and score < settings.least_score:
             refused.append((score, candidate))
         else:

@@ -5,12 +5,14 @@ SAM often merges the foot of an exhibit with what it stands on, and so do the fe
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from .hierarchy import Hierarchy
 
-__all__ = ["only_a_foot_more", "upper_parts", "what_stands"]
+__all__ = ["Standing", "UpperPart", "upper_parts", "what_stands"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -30,11 +32,40 @@ _AROUND, _MOST_AROUND = 0.85, 6.0
 _LEAST_STANDING, _MOST_STANDING = 0.15, 2.0
 """Of an object's Gaussians, in what stands there: an object may have come with the plinth that it stands on."""
 
-_NEW = 0.9
-_FOOT_KEPT, _FOOT_MORE = 0.95, 1.35
+_NEW, _KEPT = 0.9, 0.95
 
 
-def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> list[Float32]:
+@dataclass(frozen=True)
+class UpperPart:
+    """What is left of a figure above a height.
+
+    Attributes
+    ----------
+    members : bool array of shape [N]
+    on_wider : bool
+        Whether the figure is wider right below than anywhere above: then the part ends there, and is no bowl on a stem.
+    """
+
+    members: Mask
+    on_wider: bool
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A version of an object that ends where it stands.
+
+    Attributes
+    ----------
+    membership : array of shape [N], float32
+    with_foot : bool
+        Whether it is nearly all of the object and more, on something wider.
+    """
+
+    membership: Float32
+    with_foot: bool
+
+
+def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> list[Standing]:
     """Return the versions of an object that its shape, and that of the groups around it, is cut to where it stands.
 
     Parameters
@@ -48,8 +79,8 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
 
     Returns
     -------
-    list of arrays of shape [N], float32
-        Memberships that differ from the object's and from each other.
+    list of Standing
+        They differ from the object and from each other.
     """
     members = membership >= _HALF
     count = int(members.sum())
@@ -59,25 +90,23 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
         for group in groups
         if (group & members).sum() >= _AROUND * count and group.sum() <= _MOST_AROUND * count
     ]
+    parts = [part for figure in (members, *around) for part in upper_parts(means, figure)]
     kept = [members]
-    found: list[Float32] = []
-    for figure in (members, *around):
-        for part in upper_parts(means, figure):
-            fits = _LEAST_STANDING * count <= part.sum() <= _MOST_STANDING * count
-            if fits and all((part & other).sum() <= _NEW * (part | other).sum() for other in kept):
-                kept.append(part)
-                below = np.minimum(membership, _JUST_BELOW)
-                found.append(np.where(part, np.maximum(membership, _HALF), below).astype(np.float32))
+    found: list[Standing] = []
+    # Of two that are nearly one, that which is known to end there.
+    for part in sorted(parts, key=lambda part: not part.on_wider):
+        size = int(part.members.sum())
+        fits = _LEAST_STANDING * count <= size <= _MOST_STANDING * count
+        if fits and all((part.members & other).sum() <= _NEW * (part.members | other).sum() for other in kept):
+            kept.append(part.members)
+            below = np.minimum(membership, _JUST_BELOW)
+            cut = np.where(part.members, np.maximum(membership, _HALF), below).astype(np.float32)
+            more = size > count and (part.members & members).sum() >= _KEPT * count
+            found.append(Standing(cut, bool(part.on_wider and more)))
     return found
 
 
-def only_a_foot_more(one: Float32, membership: Float32) -> bool:
-    """Return whether a membership keeps nearly all that belongs by another, and adds at most a third."""
-    old, new = membership >= _HALF, one >= _HALF
-    return bool((old & new).sum() >= _FOOT_KEPT * old.sum() and old.sum() < new.sum() <= _FOOT_MORE * old.sum())
-
-
-def upper_parts(means: Float32, members: Mask) -> list[Mask]:
+def upper_parts(means: Float32, members: Mask) -> list[UpperPart]:
     """Return what is left of members above each height where they widen abruptly on the way down.
 
     Parameters
@@ -88,7 +117,7 @@ def upper_parts(means: Float32, members: Mask) -> list[Mask]:
 
     Returns
     -------
-    list of bool arrays of shape [N]
+    list of UpperPart
         At most six, the most abrupt first: a goblet on a plinth widens at its bowl, its foot and the plinth.
 
     Notes
@@ -106,7 +135,7 @@ def upper_parts(means: Float32, members: Mask) -> list[Mask]:
     widths = _widths(points, edges)
     ratios = np.divide(widths[:-1], widths[1:], out=np.zeros(count - 1), where=widths[1:] > 0)
     abrupt = [i for i in np.argsort(-ratios, kind="stable")[:_MOST] if ratios[i] >= _WIDER]
-    return [members & (means[:, 2] > edges[i + 1]) for i in abrupt]
+    return [UpperPart(members & (means[:, 2] > edges[i + 1]), bool(widths[i] > widths[i + 1 :].max())) for i in abrupt]
 
 
 def _widths(points: Float32, edges: NDArray[np.floating]) -> NDArray[np.floating]:

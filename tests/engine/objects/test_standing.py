@@ -12,7 +12,7 @@ from engine.events import never_stop
 from engine.objects.growing import levels_of
 from engine.objects.hierarchy import Hierarchy
 from engine.objects.settings import BETTER
-from engine.objects.standing import only_a_foot_more, upper_parts, what_stands
+from engine.objects.standing import upper_parts, what_stands
 from engine.objects.trained import load_trained
 from tests.engine.objects.fakes import FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, make_scene
@@ -46,8 +46,10 @@ def test_goblet_is_cut_off_its_plinth_below_its_foot() -> None:
     means, part = goblet_on_a_plinth()
     everything = np.ones(len(means), bool)
     found = upper_parts(means, everything)
-    assert max(iou(one, everything & ~part["plinth"]) for one in found) > 0.9
-    assert max(iou(one, part["bowl"] | part["stem"]) for one in found) > 0.9, "a foot is an end too"
+    goblet = next(one for one in found if iou(one.members, everything & ~part["plinth"]) > 0.9)
+    cup = next(one for one in found if iou(one.members, part["bowl"] | part["stem"]) > 0.9)
+    assert goblet.on_wider
+    assert not cup.on_wider, "the bowl is wider than the foot"
 
 
 @pytest.mark.parametrize("count", [0, 1, 4])
@@ -66,21 +68,18 @@ def test_bowl_and_stem_get_their_foot_and_goblet_with_plinth_loses_the_plinth() 
     for known in (goblet & ~part["foot"], everything):
         membership = np.where(known, 0.8, 0.1).astype(np.float32)
         found = what_stands(means, membership, one_group(everything))
-        best = max(found, key=lambda one: iou(one >= 0.5, goblet))
-        assert iou(best >= 0.5, goblet) > 0.9
-        assert (best[known & (best >= 0.5)] == np.float32(0.8)).all(), "what was known keeps its membership"
-    cut = np.where(goblet & ~part["foot"], 1.0, 0.0).astype(np.float32)
-    assert only_a_foot_more(np.where(goblet, 1.0, 0.0).astype(np.float32), np.maximum(cut, 0.0)) == (
-        goblet.sum() <= 1.35 * (goblet & ~part["foot"]).sum()
-    )
-    assert not only_a_foot_more(np.ones(len(means), np.float32), cut), "not with the plinth"
+        best = max(found, key=lambda one: iou(one.membership >= 0.5, goblet))
+        belongs = best.membership >= 0.5
+        assert iou(belongs, goblet) > 0.9
+        assert (best.membership[known & belongs] == np.float32(0.8)).all(), "what was known keeps its membership"
+        assert best.with_foot == (known.sum() < goblet.sum())
 
 
 def test_group_that_is_not_around_the_object_is_not_looked_at() -> None:
     means, part = goblet_on_a_plinth()
     membership = np.where(part["bowl"], 0.8, 0.1).astype(np.float32)
     others = one_group(part["plinth"] | part["foot"])
-    assert all(not (one >= 0.5)[part["foot"]].any() for one in what_stands(means, membership, others))
+    assert all(not (one.membership >= 0.5)[part["foot"]].any() for one in what_stands(means, membership, others))
 
 
 def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None:
