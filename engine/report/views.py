@@ -69,7 +69,7 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
         Centres of the object's Gaussians, at least one; world units, Z up.
     cameras : sequence of Camera
         Of the photos. All around the object when those that have its middle in their picture were, else over the angles
-        that nine of ten of them lie within: what is behind a shield on a wall no photo shows. As far above it as they.
+        that eight of ten of them lie within: what is behind a shield on a wall no photo shows. As far above it as they.
     count : int
 
     Returns
@@ -89,7 +89,7 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
         angles = front + 2 * np.pi * np.arange(count) / count
     else:
         beside = np.angle(np.exp(1j * (np.arctan2(sides[:, 1], sides[:, 0]) - front)))
-        first, last = np.percentile(beside, [5, 95])
+        first, last = np.percentile(beside, [10, 90])
         angles = front + np.linspace(first, last, count)
     above = np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1))
     elevation = float(np.clip(np.median(above), -_STEEPEST, _STEEPEST)) if len(away) else 0.0
