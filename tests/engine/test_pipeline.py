@@ -27,15 +27,19 @@ from tests.engine.command_line import Answer, call_alone, start
 from tests.engine.models.weights import fetched
 from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 
-# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short.
+# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short. Poses repeat exactly with
+# one thread only.
 QUICK = """
 from dataclasses import replace
 from functools import partial
+from engine.cameras.settings import CameraSettings
 from engine.commands import reconstruct
 from engine.masks.settings import MaskSettings
 from engine.training.settings import PRESETS
 PRESETS["test"] = replace(PRESETS["test"], steps=400, curve_points=20)
-reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MaskSettings(max_prompts=8, grid=0))
+CAMERAS = CameraSettings(threads=1)
+MASKS = MaskSettings(max_prompts=8, grid=0)
+reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, cameras=CAMERAS, masks=MASKS)
 """
 
 When = Callable[[dict[str, Any], Path], bool]
