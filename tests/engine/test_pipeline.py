@@ -27,7 +27,7 @@ from tests.engine.command_line import Answer, call_alone, start
 from tests.engine.models.weights import fetched
 from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 
-# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short. Poses repeat exactly with
+# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short. Poses repeat exactly on
 # one thread only.
 QUICK = """
 from dataclasses import replace
