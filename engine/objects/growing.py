@@ -16,6 +16,7 @@ from ..cameras.camera import Camera
 from ..cameras.lens import project
 from ..errors import Cancelled
 from ..events import StopCheck
+from ..gaussians.gaussians import FEATURE_DIM
 from .hierarchy import Hierarchy
 from .lifting import Lifted, refine_by_votes
 from .photos import Photos
@@ -30,6 +31,7 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 _HALF = np.float32(0.5)
+_JUST_BELOW = np.nextafter(_HALF, np.float32(0))
 _DOWNWARD = (0.35, 0.7, 1.2, 2.0)
 """How far the box reaches below the object, in its heights. What SAM cuts off is mostly a foot: it is merged with what
 it stands on, in pictures and so in features. In its own box SAM tells the two apart."""
@@ -38,7 +40,6 @@ _LEAST_KEPT = 0.85
 """Of an object, in what is grown from it: a box that SAM fills with something else is no level of it."""
 
 _MOST_GROWN = 6.0
-_JUST_BELOW = np.nextafter(_HALF, np.float32(0))
 
 _AS_GOOD = 0.97
 """A foot makes an object hardly look more like its name. So a version with more of a foot is meant where it looks as
@@ -197,7 +198,7 @@ def _outlined(views: Views, membership: Float32, settings: SegmentSettings, shou
     Not with that of the photos' segments, which may well end where features do, above the foot.
     """
     nothing = np.zeros_like(membership)
-    cut = Lifted(np.zeros((0, views.directions.shape[1]), np.float32), membership, nothing, known=True)
+    cut = Lifted(np.zeros((0, FEATURE_DIM), np.float32), membership, nothing, known=True)
     once = replace(settings, vote_rounds=1)
     return refine_by_votes(views, cut, None, {}, once, should_stop=should_stop).membership
 

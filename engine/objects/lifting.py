@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import StopCheck
 from ..pictures.clusters import find_clusters
-from .selection import calibrated, connected_parts, inside_hull, mean_direction, within_quartiles
+from .selection import calibrated, connected_parts, inside_hull, mean_direction, with_members, within_quartiles
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
 
@@ -123,7 +123,7 @@ def lift_group(views: Views, view: View, mask: Mask, members: Mask, settings: Se
     if directions is None:
         return None
     likeness = calibrated((views.directions @ directions.T).max(axis=1), settings.cosine)
-    membership = np.where(members, np.maximum(likeness, _HALF), np.minimum(likeness, _JUST_BELOW)).astype(np.float32)
+    membership = with_members(likeness, members)
     seed_mass = views.scene.votes(view.frame, mask[..., None].astype(np.float32))[:, 0]
     return Lifted(directions, _nearby(views, membership, members), seed_mass, known=True)
 

@@ -17,6 +17,7 @@ __all__ = [
     "connected_parts",
     "inside_hull",
     "mean_direction",
+    "with_members",
     "within_quartiles",
 ]
 
@@ -64,6 +65,13 @@ def calibrated(cosine: NDArray[np.floating], threshold: float) -> Float32:
     # Rounding must not bring a cosine below the threshold to 0.5.
     below = np.minimum(below, np.nextafter(np.float32(0.5), np.float32(0)))
     return np.clip(np.where(cosine >= np.float32(threshold), above, below), 0, 1).astype(np.float32)
+
+
+def with_members(membership: Float32, members: Mask) -> Float32:
+    """Return the membership, [N], in which exactly `members`, bool [N], belong: 0.5 at least, what is beside below."""
+    half = np.float32(0.5)
+    below = np.minimum(membership, np.nextafter(half, np.float32(0)))
+    return np.where(members, np.maximum(membership, half), below).astype(np.float32)
 
 
 def connected_parts(points: Float32, seed_mass: NDArray[np.floating], *, least_share: float = 0.1) -> Mask:

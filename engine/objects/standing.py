@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hierarchy import Hierarchy
+from .selection import with_members
 
 __all__ = ["Standing", "UpperPart", "upper_parts", "what_stands"]
 
@@ -25,7 +26,6 @@ _FEWEST = 15
 _WIDER = 1.25
 _MOST = 6
 _HALF = np.float32(0.5)
-_JUST_BELOW = np.nextafter(_HALF, np.float32(0))
 _AROUND, _MOST_AROUND = 0.85, 6.0
 """Of an object in a group around it, and the group's size in the object's."""
 
@@ -84,7 +84,7 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
     """
     members = membership >= _HALF
     count = int(members.sum())
-    groups = [hierarchy.members(number) for number in range(len(hierarchy.groups))]
+    groups = (hierarchy.members(number) for number in range(len(hierarchy.groups)))
     around = [
         group | members
         for group in groups
@@ -99,10 +99,8 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
         fits = _LEAST_STANDING * count <= size <= _MOST_STANDING * count
         if fits and all((part.members & other).sum() <= _NEW * (part.members | other).sum() for other in kept):
             kept.append(part.members)
-            below = np.minimum(membership, _JUST_BELOW)
-            cut = np.where(part.members, np.maximum(membership, _HALF), below).astype(np.float32)
             more = size > count and (part.members & members).sum() >= _KEPT * count
-            found.append(Standing(cut, bool(part.on_wider and more)))
+            found.append(Standing(with_members(membership, part.members), bool(part.on_wider and more)))
     return found
 
 
