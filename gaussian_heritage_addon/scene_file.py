@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..engine.cameras.storage import read_camera_set
 from ..engine.formats import read_ply
 from ..engine.gaussians.gaussians import Gaussians
+from ..engine.objects.polished import load_polished
 from ..engine.records import load_record
 from .cameras import add_cameras, look_through
 from .project import ProjectObject, list_objects, load_level, load_membership, scene_file
@@ -104,8 +105,8 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
 
     Notes
     -----
-    The rows are copied once from the scene's splats, edits included, as many as any level needs; the sliders then only
-    change which of them are drawn and exported.
+    The rows are copied once from the scene's splats, edits included, as many as any level needs, those that the engine
+    has polished in their polished form; the sliders then only change which of them are drawn and exported.
     """
     present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _of(obj, project)}
     chosen = set(ids)
@@ -150,7 +151,8 @@ def _rows_of(
     # Hand-made Gaussians (-1) belong to no object.
     kept = (index >= 0) & (loosest[index] >= min(_LOOSEST, item.threshold))
     rows = index[kept]
-    return source.local_gaussians()[kept], rows, membership[rows]
+    gaussians, polished = source.local_gaussians()[kept], load_polished(project, item.id)
+    return gaussians if polished is None else polished.dress(gaussians, rows), rows, membership[rows]
 
 
 def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:

@@ -44,7 +44,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..formats.ply import write_ply
     from ..formats.transform import transform_gaussians
     from ..gaussians.storage import load_gaussians
-    from ..objects.storage import load_membership, load_object
+    from ..objects.storage import load_object, object_gaussians
 
     out: Path = options.out
     if out.is_dir():
@@ -58,7 +58,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     title = "scene"
     if options.object is not None:
         record = load_object(project.path, options.object)
-        gaussians = gaussians[load_membership(project.path, record.id) >= record.threshold]
+        gaussians = object_gaussians(project.path, record, gaussians)
         title = record.name
     camera_set = read_camera_set(project.path / "cameras")
     frame = options.frame or ("original" if camera_set.poses_given else "upright")

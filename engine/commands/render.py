@@ -41,7 +41,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..cameras.lens import read_camera_json
     from ..cameras.storage import read_camera_set
     from ..gaussians.storage import load_gaussians
-    from ..objects.storage import load_membership, load_object
+    from ..objects.storage import load_membership, load_object, object_gaussians
     from ..pictures.png import write_png
     from ..pictures.render import render_view
 
@@ -58,12 +58,15 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         camera = _camera_of(read_camera_set(project.path / "cameras"), options.view)
     else:
         camera = read_camera_json(options.camera)
-    members = None
+    gaussians, members = load_gaussians(project.path / "gaussians"), None
     if options.object is not None:
         record = load_object(project.path, options.object)
-        members = load_membership(project.path, record.id) >= record.threshold
+        if options.what == "rgb":
+            gaussians = object_gaussians(project.path, record, gaussians)
+        else:
+            members = load_membership(project.path, record.id) >= record.threshold
     picture = render_view(
-        load_gaussians(project.path / "gaussians"),
+        gaussians,
         camera,
         what=options.what,
         members=members,

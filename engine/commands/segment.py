@@ -150,7 +150,10 @@ def _refine(
     if options.level is not None and (clicks or excluded):
         raise SettingsError("--level goes without clicks: they change the object, and its levels are then gone.")
     if options.level is not None:
-        record = choose_level(project, options.refine, options.level)
+        record = choose_level(
+            project, options.refine, options.level, PRESETS[options.preset],
+            sam_factory=models_of(options)["sam_factory"], should_stop=should_stop,
+        )  # fmt: skip
     elif clicks or excluded:
         record = refine_object(
             project, options.refine, clicks, excluded, PRESETS[options.preset],

@@ -16,11 +16,13 @@ from ..project_folder import ProjectFolder
 from .candidate_file import forget_candidates, load_candidate
 from .candidates import THRESHOLD, gather
 from .correction import taken_away, without
+from .found import record_of, store_found
 from .growing import Levels
 from .photos import SamFactory
+from .polishing import polish
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
 from .seeds import DetectorFactory, Seed, seeds_of_clicks
-from .segment import finish, isolate, record_of, segment_project, store_found
+from .segment import finish, isolate, segment_project
 from .settings import SegmentSettings
 from .storage import ObjectRecord, delete_object, list_objects, load_levels, load_membership, load_object, save_object
 from .trained import Trained, load_trained
@@ -156,7 +158,7 @@ def accept_candidate(
         accepted=True,
     )
     asked = {**describe_prompt(prompt), "detector": detector_factory().name, "accepted": True}
-    return store_found(project, found, asked, name or kept.text, settings, started)
+    return store_found(project, trained, found, asked, name or kept.text, settings, started, should_stop)
 
 
 def refine_object(
@@ -225,7 +227,8 @@ def refine_object(
         levels=(),
         refined=(*record.refined, refined),
     )
-    save_object(project.path, changed, membership)
+    polished = polish(views, membership >= record.threshold, settings, should_stop=should_stop)
+    save_object(project.path, changed, membership, polished=polished)
     return changed
 
 
@@ -235,13 +238,31 @@ def _seeds(
     return seeds_of_clicks(clicks, excluded, trained.views, trained.photos, settings)
 
 
-def choose_level(project: ProjectFolder, name: str, level: int) -> ObjectRecord:
+def choose_level(
+    project: ProjectFolder,
+    name: str,
+    level: int,
+    settings: SegmentSettings,
+    *,
+    sam_factory: SamFactory,
+    should_stop: StopCheck,
+) -> ObjectRecord:
     """Make another of an object's levels the object; 0 is its smallest part.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        Held for writing.
+    name : str
+        Name or id of the object.
+    level : int
+    settings, sam_factory, should_stop
+        As in `engine.objects.segment.segment_project`; SAM is not called.
 
     Raises
     ------
     ObjectError
-        When there is no such object or level.
+        When there is no such object or level, or it belongs to an earlier training.
     """
     record = load_object(project.path, name)
     levels = load_levels(project.path, record.id)
@@ -251,7 +272,11 @@ def choose_level(project: ProjectFolder, name: str, level: int) -> ObjectRecord:
     if not record.levels:
         return record
     changed = replace(record, level=level, n_gaussians=int((levels[level] >= record.threshold).sum()))
-    save_object(project.path, changed, levels[level], levels=list(levels))
+    views = load_trained(project, settings, sam_factory).views
+    if len(levels[level]) != len(views.scene):
+        raise _outdated(record)
+    polished = polish(views, levels[level] >= record.threshold, settings, should_stop=should_stop)
+    save_object(project.path, changed, levels[level], levels=list(levels), polished=polished)
     return changed
 
 
@@ -299,5 +324,9 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
 def _fitting(project: Path, record: ObjectRecord, count: int) -> Float32:
     membership = load_membership(project, record.id)
     if len(membership) != count:
-        raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
+        raise _outdated(record)
     return membership
+
+
+def _outdated(record: ObjectRecord) -> ObjectError:
+    return ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")

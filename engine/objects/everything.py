@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import Cancelled, PromptError
-from ..events import Emit, Progress, StopCheck
+from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
 from .candidates import THRESHOLD, crop_of, overlap
 from .clustering import cluster_scene, vote_for_groups
 from .curation import memberships_of, store_background
+from .found import record_of
 from .growing import Levels
 from .photos import SamFactory
+from .polishing import polish
 from .seeds import DetectorFactory
-from .segment import record_of
 from .settings import SegmentSettings
 from .storage import ObjectRecord, save_object
 from .trained import Trained, load_trained
@@ -239,7 +240,9 @@ def segment_everything_in(
     """
     started = time.perf_counter()
     trained = load_trained(project, settings, sam_factory)
-    found = find_everything(trained, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop)
+    found = find_everything(
+        trained, settings, detector_factory=detector_factory, emit=part_of(emit, 0, 2), should_stop=should_stop
+    )
     there = memberships_of(project.path, len(trained.views.scene))
     if not found and not there:
         raise PromptError("Nothing stands out from the background of this scene. Click on an object instead.")
@@ -260,7 +263,9 @@ def segment_everything_in(
             score=item.score if item.name else 0.0,
             fit=1.0,
         )
-        save_object(project.path, record, item.membership)
+        polished = polish(trained.views, item.membership >= THRESHOLD, settings, should_stop=should_stop)
+        save_object(project.path, record, item.membership, polished=polished)
+        part_of(emit, 1, 2)(Progress("objects", number / len(found), message="Isolating"))
         made.append(record)
     background = store_background(project, settings)
     emit(Progress("objects", 1.0, message="Isolating"))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +16,10 @@ from ..events import Emit, Progress, StopCheck, part_of
 from ..gaussians.gaussians import Gaussians
 from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder
-from ..settings import to_dict
 from .candidate_file import remember_candidates
 from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap
 from .correction import taken_away, without
+from .found import FoundObject, store_found
 from .growing import Levels, levels_of
 from .hierarchy import Hierarchy
 from .lifting import complete, refine_by_votes
@@ -31,7 +29,7 @@ from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, des
 from .ranking import NothingAlike, TextJudge, gather_for_text, nothing_alike, rank_for_text
 from .seeds import DetectorFactory, Seed, find_seeds
 from .settings import SegmentSettings
-from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
+from .storage import ObjectRecord
 from .trained import Trained, load_trained
 from .views import Views
 
@@ -41,13 +39,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "THRESHOLD",
-    "FoundObject",
     "find_objects",
     "finish",
     "isolate",
-    "record_of",
     "segment_project",
-    "store_found",
 ]
 
 _TRIES = 2
@@ -58,31 +53,6 @@ _WORSE = 0.8
 SAM draws together with what is behind them. It then stays as it was found."""
 
 Float32 = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class FoundObject:
-    """An object before it has a name.
-
-    Attributes
-    ----------
-    membership : array of shape [N], float32
-        In [0, 1]; `THRESHOLD` and above belongs.
-    score : float
-        See `ObjectRecord.score`.
-    fit : float
-        Intersection over union with the best seed mask in its view.
-    seeds : tuple of Seed
-        Masks that show it, the best first.
-    levels : Levels
-        Smaller and larger versions; the chosen one is `membership`.
-    """
-
-    membership: Float32
-    score: float
-    fit: float
-    seeds: tuple[Seed, ...]
-    levels: Levels
 
 
 def find_objects(
@@ -427,79 +397,4 @@ def segment_project(
     asked = describe_prompt(prompt)
     if isinstance(prompt, TextPrompt):
         asked["detector"] = detector_factory().name
-    return store_found(project, found, asked, name, settings, started)
-
-
-def store_found(
-    project: ProjectFolder,
-    found: Sequence[FoundObject],
-    asked: dict[str, Any],
-    name: str,
-    settings: SegmentSettings,
-    started: float,
-) -> list[ObjectRecord]:
-    """Store objects under names of their own and return their records.
-
-    Parameters
-    ----------
-    project : ProjectFolder
-    found : sequence of FoundObject
-    asked : dict
-        The prompt as `describe_prompt` gives it.
-    name : str
-    settings : SegmentSettings
-    started : float
-        `time.perf_counter` of the prompt.
-    """
-    records: list[ObjectRecord] = []
-    for item in found:
-        record = record_of(
-            project.path,
-            item.levels,
-            asked,
-            name,
-            settings,
-            started,
-            score=item.score,
-            fit=item.fit,
-            seeds=tuple({"photo": seed.view.camera.photo, "score": round(seed.score, 4)} for seed in item.seeds),
-        )
-        best = item.seeds[0]
-        preview = np.where(best.view.to_photo(best.mask), np.uint8(255), np.uint8(0))
-        save_object(project.path, record, item.membership, [("seed", preview)], levels=item.levels.memberships)
-        records.append(record)
-    return records
-
-
-def record_of(
-    project: Path,
-    levels: Levels,
-    asked: dict[str, Any],
-    name: str,
-    settings: SegmentSettings,
-    started: float,
-    *,
-    score: float,
-    fit: float,
-    seeds: tuple[dict[str, Any], ...] = (),
-) -> ObjectRecord:
-    """Return the record of a new object, with an id and a name that are free in `project`."""
-    taken = list_objects(project)
-    several = len(levels.memberships) > 1
-    counts = [int((one >= THRESHOLD).sum()) for one in levels.memberships]
-    return ObjectRecord(
-        id=new_id(name, [other.id for other in taken]),
-        name=new_name(name, [other.name for other in taken]),
-        prompt=asked,
-        threshold=THRESHOLD,
-        score=round(score, 4),
-        fit=round(fit, 4),
-        n_gaussians=counts[levels.chosen],
-        n_scene_gaussians=len(levels.membership),
-        seeds=seeds,
-        settings=to_dict(settings),
-        seconds=round(time.perf_counter() - started, 3),
-        created=datetime.now(UTC).isoformat(timespec="microseconds"),
-        level=levels.chosen if several else 0,
-        levels=tuple({"n_gaussians": count} for count in counts) if several else (),
-    )
+    return store_found(project, trained, found, asked, name, settings, started, should_stop)

@@ -25,6 +25,13 @@ _FEWEST = 15
 
 _WIDER = 1.25
 _MOST = 6
+_BEYOND = 1.1
+"""Of the width above: what is farther out there is what the part stands on."""
+
+_LAYER = 0.25
+"""Of a slice: how thick the layer is in which the top of that is looked for."""
+
+_FEWEST_BEYOND = 10
 _HALF = np.float32(0.5)
 _AROUND, _MOST_AROUND = 0.85, 6.0
 """Of an object in a group around it, and the group's size in the object's."""
@@ -33,6 +40,9 @@ _LEAST_STANDING, _MOST_STANDING = 0.15, 2.0
 """Of an object's Gaussians, in what stands there: an object may have come with the plinth that it stands on."""
 
 _NEW, _KEPT = 0.9, 0.95
+
+_HIGHEST_FOOT = 0.3
+"""Of an object's height: what reaches farther down is no foot of it."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +68,8 @@ class Standing:
     ----------
     membership : array of shape [N], float32
     with_foot : bool
-        Whether it is nearly all of the object and more, on something wider.
+        Whether it is nearly all of the object and a little more further down, on something wider, and the object
+        itself ends on nothing.
     """
 
     membership: Float32
@@ -91,17 +102,25 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
         if (group & members).sum() >= _AROUND * count and group.sum() <= _MOST_AROUND * count
     ]
     parts = [part for figure in (members, *around) for part in upper_parts(means, figure)]
+    complete = any(part.on_wider and _iou(part.members, members) > _NEW for part in parts)
+    low, high = np.percentile(means[members, 2], [1, 99]) if count else (0.0, 0.0)
     kept = [members]
     found: list[Standing] = []
     # Of two that are nearly one, that which is known to end there.
     for part in sorted(parts, key=lambda part: not part.on_wider):
         size = int(part.members.sum())
         fits = _LEAST_STANDING * count <= size <= _MOST_STANDING * count
-        if fits and all((part.members & other).sum() <= _NEW * (part.members | other).sum() for other in kept):
+        if fits and all(_iou(part.members, other) <= _NEW for other in kept):
             kept.append(part.members)
             more = size > count and (part.members & members).sum() >= _KEPT * count
-            found.append(Standing(with_members(membership, part.members), bool(part.on_wider and more)))
+            near = np.percentile(means[part.members, 2], 1) >= low - _HIGHEST_FOOT * (high - low)
+            with_foot = bool(part.on_wider and more and near and not complete)
+            found.append(Standing(with_members(membership, part.members), with_foot))
     return found
+
+
+def _iou(one: Mask, other: Mask) -> float:
+    return float((one & other).sum() / max(1, (one | other).sum()))
 
 
 def upper_parts(means: Float32, members: Mask) -> list[UpperPart]:
@@ -122,7 +141,10 @@ def upper_parts(means: Float32, members: Mask) -> list[UpperPart]:
     -----
     Of 24 slices, each is as wide as its points from the 5th to the 95th percentile, the mean over eight directions.
     With 48 slices, or with the widest of two below against the widest of two above, the exhibits of two rooms were cut
-    off what they stand on no better.
+    off what they stand on no better. A slice is thicker than many a foot: the height itself is that of the top of what
+    is wider (`_top_of_wider`). On two trainings of the museum room that raised the IoU of the best part, of the groups
+    that hold an exhibit and its plinth, from 0.78 to 0.87 (vase), from 0.82 to 0.92 (hourglass) and from 0.77 to 0.87
+    (goblet).
     """
     points = means[members]
     count = min(_SLICES, len(points) // _FEWEST)
@@ -133,7 +155,28 @@ def upper_parts(means: Float32, members: Mask) -> list[UpperPart]:
     widths = _widths(points, edges)
     ratios = np.divide(widths[:-1], widths[1:], out=np.zeros(count - 1), where=widths[1:] > 0)
     abrupt = [i for i in np.argsort(-ratios, kind="stable")[:_MOST] if ratios[i] >= _WIDER]
-    return [UpperPart(members & (means[:, 2] > edges[i + 1]), bool(widths[i] > widths[i + 1 :].max())) for i in abrupt]
+    parts = []
+    for i in abrupt:
+        top = _top_of_wider(points, edges, i)
+        on_wider = top is not None and widths[i] > widths[i + 1 :].max()
+        parts.append(UpperPart(members & (means[:, 2] > (edges[i + 1] if top is None else top)), bool(on_wider)))
+    return parts
+
+
+def _top_of_wider(points: Float32, edges: NDArray[np.floating], wide: int) -> float | None:
+    """Return the height at which the slice `wide`, wider than that above it, really ends: the upper end of the thin
+    layer that holds most of what reaches beyond all that is above. None where next to nothing does.
+    """
+    along = points[:, :2] @ _DIRECTIONS
+    low, high = np.percentile(along[points[:, 2] > edges[wide + 1]], [5, 95], axis=0)
+    beyond = (np.abs(along - (low + high) / 2) > _BEYOND * (high - low) / 2).any(axis=1)
+    step = edges[1] - edges[0]
+    around = (points[:, 2] > edges[wide] - step) & (points[:, 2] < edges[wide + 1] + step)
+    heights = np.sort(points[beyond & around, 2])
+    if len(heights) < _FEWEST_BEYOND:
+        return None
+    ends = np.searchsorted(heights, heights + _LAYER * step)
+    return float(heights[np.argmax(ends - np.arange(len(heights)))] + _LAYER * step)
 
 
 def _widths(points: Float32, edges: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -1,4 +1,5 @@
-"""Objects on disk: ``objects/<id>/`` with ``object.json``, ``membership.npy``, levels, previews of the seed masks."""
+"""Objects on disk: ``objects/<id>/`` with ``object.json``, ``membership.npy``, levels, what polishing made of it, and
+previews of the seed masks."""
 
 from __future__ import annotations
 
@@ -16,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, ObjectError
+from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write, write_json
+from .polished import Polished, forget_polished, load_polished, save_polished
 
 __all__ = [
     "OBJECT_VERSION",
@@ -28,6 +31,7 @@ __all__ = [
     "load_object",
     "new_id",
     "new_name",
+    "object_gaussians",
     "save_object",
 ]
 
@@ -134,6 +138,7 @@ def save_object(
     previews: Sequence[tuple[str, NDArray[np.uint8]]] = (),
     *,
     levels: Sequence[NDArray[np.float32]] = (),
+    polished: Polished | None = None,
 ) -> None:
     """Write an object; it is listed only once all of it lies on the disk.
 
@@ -148,6 +153,8 @@ def save_object(
         File names without ending, and pictures.
     levels : sequence of arrays of shape [N], float32
         Memberships that `record.levels` tells of; earlier ones are removed when there is no choice.
+    polished : Polished, optional
+        Its Gaussians alone; without, earlier ones are removed.
 
     Raises
     ------
@@ -157,6 +164,7 @@ def save_object(
     from PIL import Image
 
     folder = _folder(project) / record.id
+    forget_polished(folder)
     with atomic_write(folder / _MEMBERSHIP) as stream:
         np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
     if record.levels:
@@ -164,6 +172,8 @@ def save_object(
             np.save(stream, np.stack(list(levels)).astype(np.float32), allow_pickle=False)
     else:
         (folder / _LEVELS).unlink(missing_ok=True)
+    if polished is not None:
+        save_polished(folder, polished)
     for name, picture in previews:
         with atomic_write(folder / f"{name}.png") as stream:
             Image.fromarray(picture).save(stream, format="PNG")
@@ -255,6 +265,24 @@ def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
     if levels.ndim != 2:
         raise FormatError(f"{file} does not hold one row for each level. Isolate the object again.")
     return levels
+
+
+def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
+    """Return an object as it leaves: those of the scene's `gaussians` that belong to it, polished.
+
+    Raises
+    ------
+    ObjectError
+        When it belongs to an earlier training.
+    FormatError
+        When a file of it is damaged.
+    """
+    membership = load_membership(project, record.id)
+    if len(membership) != len(gaussians):
+        raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
+    rows = np.flatnonzero(membership >= record.threshold)
+    polished = load_polished(project, record.id)
+    return gaussians[rows] if polished is None else polished.dress(gaussians[rows], rows)
 
 
 def _load(file: Path) -> NDArray[np.float32]:

@@ -8,18 +8,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..cameras.camera import Camera
-from ..errors import PhotoError
+from ..errors import ObjectError, PhotoError
 from ..gaussians.gaussians import Gaussians
-from ..objects.storage import load_membership
+from ..objects.storage import load_membership, load_object, object_gaussians
 from ..pictures.png import write_png
-from ..pictures.scene import Backend
+from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder, atomic_write, finite_or_null, write_json
 from .facts import collect_facts
 from .page import Pictures, page
 from .sheet import picture_sheet
-from .views import PAPER_WHITE, PhotoPair, measure_feature_agreement, orbit_pictures, photo_pair
+from .views import (
+    PAPER_WHITE,
+    PhotoPair,
+    best_seen_from,
+    measure_feature_agreement,
+    orbit_pictures,
+    photo_pair,
+)
 
 __all__ = ["build_report"]
 
@@ -110,15 +118,21 @@ def _object_pictures(
     gaussians: Gaussians,
     backend: Backend,
 ) -> dict[str, list[Any]]:
-    pictures = {}
-    for record in facts["objects"]:
-        membership = load_membership(project.path, record["id"])
-        if len(membership) != len(gaussians):
-            log.warning("The report shows no picture of %s: it belongs to an earlier training.", record["name"])
+    alone: dict[str, Gaussians] = {}
+    members: list[NDArray[np.bool_]] = []
+    for fact in facts["objects"]:
+        try:
+            record = load_object(project.path, fact["id"])
+            alone[record.id] = object_gaussians(project.path, record, gaussians)
+        except ObjectError as error:
+            log.warning("The report shows no picture of %s: %s", fact["name"], error)
             continue
-        members = membership >= record["threshold"]
-        pictures[record["id"]] = orbit_pictures(gaussians, members, list(cameras.values()), backend=backend)
-    return pictures
+        members.append(load_membership(project.path, record.id) >= record.threshold)
+    sides = best_seen_from(Scene(gaussians, backend=backend), members, list(cameras.values()))
+    return {
+        key: orbit_pictures(one, seen_from, backend=backend)
+        for (key, one), seen_from in zip(alone.items(), sides, strict=True)
+    }
 
 
 def _feature_agreement(

@@ -10,14 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cameras.camera import Camera, PinholeCamera
-from ..cameras.lens import shows, training_pinhole, undistort
+from ..cameras.lens import covering_pinhole, shows, training_pinhole, undistort
 from ..evaluation.mask_metrics import feature_agreement
 from ..gaussians.gaussians import Gaussians
 from ..pictures.render import render_view
 from ..pictures.scene import Backend, Scene
 from .sheet import alone
 
-__all__ = ["PAPER_WHITE", "PhotoPair", "measure_feature_agreement", "orbit_cameras", "orbit_pictures", "photo_pair"]
+__all__ = [
+    "PAPER_WHITE",
+    "PhotoPair",
+    "best_seen_from",
+    "measure_feature_agreement",
+    "orbit_cameras",
+    "orbit_pictures",
+    "photo_pair",
+]
 
 PAPER_WHITE = (0.965, 0.957, 0.937)
 """Behind objects: the page's own colour."""
@@ -26,6 +34,9 @@ _PAIR_SIDE = 760
 _ORBIT_SIDE = 360
 _FIELD_OF_VIEW = np.radians(35.0)
 _STEEPEST = np.radians(60.0)
+_SEEN_SIDE = 160
+_NEARLY_AS_MUCH = 0.9
+_NARROWEST = np.radians(40.0)
 
 
 @dataclass(frozen=True)
@@ -60,6 +71,40 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
     return PhotoPair(photo, render_view(gaussians, frame, backend=backend))
 
 
+def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: Sequence[Camera]) -> list[list[Camera]]:
+    """Return for each object the cameras that see nearly as much of it as the one that sees most.
+
+    Parameters
+    ----------
+    scene : Scene
+    members : sequence of bool arrays of shape [N]
+        The objects.
+    cameras : sequence of Camera
+
+    Returns
+    -------
+    list of list of Camera
+        Nothing hides so much of it there, nor the picture's edge; nearly as much is nine tenths. None for an object
+        that no picture shows.
+    """
+    frames = [covering_pinhole(camera, max_side=_SEEN_SIDE) for camera in cameras]
+    found = []
+    for one in members:
+        alone_in = Scene(scene.gaussians[one], backend=scene.backend)
+        parts = [_seen_part(scene, alone_in, one, frame) for frame in frames]
+        least = _NEARLY_AS_MUCH * max(parts, default=0.0)
+        found.append([camera for camera, part in zip(cameras, parts, strict=True) if part >= least > 0])
+    return found
+
+
+def _seen_part(scene: Scene, alone_in: Scene, members: NDArray[np.bool_], frame: PinholeCamera) -> float:
+    K = frame.K.copy()
+    K[:2, 2] += (frame.width / 2, frame.height / 2)
+    beyond_the_edges = PinholeCamera(frame.viewmat, K, 2 * frame.width, 2 * frame.height)
+    covered = alone_in.render(beyond_the_edges, channels=np.ones((len(alone_in), 1), np.float32)).alpha.sum()
+    return float(scene.share(frame, members).sum() / covered) if covered > 0 else 0.0
+
+
 def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, count: int = 4) -> list[PinholeCamera]:
     """Return cameras around an object on the sides from which it was photographed.
 
@@ -68,8 +113,9 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
     points : array of shape [M, 3], float
         Centres of the object's Gaussians, at least one; world units, Z up.
     cameras : sequence of Camera
-        Of the photos. All around the object when those that have its middle in their picture were, else over the angles
-        that eight of ten of them lie within: what is behind a shield on a wall no photo shows. As far above it as they.
+        Of the photos that see it. All around the object when those that have its middle in their picture were, else
+        over the angles that eight of ten of them lie within, at least 40 degrees: what is behind a shield on a wall no
+        photo shows. As far above it as they.
     count : int
 
     Returns
@@ -90,6 +136,8 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
     else:
         beside = np.angle(np.exp(1j * (np.arctan2(sides[:, 1], sides[:, 0]) - front)))
         first, last = np.percentile(beside, [10, 90])
+        wider = max(0.0, _NARROWEST - (last - first)) / 2
+        first, last = first - wider, last + wider
         angles = front + np.linspace(first, last, count)
     above = np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1))
     elevation = float(np.clip(np.median(above), -_STEEPEST, _STEEPEST)) if len(away) else 0.0
@@ -113,15 +161,13 @@ def _look_at(center: NDArray[np.floating], distance: float, angle: float, elevat
 
 
 def orbit_pictures(
-    gaussians: Gaussians, members: NDArray[np.bool_], cameras: Sequence[Camera], *, backend: Backend = "cpu"
+    gaussians: Gaussians, cameras: Sequence[Camera], *, backend: Backend = "cpu"
 ) -> list[NDArray[np.uint8]]:
-    """Return the object alone from several sides, each uint8 [H, W, 3]; none when it has no Gaussians."""
-    if not members.any():
+    """Return an object's Gaussians alone from several sides, each uint8 [H, W, 3]; none when there are none."""
+    if len(gaussians) == 0:
         return []
-    return [
-        alone(gaussians[members], camera, PAPER_WHITE, backend=backend)
-        for camera in orbit_cameras(gaussians.means[members], cameras)
-    ]
+    sides = orbit_cameras(gaussians.means, cameras)
+    return [alone(gaussians, camera, PAPER_WHITE, backend=backend) for camera in sides]
 
 
 def measure_feature_agreement(

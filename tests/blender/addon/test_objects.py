@@ -337,3 +337,26 @@ def test_no_button_asks_for_what_the_last_one_asked_for(blender: ModuleType) -> 
         properties = getattr(bpy.ops.heritage, name).get_rna_type().properties
         kept = [p.identifier for p in properties if not p.is_skip_save and p.identifier != "rna_type"]
         assert kept == (["longest_side"] if name == "look_through_photo" else []), name
+
+
+def test_object_comes_polished_and_what_was_moved_by_hand_stays(opened: Any, part: Part, tmp_path: Path) -> None:
+    polished = part("engine.objects.polished")
+    rows_, gaussians = np.arange(20, 40, dtype=np.int32), opened.gaussians[np.arange(20, 40)]
+    alone = type(gaussians)(
+        means=gaussians.means + np.float32(0.5),
+        log_scales=gaussians.log_scales,
+        quats=gaussians.quats,
+        opacity_logits=np.full(20, 9.0, np.float32),
+        sh=gaussians.sh,
+    )
+    write_object(opened.folder, "bowl", "Bowl", (np.arange(100) >= 20).astype(np.float32))
+    polished.save_polished(opened.folder / "objects" / "bowl", polished.Polished(rows_, gaussians.means, alone))
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    whole.data.vertices[25].co.x += 3
+    scene_file = part("gaussian_heritage_addon.scene_file")
+    (splats,) = scene_file.add_objects(bpy.context.scene, opened.folder, ["bowl"])
+    seen, index = splats.local_gaussians(), splats.index.tolist()
+    np.testing.assert_allclose(seen.means[index.index(30)], opened.gaussians.means[30] + 0.5, atol=1e-6)
+    np.testing.assert_allclose(seen.opacities[index.index(30)], 1.0, atol=1e-3)
+    np.testing.assert_allclose(seen.means[index.index(25)], opened.gaussians.means[25] + (3, 0, 0), atol=1e-6)
+    np.testing.assert_allclose(seen.means[index.index(50)], opened.gaussians.means[50], atol=1e-6)

@@ -15,6 +15,7 @@ from engine.events import Event, Warned, ignore_events, never_stop
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
 from engine.objects.growing import levels_of
+from engine.objects.polished import load_polished
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
 from engine.objects.segment import segment_project
 from engine.objects.settings import BETTER
@@ -24,7 +25,7 @@ from engine.project_folder import ProjectFolder
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=0)
+SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=0, polish_steps=3)
 
 
 @pytest.fixture
@@ -264,7 +265,7 @@ def test_part_object_and_whole_of_sam_become_levels(blobs: BlobScene, project: P
     assert overlap(whole, np.ones(len(whole), bool)) > 0.9
 
 
-def test_another_level_is_chosen_without_any_model(blobs: BlobScene, project: ProjectFolder) -> None:
+def test_another_level_is_chosen_and_polished_without_any_model(blobs: BlobScene, project: ProjectFolder) -> None:
     from engine.objects.storage import ObjectRecord, save_object
 
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
@@ -273,17 +274,26 @@ def test_another_level_is_chosen_without_any_model(blobs: BlobScene, project: Pr
         "pair", "Pair", {"kind": "click"}, 0.5, 0.9, 0.9, counts[1]["n_gaussians"], len(small), level=1, levels=counts
     )
     save_object(project.path, record, large, levels=[small, large])
-    changed = choose_level(project, "Pair", 0)
+
+    def choose(level: int) -> ObjectRecord:
+        return choose_level(
+            project, "Pair", level, SMALL, sam_factory=lambda: pytest.fail("SAM"), should_stop=never_stop
+        )
+
+    changed = choose(0)
+    polished = load_polished(project.path, "pair")
+    assert polished is not None
+    np.testing.assert_array_equal(polished.rows, np.flatnonzero(small))
     assert changed.level == 0 and changed.n_gaussians == int(small.sum())
     np.testing.assert_array_equal(load_membership(project.path, "pair"), small)
     np.testing.assert_array_equal(load_levels(project.path, "pair"), [small, large])
     with pytest.raises(ObjectError, match="levels 0 to 1, and no level 2"):
-        choose_level(project, "Pair", 2)
+        choose(2)
     arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
     refined = refine_object(project, "Pair", [point(blobs, BLUE, "view_1.png")], [], SMALL, **arguments)  # type: ignore[arg-type]
     assert refined.levels == () and len(load_levels(project.path, "pair")) == 1
     with pytest.raises(ObjectError, match="only one level"):
-        choose_level(project, "Pair", 1)
+        choose(1)
 
 
 def test_background_is_what_belongs_to_no_object(blobs: BlobScene, project: ProjectFolder) -> None:

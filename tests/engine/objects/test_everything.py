@@ -16,7 +16,7 @@ from engine.project_folder import ProjectFolder
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1)
+SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, polish_steps=3)
 
 
 def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, Trained]:

@@ -10,9 +10,10 @@ from PIL import Image
 
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
+from engine.objects.found import FoundObject
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from engine.objects.ranking import NothingAlike
-from engine.objects.segment import FoundObject, find_objects, segment_project
+from engine.objects.segment import find_objects, segment_project
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
 from engine.pictures.render import render_view
@@ -20,7 +21,7 @@ from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_pr
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, make_scene
 
 SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
-SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1)
+SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, polish_steps=3)
 
 
 def not_needed() -> object:

@@ -93,7 +93,7 @@ def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None
     scene = replace(scene, gaussians=replace(scene.gaussians, means=means.astype(np.float32)))
     settings = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=6)
     trained = load_trained(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
-    cut = whole & (means[:, 2] > low[2] + 0.25 * (high - low)[2])
+    cut = whole & (means[:, 2] > low[2] + 0.2 * (high - low)[2])
     sizes = {}
     for hierarchy in (None, one_group(whole | plate)):
         levels = levels_of(

@@ -1,0 +1,98 @@
+"""What polishing made of an object's Gaussians, on disk beside its membership. NumPy only: Blender reads it too."""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError
+from ..gaussians.gaussians import Gaussians
+from ..project_folder import atomic_write
+
+__all__ = ["Polished", "forget_polished", "load_polished", "save_polished"]
+
+_POLISHED = "polished.npz"
+_ROWS, _TRAINED_MEANS = "rows", "trained_means"
+_VALUES = tuple(field.name for field in fields(Gaussians) if field.name != "features")
+
+
+@dataclass(frozen=True)
+class Polished:
+    """An object's Gaussians after `engine.objects.polishing.polish`.
+
+    Attributes
+    ----------
+    rows : array of shape [M], int32
+        Of the scene's Gaussians, ascending.
+    trained_means : array of shape [M, 3], float32
+        Where they were before, as in the scene.
+    gaussians : Gaussians
+        M, without features.
+    """
+
+    rows: NDArray[np.int32]
+    trained_means: NDArray[np.float32]
+    gaussians: Gaussians
+
+    def dress(self, gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
+        """Return `gaussians`, which are `rows` [K] of the scene, with the polished ones in their place.
+
+        What a person has moved since stays as it is.
+        """
+        if len(self.rows) == 0:
+            return gaussians
+        place = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
+        still = (self.rows[place] == rows) & (self.trained_means[place] == gaussians.means).all(axis=1)
+        dressed = {}
+        for name in _VALUES:
+            values = getattr(gaussians, name).copy()
+            values[still] = getattr(self.gaussians, name)[place[still]]
+            dressed[name] = values
+        return replace(gaussians, **dressed)
+
+
+def save_polished(folder: Path, polished: Polished) -> None:
+    """Write to an object's folder.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full or read-only.
+    """
+    arrays: dict[str, Any] = {name: getattr(polished.gaussians, name) for name in _VALUES}
+    arrays |= {_ROWS: polished.rows, _TRAINED_MEANS: polished.trained_means}
+    with atomic_write(folder / _POLISHED) as stream:
+        np.savez(stream, **arrays)
+
+
+def forget_polished(folder: Path) -> None:
+    """Remove what polishing made, if anything, from an object's folder."""
+    (folder / _POLISHED).unlink(missing_ok=True)
+
+
+def load_polished(project: Path, object_id: str) -> Polished | None:
+    """Return what polishing made of an object; None of one that was not polished.
+
+    Raises
+    ------
+    FormatError
+        When its file is damaged.
+    """
+    file = project / "objects" / object_id / _POLISHED
+    if not file.is_file():
+        return None
+    try:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            values = {name: np.asarray(archive[name], np.float32) for name in _VALUES}
+            rows = np.asarray(archive[_ROWS], np.int32)
+            trained_means = np.asarray(archive[_TRAINED_MEANS], np.float32)
+        if {len(rows), len(trained_means)} != {len(array) for array in values.values()}:
+            raise ValueError("its arrays do not have one length")
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
+    return Polished(rows, trained_means, Gaussians(**values))

@@ -1,0 +1,156 @@
+"""An object alone is solid and ends at its edge."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import Cancelled, FormatError, ObjectError
+from engine.events import never_stop
+from engine.gaussians.gaussians import Gaussians
+from engine.objects.polished import Polished, load_polished
+from engine.objects.polishing import polish
+from engine.objects.settings import BETTER
+from engine.objects.storage import ObjectRecord, object_gaussians, save_object
+from engine.objects.views import Views, eroded
+from engine.pictures.scene import Scene
+from tests.engine.pictures.blob_scene import RED, BlobScene, as_pinhole, make_scene
+
+SMALL = replace(BETTER, render_side=160, polish_steps=120)
+
+
+@pytest.fixture(scope="module")
+def ragged() -> tuple[BlobScene, np.ndarray]:
+    """A red ball that shines through, another within it, a rag of it that the floor hides; and its members."""
+    scene = make_scene()
+    ball = np.flatnonzero(scene.part == RED)
+    logits, means, log_scales = (
+        getattr(scene.gaussians, name).copy() for name in ("opacity_logits", "means", "log_scales")
+    )
+    logits[ball] = -1.0
+    inner = np.flatnonzero(scene.part == RED + 1)
+    means[inner] = means[ball].mean(axis=0) + 0.5 * (means[inner] - means[inner].mean(axis=0))
+    rag = ball[0]
+    means[rag] = means[ball].mean(axis=0) + (-0.5, 0.0, -0.4)
+    log_scales[rag], logits[rag] = np.log([0.2, 0.2, 0.02]), 4.0
+    gaussians = replace(scene.gaussians, means=means, log_scales=log_scales, opacity_logits=logits)
+    return replace(scene, gaussians=gaussians), scene.part == RED
+
+
+def views_of(scene: BlobScene) -> Views:
+    return Views(Scene(scene.gaussians), scene.cameras, render_side=160)
+
+
+def coverage(gaussians: Gaussians, scene: BlobScene) -> list[np.ndarray]:
+    return [Scene(gaussians).render(as_pinhole(camera), color=True).alpha for camera in scene.cameras.cameras]
+
+
+def test_object_that_shone_through_is_solid_and_its_rag_is_gone(ragged: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = ragged
+    polished = polish(views_of(scene), members, SMALL, should_stop=never_stop)
+    assert polished is not None
+    trained = scene.gaussians[members]
+    inside = [eroded(scene.labels[camera.photo] == RED, 3) for camera in scene.cameras.cameras]
+    rag = coverage(trained[np.arange(1)], scene)
+    outside = [(one > 0.5) & (labels == 0) for one, labels in zip(rag, scene.labels.values(), strict=True)]
+
+    def mean_over(gaussians: Gaussians, masks: list[np.ndarray]) -> float:
+        pixels = [one[mask] for one, mask in zip(coverage(gaussians, scene), masks, strict=True)]
+        return float(np.concatenate(pixels).mean())
+
+    assert mean_over(trained, inside) < 0.93 < 0.98 < mean_over(polished.gaussians, inside)
+    assert mean_over(trained, outside) > 0.7 > 0.35 > mean_over(polished.gaussians, outside)
+
+
+def test_colours_stay_those_of_the_scene(ragged: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = ragged
+    polished = polish(views_of(scene), members, SMALL, should_stop=never_stop)
+    assert polished is not None
+    for camera in scene.cameras.cameras:
+        inside = scene.labels[camera.photo] == RED
+        seen = Scene(polished.gaussians).render(as_pinhole(camera), color=True).channels[inside]
+        np.testing.assert_allclose(np.median(seen, axis=0), (0.85, 0.2, 0.15), atol=0.05)
+
+
+def test_polishing_repeats_exactly_and_leaves_the_scene_alone(ragged: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = ragged
+    before = scene.gaussians.means.copy()
+    one, other = (
+        polish(views_of(scene), members, replace(SMALL, polish_steps=10), should_stop=never_stop) for _ in range(2)
+    )
+    assert one is not None and other is not None
+    for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
+        np.testing.assert_array_equal(getattr(one.gaussians, name), getattr(other.gaussians, name))
+    np.testing.assert_array_equal(scene.gaussians.means, before)
+    np.testing.assert_array_equal(one.trained_means, before[members])
+
+
+def test_nothing_is_polished_without_steps_members_or_views(ragged: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = ragged
+    views = views_of(scene)
+    assert polish(views, members, replace(SMALL, polish_steps=0), should_stop=never_stop) is None
+    assert polish(views, np.zeros_like(members), SMALL, should_stop=never_stop) is None
+    high = scene.gaussians.means.copy()
+    high[members, 2] += 50
+    nowhere = replace(scene, gaussians=replace(scene.gaussians, means=high))
+    assert polish(views_of(nowhere), members, SMALL, should_stop=never_stop) is None
+
+
+def test_polishing_stops_when_told(ragged: tuple[BlobScene, np.ndarray]) -> None:
+    with pytest.raises(Cancelled, match="no object was stored"):
+        polish(views_of(ragged[0]), ragged[1], SMALL, should_stop=lambda: True)
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> tuple[Path, ObjectRecord, Gaussians, Polished]:
+    """A project folder with the object of rows 3, 5 and 8, the first two polished; and its scene."""
+    gaussians = make_scene().gaussians[np.arange(10)]
+    membership = np.isin(np.arange(10), [3, 5, 8]).astype(np.float32)
+    rows = np.array([3, 5], np.int32)
+    other = replace(gaussians[rows], means=gaussians.means[rows] + 1, sh=gaussians.sh[rows] + 2, features=None)
+    polished = Polished(rows, gaussians.means[rows], other)
+    record = ObjectRecord("one", "One", {"kind": "click"}, 0.5, 1.0, 1.0, 3, 10)
+    save_object(tmp_path, record, membership, polished=polished)
+    return tmp_path, record, gaussians, polished
+
+
+def test_object_leaves_with_what_was_polished(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
+    project, record, gaussians, polished = stored
+    alone = object_gaussians(project, record, gaussians)
+    np.testing.assert_array_equal(alone.means[:2], polished.gaussians.means)
+    np.testing.assert_array_equal(alone.sh[:2], polished.gaussians.sh)
+    np.testing.assert_array_equal(alone.means[2], gaussians.means[8])
+    np.testing.assert_array_equal(alone.features, gaussians.features[[3, 5, 8]])
+    with pytest.raises(ObjectError, match="earlier training"):
+        object_gaussians(project, record, gaussians[np.arange(9)])
+
+
+def test_what_was_moved_by_hand_stays_where_it_was_put(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
+    project, _, gaussians, _ = stored
+    polished = load_polished(project, "one")
+    assert polished is not None
+    means = gaussians.means.copy()
+    means[5] += 7
+    dressed = polished.dress(replace(gaussians, means=means)[np.array([5, 3, 4])], np.array([5, 3, 4]))
+    np.testing.assert_array_equal(dressed.means, [means[5], polished.gaussians.means[0], means[4]])
+
+
+def test_changed_object_forgets_what_was_polished(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
+    project, record, gaussians, _ = stored
+    save_object(project, record, np.ones(10, np.float32))
+    assert load_polished(project, "one") is None
+    np.testing.assert_array_equal(object_gaussians(project, record, gaussians).means, gaussians.means)
+
+
+@pytest.mark.parametrize("damage", ["cut", "other"])
+def test_damaged_file_is_named(stored: tuple[Path, ObjectRecord, Gaussians, Polished], damage: str) -> None:
+    file = stored[0] / "objects" / "one" / "polished.npz"
+    if damage == "cut":
+        file.write_bytes(file.read_bytes()[:200])
+    else:
+        np.savez(file, rows=np.arange(3))
+    with pytest.raises(FormatError, match="polished.npz cannot be read.*Isolate the object again"):
+        load_polished(stored[0], "one")
