@@ -54,7 +54,8 @@ pixels wide. In percent of its true mask's pixels:
 - PSNR: over black, with the photo, over those pixels.
 
 Views that the words were found in are rendered already; CPU seconds are of polishing alone, one thread, reading nothing
-from the disk. What is beyond and what shines through go on falling with more steps, but by little; the default is 200."""
+from the disk. What is beyond and what shines through go on falling with more steps, but by little: 200 are the
+default."""
 _HEAD = "| --- | ---: | ---: | ---: | ---: | ---: |"
 
 
