@@ -47,5 +47,6 @@ def read_kept_arrays(path: Path, recipe: str) -> dict[str, NDArray[Any]] | None:
             if json.loads(str(archive[_HEADER]))["recipe"] != recipe:
                 return None
             return {name: archive[name] for name in archive.files if name != _HEADER}
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+    # A broken header of a zip file ends in RuntimeError.
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile):
         return None

@@ -105,8 +105,9 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
 
     Notes
     -----
-    The rows are copied once from the scene's splats, edits included, as many as any level needs, those that the engine
-    has polished in their polished form; the sliders then only change which of them are drawn and exported.
+    The rows are copied once from the scene's splats, as many as any level needs; the sliders then only change which of
+    them are drawn and exported. What the engine has polished, the object at its stored level and threshold, comes in
+    its polished form, but for what was moved by hand; what the sliders add comes as it is in the scene, edits included.
     """
     present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _of(obj, project)}
     chosen = set(ids)

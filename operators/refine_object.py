@@ -37,7 +37,7 @@ class HERITAGE_OT_refine_object(Segmenting, bpy.types.Operator):
                 raise ObjectError("Choose an isolated object in the list first.")
             object_id = chosen.heritage.object_id
         clicks = clicks_of(self)
-        # Without clicks the engine only changes files, and loads no model.
+        # Without clicks the engine only polishes the level, and loads no model.
         self.loads_sam = bool(clicks)
         return refine_arguments(object_id, clicks, self.level if self.level >= 0 else None)
 

@@ -152,7 +152,7 @@ def _refine(
     if options.level is not None:
         record = choose_level(
             project, options.refine, options.level, PRESETS[options.preset],
-            sam_factory=models_of(options)["sam_factory"], should_stop=should_stop,
+            sam_factory=models_of(options)["sam_factory"], emit=emit, should_stop=should_stop,
         )  # fmt: skip
     elif clicks or excluded:
         record = refine_object(

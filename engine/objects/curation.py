@@ -19,12 +19,21 @@ from .correction import taken_away, without
 from .found import record_of, store_found
 from .growing import Levels
 from .photos import SamFactory
-from .polishing import polish
+from .polishing import polish_each
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
 from .seeds import DetectorFactory, Seed, seeds_of_clicks
 from .segment import finish, isolate, segment_project
 from .settings import SegmentSettings
-from .storage import ObjectRecord, delete_object, list_objects, load_levels, load_membership, load_object, save_object
+from .storage import (
+    ObjectRecord,
+    delete_object,
+    list_objects,
+    load_fitting_membership,
+    load_levels,
+    load_membership,
+    load_object,
+    save_object,
+)
 from .trained import Trained, load_trained
 
 __all__ = [
@@ -153,12 +162,15 @@ def accept_candidate(
         [seed],
         settings,
         detector_factory=detector_factory,
-        emit=emit,
+        emit=part_of(emit, 0, 2),
         should_stop=should_stop,
         accepted=True,
     )
     asked = {**describe_prompt(prompt), "detector": detector_factory().name, "accepted": True}
-    return store_found(project, trained, found, asked, name or kept.text, settings, started, should_stop)
+    return store_found(
+        project, trained, found, asked, name or kept.text, settings, started,
+        emit=part_of(emit, 1, 2), should_stop=should_stop,
+    )  # fmt: skip
 
 
 def refine_object(
@@ -199,7 +211,7 @@ def refine_object(
     """
     record = load_object(project.path, name)
     trained = load_trained(project, settings, sam_factory)
-    membership = _fitting(project.path, record, len(trained.views.scene))
+    membership = load_fitting_membership(project.path, record, len(trained.views.scene))
     before = int((membership >= record.threshold).sum())
     views = trained.views
     if clicks:
@@ -227,7 +239,7 @@ def refine_object(
         levels=(),
         refined=(*record.refined, refined),
     )
-    polished = polish(views, membership >= record.threshold, settings, should_stop=should_stop)
+    (polished,) = polish_each(views, [membership >= record.threshold], settings, emit=emit, should_stop=should_stop)
     save_object(project.path, changed, membership, polished=polished)
     return changed
 
@@ -245,6 +257,7 @@ def choose_level(
     settings: SegmentSettings,
     *,
     sam_factory: SamFactory,
+    emit: Emit,
     should_stop: StopCheck,
 ) -> ObjectRecord:
     """Make another of an object's levels the object; 0 is its smallest part.
@@ -256,7 +269,7 @@ def choose_level(
     name : str
         Name or id of the object.
     level : int
-    settings, sam_factory, should_stop
+    settings, sam_factory, emit, should_stop
         As in `engine.objects.segment.segment_project`; SAM is not called.
 
     Raises
@@ -273,9 +286,8 @@ def choose_level(
         return record
     changed = replace(record, level=level, n_gaussians=int((levels[level] >= record.threshold).sum()))
     views = load_trained(project, settings, sam_factory).views
-    if len(levels[level]) != len(views.scene):
-        raise _outdated(record)
-    polished = polish(views, levels[level] >= record.threshold, settings, should_stop=should_stop)
+    load_fitting_membership(project.path, record, len(views.scene))
+    (polished,) = polish_each(views, [levels[level] >= record.threshold], settings, emit=emit, should_stop=should_stop)
     save_object(project.path, changed, levels[level], levels=list(levels), polished=polished)
     return changed
 
@@ -319,14 +331,3 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
     )
     save_object(project.path, made, membership)
     return made
-
-
-def _fitting(project: Path, record: ObjectRecord, count: int) -> Float32:
-    membership = load_membership(project, record.id)
-    if len(membership) != count:
-        raise _outdated(record)
-    return membership
-
-
-def _outdated(record: ObjectRecord) -> ObjectError:
-    return ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")

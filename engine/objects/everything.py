@@ -18,7 +18,7 @@ from .curation import memberships_of, store_background
 from .found import record_of
 from .growing import Levels
 from .photos import SamFactory
-from .polishing import polish
+from .polishing import polish_each
 from .seeds import DetectorFactory
 from .settings import SegmentSettings
 from .storage import ObjectRecord, save_object
@@ -246,13 +246,16 @@ def segment_everything_in(
     there = memberships_of(project.path, len(trained.views.scene))
     if not found and not there:
         raise PromptError("Nothing stands out from the background of this scene. Click on an object instead.")
-    kept: list[str] = []
+    same = [
+        [key for key, other in there.items() if overlap(item.membership, other) > settings.same_object]
+        for item in found
+    ]
+    new = [(number, item) for number, (item, others) in enumerate(zip(found, same, strict=True), 1) if not others]
+    each = polish_each(
+        trained.views, [item.members for _, item in new], settings, emit=part_of(emit, 1, 2), should_stop=should_stop
+    )
     made: list[ObjectRecord] = []
-    for number, item in enumerate(found, start=1):
-        same = [key for key, other in there.items() if overlap(item.membership, other) > settings.same_object]
-        if same:
-            kept += same
-            continue
+    for (number, item), polished in zip(new, each, strict=True):
         record = record_of(
             project.path,
             Levels((item.membership,)),
@@ -263,10 +266,8 @@ def segment_everything_in(
             score=item.score if item.name else 0.0,
             fit=1.0,
         )
-        polished = polish(trained.views, item.membership >= THRESHOLD, settings, should_stop=should_stop)
         save_object(project.path, record, item.membership, polished=polished)
-        part_of(emit, 1, 2)(Progress("objects", number / len(found), message="Isolating"))
         made.append(record)
     background = store_background(project, settings)
     emit(Progress("objects", 1.0, message="Isolating"))
-    return made, list(dict.fromkeys(kept)), background
+    return made, list(dict.fromkeys(key for others in same for key in others)), background

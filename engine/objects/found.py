@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..events import StopCheck
+from ..events import Emit, StopCheck
 from ..project_folder import ProjectFolder
 from ..settings import to_dict
 from .candidates import THRESHOLD
 from .growing import Levels
-from .polishing import polish
+from .polishing import polish_each
 from .seeds import Seed
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
@@ -61,6 +61,8 @@ def store_found(
     name: str,
     settings: SegmentSettings,
     started: float,
+    *,
+    emit: Emit,
     should_stop: StopCheck,
 ) -> list[ObjectRecord]:
     """Polish objects, store them under names of their own and return their records.
@@ -77,16 +79,19 @@ def store_found(
     settings : SegmentSettings
     started : float
         `time.perf_counter` of the prompt.
-    should_stop : callable
+    emit, should_stop
+        See `engine.events`.
 
     Raises
     ------
     Cancelled
-        When `should_stop` says so; what was stored by then stays.
+        When `should_stop` says so; nothing is stored then.
     """
+    members = [item.membership >= THRESHOLD for item in found]
+    # All of them first: a prompt that is stopped half-way is asked again, and must not leave half of what it found.
+    each = polish_each(trained.views, members, settings, emit=emit, should_stop=should_stop)
     records: list[ObjectRecord] = []
-    for item in found:
-        polished = polish(trained.views, item.membership >= THRESHOLD, settings, should_stop=should_stop)
+    for item, polished in zip(found, each, strict=True):
         record = record_of(
             project.path,
             item.levels,

@@ -42,7 +42,7 @@ class Polished:
     def dress(self, gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
         """Return `gaussians`, which are `rows` [K] of the scene, with the polished ones in their place.
 
-        What a person has moved since stays as it is.
+        What a person has moved since stays as it is; colours, sizes and opacities are the polished ones.
         """
         if len(self.rows) == 0:
             return gaussians
@@ -91,8 +91,14 @@ def load_polished(project: Path, object_id: str) -> Polished | None:
             values = {name: np.asarray(archive[name], np.float32) for name in _VALUES}
             rows = np.asarray(archive[_ROWS], np.int32)
             trained_means = np.asarray(archive[_TRAINED_MEANS], np.float32)
-        if {len(rows), len(trained_means)} != {len(array) for array in values.values()}:
-            raise ValueError("its arrays do not have one length")
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        count, n_sh = rows.shape[0], values["sh"].shape[1]
+        shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "opacity_logits": (), "sh": (n_sh, 3)}
+        arrays = {**values, _TRAINED_MEANS: trained_means, _ROWS: rows}
+        expected = {**shapes, _TRAINED_MEANS: (3,), _ROWS: ()}
+        wrong = [name for name, array in arrays.items() if array.shape != (count, *expected[name])]
+        if wrong:
+            raise ValueError(f"{', '.join(wrong)} has another shape")
+    # A broken header of a zip file ends in RuntimeError, and what is no archive at all in TypeError.
+    except (OSError, ValueError, KeyError, IndexError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile) as error:
         raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
     return Polished(rows, trained_means, Gaussians(**values))

@@ -6,6 +6,7 @@ since the wall hides it there. Alone, the one is a hole and the other a rag.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..cameras.camera import PinholeCamera
 from ..errors import Cancelled
-from ..events import StopCheck
+from ..events import Emit, Progress, StopCheck
 from ..gaussians.gaussians import Gaussians
 from ..pictures.scene import Scene
 from ..training.parameters import Parameters, render
@@ -23,7 +24,7 @@ from .polished import Polished
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
 
-__all__ = ["polish"]
+__all__ = ["polish", "polish_each"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -74,6 +75,17 @@ class _Target:
     image: torch.Tensor
     alpha: torch.Tensor
     known: torch.Tensor
+
+
+def polish_each(
+    views: Views, objects: Sequence[Mask], settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck
+) -> list[Polished | None]:
+    """Return what `polish` makes of each of `objects`, masks of shape [N], saying how far it is."""
+    done = []
+    for number, members in enumerate(objects, start=1):
+        done.append(polish(views, members, settings, should_stop=should_stop))
+        emit(Progress("objects", number / len(objects), message="Polishing"))
+    return done
 
 
 def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_stop: StopCheck) -> Polished | None:

@@ -388,7 +388,10 @@ def segment_project(
     started = time.perf_counter()
     trained = trained or load_trained(project, settings, sam_factory, backend=backend)
     try:
-        found = _find(trained, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop)
+        found = _find(
+            trained, prompt, settings, detector_factory=detector_factory, emit=part_of(emit, 0, 2),
+            should_stop=should_stop,
+        )  # fmt: skip
     except PromptError as error:
         if isinstance(prompt, TextPrompt):
             nearest = error.candidates if isinstance(error, NothingAlike) else ()
@@ -397,4 +400,6 @@ def segment_project(
     asked = describe_prompt(prompt)
     if isinstance(prompt, TextPrompt):
         asked["detector"] = detector_factory().name
-    return store_found(project, trained, found, asked, name, settings, started, should_stop)
+    return store_found(
+        project, trained, found, asked, name, settings, started, emit=part_of(emit, 1, 2), should_stop=should_stop
+    )

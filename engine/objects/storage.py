@@ -26,6 +26,7 @@ __all__ = [
     "ObjectRecord",
     "delete_object",
     "list_objects",
+    "load_fitting_membership",
     "load_levels",
     "load_membership",
     "load_object",
@@ -248,6 +249,22 @@ def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
     return membership
 
 
+def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> NDArray[np.float32]:
+    """Return the membership of an object in a scene of `count` Gaussians, shape [count], float32, in [0, 1].
+
+    Raises
+    ------
+    ObjectError
+        When it belongs to an earlier training.
+    FormatError
+        When its file is damaged.
+    """
+    membership = load_membership(project, record.id)
+    if len(membership) != count:
+        raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
+    return membership
+
+
 def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
     """Return the memberships of the object's levels, part first, shape [K, N], float32; one row without a choice.
 
@@ -277,10 +294,7 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
     FormatError
         When a file of it is damaged.
     """
-    membership = load_membership(project, record.id)
-    if len(membership) != len(gaussians):
-        raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
-    rows = np.flatnonzero(membership >= record.threshold)
+    rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
     polished = load_polished(project, record.id)
     return gaussians[rows] if polished is None else polished.dress(gaussians[rows], rows)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..cameras.camera import Camera
 from ..errors import ObjectError, PhotoError
 from ..gaussians.gaussians import Gaussians
-from ..objects.storage import load_membership, load_object, object_gaussians
+from ..objects.storage import list_objects, load_membership, object_gaussians
 from ..pictures.png import write_png
 from ..pictures.scene import Backend, Scene
 from ..project_folder import ProjectFolder, atomic_write, finite_or_null, write_json
@@ -73,7 +73,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
             training["feature_agreement"] = _feature_agreement(project, cameras, training, gaussians, backend)
         pictures = Pictures(
             held_out=_held_out_pairs(project, cameras, training, gaussians, backend),
-            objects=_object_pictures(project, cameras, facts, gaussians, backend),
+            objects=_object_pictures(project, cameras, gaussians, backend),
         )
     folder = project.path / "report"
     names = {record["id"]: str(record["name"]) for record in facts["objects"]}
@@ -114,18 +114,16 @@ def _held_out_pairs(
 def _object_pictures(
     project: ProjectFolder,
     cameras: Mapping[str, Camera],
-    facts: Mapping[str, Any],
     gaussians: Gaussians,
     backend: Backend,
 ) -> dict[str, list[Any]]:
     alone: dict[str, Gaussians] = {}
     members: list[NDArray[np.bool_]] = []
-    for fact in facts["objects"]:
+    for record in list_objects(project.path):
         try:
-            record = load_object(project.path, fact["id"])
             alone[record.id] = object_gaussians(project.path, record, gaussians)
         except ObjectError as error:
-            log.warning("The report shows no picture of %s: %s", fact["name"], error)
+            log.warning("The report shows no picture of %s: %s", record.name, error)
             continue
         members.append(load_membership(project.path, record.id) >= record.threshold)
     sides = best_seen_from(Scene(gaussians, backend=backend), members, list(cameras.values()))

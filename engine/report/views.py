@@ -13,6 +13,7 @@ from ..cameras.camera import Camera, PinholeCamera
 from ..cameras.lens import covering_pinhole, shows, training_pinhole, undistort
 from ..evaluation.mask_metrics import feature_agreement
 from ..gaussians.gaussians import Gaussians
+from ..objects.views import spread_cameras
 from ..pictures.render import render_view
 from ..pictures.scene import Backend, Scene
 from .sheet import alone
@@ -35,6 +36,7 @@ _ORBIT_SIDE = 360
 _FIELD_OF_VIEW = np.radians(35.0)
 _STEEPEST = np.radians(60.0)
 _SEEN_SIDE = 160
+_MOST_PHOTOS = 24
 _NEARLY_AS_MUCH = 0.9
 _NARROWEST = np.radians(40.0)
 
@@ -84,25 +86,38 @@ def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: 
     Returns
     -------
     list of list of Camera
-        Nothing hides so much of it there, nor the picture's edge; nearly as much is nine tenths. None for an object
-        that no picture shows.
+        Of those that have its middle in their picture, at most 24 spread ones. Nothing hides so much of it there, nor
+        the picture's edge; nearly as much is nine tenths. None for an object that no picture shows.
     """
-    frames = [covering_pinhole(camera, max_side=_SEEN_SIDE) for camera in cameras]
-    found = []
-    for one in members:
-        alone_in = Scene(scene.gaussians[one], backend=scene.backend)
-        parts = [_seen_part(scene, alone_in, one, frame) for frame in frames]
-        least = _NEARLY_AS_MUCH * max(parts, default=0.0)
-        found.append([camera for camera, part in zip(cameras, parts, strict=True) if part >= least > 0])
-    return found
+    alone_in = [Scene(scene.gaussians[one], backend=scene.backend) for one in members]
+    asked: list[set[str]] = []
+    for one in alone_in:
+        middle = np.median(one.gaussians.means, axis=0) if len(one) else None
+        facing = [camera for camera in cameras if middle is not None and shows(camera, middle)]
+        asked.append({camera.photo for camera in spread_cameras(facing, _MOST_PHOTOS)})
+    parts: list[dict[str, float]] = [{} for _ in members]
+    for camera in cameras:
+        frame = covering_pinhole(camera, max_side=_SEEN_SIDE)
+        wanted = [i for i, photos in enumerate(asked) if camera.photo in photos]
+        if not wanted:
+            continue
+        among = np.column_stack([members[i] for i in wanted]).astype(np.float32)
+        seen = scene.render(frame, color=True, channels=among).channels[..., 3:].sum(axis=(0, 1))
+        for i, pixels in zip(wanted, seen.tolist(), strict=True):
+            parts[i][camera.photo] = pixels / max(1.0, _covered(alone_in[i], frame))
+    least = [_NEARLY_AS_MUCH * max(one.values(), default=0.0) for one in parts]
+    return [
+        [camera for camera in cameras if one.get(camera.photo, 0.0) >= enough > 0]
+        for one, enough in zip(parts, least, strict=True)
+    ]
 
 
-def _seen_part(scene: Scene, alone_in: Scene, members: NDArray[np.bool_], frame: PinholeCamera) -> float:
+def _covered(alone_in: Scene, frame: PinholeCamera) -> float:
+    """Return how many pixels the object alone covers, up to half a picture beyond the edges too."""
     K = frame.K.copy()
     K[:2, 2] += (frame.width / 2, frame.height / 2)
-    beyond_the_edges = PinholeCamera(frame.viewmat, K, 2 * frame.width, 2 * frame.height)
-    covered = alone_in.render(beyond_the_edges, channels=np.ones((len(alone_in), 1), np.float32)).alpha.sum()
-    return float(scene.share(frame, members).sum() / covered) if covered > 0 else 0.0
+    around = PinholeCamera(frame.viewmat, K, 2 * frame.width, 2 * frame.height)
+    return float(alone_in.render(around, color=True).alpha.sum())
 
 
 def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, count: int = 4) -> list[PinholeCamera]:

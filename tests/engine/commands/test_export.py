@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from engine.formats.glb import read_glb
 from engine.formats.ply import read_ply
+from engine.objects.polished import Polished
+from engine.objects.storage import ObjectRecord, save_object
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
 from tests.engine.objects.fakes import trained_project
-from tests.engine.pictures.blob_scene import BlobScene
+from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 
 @pytest.fixture
@@ -89,3 +93,23 @@ def test_unknown_object_and_photo_name_those_there_are(
     assert "no objects yet" in write(capsys, "ply", scene, tmp_path / "out.ply", "--object", "vase").error
     answer = call(capsys, "render", scene, "--view", "view_99.png", "--out", tmp_path / "out.png")
     assert "view_99.png" in answer.error and "view_0.png" in answer.error
+
+
+def test_object_leaves_polished_in_files_and_in_its_picture(
+    blobs: BlobScene, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = np.flatnonzero(blobs.part == BLUE).astype(np.int32)
+    trained = blobs.gaussians[rows]
+    green = np.zeros_like(trained.sh)
+    green[:, 0, 1] = 2.0
+    polished = Polished(rows, trained.means, replace(trained, sh=green, features=None))
+    record = ObjectRecord("ball", "Ball", {"kind": "click"}, 0.5, 1.0, 1.0, len(rows), len(blobs.part))
+    save_object(scene, record, (blobs.part == BLUE).astype(np.float32), polished=polished)
+    for kind, read in (("ply", read_ply), ("glb", read_glb)):
+        out = tmp_path / f"ball.{kind}"
+        assert write(capsys, kind, scene, out, "--object", "ball").code == 0
+        np.testing.assert_allclose(read(out).sh, green, atol=1e-5)
+    assert write(capsys, "png", scene, tmp_path / "ball.png", "--object", "ball").code == 0
+    with Image.open(tmp_path / "ball.png") as picture:
+        pixels = np.asarray(picture, np.int32)
+    assert (pixels[..., 1] - pixels[..., 2]).max() > 80, "the trained ball is blue"

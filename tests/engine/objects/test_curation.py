@@ -12,6 +12,7 @@ from PIL import Image
 
 from engine.errors import FormatError, ObjectError, PromptError
 from engine.events import Event, Warned, ignore_events, never_stop
+from engine.gaussians.storage import save_gaussians
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
 from engine.objects.growing import levels_of
@@ -182,6 +183,9 @@ def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) 
     assert overlap(members(project, "ball"), np.isin(blobs.part, [RED, BLUE])) > 0.9
     less = refine_object(project, "ball", [], [point(blobs, RED, "view_6.png")], SMALL, **arguments)  # type: ignore[arg-type]
     assert overlap(members(project, "ball"), blobs.part == BLUE) > 0.9
+    polished = load_polished(project.path, "ball")
+    assert polished is not None
+    np.testing.assert_array_equal(polished.rows, np.flatnonzero(members(project, "ball")))
     assert [record.id for record in list_objects(project.path)] == ["ball"]
     assert before.created == more.created == less.created
     assert less.n_gaussians == members(project, "ball").sum() and len(less.refined) == 2
@@ -277,8 +281,9 @@ def test_another_level_is_chosen_and_polished_without_any_model(blobs: BlobScene
 
     def choose(level: int) -> ObjectRecord:
         return choose_level(
-            project, "Pair", level, SMALL, sam_factory=lambda: pytest.fail("SAM"), should_stop=never_stop
-        )
+            project, "Pair", level, SMALL, sam_factory=lambda: pytest.fail("SAM"), emit=ignore_events,
+            should_stop=never_stop,
+        )  # fmt: skip
 
     changed = choose(0)
     polished = load_polished(project.path, "pair")
@@ -287,6 +292,10 @@ def test_another_level_is_chosen_and_polished_without_any_model(blobs: BlobScene
     assert changed.level == 0 and changed.n_gaussians == int(small.sum())
     np.testing.assert_array_equal(load_membership(project.path, "pair"), small)
     np.testing.assert_array_equal(load_levels(project.path, "pair"), [small, large])
+    save_gaussians(project.path / "gaussians", blobs.gaussians[:900])
+    with pytest.raises(ObjectError, match="earlier training"):
+        choose(1)
+    save_gaussians(project.path / "gaussians", blobs.gaussians)
     with pytest.raises(ObjectError, match="levels 0 to 1, and no level 2"):
         choose(2)
     arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}

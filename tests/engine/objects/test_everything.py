@@ -9,6 +9,7 @@ import pytest
 from engine.errors import Cancelled
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.everything import Something, find_everything, segment_everything_in
+from engine.objects.polished import load_polished
 from engine.objects.settings import BETTER
 from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
 from engine.objects.trained import Trained, load_trained
@@ -87,6 +88,8 @@ def test_unsure_names_are_numbers_and_the_background_is_the_rest(blobs: BlobScen
     assert sorted(record.name for record in made) == ["object 1", "object 2", "object 3"] and not kept
     assert all(record.prompt == {"kind": "all"} and record.score == 0.0 for record in made)
     assert background.id == "background"
+    assert all(load_polished(project.path, record.id) is not None for record in made)
+    assert load_polished(project.path, "background") is None
     objects = [load_membership(project.path, record.id) >= 0.5 for record in made]
     rest = load_membership(project.path, "background") >= 0.5
     np.testing.assert_array_equal(rest, ~np.logical_or.reduce(objects))

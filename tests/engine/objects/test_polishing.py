@@ -24,7 +24,7 @@ SMALL = replace(BETTER, render_side=160, polish_steps=120)
 
 @pytest.fixture(scope="module")
 def ragged() -> tuple[BlobScene, np.ndarray]:
-    """A red ball that shines through, another within it, a rag of it that the floor hides; and its members."""
+    """A red ball that shines through, a green one within it, a rag of it that the floor hides; and its members."""
     scene = make_scene()
     ball = np.flatnonzero(scene.part == RED)
     logits, means, log_scales = (
@@ -33,10 +33,12 @@ def ragged() -> tuple[BlobScene, np.ndarray]:
     logits[ball] = -1.0
     inner = np.flatnonzero(scene.part == RED + 1)
     means[inner] = means[ball].mean(axis=0) + 0.5 * (means[inner] - means[inner].mean(axis=0))
+    sh = scene.gaussians.sh.copy()
+    sh[inner, 0] = (-1.7, 1.7, -1.7)
     rag = ball[0]
     means[rag] = means[ball].mean(axis=0) + (-0.5, 0.0, -0.4)
     log_scales[rag], logits[rag] = np.log([0.2, 0.2, 0.02]), 4.0
-    gaussians = replace(scene.gaussians, means=means, log_scales=log_scales, opacity_logits=logits)
+    gaussians = replace(scene.gaussians, means=means, log_scales=log_scales, opacity_logits=logits, sh=sh)
     return replace(scene, gaussians=gaussians), scene.part == RED
 
 
@@ -65,14 +67,36 @@ def test_object_that_shone_through_is_solid_and_its_rag_is_gone(ragged: tuple[Bl
     assert mean_over(trained, outside) > 0.7 > 0.35 > mean_over(polished.gaussians, outside)
 
 
-def test_colours_stay_those_of_the_scene(ragged: tuple[BlobScene, np.ndarray]) -> None:
+def test_colour_of_what_is_behind_does_not_come_in(ragged: tuple[BlobScene, np.ndarray]) -> None:
     scene, members = ragged
     polished = polish(views_of(scene), members, SMALL, should_stop=never_stop)
     assert polished is not None
     for camera in scene.cameras.cameras:
-        inside = scene.labels[camera.photo] == RED
+        inside = eroded(scene.labels[camera.photo] == RED, 9)
         seen = Scene(polished.gaussians).render(as_pinhole(camera), color=True).channels[inside]
         np.testing.assert_allclose(np.median(seen, axis=0), (0.85, 0.2, 0.15), atol=0.05)
+
+
+def test_what_something_in_front_hides_stays() -> None:
+    scene = make_scene()
+    members, wall = scene.part == RED, np.flatnonzero(scene.part == RED + 1)
+    means, log_scales, logits = (
+        getattr(scene.gaussians, name).copy() for name in ("means", "log_scales", "opacity_logits")
+    )
+    cameras, middle = scene.cameras.cameras, means[members].mean(axis=0)
+    # Before all cameras but two, so that hardly anyone tells that the ball is there.
+    for i, camera in enumerate(cameras[2:]):
+        blob = wall[20 * i : 20 * i + 20]
+        means[blob] = middle + 0.45 * (camera.center - middle)
+        log_scales[blob], logits[blob] = np.log(0.12), 4.0
+    hidden = replace(
+        scene, gaussians=replace(scene.gaussians, means=means, log_scales=log_scales, opacity_logits=logits)
+    )
+    polished = polish(views_of(hidden), members, SMALL, should_stop=never_stop)
+    assert polished is not None
+    before, after = coverage(scene.gaussians[members], scene), coverage(polished.gaussians, scene)
+    ratios = [new[old > 0.5].mean() / old[old > 0.5].mean() for old, new in zip(before, after, strict=True)]
+    assert min(ratios) > 0.9, ratios
 
 
 def test_polishing_repeats_exactly_and_leaves_the_scene_alone(ragged: tuple[BlobScene, np.ndarray]) -> None:
@@ -145,12 +169,26 @@ def test_changed_object_forgets_what_was_polished(stored: tuple[Path, ObjectReco
     np.testing.assert_array_equal(object_gaussians(project, record, gaussians).means, gaussians.means)
 
 
-@pytest.mark.parametrize("damage", ["cut", "other"])
+@pytest.mark.parametrize("damage", ["cut", "other", "no archive", "encrypted", "newer", "narrow"])
 def test_damaged_file_is_named(stored: tuple[Path, ObjectRecord, Gaussians, Polished], damage: str) -> None:
     file = stored[0] / "objects" / "one" / "polished.npz"
-    if damage == "cut":
-        file.write_bytes(file.read_bytes()[:200])
-    else:
+    data = bytearray(file.read_bytes())
+    directory = data.index(b"PK\x01\x02")
+    match damage:
+        case "cut":
+            del data[200:]
+        case "encrypted":
+            data[directory + 8] |= 1
+        case "newer":
+            data[directory + 6] = 210
+        case "no archive":
+            np.save(file.with_suffix(".npy"), np.arange(3))
+            data = bytearray(file.with_suffix(".npy").read_bytes())
+    file.write_bytes(data)
+    if damage == "other":
         np.savez(file, rows=np.arange(3))
+    if damage == "narrow":
+        with np.load(file) as archive:
+            np.savez(file, **{**archive, "quats": archive["quats"][:, :3]})
     with pytest.raises(FormatError, match="polished.npz cannot be read.*Isolate the object again"):
         load_polished(stored[0], "one")

@@ -11,6 +11,7 @@ from PIL import Image
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.found import FoundObject
+from engine.objects.polished import load_polished
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from engine.objects.ranking import NothingAlike
 from engine.objects.segment import find_objects, segment_project
@@ -294,6 +295,23 @@ def test_cancel_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         segment(project, TextPrompt("red ball"), "ball", blobs, should_stop=lambda: True)
     assert list_objects(project.path) == []
+
+
+def test_stopping_while_the_second_find_is_polished_stores_neither(blobs: BlobScene, tmp_path: Path) -> None:
+    project = trained_project(blobs, tmp_path)
+    polished: list[Event] = []
+
+    def emit(event: Event) -> None:
+        if isinstance(event, Progress) and event.message == "Polishing":
+            polished.append(event)
+
+    arguments = {"settings": SMALL_BETTER, "emit": emit}
+    with pytest.raises(Cancelled, match="no object was stored"):
+        segment(project, TextPrompt("red ball"), "ball", blobs, should_stop=lambda: bool(polished), **arguments)
+    assert list_objects(project.path) == []
+    records = segment(project, TextPrompt("red ball"), "ball", blobs, **arguments)
+    assert [record.id for record in records] == ["ball", "ball-2"]
+    assert all(load_polished(project.path, record.id) is not None for record in records)
 
 
 def segment(project, prompt, name, scene, *, settings=SMALL, emit=ignore_events, should_stop=never_stop):  # type: ignore[no-untyped-def]

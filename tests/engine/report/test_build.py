@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import pytest
 
 from engine.masks.storage import label_map_path, write_label_map
 from engine.objects.storage import ObjectRecord, save_object
+from engine.pictures.scene import Scene
 from engine.project_folder import ProjectFolder
 from engine.report.build import build_report
 from engine.report.plots import compare_curves, error_curve
-from engine.report.views import orbit_cameras
+from engine.report.views import best_seen_from, orbit_cameras
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
@@ -237,6 +239,34 @@ def test_sheet_of_nothing_is_none() -> None:
     from engine.report.sheet import picture_sheet
 
     assert picture_sheet([("a", [])], (1, 1, 1)) is None
+
+
+def test_objects_are_shown_from_where_nothing_hides_them(blobs: BlobScene) -> None:
+    cameras = blobs.cameras.cameras
+    ball, twin = blobs.part == BLUE, blobs.part == 2
+    # A wall before the first camera, and one Gaussian of the ball that only a camera turned away sees.
+    means, log_scales = blobs.gaussians.means.copy(), blobs.gaussians.log_scales.copy()
+    middle = np.median(means[ball], axis=0)
+    wall = np.flatnonzero(twin)[:40]
+    means[wall] = 0.5 * cameras[0].center + 0.5 * middle
+    log_scales[wall] = np.log(0.3)
+    turn = np.diag([-1.0, 1.0, -1.0, 1.0])
+    away = replace(cameras[4], photo="away.png", viewmat=turn @ cameras[4].viewmat)
+    stray = np.flatnonzero(ball)[0]
+    means[stray] = cameras[4].center - 1.5 * cameras[4].viewmat[2, :3]
+    scene = Scene(replace(blobs.gaussians, means=means.astype(np.float32), log_scales=log_scales))
+    (seen, unseen) = best_seen_from(scene, [ball, np.zeros_like(ball)], [*cameras, away])
+    photos = {camera.photo for camera in seen}
+    assert photos and "away.png" not in photos and cameras[0].photo not in photos
+    assert unseen == []
+
+
+def test_sides_that_are_nearly_one_are_spread_by_forty_degrees(blobs: BlobScene) -> None:
+    points = blobs.gaussians.means[blobs.part == BLUE]
+    away = np.stack(
+        [camera.center - points.mean(axis=0) for camera in orbit_cameras(points, blobs.cameras.cameras[:1])]
+    )
+    assert np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0]))) == pytest.approx(np.radians(40), abs=0.05)
 
 
 def test_what_hangs_on_a_wall_is_shown_from_where_the_photos_were_taken(blobs: BlobScene) -> None:
