@@ -1,7 +1,6 @@
 """What polishing does to objects, and for how long: ``python -m benchmarks.polished_objects PROJECT [--out FILE.md]``.
 
-PROJECT is a photo set of ours, trained, with its exhibits isolated by their words: what `make demo` leaves in
-out/museum_room/project. Each object is rendered alone and compared with the true masks of the photos held out from
+PROJECT is our museum room, trained, with its exhibits isolated by their words, as `make demo` leaves it. Each object is rendered alone and compared with the true masks of the photos held out from
 training.
 
 example: python -m benchmarks.polished_objects out/museum_room/project
@@ -36,7 +35,7 @@ from engine.photos.pixels import load_pixels
 from engine.pictures.scene import Scene
 from engine.project_folder import ProjectFolder
 
-_DEMO = Path(__file__).parent.parent / "demo"
+_SCENE = Path(__file__).parent.parent / "demo" / "museum_room"
 _STEPS = (0, 25, 50, 100, 200, 400, 800)
 _FEWEST_PIXELS = 200
 _IN_FRONT = 0.25
@@ -150,13 +149,12 @@ def _seen(scene: Scene, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def main() -> None:
     """Measure, print and, if wanted, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("project", type=Path, help="one of our scenes, trained, with objects")
-    parser.add_argument("--scene", choices=("museum_room", "store_room"), default="museum_room")
-    parser.add_argument("--out", type=Path, help="Markdown file for the tables; its sections on other scenes stay")
+    parser.add_argument("project", type=Path, help="our museum room, trained, with objects")
+    parser.add_argument("--out", type=Path, help="Markdown file for the tables")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    room = Room(arguments.project, _DEMO / arguments.scene)
+    room = Room(arguments.project, _SCENE)
     room.measure(next(iter(room.objects)), 2)  # compiles
     figures = {n_steps: {name: room.measure(name, n_steps) for name in room.objects} for n_steps in _STEPS}
     columns = "beyond | missing | shines through | PSNR dB | CPU s |"
@@ -164,13 +162,14 @@ def main() -> None:
     by_steps += [Figures.mean(list(of.values())).row(str(n_steps)) for n_steps, of in figures.items()]
     by_object = [f"| object | {columns}", _HEAD]
     for name in room.objects:
-        by_object += [figures[0][name].row(f"{name}, as in the scene"), figures[200][name].row(f"{name}, polished")]
-    command = f"python -m benchmarks.polished_objects out/{arguments.scene}/project --scene {arguments.scene}"
+        before, after = figures[0][name], figures[BETTER.polish_steps][name]
+        by_object += [before.row(f"{name}, as in the scene"), after.row(f"{name}, polished")]
+    command = "python -m benchmarks.polished_objects out/museum_room/project"
     tables = "\n\n".join("\n".join(lines) for lines in (by_steps, by_object))
     body = f"`{command}`\n\n{tables}"
     sys.stdout.write(f"{body}\n")
     if arguments.out:
-        write_section(arguments.out, introduction=_INTRODUCTION, title=arguments.scene, body=body)
+        write_section(arguments.out, introduction=_INTRODUCTION, title=_SCENE.name, body=body)
 
 
 if __name__ == "__main__":
