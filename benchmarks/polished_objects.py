@@ -1,7 +1,7 @@
 """What polishing does to objects, and for how long: ``python -m benchmarks.polished_objects PROJECT [--out FILE.md]``.
 
-PROJECT is our museum room, trained, with its exhibits isolated by their words, as `make demo` leaves it. Each object is rendered alone and compared with the true masks of the photos held out from
-training.
+PROJECT is our museum room, trained, with its exhibits isolated by their words, as `make demo` leaves it. Each object is
+rendered alone and compared with the true masks of the photos held out from training.
 
 example: python -m benchmarks.polished_objects out/museum_room/project
 """
