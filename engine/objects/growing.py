@@ -20,7 +20,7 @@ from ..gaussians.gaussians import FEATURE_DIM
 from .hierarchy import Hierarchy
 from .lifting import Lifted, refine_by_votes
 from .photos import Photos
-from .selection import connected_parts
+from .selection import connected_parts, iou_of, with_members
 from .settings import SegmentSettings
 from .standing import Standing, what_stands
 from .views import Views, spread_cameras
@@ -183,7 +183,7 @@ def _without_what_is_beside(membership: Float32, outlines: Sequence[Float32]) ->
     beside = members & ~(np.maximum.reduce(list(outlines)) >= _HALF)
     if beside.sum() < _LEAST_BESIDE * members.sum():
         return membership
-    return np.where(beside, np.minimum(membership, _JUST_BELOW), membership).astype(np.float32)
+    return with_members(membership, members & ~beside)
 
 
 def _meant(
@@ -326,8 +326,7 @@ def _parts(views: Views, membership: Float32, directions: Float32, settings: Seg
 
 
 def _iou(one: Float32, other: Float32) -> float:
-    a, b = one >= _HALF, other >= _HALF
-    return float((a & b).sum() / max(1, (a | b).sum()))
+    return iou_of(one >= _HALF, other >= _HALF)
 
 
 def _chain(chosen: Float32, others: Sequence[Float32]) -> Levels:

@@ -16,6 +16,7 @@ from .hierarchy import Hierarchy
 from .lifting import Lifted, lift, lift_group
 from .photos import Photos
 from .seeds import Seed
+from .selection import iou_of
 from .settings import SegmentSettings
 from .views import Views
 
@@ -82,7 +83,7 @@ def gather_for_text(
             if lifted is None:
                 continue
             fit = fit_of(views, read.view, read.mask, lifted.membership)
-            same = next((c for c in found if _iou(c.best.members, lifted.members) > _SAME_FIND), None)
+            same = next((c for c in found if iou_of(c.best.members, lifted.members) > _SAME_FIND), None)
             if same is None:
                 found.append(Candidate(lifted, [read], fit))
             elif fit > same.fit:
@@ -228,7 +229,3 @@ def _agreement(views: Views, candidate: Candidate, looked_at: set[str]) -> float
         photo = seed.view.camera.photo
         by_photo[photo] = max(by_photo.get(photo, 0.0), seed.score)
     return min(1.0, sum(by_photo.values()) / max(len(facing), len(by_photo)) * candidate.fit)
-
-
-def _iou(one: Mask, other: Mask) -> float:
-    return float((one & other).sum() / max(1, (one | other).sum()))

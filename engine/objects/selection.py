@@ -16,6 +16,7 @@ __all__ = [
     "calibrated",
     "connected_parts",
     "inside_hull",
+    "iou_of",
     "mean_direction",
     "with_members",
     "within_quartiles",
@@ -65,6 +66,11 @@ def calibrated(cosine: NDArray[np.floating], threshold: float) -> Float32:
     # Rounding must not bring a cosine below the threshold to 0.5.
     below = np.minimum(below, np.nextafter(np.float32(0.5), np.float32(0)))
     return np.clip(np.where(cosine >= np.float32(threshold), above, below), 0, 1).astype(np.float32)
+
+
+def iou_of(one: Mask, other: Mask) -> float:
+    """Return the intersection over union of two sets of Gaussians, bool [N]; 0 of two empty ones."""
+    return float((one & other).sum() / max(1, (one | other).sum()))
 
 
 def with_members(membership: Float32, members: Mask) -> Float32:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .hierarchy import Hierarchy
-from .selection import with_members
+from .selection import iou_of, with_members
 
 __all__ = ["Standing", "UpperPart", "upper_parts", "what_stands"]
 
@@ -102,7 +102,7 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
         if (group & members).sum() >= _AROUND * count and group.sum() <= _MOST_AROUND * count
     ]
     parts = [part for figure in (members, *around) for part in upper_parts(means, figure)]
-    complete = any(part.on_wider and _iou(part.members, members) > _NEW for part in parts)
+    complete = any(part.on_wider and iou_of(part.members, members) > _NEW for part in parts)
     low, high = np.percentile(means[members, 2], [1, 99]) if count else (0.0, 0.0)
     kept = [members]
     found: list[Standing] = []
@@ -110,17 +110,13 @@ def what_stands(means: Float32, membership: Float32, hierarchy: Hierarchy) -> li
     for part in sorted(parts, key=lambda part: not part.on_wider):
         size = int(part.members.sum())
         fits = _LEAST_STANDING * count <= size <= _MOST_STANDING * count
-        if fits and all(_iou(part.members, other) <= _NEW for other in kept):
+        if fits and all(iou_of(part.members, other) <= _NEW for other in kept):
             kept.append(part.members)
             more = size > count and (part.members & members).sum() >= _KEPT * count
             near = np.percentile(means[part.members, 2], 1) >= low - _HIGHEST_FOOT * (high - low)
             with_foot = bool(part.on_wider and more and near and not complete)
             found.append(Standing(with_members(membership, part.members), with_foot))
     return found
-
-
-def _iou(one: Mask, other: Mask) -> float:
-    return float((one & other).sum() / max(1, (one | other).sum()))
 
 
 def upper_parts(means: Float32, members: Mask) -> list[UpperPart]:
