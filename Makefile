@@ -15,7 +15,7 @@ PROMPTS ?=
 PRESET ?= standard
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint house types engine-tests blender-tests stability bench-raster zip clean
+.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability bench-raster zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -26,17 +26,17 @@ setup: ## make the environments and fetch the model files; again: nothing to do
 demo: setup ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
 
-test: setup lint house engine-tests blender-tests ## set-up, then all checks and tests
+test: setup lint contracts engine-tests blender-tests ## set-up, then all checks and tests
 
 lint: ## format and lint
 	$(ENGINE) -m ruff format --check .
 	$(ENGINE) -m ruff check .
 
-house: ## import contracts and types
-	$(ENGINE) scripts/check_house.py
+contracts: ## import contracts and types
+	$(ENGINE) scripts/check_contracts.py
 
 types: ## the types alone
-	$(ENGINE) scripts/check_house.py types scripts
+	$(ENGINE) scripts/check_contracts.py types scripts
 
 engine-tests: ## everything that needs no Blender
 	$(ENGINE) -m pytest -q -m "not gpu" --ignore=tests/blender tests

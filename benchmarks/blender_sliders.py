@@ -24,7 +24,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from check_house import link_repository  # noqa: E402
+from check_contracts import link_repository  # noqa: E402
 from places import blender_environments, python_of  # noqa: E402
 
 _COUNT, _LEVELS, _REPEATS = 300_000, 3, 10

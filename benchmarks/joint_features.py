@@ -20,15 +20,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from engine.cameras.settings import CameraSettings
-from engine.evaluation.document import write_section
-from engine.evaluation.isolation import evaluate_project, mean_of
+from engine.evaluation import INTRODUCTION, MEANINGS, evaluate_project, mean_of, write_section
 from engine.evaluation.settings import EvaluationSettings
-from engine.evaluation.table import INTRODUCTION, MEANINGS
 from engine.events import ignore_events, never_stop
-from engine.grounding.default import load_default_detector
-from engine.masks.sam import load_default_sam
+from engine.grounding import load_default_detector
+from engine.masks import load_default_sam
 from engine.pipeline import PipelineSettings, Prepared, prepare, prepare_masks, train_prepared
-from engine.planning.decisions import PlanSettings, WorkPlan, plan_work
+from engine.planning import PlanSettings, WorkPlan, plan_work
 from engine.project_folder import ProjectFolder, atomic_write
 from engine.training.settings import PRESETS, TrainingSettings
 

@@ -19,14 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.cameras.given import read_cameras
+from engine.cameras import read_cameras
 from engine.events import ignore_events, never_stop
-from engine.photos.reading import read_photos
+from engine.photos import read_photos
 from engine.photos.settings import PhotoSettings
+from engine.training import load_views, start_gaussians, train
 from engine.training.settings import PRESETS
-from engine.training.start import start_gaussians
-from engine.training.train import train
-from engine.training.views import load_views
 
 _SHORT, _LONG = 20, 60
 """Steps; OpenSplat adds Gaussians after 500."""

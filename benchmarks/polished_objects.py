@@ -19,21 +19,16 @@ import cv2
 import numpy as np
 import torch
 
-from engine.cameras.camera import Camera
-from engine.cameras.lens import undistort
-from engine.cameras.storage import read_camera_set
-from engine.evaluation.document import write_section
-from engine.evaluation.ground_truth import read_ground_truth
+from engine.cameras import undistort
+from engine.evaluation import read_ground_truth, write_section
 from engine.events import never_stop
-from engine.gaussians.gaussians import Gaussians
-from engine.gaussians.storage import load_gaussians
-from engine.objects.polishing import polish
+from engine.gaussians import load_gaussians
+from engine.objects import View, Views, eroded, list_objects, load_membership, polish
 from engine.objects.settings import BETTER
-from engine.objects.storage import list_objects, load_membership
-from engine.objects.views import View, Views, eroded
-from engine.photos.pixels import load_pixels
-from engine.pictures.scene import Scene
+from engine.photos import load_pixels
+from engine.pictures import Scene
 from engine.project_folder import ProjectFolder
+from engine.scene import Camera, Gaussians, read_camera_set
 
 _SCENE = Path(__file__).parent.parent / "demo" / "museum_room"
 _STEPS = (0, 25, 50, 100, 200, 400, 800)

@@ -16,15 +16,13 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from engine.cameras.camera import PinholeCamera
-from engine.rasterizer.adam import AdamState, adam_step
-from engine.rasterizer.api import rasterize
+from engine.rasterizer import AdamState, Target, adam_step, photometric_loss, rasterize
 from engine.rasterizer.blend_backward import MOMENTS, blend_tiles_backward
 from engine.rasterizer.blend_forward import GEOMETRY, blend_tiles
-from engine.rasterizer.loss import Target, photometric_loss
 from engine.rasterizer.settings import RasterSettings
 from engine.rasterizer.threads import Share, run_shared
 from engine.rasterizer.tiles import make_tile_lists
+from engine.scene import PinholeCamera
 
 from .floor import least_time, operations, spin_on
 from .raster import Case
@@ -282,7 +280,7 @@ def _memory(case: Case) -> dict[str, float]:
 def _compile(case: Case) -> dict[str, float]:
     """Seconds until every kernel is there, with an empty and then a filled cache, imports left out."""
     code = (
-        "import os, time, torch; torch.set_num_threads(1); from engine.rasterizer.warm_up import warm_up; "
+        "import os, time, torch; torch.set_num_threads(1); from engine.rasterizer.compilation import warm_up; "
         "cpu = lambda: sum(os.times()[:4]); wall, used = time.perf_counter(), cpu(); warm_up(); "
         "print(time.perf_counter() - wall, cpu() - used)"
     )

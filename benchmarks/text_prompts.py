@@ -21,27 +21,26 @@ import cv2
 import numpy as np
 import torch
 
-from engine.cameras.storage import read_camera_set
 from engine.errors import PromptError
-from engine.evaluation.document import write_section
-from engine.evaluation.ground_truth import read_ground_truth
-from engine.evaluation.isolation import visible_masks
-from engine.evaluation.mask_metrics import iou
+from engine.evaluation import iou, read_ground_truth, visible_masks, write_section
 from engine.events import ignore_events, never_stop
-from engine.gaussians.storage import load_gaussians
-from engine.grounding.default import load_default_detector
-from engine.masks.embeddings import EmbeddingFolder
-from engine.masks.sam import load_default_sam
-from engine.objects.everything import find_everything
-from engine.objects.photos import Photos
-from engine.objects.prompts import TextPrompt
-from engine.objects.ranking import NothingAlike
-from engine.objects.segment import find_objects
+from engine.gaussians import load_gaussians
+from engine.grounding import load_default_detector
+from engine.masks import EmbeddingFolder, load_default_sam
+from engine.objects import (
+    NothingAlike,
+    Photos,
+    SegmentationContext,
+    TextPrompt,
+    Views,
+    find_everything,
+    find_objects,
+    label_maps_of,
+)
 from engine.objects.settings import BETTER, SegmentSettings
-from engine.objects.trained import Trained, label_maps_of
-from engine.objects.views import Views
-from engine.photos.pixels import load_pixels
-from engine.pictures.scene import Scene
+from engine.photos import load_pixels
+from engine.pictures import Scene
+from engine.scene import read_camera_set
 
 _DEMO = Path(__file__).parent.parent / "demo"
 _NOT_THERE = {
@@ -184,7 +183,7 @@ class Room:
 
     def everything(self, scene: str) -> str:
         """Return what comes of asking for all objects without a word."""
-        trained = Trained(
+        trained = SegmentationContext(
             Views(self.scene, self.cameras, render_side=BETTER.render_side),
             Photos(self.photos, BETTER.photo_side, self.sam_factory, self.embeddings),
             self.label_maps,

@@ -96,7 +96,7 @@ def _gpu() -> Check:
 
 
 def _models() -> list[Check]:
-    from .models.catalogue import CATALOGUE, locate
+    from .models import CATALOGUE, locate
 
     def check(name: str, find: Callable[[str], Path]) -> Check:
         try:

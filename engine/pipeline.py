@@ -11,21 +11,27 @@ from pathlib import Path
 from typing import Any
 
 from . import __version__
-from .cameras.camera import CameraSet
 from .cameras.settings import CameraSettings
 from .errors import Cancelled, ProjectError
 from .events import Emit, StageFinished, StageStarted, StopCheck, Warned, part_of
 from .machine import PeakMemory, cpu_seconds
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
-from .photos.look import PhotoLook
-from .photos.photo import PhotoSet
+from .photos import PhotoLook
 from .photos.settings import PhotoSettings
-from .planning.before_work import plan_and_forecast, store_forecast
-from .planning.decisions import PlanSettings, ScenePlan, WorkPlan, plan_scene, training_settings
-from .planning.forecast import require_fit
-from .planning.outcome import learn_from
+from .planning import (
+    PlanSettings,
+    ScenePlan,
+    WorkPlan,
+    learn_from,
+    plan_and_forecast,
+    plan_scene,
+    require_fit,
+    store_forecast,
+    training_settings,
+)
 from .project_folder import ProjectFolder, file_sha256, stage_key, write_json
+from .scene import CameraSet, PhotoSet
 from .settings import to_dict
 from .training.settings import TrainingSettings
 
@@ -223,9 +229,8 @@ def _keys(project: ProjectFolder, masks: dict[str, Path]) -> list[Any]:
 
 
 def _photos(run: _Run, folder: Path, settings: PipelineSettings) -> tuple[PhotoSet, list[PhotoLook]]:
-    from .photos.look import look_at_photos, read_looks
-    from .photos.reading import picture_files, read_photos
-    from .photos.storage import read_photo_set, write_photo_set
+    from .photos import look_at_photos, picture_files, read_looks, read_photos
+    from .scene import read_photo_set, write_photo_set
 
     stored = run.project.path / "photos" / "photos.json"
     looked = run.project.path / "photos" / "looks.json"
@@ -268,7 +273,7 @@ def _photo_hashes(photo_set: PhotoSet) -> list[list[str]]:
 
 
 def _cameras(run: _Run, photo_set: PhotoSet, settings: PipelineSettings) -> CameraSet:
-    from .cameras.storage import read_camera_set, write_camera_set
+    from .scene import read_camera_set, write_camera_set
 
     folder = run.project.path / "cameras"
     model = settings.camera_model
@@ -276,11 +281,11 @@ def _cameras(run: _Run, photo_set: PhotoSet, settings: PipelineSettings) -> Came
 
     def work() -> dict[str, Any]:
         if model is not None:
-            from .cameras.given import read_cameras
+            from .cameras import read_cameras
 
             camera_set = read_cameras(model, photo_set)
         else:
-            from .cameras.sfm import estimate_cameras
+            from .cameras import estimate_cameras
 
             # Features of photos that changed must not be taken for those of the photos that lie here now.
             work_folder = folder / f"sfm-{key[:12]}"
@@ -320,15 +325,14 @@ def _model_hashes(model: Path | None) -> list[list[str]]:
 def _masks(
     run: _Run, photo_set: PhotoSet, camera_set: CameraSet, plan: ScenePlan, settings: PipelineSettings
 ) -> dict[str, Path]:
-    from .masks.storage import label_map_path
+    from .masks import label_map_path
 
     folder = run.project.path / "masks"
     if not plan.mask_photos:
         return {}
 
     def work() -> dict[str, Any]:
-        from .masks.sam import load_sam
-        from .masks.stage import make_masks
+        from .masks import load_sam, make_masks
 
         start = time.perf_counter()
         sam = load_sam(settings.masks.model)
@@ -364,11 +368,8 @@ def _training(
     key = stage_key(earlier, [plan.held_out, plan.mask_photos, plan.features], to_dict(training))
 
     def work() -> dict[str, Any]:
-        from .gaussians.storage import save_gaussians
-        from .training.checkpoint import forget_old_runs
-        from .training.start import start_gaussians
-        from .training.train import train
-        from .training.views import load_views
+        from .gaussians import save_gaussians
+        from .training import forget_old_runs, load_views, start_gaussians, train
 
         checkpoints = run.project.path / "checkpoints"
         forget_old_runs(checkpoints, keep=key[:12])
@@ -424,16 +425,14 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
 
     def work() -> dict[str, Any]:
         from .errors import PromptError
-        from .grounding.default import load_default_detector
-        from .masks.sam import load_sam
-        from .objects.prompts import TextPrompt
-        from .objects.segment import segment_project
-        from .objects.trained import load_trained
+        from .grounding import load_default_detector
+        from .masks import load_sam
+        from .objects import TextPrompt, load_context, segment_project
 
         sam_factory = functools.partial(load_sam, settings.masks.model)
         found = _found_before(run, key)
         refused: dict[str, str] = {}
-        trained = load_trained(run.project, settings.segment, sam_factory)
+        trained = load_context(run.project, settings.segment, sam_factory)
         for number, prompt in enumerate(settings.prompts):
             if prompt in found:
                 continue
@@ -463,7 +462,7 @@ def _objects(run: _Run, settings: PipelineSettings) -> None:
 
 def _found_before(run: _Run, key: str) -> dict[str, list[str]]:
     """Return what a killed run of this very stage found; what this stage made for other settings is removed."""
-    from .objects.storage import delete_object, list_objects
+    from .objects import delete_object, list_objects
 
     before = run.project.get(_PROMPTED) or {"key": key, "found": {}}
     found: dict[str, list[str]] = before["found"]
@@ -476,7 +475,7 @@ def _found_before(run: _Run, key: str) -> dict[str, list[str]]:
 
 
 def _report(run: _Run) -> None:
-    from .report.build import build_report
+    from .report import build_report
 
     earlier = [run.project.stage_record(stage) for stage in STAGES[:-1]]
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..engine.cameras.camera import Camera
 from ..engine.errors import PhotoError
-from ..engine.photos.storage import read_photo_set
+from ..engine.scene import Camera, read_photo_set
 from .photo_frame import exif_orientation, turned_upright, without_distortion
 
 __all__ = ["show_backdrop"]

@@ -8,9 +8,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..engine.cameras.camera import Camera
 from ..engine.errors import ObjectError
-from .lens import focal_and_center
+from ..engine.scene import Camera, focal_and_center
 from .picking import FLIP
 from .properties import heritage_objects
 from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input

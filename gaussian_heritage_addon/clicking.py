@@ -9,8 +9,8 @@ import blf
 import bpy
 import numpy as np
 
-from ..engine.cameras.camera import Camera
 from ..engine.errors import HeritageError, ObjectError
+from ..engine.scene import Camera
 from .backdrop import show_backdrop
 from .cameras import current_photo, look_through
 from .picking import View, photo_pixel, require_same_place

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.cameras.camera import Camera
-from .lens import focal_and_center, photo_pixels
+from ..engine.scene import Camera, focal_and_center, photo_pixels
 
 __all__ = ["exif_orientation", "turned_upright", "without_distortion"]
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.cameras.camera import Camera
 from ..engine.errors import CameraError
-from .lens import photo_pixels
+from ..engine.scene import Camera, photo_pixels
 
 __all__ = ["FLIP", "View", "photo_pixel", "require_same_place"]
 

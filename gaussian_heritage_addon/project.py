@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.cameras.camera import Camera
-from ..engine.cameras.storage import read_camera_set
 from ..engine.errors import CameraError, FormatError, ProjectError
+from ..engine.scene import Camera, read_camera_set
 
 __all__ = [
     "ProjectObject",

@@ -9,11 +9,9 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.cameras.storage import read_camera_set
 from ..engine.formats import read_ply
-from ..engine.gaussians.gaussians import Gaussians
-from ..engine.objects.polished import load_polished
 from ..engine.records import load_record
+from ..engine.scene import Gaussians, load_polished, read_camera_set
 from .cameras import add_cameras, look_through
 from .project import ProjectObject, list_objects, load_level, load_membership, scene_file
 from .properties import apply_blending, heritage_objects, show_parts
@@ -153,7 +151,7 @@ def _rows_of(
     kept = (index >= 0) & (loosest[index] >= min(_LOOSEST, item.threshold))
     rows = index[kept]
     gaussians, polished = source.local_gaussians()[kept], load_polished(project, item.id)
-    return gaussians if polished is None else polished.dress(gaussians, rows), rows, membership[rows]
+    return gaussians if polished is None else polished.with_polished(gaussians, rows), rows, membership[rows]
 
 
 def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:

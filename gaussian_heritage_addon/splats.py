@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
-from ..engine.formats.transform import logits_of, transform_gaussians
-from ..engine.gaussians.gaussians import Gaussians
+from ..engine.formats import logits_of, transform_gaussians
+from ..engine.scene import Gaussians
 from .splat_nodes import add_display
 
 __all__ = ["SplatScene"]

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..evaluation.document import write_section
+from ..evaluation import write_section
 from ..machine import describe_machine
 from ..project_folder import atomic_write, finite_or_null, write_json
-from ..report.plots import compare_curves
-from .compare import Row, pareto_front, savings
+from ..report import compare_curves
+from .comparison import Row, pareto_front, savings
 
 __all__ = ["markdown", "write_comparison"]
 

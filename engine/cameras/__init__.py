@@ -1,3 +1,34 @@
-"""The cameras room: a `PhotoSet` comes in, a `CameraSet` (lens and pose per photo, points, upright world) goes out."""
+"""Structure from motion: the cameras of the photos, estimated with pycolmap or read from a file, and undistortion."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .features import Workshop, match_features
+    from .given import has_points, read_cameras
+    from .normalise import normalised_points, normalised_viewmat, original_from_world
+    from .sfm import estimate_cameras
+    from .undistortion import covering_pinhole, distort, project, read_camera_json, shows, training_pinhole, undistort
+
+__all__ = [
+    "Workshop",
+    "covering_pinhole",
+    "distort",
+    "estimate_cameras",
+    "has_points",
+    "match_features",
+    "normalised_points",
+    "normalised_viewmat",
+    "original_from_world",
+    "project",
+    "read_camera_json",
+    "read_cameras",
+    "shows",
+    "training_pinhole",
+    "undistort",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

@@ -15,10 +15,9 @@ import pycolmap
 
 from ..errors import CameraError
 from ..events import StopCheck
-from ..photos.photo import Photo, PhotoSet
 from ..project_folder import stage_key, write_json
+from ..scene import Camera, Photo, PhotoSet
 from ..settings import to_dict
-from .camera import Camera
 from .colmap_calls import threads_for_colmap, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings

@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from .camera import Camera, CameraSet
+from ..scene import Camera, CameraSet
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
 __all__ = ["camera_in_photo", "camera_set", "is_scaled", "points_of", "viewmat_of"]

@@ -17,8 +17,7 @@ import pycolmap
 
 from ..errors import CameraError
 from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
-from ..photos.photo import PhotoSet
-from .camera import CameraSet
+from ..scene import CameraSet, PhotoSet
 from .colmap_calls import threads_for_colmap, wait_for
 from .features import Workshop, match_features
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of

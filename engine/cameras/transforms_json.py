@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CameraError
-from ..photos.photo import Photo, PhotoSet
-from .camera import Camera
+from ..scene import Camera, Photo, PhotoSet
 from .reconstruction import is_scaled
 
 __all__ = ["read_transforms"]

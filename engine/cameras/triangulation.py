@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import CameraError
 from ..events import Emit, Progress, StopCheck
-from ..photos.photo import PhotoSet
-from .camera import Camera
+from ..scene import Camera, PhotoSet
 from .colmap_calls import threads_for_colmap, wait_for
 from .features import Workshop, match_features
 from .normalise import normalised_viewmat, original_from_world

@@ -13,9 +13,9 @@ from PIL import Image
 
 from ..errors import Cancelled
 from ..events import StopCheck
-from ..photos.photo import Photo, PhotoSet
-from ..photos.photo_masks import load_with_valid
+from ..photos import load_with_valid
 from ..project_folder import atomic_write
+from ..scene import Photo, PhotoSet
 
 __all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_whole_masks"]
 

@@ -51,8 +51,7 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Compare, write and tell."""
-    from ..bench.compare import compare, savings
-    from ..bench.table import markdown, write_comparison
+    from ..bench import compare, markdown, savings, write_comparison
 
     scene: Path = options.scene
     is_project = (scene / PROJECT_FILE).is_file()

@@ -19,7 +19,7 @@ def add_sam_argument(parser: argparse.ArgumentParser) -> None:
 
 def models_of(options: argparse.Namespace) -> dict[str, Any]:
     """Return `detector_factory` and `sam_factory`; nothing is loaded before one of them is called."""
-    from ..grounding.default import load_default_detector
-    from ..masks.sam import load_sam
+    from ..grounding import load_default_detector
+    from ..masks import load_sam
 
     return {"detector_factory": load_default_detector, "sam_factory": lambda: load_sam(options.sam)}

@@ -50,9 +50,8 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Compare, tell and write."""
-    from ..evaluation.isolation import evaluate_project
+    from ..evaluation import evaluate_project, markdown, write_evaluation
     from ..evaluation.settings import EvaluationSettings
-    from ..evaluation.table import markdown, write_evaluation
 
     if options.doc is not None and options.doc.is_dir():
         raise SettingsError(f"{options.doc} is a folder. Choose a file name.")

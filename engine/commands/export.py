@@ -39,12 +39,10 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the file."""
-    from ..cameras.storage import read_camera_set
-    from ..formats.glb import write_glb
-    from ..formats.ply import write_ply
-    from ..formats.transform import transform_gaussians
-    from ..gaussians.storage import load_gaussians
-    from ..objects.storage import load_object, object_gaussians
+    from ..formats import transform_gaussians, write_glb, write_ply
+    from ..gaussians import load_gaussians
+    from ..objects import load_object, object_gaussians
+    from ..scene import read_camera_set
 
     out: Path = options.out
     if out.is_dir():

@@ -10,7 +10,7 @@ from ..errors import HeritageError, ModelFileError
 from ..events import Emit, Finished, StopCheck, part_of
 
 if TYPE_CHECKING:
-    from ..models.catalogue import ModelFile
+    from ..models import ModelFile
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -40,8 +40,7 @@ def project_folder(options: argparse.Namespace) -> None:
 
 
 def _chosen(options: argparse.Namespace) -> list[ModelFile]:
-    from ..models.catalogue import CATALOGUE, find_together, models_folder
-    from ..models.packages import holds
+    from ..models import CATALOGUE, find_together, holds, models_folder
 
     if options.names:
         chosen = {model.name: model for name in options.names for model in find_together(name)}
@@ -63,7 +62,7 @@ def _chosen(options: argparse.Namespace) -> list[ModelFile]:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """List, fetch or verify."""
-    from ..models.catalogue import fetch, locate
+    from ..models import fetch, locate
 
     if options.offline is not None:
         if options.action != "fetch":

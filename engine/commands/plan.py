@@ -10,10 +10,7 @@ from pathlib import Path
 from ..cameras.settings import CameraSettings
 from ..events import Emit, Finished, StopCheck
 from ..photos.settings import PhotoSettings
-from ..planning.before_work import plan_photos
-from ..planning.decisions import PlanSettings
-from ..planning.forecast import as_dict, require_fit
-from ..planning.words import plan_in_words
+from ..planning import PlanSettings, as_dict, plan_in_words, plan_photos, require_fit
 from ..training.settings import PRESETS
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]

@@ -10,7 +10,7 @@ from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..masks.settings import PRESETS as MASK_PRESETS
 from ..pipeline import PipelineSettings, reconstruct
-from ..planning.decisions import PlanSettings
+from ..planning import PlanSettings
 from ..training.settings import PRESETS
 from .chosen_models import add_sam_argument
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..cameras.camera import Camera, CameraSet, PinholeCamera
 from ..errors import CameraError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
+from ..scene import Camera, CameraSet, PinholeCamera
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -38,12 +38,11 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the picture."""
-    from ..cameras.lens import read_camera_json
-    from ..cameras.storage import read_camera_set
-    from ..gaussians.storage import load_gaussians
-    from ..objects.storage import load_membership, load_object, object_gaussians
-    from ..pictures.png import write_png
-    from ..pictures.render import render_view
+    from ..cameras import read_camera_json
+    from ..gaussians import load_gaussians
+    from ..objects import load_membership, load_object, object_gaussians
+    from ..pictures import render_view, write_png
+    from ..scene import read_camera_set
 
     out: Path = options.out
     if out.is_dir():

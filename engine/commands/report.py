@@ -28,7 +28,7 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write report.json and report.html."""
-    from ..report.build import build_report
+    from ..report import build_report
 
     with ProjectFolder.open_existing(options.project) as project:
         page = build_report(project)

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
-from ..objects.prompts import parse_point, parse_prompt, parse_texts
+from ..objects import parse_point, parse_prompt, parse_texts
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
 from .chosen_models import add_sam_argument, models_of
@@ -98,8 +98,7 @@ def _what(options: argparse.Namespace) -> str:
 def _texts(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects.candidate_file import CANDIDATES
-    from ..objects.curation import segment_texts
+    from ..objects import CANDIDATES, segment_texts
 
     texts = parse_texts(options.prompt)
     if options.name is not None and len(texts) > 1:
@@ -118,7 +117,7 @@ def _texts(
 def _pointed(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects.segment import segment_project
+    from ..objects import segment_project
 
     prompt = parse_prompt(click=options.click, box=options.box, seed_mask=options.seed_mask, excluded=options.excluded)
     name = "object" if options.name is None else options.name
@@ -131,7 +130,7 @@ def _pointed(
 def _accept(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects.curation import accept_candidate
+    from ..objects import accept_candidate
 
     records = accept_candidate(
         project, options.accept, options.name, PRESETS[options.preset],
@@ -143,7 +142,7 @@ def _accept(
 def _refine(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects.curation import choose_level, refine_object
+    from ..objects import choose_level, refine_object
 
     clicks = [parse_point(text) for text in options.click]
     excluded = [parse_point(text) for text in options.excluded]
@@ -167,7 +166,7 @@ def _refine(
 def _complement(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects.curation import store_background
+    from ..objects import store_background
 
     record = store_background(project, PRESETS[options.preset])
     return f"The background has {record.n_gaussians:,} Gaussians.", {"objects": [record.id], "background": record.id}
@@ -176,7 +175,7 @@ def _complement(
 def _all(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects.everything import segment_everything_in
+    from ..objects import segment_everything_in
 
     made, kept, background = segment_everything_in(
         project, PRESETS[options.preset], **models_of(options), emit=emit, should_stop=should_stop

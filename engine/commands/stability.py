@@ -26,7 +26,7 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Run the cases; the exit code is 1 when a row is red."""
-    from ..stability.table import markdown, run_cases, select, write_table
+    from ..stability import markdown, run_cases, select, write_table
 
     rows = run_cases(select(options.case), emit=emit, should_stop=should_stop)
     if options.out is not None:

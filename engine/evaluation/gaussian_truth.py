@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import CameraSet
-from ..cameras.lens import covering_pinhole, undistort
+from ..cameras import covering_pinhole, undistort
 from ..errors import Cancelled
 from ..events import StopCheck
-from ..pictures.scene import Scene
+from ..pictures import Scene
+from ..scene import CameraSet
 from .ground_truth import GroundTruth
 
 __all__ = ["UNSEEN", "gaussian_iou", "gaussian_truth"]

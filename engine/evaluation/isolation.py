@@ -14,27 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from ..cameras.camera import Camera, CameraSet
-from ..cameras.lens import covering_pinhole, distort
-from ..cameras.storage import read_camera_set
+from ..cameras import covering_pinhole, distort
 from ..errors import Cancelled, MaskError, PromptError, SettingsError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events
-from ..gaussians.gaussians import Gaussians
-from ..gaussians.storage import load_gaussians
-from ..objects.prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt
-from ..objects.seeds import DetectorFactory, SamFactory
-from ..objects.segment import THRESHOLD, find_objects
-from ..objects.trained import label_maps_of, photo_folder_of
-from ..photos.pixels import load_pixels
-from ..pictures.png import write_png
-from ..pictures.render import render_view
-from ..pictures.scene import Scene
+from ..gaussians import load_gaussians
+from ..objects import (
+    THRESHOLD,
+    ClickPrompt,
+    DetectorFactory,
+    MaskPrompt,
+    Prompt,
+    SamFactory,
+    TextPrompt,
+    find_objects,
+    label_maps_of,
+    photo_folder_of,
+)
+from ..photos import load_pixels
+from ..pictures import Scene, render_view, write_png
 from ..project_folder import ProjectFolder
-from .feature_agreement import innermost_pixel
+from ..scene import Camera, CameraSet, Gaussians, read_camera_set
 from .gaussian_truth import gaussian_iou, gaussian_truth
 from .ground_truth import GroundTruth, Layout, read_ground_truth
 from .image_metrics import psnr
 from .mask_metrics import boundary_iou, halo, holes, iou, stray
+from .segment_agreement import innermost_pixel
 from .settings import EvaluationSettings, SeedKind, Way, ways_of
 
 __all__ = ["Evaluation", "Row", "evaluate_project", "mean_of", "visible_masks"]

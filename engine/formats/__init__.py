@@ -1,7 +1,10 @@
-"""Gaussians in, files that other programs read out, and back: 3DGS PLY and glTF (KHR_gaussian_splatting)."""
+"""Reading and writing Gaussians in the formats of other programs: 3DGS PLY and glTF (KHR_gaussian_splatting)."""
+
+from __future__ import annotations
 
 from .glb import read_glb, write_glb
 from .ply import read_ply, write_ply
-from .transform import transform_gaussians
+from .spherical_harmonics import SH_C0
+from .transform import logits_of, transform_gaussians
 
-__all__ = ["read_glb", "read_ply", "transform_gaussians", "write_glb", "write_ply"]
+__all__ = ["SH_C0", "logits_of", "read_glb", "read_ply", "transform_gaussians", "write_glb", "write_ply"]

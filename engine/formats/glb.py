@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import DiskError, FormatError
-from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write
+from ..scene import Gaussians
 from .ply import check_finite
 from .spherical_harmonics import SH_C0
 from .transform import logits_of, transform_gaussians

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DiskError, FormatError, NumericalError
-from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write
+from ..scene import Gaussians
 from .transform import logits_of
 
 __all__ = ["check_finite", "read_ply", "write_ply"]

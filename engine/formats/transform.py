@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import NumericalError
-from ..gaussians.gaussians import Gaussians
+from ..scene import Gaussians
 from .spherical_harmonics import orthogonal_sh_matrix
 
 __all__ = ["logits_of", "quats_from_rotations", "rotations_from_quats", "transform_gaussians"]

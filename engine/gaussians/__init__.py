@@ -1,3 +1,15 @@
-"""Sparse points (or nothing but cameras) come in, Gaussians to start from go out; and the scene's files on disk."""
+"""The initial Gaussians of a scene, and the files of a trained one."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .initialise import gaussians_at, gaussians_from_points, initial_features
+    from .storage import load_gaussians, save_gaussians
+
+__all__ = ["gaussians_at", "gaussians_from_points", "initial_features", "load_gaussians", "save_gaussians"]
+
+__getattr__ = lazy_exports(__name__, __file__)

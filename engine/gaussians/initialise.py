@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from ..cameras.camera import PinholeCamera
 from ..errors import TrainingError
 from ..events import Emit, Warned, ignore_events
-from ..formats.spherical_harmonics import SH_C0
-from .gaussians import Gaussians
+from ..formats import SH_C0
+from ..scene import Gaussians, PinholeCamera
 
 __all__ = ["gaussians_at", "gaussians_from_points", "initial_features", "points_in_view"]
 

@@ -1,3 +1,15 @@
-"""Grounding: a photo and words come in, boxes with scores go out, or the news that the words are not known."""
+"""Text grounding: boxes or segments of a photo that a text names, with scores."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .default import load_default_detector
+    from .detector import Detector
+
+__all__ = ["Detector", "load_default_detector"]
+
+__getattr__ = lazy_exports(__name__, __file__)

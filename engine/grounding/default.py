@@ -6,7 +6,7 @@ import functools
 import logging
 from pathlib import Path
 
-from ..models.catalogue import find, models_folder
+from ..models import find, models_folder
 from .detector import Detector
 
 __all__ = ["default_detector_name", "load_default_detector"]

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ModelFileError
-from ..models.catalogue import locate
-from ..models.onnx_session import open_session
+from ..models import locate, open_session
 from .detector import Detection, PromptCheck
 from .dino_inputs import Tokens, caption, load_tokenizer, picture, resized_size
 from .settings import GroundingSettings

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import PromptError
-from ..models.catalogue import locate, models_folder
+from ..models import locate, models_folder
 from .detector import Detection, PromptCheck
 from .efficientnet import INPUT_SIDE, EfficientNetLite2
 from .kept_rows import KeptRows

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import EnvironmentProblem, ModelFileError
-from ..models.onnx_session import open_session
+from ..models import open_session
 
 __all__ = ["SentenceEncoder"]
 

@@ -1,3 +1,26 @@
-"""Masks: photos come in, one int32 label map a photo goes out; clicks and boxes become masks too."""
+"""Segment Anything on photos: one int32 label map per photo, and masks of clicks and boxes."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .embeddings import EmbeddingFolder
+    from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
+    from .stage import make_masks
+    from .storage import label_map_path, read_label_map
+
+__all__ = [
+    "Embedding",
+    "EmbeddingFolder",
+    "SegmentAnything",
+    "label_map_path",
+    "load_default_sam",
+    "load_sam",
+    "make_masks",
+    "read_label_map",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

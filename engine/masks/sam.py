@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MaskError, ModelFileError
-from ..models.catalogue import locate
-from ..models.onnx_session import open_session
+from ..models import locate, open_session
 from .settings import SAM_MODELS
 
 __all__ = ["LOW_RES_SIDE", "Embedding", "Prediction", "SegmentAnything", "load_default_sam", "load_sam", "photo_logits"]

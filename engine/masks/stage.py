@@ -9,12 +9,11 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..cameras.camera import CameraSet
 from ..errors import Cancelled, MaskError
 from ..events import Emit, Progress, StopCheck
-from ..photos.photo import Photo, PhotoSet
-from ..photos.pixels import load_pixels
+from ..photos import load_pixels
 from ..project_folder import stage_key
+from ..scene import CameraSet, Photo, PhotoSet
 from ..settings import to_dict
 from .automatic import segment_everything
 from .embeddings import EmbeddingFolder

@@ -1,3 +1,62 @@
-"""A trained scene and a prompt (text, click, box or mask) come in; objects with a membership per Gaussian go out."""
+"""Objects of a trained scene: from a prompt (text, click, box or mask) to a membership per Gaussian."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .candidate_file import CANDIDATES
+    from .context import SegmentationContext, label_maps_of, load_context, photo_folder_of
+    from .curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
+    from .everything import find_everything, segment_everything_in
+    from .evidence import DetectorFactory, SamFactory
+    from .photos import Photos
+    from .polishing import polish
+    from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
+    from .ranking import NothingAlike
+    from .segment import THRESHOLD, find_objects, segment_project
+    from .storage import delete_object, list_objects, load_membership, load_object, object_gaussians
+    from .views import View, Views, eroded, spread_cameras
+
+__all__ = [
+    "CANDIDATES",
+    "THRESHOLD",
+    "ClickPrompt",
+    "DetectorFactory",
+    "MaskPrompt",
+    "NothingAlike",
+    "Photos",
+    "Prompt",
+    "SamFactory",
+    "TextPrompt",
+    "SegmentationContext",
+    "View",
+    "Views",
+    "accept_candidate",
+    "choose_level",
+    "delete_object",
+    "eroded",
+    "find_everything",
+    "find_objects",
+    "label_maps_of",
+    "list_objects",
+    "load_membership",
+    "load_object",
+    "load_context",
+    "object_gaussians",
+    "parse_point",
+    "parse_prompt",
+    "parse_texts",
+    "photo_folder_of",
+    "polish",
+    "refine_object",
+    "segment_everything_in",
+    "segment_project",
+    "segment_texts",
+    "spread_cameras",
+    "store_background",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

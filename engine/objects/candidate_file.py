@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, PromptError
-from ..pictures.png import write_png
+from ..pictures import write_png
 from ..project_folder import write_json
 from .candidates import Candidate
 from .photos import Photos

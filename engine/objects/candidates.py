@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck
+from .evidence import Seed
 from .lifting import Lifted, lift
 from .photos import Photos
-from .seeds import Seed
 from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..events import StopCheck
+from .evidence import evidence_of_clicks
 from .lifting import behind, lift, refine_by_votes, votes_of_mask
 from .photos import Photos
 from .prompts import Point
-from .seeds import seeds_of_clicks
 from .settings import SegmentSettings
 from .views import Views
 
@@ -60,7 +60,7 @@ def taken_away(
     where features and votes tell it from the rest of the object: it then holds less than half of that rest.
     """
     away = np.zeros(len(kept), bool)
-    for seed in seeds_of_clicks(excluded, clicks, views, photos, settings):
+    for seed in evidence_of_clicks(excluded, clicks, views, photos, settings):
         hit = behind(votes_of_mask(views, seed.view, seed.mask))
         away |= hit
         lifted = lift(views, seed.view, seed.mask, settings, start=seed.start)

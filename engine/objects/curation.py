@@ -15,13 +15,14 @@ from ..events import Emit, StopCheck, Warned, part_of
 from ..project_folder import ProjectFolder
 from .candidate_file import forget_candidates, load_candidate
 from .candidates import THRESHOLD, gather
+from .context import SegmentationContext, load_context
 from .correction import taken_away, without
+from .evidence import DetectorFactory, Seed, evidence_of_clicks
 from .found import record_of, store_found
 from .growing import Levels
 from .photos import SamFactory
 from .polishing import polish_each
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
-from .seeds import DetectorFactory, Seed, seeds_of_clicks
 from .segment import finish, isolate, segment_project
 from .settings import SegmentSettings
 from .storage import (
@@ -34,7 +35,6 @@ from .storage import (
     load_object,
     save_object,
 )
-from .trained import Trained, load_trained
 
 __all__ = [
     "BACKGROUND",
@@ -70,7 +70,7 @@ def segment_texts(
     Parameters
     ----------
     project : ProjectFolder
-        Trained, and held for writing.
+        SegmentationContext, and held for writing.
     texts : sequence of str
     name : str or None
         Of the objects; each text itself by default.
@@ -93,7 +93,7 @@ def segment_texts(
         When a part of the project is missing or damaged.
     """
     forget_candidates(project.path)
-    trained = load_trained(project, settings, sam_factory)
+    trained = load_context(project, settings, sam_factory)
     records: list[ObjectRecord] = []
     refused: dict[str, str] = {}
     for number, text in enumerate(texts):
@@ -151,7 +151,7 @@ def accept_candidate(
     """
     started = time.perf_counter()
     kept = load_candidate(project.path, number)
-    trained = load_trained(project, settings, sam_factory)
+    trained = load_context(project, settings, sam_factory)
     camera = camera_of_prompt(MaskPrompt(kept.photo, kept.mask), trained.views.cameras)
     view = trained.views.of(camera)
     seed = Seed(view, view.from_photo(load_mask(kept.mask, camera)), kept.score)
@@ -210,7 +210,7 @@ def refine_object(
         For a click where nothing is, and when nothing of the object would be left.
     """
     record = load_object(project.path, name)
-    trained = load_trained(project, settings, sam_factory)
+    trained = load_context(project, settings, sam_factory)
     membership = load_fitting_membership(project.path, record, len(trained.views.scene))
     before = int((membership >= record.threshold).sum())
     views = trained.views
@@ -245,9 +245,9 @@ def refine_object(
 
 
 def _seeds(
-    clicks: Sequence[Point], excluded: Sequence[Point], trained: Trained, settings: SegmentSettings
+    clicks: Sequence[Point], excluded: Sequence[Point], trained: SegmentationContext, settings: SegmentSettings
 ) -> list[Seed]:
-    return seeds_of_clicks(clicks, excluded, trained.views, trained.photos, settings)
+    return evidence_of_clicks(clicks, excluded, trained.views, trained.photos, settings)
 
 
 def choose_level(
@@ -285,7 +285,7 @@ def choose_level(
     if not record.levels:
         return record
     changed = replace(record, level=level, n_gaussians=int((levels[level] >= record.threshold).sum()))
-    views = load_trained(project, settings, sam_factory).views
+    views = load_context(project, settings, sam_factory).views
     load_fitting_membership(project.path, record, len(views.scene))
     (polished,) = polish_each(views, [levels[level] >= record.threshold], settings, emit=emit, should_stop=should_stop)
     save_object(project.path, changed, levels[level], levels=list(levels), polished=polished)
@@ -309,7 +309,7 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
     ObjectError
         When there is no object that it could be the complement of.
     """
-    from ..gaussians.storage import load_gaussians
+    from ..gaussians import load_gaussians
 
     started = time.perf_counter()
     count = len(load_gaussians(project.path / "gaussians"))

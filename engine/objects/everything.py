@@ -14,18 +14,18 @@ from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
 from .candidates import THRESHOLD, crop_of, overlap
 from .clustering import cluster_scene, vote_for_groups
+from .context import SegmentationContext, load_context
 from .curation import memberships_of, store_background
+from .evidence import DetectorFactory
 from .found import record_of
 from .growing import Levels
 from .photos import SamFactory
 from .polishing import polish_each
-from .seeds import DetectorFactory
 from .settings import SegmentSettings
 from .storage import ObjectRecord, save_object
-from .trained import Trained, load_trained
 from .views import LARGEST, Views, spread_cameras
 
-__all__ = ["Something", "find_everything", "segment_everything_in"]
+__all__ = ["DetectedObject", "find_everything", "segment_everything_in"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -40,7 +40,7 @@ _MERGED = 1.05
 
 
 @dataclass(frozen=True)
-class Something:
+class DetectedObject:
     """An object that nobody asked for.
 
     Attributes
@@ -67,18 +67,18 @@ class Something:
 
 
 def find_everything(
-    trained: Trained,
+    trained: SegmentationContext,
     settings: SegmentSettings,
     *,
     detector_factory: DetectorFactory,
     emit: Emit,
     should_stop: StopCheck,
-) -> list[Something]:
+) -> list[DetectedObject]:
     """Return the objects of a scene without its background, the surest first; none of them overlap.
 
     Parameters
     ----------
-    trained : Trained
+    trained : SegmentationContext
     settings : SegmentSettings
         `n_crop_views`.
     detector_factory : callable
@@ -102,10 +102,10 @@ def find_everything(
         return []
     votes, pictures = vote_for_groups(views, labels, trained.label_maps, n_views=_N_VIEWS, should_stop=should_stop)
     emit(Progress("objects", 0.6, message="Telling objects from their surroundings"))
-    sight = _Sight(trained, votes, pictures, detector_factory, settings)
+    sight = _GroupNamer(trained, votes, pictures, detector_factory, settings)
     groups = [k for k in range(votes.shape[1]) if (votes[:, k] >= THRESHOLD).sum() >= _FEWEST]
     objects = _without_background(views, votes, groups)
-    named: list[Something] = []
+    named: list[DetectedObject] = []
     for number, group in enumerate(objects):
         if should_stop():
             raise Cancelled("Stopped while looking at all objects; none was stored.")
@@ -114,12 +114,12 @@ def find_everything(
     return sorted(_merged(sight, named, should_stop), key=lambda one: -one.score)
 
 
-class _Sight:
+class _GroupNamer:
     """What the voting views saw of each group."""
 
     def __init__(
         self,
-        trained: Trained,
+        trained: SegmentationContext,
         votes: Float32,
         pictures: Sequence[tuple[str, NDArray[np.int32]]],
         detector_factory: DetectorFactory,
@@ -128,14 +128,14 @@ class _Sight:
         self.trained, self._votes, self._pictures = trained, votes, pictures
         self._detector_factory, self._settings = detector_factory, settings
 
-    def named(self, groups: tuple[int, ...]) -> Something:
+    def named(self, groups: tuple[int, ...]) -> DetectedObject:
         """Return the groups as one object, with the name that the detector suggests from several sides."""
         membership = self._votes[:, list(groups)].max(axis=1)
         suggestions = self._detector_factory().name_crops(list(self._crops(groups)))
         if not suggestions:
-            return Something(membership, "", 0.0, groups)
+            return DetectedObject(membership, "", 0.0, groups)
         name, score = suggestions[0]
-        return Something(membership, name if score >= _NAMED else "", score, groups)
+        return DetectedObject(membership, name if score >= _NAMED else "", score, groups)
 
     def _crops(self, groups: tuple[int, ...]) -> Iterator[tuple[NDArray[np.uint8], list[int], Mask]]:
         views, photos = self.trained.views, self.trained.photos
@@ -167,7 +167,7 @@ def _carries(lower: NDArray[np.floating], upper: NDArray[np.floating]) -> bool:
     return bool(foot and within and narrower and above)
 
 
-def _merged(sight: _Sight, named: Sequence[Something], should_stop: StopCheck) -> list[Something]:
+def _merged(sight: _GroupNamer, named: Sequence[DetectedObject], should_stop: StopCheck) -> list[DetectedObject]:
     """Return the objects with those put together that are one: a bell and the yoke it hangs from."""
     left = list(named)
     tried: set[tuple[int, ...]] = set()
@@ -218,7 +218,7 @@ def segment_everything_in(
     Parameters
     ----------
     project : ProjectFolder
-        Trained, and held for writing.
+        SegmentationContext, and held for writing.
     settings, detector_factory, sam_factory, emit, should_stop
         As in `engine.objects.segment.segment_project`.
 
@@ -239,7 +239,7 @@ def segment_everything_in(
         When a part of the project is missing or damaged.
     """
     started = time.perf_counter()
-    trained = load_trained(project, settings, sam_factory)
+    trained = load_context(project, settings, sam_factory)
     found = find_everything(
         trained, settings, detector_factory=detector_factory, emit=part_of(emit, 0, 2), should_stop=should_stop
     )

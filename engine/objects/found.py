@@ -16,12 +16,12 @@ from ..events import Emit, StopCheck
 from ..project_folder import ProjectFolder
 from ..settings import to_dict
 from .candidates import THRESHOLD
+from .context import SegmentationContext
+from .evidence import Seed
 from .growing import Levels
 from .polishing import polish_each
-from .seeds import Seed
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
-from .trained import Trained
 
 __all__ = ["FoundObject", "record_of", "store_found"]
 
@@ -55,7 +55,7 @@ class FoundObject:
 
 def store_found(
     project: ProjectFolder,
-    trained: Trained,
+    trained: SegmentationContext,
     found: Sequence[FoundObject],
     asked: dict[str, Any],
     name: str,
@@ -70,7 +70,7 @@ def store_found(
     Parameters
     ----------
     project : ProjectFolder
-    trained : Trained
+    trained : SegmentationContext
         Of this project.
     found : sequence of FoundObject
     asked : dict

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera
-from ..cameras.lens import project
+from ..cameras import project
 from ..errors import Cancelled
 from ..events import StopCheck
-from ..gaussians.gaussians import FEATURE_DIM
+from ..scene import FEATURE_DIM, Camera
 from .hierarchy import Hierarchy
 from .lifting import Lifted, refine_by_votes
 from .photos import Photos

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck
-from ..pictures.clusters import find_clusters
+from ..pictures import find_clusters
 from .selection import calibrated, connected_parts, inside_hull, mean_direction, with_members, within_quartiles
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras

@@ -14,21 +14,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera
 from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck
 from ..kept_arrays import keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
+from ..scene import Camera
 from .candidates import FEWEST_PIXELS, crop_of
+from .evidence import Seed
 from .hierarchy import Hierarchy, build_hierarchy
 from .photos import Photos
-from .seeds import Seed
 from .views import LARGEST, View, Views, spread_cameras
 
 if TYPE_CHECKING:
-    from ..grounding.detector import Detector
+    from ..grounding import Detector
 
-__all__ = ["GroupLooks", "load_or_make_looks", "make_looks", "seeds_of_groups"]
+__all__ = ["GroupLooks", "load_or_make_looks", "make_looks", "evidence_of_groups"]
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -169,7 +169,7 @@ def _on_rim(picture: Int32, count: int) -> Mask:
     return np.bincount(rim[rim >= 0], minlength=count) > 0
 
 
-def seeds_of_groups(text: str, looks: GroupLooks, views: Views, detector: Detector, count: int) -> list[Seed]:
+def evidence_of_groups(text: str, looks: GroupLooks, views: Views, detector: Detector, count: int) -> list[Seed]:
     """Return groups that stand out and look like what `text` names, each where it is seen largest.
 
     Part of an object may look as much like it as the whole does, and stand out as much. So each group comes with the

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera
-from ..photos.pixels import load_pixels
+from ..photos import load_pixels
+from ..scene import Camera
 
 if TYPE_CHECKING:
-    from ..masks.embeddings import EmbeddingFolder
-    from ..masks.sam import Embedding, SegmentAnything
+    from ..masks import Embedding, EmbeddingFolder, SegmentAnything
 
 __all__ = ["Photos", "SamFactory"]
 

@@ -13,14 +13,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
 from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck
-from ..gaussians.gaussians import Gaussians
-from ..pictures.scene import Scene
-from ..training.parameters import Parameters, render
+from ..pictures import Scene
+from ..scene import Gaussians, PinholeCamera, Polished
+from ..training import Parameters, render
 from ..training.settings import TrainingSettings
-from .polished import Polished
 from .settings import SegmentSettings
 from .views import View, Views, eroded, spread_cameras
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera, CameraSet
 from ..errors import MaskError, PromptError
+from ..scene import Camera, CameraSet
 
 __all__ = [
     "BoxPrompt",

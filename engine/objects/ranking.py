@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PromptError
 from ..events import StopCheck
 from .candidates import Candidate, center_of, crops_of, fit_of, overlap
+from .evidence import Seed
 from .hierarchy import Hierarchy
 from .lifting import Lifted, lift, lift_group
 from .photos import Photos
-from .seeds import Seed
 from .selection import iou_of
 from .settings import SegmentSettings
 from .views import Views
 
 if TYPE_CHECKING:
-    from ..grounding.detector import Detector
+    from ..grounding import Detector
 
 __all__ = [
     "NothingAlike",

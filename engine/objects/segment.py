@@ -10,32 +10,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import CameraSet
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
-from ..gaussians.gaussians import Gaussians
-from ..pictures.scene import Backend, Scene
+from ..pictures import Backend, Scene
 from ..project_folder import ProjectFolder
+from ..scene import CameraSet, Gaussians
 from .candidate_file import remember_candidates
 from .candidates import THRESHOLD, Candidate, fit_of, gather, overlap
+from .context import SegmentationContext, load_context
 from .correction import taken_away, without
+from .evidence import DetectorFactory, Seed, find_evidence
 from .found import FoundObject, store_found
 from .growing import Levels, levels_of
 from .hierarchy import Hierarchy
 from .lifting import complete, refine_by_votes
-from .looks import seeds_of_groups
+from .looks import evidence_of_groups
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
 from .ranking import NothingAlike, TextJudge, gather_for_text, nothing_alike, rank_for_text
-from .seeds import DetectorFactory, Seed, find_seeds
 from .settings import SegmentSettings
 from .storage import ObjectRecord
-from .trained import Trained, load_trained
 from .views import Views
 
 if TYPE_CHECKING:
-    from ..grounding.detector import Detector
-    from ..masks.embeddings import EmbeddingFolder
+    from ..grounding import Detector
+    from ..masks import EmbeddingFolder
 
 __all__ = [
     "THRESHOLD",
@@ -111,7 +110,7 @@ def find_objects(
     Dahaghin et al., "Gaussian Heritage" (2024): feature of the best-fitting mask over sampled views, cosine 0.7,
     convex hull.
     """
-    trained = Trained(
+    trained = SegmentationContext(
         Views(Scene(gaussians, backend=backend), cameras, render_side=settings.render_side),
         Photos(photo_folder, settings.photo_side, sam_factory, embeddings),
         label_maps,
@@ -121,7 +120,7 @@ def find_objects(
 
 
 def _find(
-    trained: Trained,
+    trained: SegmentationContext,
     prompt: Prompt,
     settings: SegmentSettings,
     *,
@@ -134,7 +133,7 @@ def _find(
     if isinstance(prompt, TextPrompt) and by_groups and detector_factory().knows(prompt.text).known:
         looks = trained.looks(detector_factory(), emit=part_of(emit, 0, 2), should_stop=should_stop)
         emit = part_of(emit, 1, 2)
-    seeds = find_seeds(
+    seeds = find_evidence(
         prompt,
         trained.views,
         trained.photos,
@@ -146,7 +145,7 @@ def _find(
     )
     if isinstance(prompt, TextPrompt):
         if looks is not None:
-            seeds += seeds_of_groups(prompt.text, looks, trained.views, detector_factory(), settings.n_groups)
+            seeds += evidence_of_groups(prompt.text, looks, trained.views, detector_factory(), settings.n_groups)
         if not seeds:
             n_photos = min(settings.n_text_views, len(trained.label_maps) or len(trained.views.cameras.cameras))
             raise PromptError(
@@ -158,7 +157,7 @@ def _find(
 
 
 def isolate(
-    trained: Trained,
+    trained: SegmentationContext,
     prompt: Prompt,
     seeds: Sequence[Seed],
     settings: SegmentSettings,
@@ -172,7 +171,7 @@ def isolate(
 
     Parameters
     ----------
-    trained : Trained
+    trained : SegmentationContext
     prompt : Prompt
         What `seeds` were found by. The seeds of a click are one object, those of a text may be several.
     seeds : sequence of Seed
@@ -219,7 +218,7 @@ def isolate(
 
 
 def _isolate_named(
-    trained: Trained,
+    trained: SegmentationContext,
     text: str,
     seeds: Sequence[Seed],
     settings: SegmentSettings,
@@ -283,14 +282,14 @@ def _some(candidates: Sequence[Candidate]) -> None:
         )
 
 
-def _found(trained: Trained, candidate: Candidate, levels: Levels, score: float) -> FoundObject:
+def _found(trained: SegmentationContext, candidate: Candidate, levels: Levels, score: float) -> FoundObject:
     best = candidate.seeds[0]
     fit = fit_of(trained.views, best.view, best.mask, levels.membership)
     return FoundObject(levels.membership, score, fit, tuple(candidate.seeds), levels)
 
 
 def _corrected(
-    trained: Trained,
+    trained: SegmentationContext,
     prompt: ClickPrompt | BoxPrompt | MaskPrompt,
     membership: Float32,
     seeds: Sequence[Seed],
@@ -309,7 +308,7 @@ def _corrected(
 
 
 def _levels(
-    trained: Trained,
+    trained: SegmentationContext,
     candidate: Candidate,
     membership: Float32,
     settings: SegmentSettings,
@@ -332,7 +331,9 @@ def _levels(
     )
 
 
-def finish(trained: Trained, candidate: Candidate, settings: SegmentSettings, should_stop: StopCheck) -> Float32:
+def finish(
+    trained: SegmentationContext, candidate: Candidate, settings: SegmentSettings, should_stop: StopCheck
+) -> Float32:
     """Return the membership of a candidate after the votes and the completion, shape [N], float32."""
     lifted = candidate.best
     if settings.refinement == "votes":
@@ -353,14 +354,14 @@ def segment_project(
     emit: Emit,
     should_stop: StopCheck,
     backend: Backend = "cpu",
-    trained: Trained | None = None,
+    trained: SegmentationContext | None = None,
 ) -> list[ObjectRecord]:
     """Isolate what `prompt` asks for in a trained project and store each match as an object of its own.
 
     Parameters
     ----------
     project : ProjectFolder
-        Trained, and held for writing.
+        SegmentationContext, and held for writing.
     prompt : Prompt
     name : str
         Of the objects; further matches get ``-2``, ``-3``...
@@ -370,7 +371,7 @@ def segment_project(
     emit, should_stop
         See `engine.events`.
     backend : {"cpu", "reference"}
-    trained : Trained, optional
+    trained : SegmentationContext, optional
         Of this project, when several prompts follow each other.
 
     Returns
@@ -386,7 +387,7 @@ def segment_project(
         When a part of the project is missing or damaged.
     """
     started = time.perf_counter()
-    trained = trained or load_trained(project, settings, sam_factory, backend=backend)
+    trained = trained or load_context(project, settings, sam_factory, backend=backend)
     try:
         found = _find(
             trained, prompt, settings, detector_factory=detector_factory, emit=part_of(emit, 0, 2),

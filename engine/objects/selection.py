@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from ..pictures.scene import normalized
+from ..pictures import normalized
 
 __all__ = [
     "calibrated",

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, ObjectError
-from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write, write_json
-from .polished import Polished, forget_polished, load_polished, save_polished
+from ..scene import Gaussians, Polished, forget_polished, load_polished, save_polished
 
 __all__ = [
     "OBJECT_VERSION",
@@ -296,7 +295,7 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
     """
     rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
     polished = load_polished(project, record.id)
-    return gaussians[rows] if polished is None else polished.dress(gaussians[rows], rows)
+    return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
 
 
 def _load(file: Path) -> NDArray[np.float32]:

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera, CameraSet, PinholeCamera
-from ..cameras.lens import covering_pinhole, distort, shows, undistort
+from ..cameras import covering_pinhole, distort, shows, undistort
 from ..errors import ObjectError
-from ..pictures.scene import Scene, normalized
+from ..pictures import Scene, normalized
+from ..scene import Camera, CameraSet, PinholeCamera
 
 __all__ = ["LARGEST", "View", "Views", "eroded", "spread_cameras"]
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..errors import Cancelled, FormatError
 from ..events import StopCheck, never_stop
+from ..scene import PhotoSet
 from .exif import exposure_value
-from .photo import PhotoSet
 from .pixels import open_photo, upright_pixels
 
 __all__ = ["PhotoLook", "look_at_photos", "read_looks"]

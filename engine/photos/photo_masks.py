@@ -17,8 +17,8 @@ from PIL import Image, ImageFilter
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, StopCheck, Warned
 from ..project_folder import file_sha256
+from ..scene import Photo
 from .exif import TURNS, orientation_of
-from .photo import Photo
 from .pixels import open_photo, upright_with_alpha
 
 __all__ = ["load_valid", "load_with_valid", "with_masks"]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..project_folder import file_sha256
+from ..scene import Photo, PhotoSet, RejectedPhoto
 from .exif import TURNS, orientation_of
-from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_masks import with_masks
 from .pixels import can_read_heic, open_photo, upright_pixels
 from .settings import PhotoSettings

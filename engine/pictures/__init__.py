@@ -1,3 +1,17 @@
-"""Gaussians and a camera come in; pictures in the pixels of the photo, and votes of pixels for Gaussians, go out."""
+"""Rendered pictures of a trained scene in the pixels of its photos, and votes of pixels for Gaussians."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .clusters import find_clusters
+    from .png import write_png
+    from .render import render_view
+    from .scene import Backend, Scene, normalized
+
+__all__ = ["Backend", "Scene", "find_clusters", "normalized", "render_view", "write_png"]
+
+__getattr__ = lazy_exports(__name__, __file__)

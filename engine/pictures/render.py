@@ -8,9 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera, PinholeCamera
 from ..errors import ObjectError, SettingsError
-from ..gaussians.gaussians import Gaussians
+from ..scene import Camera, Gaussians, PinholeCamera
 from .clusters import cluster_colors, find_clusters, principal_colors
 from .png import write_png
 from .scene import Backend, Scene, normalized
@@ -143,7 +142,7 @@ def click_mask(
 def _frame(camera: Camera | PinholeCamera, *, max_side: int | None = None) -> PinholeCamera:
     if isinstance(camera, PinholeCamera):
         return camera
-    from ..cameras.lens import covering_pinhole
+    from ..cameras import covering_pinhole
 
     return covering_pinhole(camera, max_side=max_side)
 
@@ -152,7 +151,7 @@ def _to_photo(picture: Float32, frame: PinholeCamera, camera: Camera | PinholeCa
     """Bring `picture` from `frame` to the pixels of the photo."""
     if isinstance(camera, PinholeCamera):
         return picture
-    from ..cameras.lens import distort
+    from ..cameras import distort
 
     return np.asarray(distort(picture, frame, camera, interpolation="linear"), np.float32)
 

@@ -10,12 +10,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
-from ..gaussians.gaussians import Gaussians
-from ..rasterizer.api import MAX_CHANNELS, rasterize
+from ..rasterizer import MAX_CHANNELS, rasterize
+from ..scene import Gaussians, PinholeCamera
 
 if TYPE_CHECKING:
-    from ..rasterizer.still_view import StillView
+    from ..rasterizer import StillView
 
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
@@ -170,7 +169,7 @@ class Scene:
 
     def _still_view(self, camera: PinholeCamera) -> StillView:
         """Return what does not change from one picture of `camera` to the next, made once while there is room."""
-        from ..rasterizer.still_view import StillView
+        from ..rasterizer import StillView
 
         if id(camera) not in self._still:
             view = StillView(

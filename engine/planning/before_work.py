@@ -11,11 +11,10 @@ from typing import NamedTuple
 from ..cameras.settings import CameraSettings
 from ..events import Emit, StopCheck
 from ..machine import describe_machine
-from ..photos.look import PhotoLook, look_at_photos
-from ..photos.photo import PhotoSet
-from ..photos.reading import read_photos
+from ..photos import PhotoLook, look_at_photos, read_photos
 from ..photos.settings import PhotoSettings
 from ..project_folder import ProjectFolder
+from ..scene import PhotoSet
 from .benchmark import calibrate
 from .calibration import Calibration
 from .decisions import PlanSettings, WorkPlan, plan_work, training_settings
@@ -83,7 +82,7 @@ def plan_and_forecast(
     """
     points_given = False
     if model is not None:
-        from ..cameras.given import has_points
+        from ..cameras import has_points
 
         points_given = has_points(model)
     work = plan_work(

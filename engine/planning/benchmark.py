@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
 from ..errors import ModelFileError
 from ..events import Emit, Progress, ignore_events, never_stop
-from ..gaussians.gaussians import Gaussians
 from ..machine import Machine, cpu_seconds
+from ..scene import Gaussians, PinholeCamera
 from ..training.settings import TrainingSettings
 from .calibration import Benchmark, Calibration, load_calibration
 
@@ -36,7 +35,7 @@ def calibrate(machine: Machine, *, emit: Emit, file: Path | None = None) -> Cali
     file : Path, optional
         See `load_calibration`.
     """
-    from ..rasterizer.jit import cache_folder
+    from ..rasterizer import cache_folder
 
     def measure() -> Benchmark:
         emit(Progress("planning", 0.0, 10.0, "measuring this machine's speed, once"))
@@ -64,7 +63,7 @@ def measure_speed() -> Benchmark:
 def _libraries() -> int | None:
     """Return the most bytes held by a process that has loaded what the stages use and done nothing yet."""
     engine = str(__package__).rpartition(".")[0]
-    rooms = ", ".join(f"{engine}.{room}" for room in ("training.train", "cameras.sfm", "masks.sam"))
+    rooms = ", ".join(f"{engine}.{room}" for room in ("training.loop", "cameras.sfm", "masks.sam"))
     code = f"import {rooms}; from {engine}.machine import peak_memory; print(peak_memory() or 0)"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     return int(told) or None
@@ -72,8 +71,7 @@ def _libraries() -> int | None:
 
 def _training_step(folder: Path) -> float:
     """Return the CPU seconds of a step with 10,000 Gaussians on 320 x 240 pixels, without what starts a run."""
-    from ..training.train import train
-    from ..training.views import TrainingView
+    from ..training import TrainingView, train
 
     settings = TrainingSettings(
         steps=_STEPS, max_gaussians=_N, sh_degree=0, max_side=_WIDTH, coarse_levels=0, features=False, grow_from=1.0,
@@ -113,9 +111,9 @@ def _features(folder: Path) -> float:
     """Return the CPU seconds of features in two pictures of 640 x 480 that overlap by three quarters, and a match."""
     from PIL import Image
 
-    from ..cameras.features import Workshop, match_features
+    from ..cameras import Workshop, match_features
     from ..cameras.settings import CameraSettings
-    from ..photos.photo import Photo, PhotoSet
+    from ..scene import Photo, PhotoSet
 
     width, height = _PICTURE
     wide = _texture(np.random.default_rng(1), width + width // 4, height)
@@ -132,7 +130,7 @@ def _features(folder: Path) -> float:
 
 def _sam_encode() -> float | None:
     """Return the CPU seconds of encoding a picture, None where the model is not there."""
-    from ..masks.sam import load_default_sam
+    from ..masks import load_default_sam
 
     try:
         sam = load_default_sam()

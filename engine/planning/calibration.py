@@ -178,7 +178,7 @@ def calibration_file() -> Path:
     named = os.environ.get(CALIBRATION_VARIABLE)
     if named:
         return Path(named)
-    from ..models.catalogue import models_folder
+    from ..models import models_folder
 
     return models_folder().parent / "calibration.json"
 

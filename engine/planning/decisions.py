@@ -12,10 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..cameras.camera import CameraSet
 from ..cameras.settings import CameraSettings
-from ..photos.look import PhotoLook
-from ..photos.photo import PhotoSet
+from ..photos import PhotoLook
+from ..scene import CameraSet, PhotoSet
 from ..settings import require
 from ..training.settings import PRESETS, TrainingSettings
 

@@ -169,7 +169,7 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: i
     steps : int, optional
         Only the first so many; what a run that stopped early is compared with.
     """
-    from ..training.schedule import Schedule
+    from ..training import Schedule
 
     n_trained = max(1, work.n_photos - work.n_held_out)
     schedule = Schedule(settings, n_trained, 1.0)

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 import torch
 
-from ..cameras.camera import PinholeCamera
 from ..errors import CameraError, NumericalError
+from ..scene import PinholeCamera
 from .finite import all_finite
 from .settings import RasterSettings
 

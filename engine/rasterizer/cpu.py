@@ -13,8 +13,8 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
-from ..cameras.camera import PinholeCamera
 from ..errors import NumericalError
+from ..scene import PinholeCamera
 from .api import CulledCounts, Raster, check_finite
 from .blend_backward import MOMENTS, blend_tiles_backward
 from .blend_forward import GEOMETRY, blend_tiles

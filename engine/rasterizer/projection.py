@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
+from ..scene import PinholeCamera
 from .finite import rows_finite
 from .jit import INNER, JIT
 from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings

@@ -6,7 +6,7 @@ import math
 
 import torch
 
-from ..cameras.camera import PinholeCamera
+from ..scene import PinholeCamera
 from .api import CulledCounts, Raster
 from .settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, T_MIN, RasterSettings
 

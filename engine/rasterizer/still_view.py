@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
+from ..scene import PinholeCamera
 from .api import MAX_CHANNELS, check_camera, check_finite
 from .blend_backward import MOMENTS
 from .cpu import View, blend_view, padded, pair_gradients, project_view

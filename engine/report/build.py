@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera
 from ..errors import ObjectError, PhotoError
-from ..gaussians.gaussians import Gaussians
-from ..objects.storage import list_objects, load_membership, object_gaussians
-from ..pictures.png import write_png
-from ..pictures.scene import Backend, Scene
+from ..objects import list_objects, load_membership, object_gaussians
+from ..pictures import Backend, Scene, write_png
 from ..project_folder import ProjectFolder, atomic_write, finite_or_null, write_json
+from ..scene import Camera, Gaussians
 from .facts import collect_facts
 from .page import Pictures, page
 from .sheet import picture_sheet
@@ -63,8 +61,8 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
     facts = collect_facts(project)
     pictures = Pictures()
     if project.stage_record("training") is not None:
-        from ..cameras.storage import read_camera_set
-        from ..gaussians.storage import load_gaussians
+        from ..gaussians import load_gaussians
+        from ..scene import read_camera_set
 
         gaussians = load_gaussians(project.path / "gaussians")
         cameras = {camera.photo: camera for camera in read_camera_set(project.path / "cameras").cameras}
@@ -140,7 +138,7 @@ def _feature_agreement(
     gaussians: Gaussians,
     backend: Backend,
 ) -> dict[str, float] | None:
-    from ..masks.storage import label_map_path, read_label_map
+    from ..masks import label_map_path, read_label_map
 
     files = {
         name: label_map_path(project.path / "masks", name) for name in training.get("held_out") or () if name in cameras

@@ -11,7 +11,7 @@ from pathlib import PurePath
 from typing import Any
 
 from .. import __version__
-from ..objects.storage import list_objects
+from ..objects import list_objects
 from ..project_folder import ProjectFolder
 
 __all__ = ["REPORT_VERSION", "STAGES", "collect_facts"]

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
-from ..gaussians.gaussians import Gaussians
-from ..pictures.scene import Backend, Scene
+from ..pictures import Backend, Scene
+from ..scene import Gaussians, PinholeCamera
 
 __all__ = ["alone", "picture_sheet"]
 

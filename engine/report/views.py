@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera, PinholeCamera
-from ..cameras.lens import covering_pinhole, shows, training_pinhole, undistort
-from ..evaluation.mask_metrics import feature_agreement
-from ..gaussians.gaussians import Gaussians
-from ..objects.views import spread_cameras
-from ..pictures.render import render_view
-from ..pictures.scene import Backend, Scene
+from ..cameras import covering_pinhole, shows, training_pinhole, undistort
+from ..evaluation import feature_agreement
+from ..objects import spread_cameras
+from ..pictures import Backend, Scene, render_view
+from ..scene import Camera, Gaussians, PinholeCamera
 from .sheet import alone
 
 __all__ = [
@@ -65,7 +63,7 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
     PhotoError
         When the photo cannot be read any more.
     """
-    from ..photos.pixels import load_pixels
+    from ..photos import load_pixels
 
     frame = training_pinhole(camera, max_side=_PAIR_SIDE)
     pixels = load_pixels(folder / camera.photo, max_side=2 * _PAIR_SIDE)

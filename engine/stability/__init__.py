@@ -1,3 +1,14 @@
-"""Stiff and extreme scenes come in; tables of float32's errors and of how training ends, with verdicts, go out."""
+"""Numerical stability: float32 against float64 and whole trainings, in stiff and extreme cases."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .table import markdown, run_cases, select, write_table
+
+__all__ = ["markdown", "run_cases", "select", "write_table"]
+
+__getattr__ = lazy_exports(__name__, __file__)

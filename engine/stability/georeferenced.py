@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
-from ..cameras.normalise import normalised_viewmat, original_from_world
+from ..cameras import normalised_viewmat, original_from_world
+from ..scene import PinholeCamera
 from .bounds import Bounds
 from .measure import Finding
 from .scenes import Scene, facing_camera, ordinary_scene

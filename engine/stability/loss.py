@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as functional
 
 from ..errors import NumericalError
-from ..rasterizer.loss import photometric_loss
+from ..rasterizer import photometric_loss
 from .bounds import Bounds
 from .condition import sensitivities
 from .measure import Finding, worst_gradient

@@ -9,7 +9,7 @@ from typing import Literal
 
 import torch
 
-from ..rasterizer.api import CulledCounts, Raster
+from ..rasterizer import CulledCounts, Raster
 from .bounds import EPS32, FLIP, Bounds
 from .condition import row_norms, sensitivities
 from .scenes import NAMES, Scene

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..errors import NumericalError
-from ..rasterizer.adam import AdamState, adam_step
+from ..rasterizer import AdamState, adam_step
 from .bounds import Bounds
 from .measure import Finding
 

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ..errors import CameraError, NumericalError
-from ..rasterizer.api import Raster
+from ..rasterizer import Raster
 from ..rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 from .bounds import Bounds
 from .measure import Finding, largest_error

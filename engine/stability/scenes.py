@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
-from ..rasterizer.api import Raster, rasterize
+from ..rasterizer import Raster, rasterize
 from ..rasterizer.settings import RasterSettings
+from ..scene import PinholeCamera
 
 __all__ = ["NAMES", "ONE_THREAD", "Scene", "facing_camera", "ordinary_scene", "slanted_camera"]
 

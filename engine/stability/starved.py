@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import HeritageError
-from ..training.checkpoint import read_progress
+from ..training import read_progress
 from .training_measure import problems_of_files, same_gaussians, trained
 from .training_scenes import SETTINGS, known_capture, training_input
 

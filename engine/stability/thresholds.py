@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ..rasterizer.reference import project_centres, project_covariances
+from ..rasterizer import project_centres, project_covariances
 from ..rasterizer.settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, QUAT_NORM2_MIN, T_MIN
 from .scenes import Scene
 

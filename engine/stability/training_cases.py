@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..training.result import TrainingResult
+from ..training import TrainingResult
 from ..training.settings import PRESETS, TrainingSettings
 from .training_floors import EASIER, HOLES, LEARNT, SAME, SIMILAR, Floor, flat, known, undisturbed
 from .training_measure import Ending, TrainingFinding, measured_run

@@ -14,12 +14,10 @@ import numpy as np
 
 from ..errors import HeritageError
 from ..events import Event, StopCheck, Warned, never_stop
-from ..gaussians.gaussians import Gaussians
-from ..gaussians.storage import load_gaussians, save_gaussians
-from ..training.checkpoint import CHECKPOINT_FILE
-from ..training.result import TrainingResult
+from ..gaussians import load_gaussians, save_gaussians
+from ..scene import Gaussians
+from ..training import CHECKPOINT_FILE, TrainingResult, train
 from ..training.settings import TrainingSettings
-from ..training.train import train
 from .training_scenes import TrainingInput
 
 __all__ = ["TrainingFinding", "Watch", "measured_run", "problems_of_files", "refused_by", "same_gaussians", "trained"]

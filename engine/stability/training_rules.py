@@ -15,8 +15,7 @@ import torch
 
 from ..errors import Cancelled
 from ..events import StopCheck
-from ..training.parameters import Parameters, render
-from ..training.result import TrainingResult
+from ..training import Parameters, TrainingResult, render
 from ..training.settings import TrainingSettings
 from .starved import ENVIRONMENT
 from .training_measure import TrainingFinding, Watch, same_gaussians, trained

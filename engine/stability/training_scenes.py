@@ -14,15 +14,13 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from ..cameras.camera import CameraSet, PinholeCamera
-from ..cameras.normalise import normalised_points, normalised_viewmat, original_from_world
+from ..cameras import normalised_points, normalised_viewmat, original_from_world
 from ..events import Emit, ignore_events
-from ..formats.spherical_harmonics import SH_C0
-from ..gaussians.gaussians import Gaussians
-from ..rasterizer.api import rasterize
+from ..formats import SH_C0
+from ..rasterizer import rasterize
+from ..scene import CameraSet, Gaussians, PinholeCamera
+from ..training import TrainingView, is_held_out, start_gaussians
 from ..training.settings import PRESETS, TrainingSettings
-from ..training.start import start_gaussians
-from ..training.views import TrainingView, is_held_out
 
 __all__ = [
     "FOCAL",

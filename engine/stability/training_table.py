@@ -59,7 +59,7 @@ def training_markdown(rows: Sequence[TrainingRow]) -> str:
         TITLE,
         "",
         f"{len(rows)} cases, {n_red} red. Twelve photos of 48 x 36 pixels of a scene that is known exactly, through "
-        "`cameras.normalise` and `training.start` to `training.train`. Each case says beforehand whether training "
+        "`cameras.normalise` and `training.start` to `training.loop`. Each case says beforehand whether training "
         "`finishes`, then with which PSNR at least on the photos held out; finishes and `warns` of a poor result; or "
         "is `refused`, then with which sentence. Whatever the case, no checkpoint, read each time one is written, and "
         "no scene holds a value that is not finite. `guards` counts, over all steps, the Gaussians whose values were "

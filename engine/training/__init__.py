@@ -1,3 +1,37 @@
-"""Gaussians to start from and photos with known cameras come in; Gaussians that look like the photos go out."""
+"""Training of Gaussians and their segmentation features on photos with known cameras."""
 
-__all__: list[str] = []
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .checkpoint import CHECKPOINT_FILE, forget_old_runs, latest_run, read_progress
+    from .loop import train
+    from .parameters import Parameters, render
+    from .quality import gaussians_so_far, judge
+    from .result import TrainingResult
+    from .schedule import Schedule
+    from .start import start_gaussians
+    from .views import TrainingView, is_held_out, load_views
+
+__all__ = [
+    "CHECKPOINT_FILE",
+    "Parameters",
+    "Schedule",
+    "TrainingResult",
+    "TrainingView",
+    "forget_old_runs",
+    "gaussians_so_far",
+    "is_held_out",
+    "judge",
+    "latest_run",
+    "load_views",
+    "read_progress",
+    "render",
+    "start_gaussians",
+    "train",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

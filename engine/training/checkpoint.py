@@ -21,9 +21,9 @@ import torch
 from numpy.typing import NDArray
 
 from ..errors import NumericalError
-from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write
-from ..rasterizer.adam import AdamState
+from ..rasterizer import AdamState
+from ..scene import Gaussians
 from ..settings import to_dict
 from .guards import ADVICE
 from .held_out import CurvePoint

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 from ..errors import EnvironmentProblem, NumericalError, TrainingError, is_out_of_memory
-from ..gaussians.gaussians import Gaussians
 from ..rasterizer.settings import ALPHA_MIN
+from ..scene import Gaussians
 from .parameters import Parameters
 
 __all__ = [
@@ -24,9 +24,9 @@ __all__ = [
     "backward",
     "check_result",
     "check_start",
-    "hold_in_bounds",
+    "clamp_parameters",
     "step_finite_rows",
-    "told_when_memory_is_full",
+    "translate_out_of_memory",
 ]
 
 LIMITS = ("scales_at_limit", "opacities_at_limit")
@@ -111,7 +111,7 @@ def _rows_not_finite(parameters: Parameters) -> torch.Tensor | None:
     return rows if len(rows) else None
 
 
-def hold_in_bounds(parameters: Parameters, center: torch.Tensor, extent: float, guards: Counter[str]) -> None:
+def clamp_parameters(parameters: Parameters, center: torch.Tensor, extent: float, guards: Counter[str]) -> None:
     """Clamp scales, aspect (1:50), opacities and positions to where float32 works; count the Gaussians concerned.
 
     Parameters
@@ -190,7 +190,7 @@ def check_result(parameters: Parameters, *, photos_are_black: bool) -> None:
 
 
 @contextlib.contextmanager
-def told_when_memory_is_full() -> Iterator[None]:
+def translate_out_of_memory() -> Iterator[None]:
     """Turn every library's way of running out of memory into one sentence.
 
     Raises

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..project_folder import atomic_write
-from ..rasterizer.loss import ssim
+from ..rasterizer import ssim
 from .parameters import render
 from .settings import TrainingSettings
 from .views import Level, TrainingView

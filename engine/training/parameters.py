@@ -8,10 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..cameras.camera import PinholeCamera
-from ..gaussians.gaussians import Gaussians
-from ..rasterizer.adam import AdamState, adam_step
-from ..rasterizer.api import Raster, rasterize
+from ..rasterizer import AdamState, Raster, adam_step, rasterize
+from ..scene import Gaussians, PinholeCamera
 from .settings import TrainingSettings
 
 __all__ = ["NAMES", "Parameters", "render"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..gaussians.gaussians import Gaussians
+from ..scene import Gaussians
 from .checkpoint import RunState
 from .guards import LIMITS
 from .held_out import CurvePoint, expected_gain

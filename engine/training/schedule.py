@@ -23,7 +23,7 @@ _FLAT_CHECKS = 40
 """Looks at the held-out error in as many steps as there are, of which those at full size before the cooldown are taken:
 each costs as much as 3 steps, one in 75 in `standard`."""
 
-_LOOKS_FOR_PASSERS_BY = (0.2, 0.4)
+_TRANSIENT_SEARCHES = (0.2, 0.4)
 """Parts of the steps after which it is looked for what stands in one photo only. Each look replaces what the one before
 found: what the Gaussians have learned of somebody who walks by is forgotten once he is left out."""
 
@@ -68,8 +68,8 @@ class Schedule:
         self._cooling_steps = round(settings.cooldown * settings.steps)
         per_step = [_WORK_BESIDE_PIXELS + self.scale(step) ** 2 for step in range(settings.steps)]
         self._work = np.concatenate([[0.0], np.cumsum(per_step)])
-        looks = _LOOKS_FOR_PASSERS_BY if settings.passers_by else ()
-        self.looks_for_passers_by = frozenset(max(1, round(part * settings.steps)) for part in looks)
+        looks = _TRANSIENT_SEARCHES if settings.passers_by else ()
+        self.searches_for_transients = frozenset(max(1, round(part * settings.steps)) for part in looks)
         self.flat_checks = _flat_checks(settings, self.cooling_start(None))
         self.trial_steps = settings.trial_steps(n_views)
         self.trials = _trials(settings, self.trial_steps, self.cooling_start(None)) if self.trial_steps else {}

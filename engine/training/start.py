@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..cameras.camera import CameraSet, PinholeCamera
 from ..events import Emit
-from ..gaussians.gaussians import FEATURE_DIM, Gaussians
-from ..gaussians.initialise import gaussians_at, gaussians_from_points
+from ..gaussians import gaussians_at, gaussians_from_points
+from ..scene import FEATURE_DIM, CameraSet, Gaussians, PinholeCamera
 from .settings import TrainingSettings
 from .views import TrainingView
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ..rasterizer.api import Raster
-from ..rasterizer.loss import photometric_loss
+from ..rasterizer import Raster, photometric_loss
 from .checkpoint import RunState
 from .losses import (
     clustering_loss,

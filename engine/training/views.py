@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera, CameraSet, PinholeCamera
 from ..errors import TrainingError
 from ..events import StopCheck, never_stop
-from ..rasterizer.loss import Target
+from ..rasterizer import Target
+from ..scene import Camera, CameraSet, PinholeCamera
 from .losses import LabelledPixels, labelled_pixels
 from .settings import PAPER_PIXELS, TrainingSettings
 
@@ -95,10 +95,10 @@ def load_views(
     TrainingError
         When a photo has another aspect than its camera, or nothing of it counts.
     """
-    from ..cameras.lens import training_pinhole, undistort
+    from ..cameras import training_pinhole, undistort
     from ..errors import Cancelled
-    from ..masks.storage import read_label_map
-    from ..photos.photo_masks import load_with_valid
+    from ..masks import read_label_map
+    from ..photos import load_with_valid
 
     views = []
     for index, camera in enumerate(camera_set.cameras):

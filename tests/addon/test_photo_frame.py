@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from engine.cameras.camera import Camera, PinholeCamera
-from engine.cameras.lens import undistort
+from engine.cameras.undistortion import undistort
+from engine.scene.camera import Camera, PinholeCamera
 
 from .conftest import PACKAGE
 

@@ -7,8 +7,8 @@ import importlib
 import numpy as np
 import pytest
 
-from engine.cameras.camera import Camera
-from engine.cameras.lens import project
+from engine.cameras.undistortion import project
+from engine.scene.camera import Camera
 
 from .conftest import PACKAGE
 

@@ -29,7 +29,7 @@ STARVING = (
     LARGER
     + """
 from engine.stability.starved import take_memory_away
-from engine.training import train as module
+from engine.training import loop as module
 whole = module.train
 def starving(*arguments, should_stop, **named):
     asked = iter(range(10**9))

@@ -28,7 +28,7 @@ def part(blender: ModuleType, installed: str) -> Part:
 @pytest.fixture
 def random_gaussians(part: Part) -> Callable[..., Any]:
     """``random_gaussians(count, degree=3, seed=0)``."""
-    gaussians_type = part("engine.gaussians.gaussians").Gaussians
+    gaussians_type = part("engine.scene.gaussians").Gaussians
 
     def make(count: int, *, degree: int = 3, seed: int = 0) -> Any:
         rng = np.random.default_rng(seed)
@@ -58,9 +58,7 @@ def camera(part: Part) -> Any:
     viewmat = np.eye(4)
     viewmat[:3, :3] = [right, np.cross(forward, right), forward]
     viewmat[:3, 3] = -viewmat[:3, :3] @ eye
-    return part("engine.cameras.camera").Camera(
-        "a b/view 1.jpg", 128, 96, "PINHOLE", (170.0, 160.0, 68.0, 44.0), viewmat
-    )
+    return part("engine.scene.camera").Camera("a b/view 1.jpg", 128, 96, "PINHOLE", (170.0, 160.0, 68.0, 44.0), viewmat)
 
 
 @pytest.fixture
@@ -69,7 +67,7 @@ def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_p
     folder = tmp_path / "müseum room_heritage"
     gaussians = random_gaussians(100, degree=1)
     part("engine.formats").write_ply(folder / "gaussians" / "scene.ply", gaussians)
-    camera_set = part("engine.cameras.camera").CameraSet(
+    camera_set = part("engine.scene.camera").CameraSet(
         cameras=(camera,),
         unregistered=(),
         points=np.zeros((1, 3), np.float32),
@@ -78,7 +76,7 @@ def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_p
         original_from_world=np.eye(4),
         poses_given=False,
     )
-    part("engine.cameras.storage").write_camera_set(folder / "cameras", camera_set)
+    part("engine.scene.camera_storage").write_camera_set(folder / "cameras", camera_set)
     write_object(folder, "vase", "Vase", np.r_[np.linspace(0.2, 1, 40), np.zeros(60)].astype(np.float32))
     return SimpleNamespace(folder=folder, gaussians=gaussians)
 

@@ -19,7 +19,7 @@ LENS = (170.0, 160.0, 68.0, 44.0, -0.15, 0.04, 0.006, -0.009)
 @pytest.fixture
 def camera(camera: Any, part: Part) -> Any:
     """The oblique camera, with a lens that distorts."""
-    return part("engine.cameras.camera").Camera(camera.photo, 128, 96, "OPENCV", LENS, camera.viewmat)
+    return part("engine.scene.camera").Camera(camera.photo, 128, 96, "OPENCV", LENS, camera.viewmat)
 
 
 def pixels(camera: Any, points: np.ndarray) -> np.ndarray:
@@ -141,9 +141,9 @@ def save_photo(part: Part, project: Path, name: str, orientation: int) -> None:
     exif = b"Exif\0\0II*\0\x08\x00\x00\x00\x01\x00" + tag + b"\x00\x00\x00\x00"
     data = file.read_bytes()
     file.write_bytes(data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:])
-    photo = part("engine.photos.photo")
+    photo = part("engine.scene.photo")
     photos = photo.PhotoSet(folder, (photo.Photo(name, 1024, 768, None, "0"),), ())
-    part("engine.photos.storage").write_photo_set(project / "photos" / "photos.json", photos)
+    part("engine.scene.photo_storage").write_photo_set(project / "photos" / "photos.json", photos)
 
 
 @pytest.mark.parametrize("orientation", [1, 6])
@@ -198,7 +198,7 @@ def test_photo_that_is_gone_does_not_keep_from_clicking(opened: Any, camera: Any
 
 def test_photos_are_walked_through_in_order(opened: Any, part: Part, camera: Any) -> None:
     cameras, scene = part("gaussian_heritage_addon.cameras"), bpy.context.scene
-    others = [part("engine.cameras.camera").Camera(name, 64, 48, "PINHOLE", LENS[:4], camera.viewmat) for name in "zy"]
+    others = [part("engine.scene.camera").Camera(name, 64, 48, "PINHOLE", LENS[:4], camera.viewmat) for name in "zy"]
     cameras.add_cameras(others, scene.collection)
     scene.render.resolution_x, scene.render.resolution_y = 100, 100
     clicked = part("gaussian_heritage_addon.clicking").Viewport(scene, Window().area)

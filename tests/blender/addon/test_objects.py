@@ -340,7 +340,7 @@ def test_no_button_asks_for_what_the_last_one_asked_for(blender: ModuleType) -> 
 
 
 def test_object_comes_polished_and_what_was_moved_by_hand_stays(opened: Any, part: Part, tmp_path: Path) -> None:
-    polished = part("engine.objects.polished")
+    polished = part("engine.scene.polished")
     rows_, gaussians = np.arange(20, 40, dtype=np.int32), opened.gaussians[np.arange(20, 40)]
     alone = type(gaussians)(
         means=gaussians.means + np.float32(0.5),

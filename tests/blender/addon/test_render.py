@@ -70,7 +70,7 @@ def rendered_by_cycles(folder: Path) -> np.ndarray:
 @pytest.fixture
 def square_camera(camera: Any, part: Part) -> Any:
     """The oblique camera with square pixels, which the engine's low-pass in Blender assumes."""
-    return part("engine.cameras.camera").Camera("p", 128, 96, "PINHOLE", (170.0, 170.0, 68.0, 44.0), camera.viewmat)
+    return part("engine.scene.camera").Camera("p", 128, 96, "PINHOLE", (170.0, 170.0, 68.0, 44.0), camera.viewmat)
 
 
 def show(part: Part, gaussians: Any, camera: Any, *, moved: Matrix | None = None) -> bpy.types.Object:

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from engine.cameras.camera import Camera
-from engine.photos.photo import PhotoSet
 from engine.photos.reading import read_photos
+from engine.scene.camera import Camera
+from engine.scene.photo import PhotoSet
 
 WIDTH, HEIGHT = 400, 300
 LENS = (380.0, 200.0, 150.0, -0.08)

@@ -12,12 +12,12 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
-from engine.cameras.camera import Camera, CameraSet
 from engine.cameras.given import match_photos, read_cameras
-from engine.cameras.lens import project
 from engine.cameras.settings import CameraSettings
+from engine.cameras.undistortion import project
 from engine.errors import CameraError
-from engine.photos.photo import Photo, PhotoSet
+from engine.scene.camera import Camera, CameraSet
+from engine.scene.photo import Photo, PhotoSet
 
 from .conftest import HEIGHT, LENS, WIDTH, Scene
 

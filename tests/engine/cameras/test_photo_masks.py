@@ -12,8 +12,8 @@ from PIL import Image
 from engine.cameras.features import Workshop, match_features
 from engine.cameras.settings import CameraSettings
 from engine.events import never_stop
-from engine.photos.photo import PhotoSet
 from engine.photos.reading import read_photos
+from engine.scene.photo import PhotoSet
 
 from .conftest import HEIGHT, WIDTH, Scene
 

@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.cameras.camera import CameraSet
-from engine.cameras.lens import project
 from engine.cameras.settings import CameraSettings
 from engine.cameras.sfm import estimate_cameras
+from engine.cameras.undistortion import project
 from engine.errors import CameraError, Cancelled, SettingsError
 from engine.events import Event, Progress, Warned
-from engine.photos.photo import PhotoSet
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
+from engine.scene.camera import CameraSet
+from engine.scene.photo import PhotoSet
 
 from .conftest import Scene, make_scene, render, room_cameras
 

@@ -12,8 +12,8 @@ from PIL import Image
 
 from engine.formats.glb import read_glb
 from engine.formats.ply import read_ply
-from engine.objects.polished import Polished
 from engine.objects.storage import ObjectRecord, save_object
+from engine.scene.polished import Polished
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
 from tests.engine.objects.fakes import trained_project

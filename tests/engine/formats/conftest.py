@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from engine.gaussians.gaussians import Gaussians
+from engine.scene.gaussians import Gaussians
 
 
 def _random_gaussians(count: int, *, degree: int = 3, seed: int = 0) -> Gaussians:

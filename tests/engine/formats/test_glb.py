@@ -17,7 +17,7 @@ import pytest
 from engine.errors import DiskError, FormatError, NumericalError
 from engine.formats.glb import read_glb, write_glb, y_up_from_z_up, z_up_from_y_up
 from engine.formats.spherical_harmonics import sh_basis
-from engine.gaussians.gaussians import Gaussians
+from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]
 

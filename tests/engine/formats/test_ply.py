@@ -10,7 +10,7 @@ import pytest
 
 from engine.errors import DiskError, FormatError, NumericalError
 from engine.formats.ply import read_ply, write_ply
-from engine.gaussians.gaussians import Gaussians
+from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]
 

@@ -15,7 +15,7 @@ from engine.formats.transform import (
     rotations_from_quats,
     transform_gaussians,
 )
-from engine.gaussians.gaussians import Gaussians
+from engine.scene.gaussians import Gaussians
 
 RandomGaussians = Callable[..., Gaussians]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.cameras.camera import PinholeCamera
 from engine.errors import TrainingError
 from engine.events import Event, Warned
-from engine.gaussians.gaussians import Gaussians
 from engine.gaussians.initialise import gaussians_from_points, points_in_view
+from engine.scene.camera import PinholeCamera
+from engine.scene.gaussians import Gaussians
 
 
 def camera(center: tuple[float, float, float]) -> PinholeCamera:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from engine.errors import FormatError, NumericalError
-from engine.gaussians.gaussians import Gaussians
 from engine.gaussians.storage import load_gaussians, save_gaussians
+from engine.scene.gaussians import Gaussians
 
 
 def make(n: int, features: bool = True) -> Gaussians:

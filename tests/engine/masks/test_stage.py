@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.cameras.camera import Camera, CameraSet
 from engine.errors import Cancelled, MaskError
 from engine.events import Event, Progress
 from engine.masks.sam import Embedding
 from engine.masks.settings import MaskSettings
 from engine.masks.stage import make_masks
 from engine.masks.storage import read_label_map
-from engine.photos.photo import Photo, PhotoSet
 from engine.project_folder import file_sha256
+from engine.scene.camera import Camera, CameraSet
+from engine.scene.photo import Photo, PhotoSet
 from tests.engine.masks.shapes import shapes_picture
 
 FEW = replace(MaskSettings(), max_prompts=2, max_side=128)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.cameras.storage import write_camera_set
 from engine.gaussians.storage import save_gaussians
 from engine.masks.sam import Embedding
 from engine.project_folder import ProjectFolder
+from engine.scene.camera_storage import write_camera_set
 from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
 
 

@@ -14,15 +14,15 @@ from engine.errors import FormatError, ObjectError, PromptError
 from engine.events import Event, Warned, ignore_events, never_stop
 from engine.gaussians.storage import save_gaussians
 from engine.objects.candidate_file import CANDIDATES, load_candidate
+from engine.objects.context import load_context
 from engine.objects.curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
 from engine.objects.growing import levels_of
-from engine.objects.polished import load_polished
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
 from engine.objects.segment import segment_project
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership
-from engine.objects.trained import load_trained
 from engine.project_folder import ProjectFolder
+from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
@@ -224,7 +224,7 @@ def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
     whole = scene.part == BLUE
     upper = whole & (scene.gaussians.means[:, 2] >= -0.02)
     settings = replace(SMALL, n_level_views=6)
-    trained = load_trained(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
+    trained = load_context(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
     part = upper.astype(np.float32)
 
     def judge(found: np.ndarray) -> float:
@@ -257,7 +257,7 @@ def test_part_object_and_whole_of_sam_become_levels(blobs: BlobScene, project: P
     asked = np.isin(blobs.part, [RED, BLUE])
     found = {}
     for sam in (FakeSam, ThreeScales):
-        trained = load_trained(project, settings, lambda sam=sam: sam(blobs))
+        trained = load_context(project, settings, lambda sam=sam: sam(blobs))
         found[sam] = levels_of(
             trained.views, trained.photos, asked.astype(np.float32), np.zeros((0, 16), np.float32), settings,
             encoded=(), judge=None, hierarchy=None, should_stop=never_stop,
@@ -274,7 +274,7 @@ def test_what_no_outline_of_its_boxes_holds_leaves_an_object(blobs: BlobScene, p
     # A strip of the neighbour, as features join what touches.
     strip = np.isin(np.arange(len(ball)), np.flatnonzero(blobs.part == RED)[:20])
     settings = replace(SMALL, n_level_views=6)
-    trained = load_trained(project, settings, lambda: BallOnly(blobs))
+    trained = load_context(project, settings, lambda: BallOnly(blobs))
     crumb = np.isin(np.arange(len(ball)), np.flatnonzero(strip)[:3])
     for beside, left in ((strip, ball), (crumb, ball | crumb)):
         levels = levels_of(

@@ -8,24 +8,24 @@ import pytest
 
 from engine.errors import Cancelled
 from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.everything import Something, find_everything, segment_everything_in
-from engine.objects.polished import load_polished
+from engine.objects.context import SegmentationContext, load_context
+from engine.objects.everything import DetectedObject, find_everything, segment_everything_in
 from engine.objects.settings import BETTER
 from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
-from engine.objects.trained import Trained, load_trained
 from engine.project_folder import ProjectFolder
+from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
 
 SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, polish_steps=3)
 
 
-def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, Trained]:
+def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, SegmentationContext]:
     project = trained_project(blobs, folder)
-    return project, load_trained(project, SMALL, lambda: FakeSam(blobs))
+    return project, load_context(project, SMALL, lambda: FakeSam(blobs))
 
 
-def everything(blobs: BlobScene, trained: Trained, **given: object) -> list[Something]:
+def everything(blobs: BlobScene, trained: SegmentationContext, **given: object) -> list[DetectedObject]:
     arguments = {"emit": ignore_events, "should_stop": never_stop, **given}
     return find_everything(trained, SMALL, detector_factory=lambda: FakeDetector(blobs), **arguments)  # type: ignore[arg-type]
 

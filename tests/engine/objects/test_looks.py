@@ -8,7 +8,7 @@ import pytest
 
 from engine.errors import Cancelled
 from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.looks import GroupLooks, load_or_make_looks, make_looks, seeds_of_groups
+from engine.objects.looks import GroupLooks, evidence_of_groups, load_or_make_looks, make_looks
 from engine.objects.photos import Photos
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -55,7 +55,7 @@ def members_iou(one: np.ndarray, other: np.ndarray) -> float:
 
 def test_a_text_points_to_the_group_that_looks_like_it(blobs: BlobScene, views: Views, photos: Photos) -> None:
     detector = FakeDetector(blobs)
-    best = seeds_of_groups("blue ball", looks_of(views, photos, detector), views, detector, 4)[0]
+    best = evidence_of_groups("blue ball", looks_of(views, photos, detector), views, detector, 4)[0]
     assert best.members is not None and members_iou(best.members, blobs.part == BLUE) > 0.95
     assert best.score > 0.8
     truth = blobs.labels[best.view.camera.photo] == BLUE
@@ -64,14 +64,14 @@ def test_a_text_points_to_the_group_that_looks_like_it(blobs: BlobScene, views: 
 
 def test_equal_objects_are_both_there(blobs: BlobScene, views: Views, photos: Photos) -> None:
     detector = FakeDetector(blobs)
-    seeds = seeds_of_groups("red ball", looks_of(views, photos, detector), views, detector, 4)
+    seeds = evidence_of_groups("red ball", looks_of(views, photos, detector), views, detector, 4)
     for part in (RED, TWIN):
         assert max(members_iou(seed.members, blobs.part == part) for seed in seeds if seed.members is not None) > 0.95
 
 
 def test_what_nothing_looks_like_has_no_seeds(blobs: BlobScene, views: Views, photos: Photos) -> None:
     detector = FakeDetector(blobs)
-    assert seeds_of_groups("ghost", looks_of(views, photos, detector), views, detector, 4) == []
+    assert evidence_of_groups("ghost", looks_of(views, photos, detector), views, detector, 4) == []
 
 
 def test_looks_are_made_once_and_kept(blobs: BlobScene, views: Views, photos: Photos, tmp_path: Path) -> None:

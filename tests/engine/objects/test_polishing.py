@@ -10,13 +10,13 @@ import pytest
 
 from engine.errors import Cancelled, FormatError, ObjectError
 from engine.events import never_stop
-from engine.gaussians.gaussians import Gaussians
-from engine.objects.polished import Polished, load_polished
 from engine.objects.polishing import polish
 from engine.objects.settings import BETTER
 from engine.objects.storage import ObjectRecord, object_gaussians, save_object
 from engine.objects.views import Views, eroded
 from engine.pictures.scene import Scene
+from engine.scene.gaussians import Gaussians
+from engine.scene.polished import Polished, load_polished
 from tests.engine.pictures.blob_scene import RED, BlobScene, as_pinhole, make_scene
 
 SMALL = replace(BETTER, render_side=160, polish_steps=120)
@@ -158,8 +158,8 @@ def test_what_was_moved_by_hand_stays_where_it_was_put(stored: tuple[Path, Objec
     assert polished is not None
     means = gaussians.means.copy()
     means[5] += 7
-    dressed = polished.dress(replace(gaussians, means=means)[np.array([5, 3, 4])], np.array([5, 3, 4]))
-    np.testing.assert_array_equal(dressed.means, [means[5], polished.gaussians.means[0], means[4]])
+    joined = polished.with_polished(replace(gaussians, means=means)[np.array([5, 3, 4])], np.array([5, 3, 4]))
+    np.testing.assert_array_equal(joined.means, [means[5], polished.gaussians.means[0], means[4]])
 
 
 def test_changed_object_forgets_what_was_polished(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:

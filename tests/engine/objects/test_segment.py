@@ -11,13 +11,13 @@ from PIL import Image
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.found import FoundObject
-from engine.objects.polished import load_polished
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from engine.objects.ranking import NothingAlike
 from engine.objects.segment import find_objects, segment_project
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
 from engine.pictures.render import render_view
+from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, make_scene
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from engine.events import never_stop
+from engine.objects.context import load_context
 from engine.objects.growing import levels_of
 from engine.objects.hierarchy import Hierarchy
 from engine.objects.settings import BETTER
 from engine.objects.standing import upper_parts, what_stands
-from engine.objects.trained import load_trained
 from tests.engine.objects.fakes import FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, make_scene
 
@@ -92,7 +92,7 @@ def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None
     means[plate] = np.column_stack([(low + high)[:2] / 2 + spread, np.full(int(plate.sum()), low[2] - 0.02)])
     scene = replace(scene, gaussians=replace(scene.gaussians, means=means.astype(np.float32)))
     settings = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=6)
-    trained = load_trained(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
+    trained = load_context(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
     cut = whole & (means[:, 2] > low[2] + 0.2 * (high - low)[2])
     sizes = {}
     for hierarchy in (None, one_group(whole | plate)):

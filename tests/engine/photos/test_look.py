@@ -12,7 +12,7 @@ from PIL import Image
 
 from engine.errors import Cancelled, FormatError, PhotoError
 from engine.photos.look import PhotoLook, look_at_photos, read_looks
-from engine.photos.photo import Photo, PhotoSet
+from engine.scene.photo import Photo, PhotoSet
 
 
 def photo_set(folder: Path, pictures: dict[str, Image.Image], exif: Image.Exif | None = None) -> PhotoSet:

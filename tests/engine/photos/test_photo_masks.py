@@ -11,10 +11,10 @@ from PIL import Image
 
 from engine.errors import Cancelled, PhotoError
 from engine.events import Event, Warned, ignore_events
-from engine.photos.photo import PhotoSet
 from engine.photos.photo_masks import load_valid, load_with_valid
 from engine.photos.reading import picture_files, read_photos
-from engine.photos.storage import read_photo_set, write_photo_set
+from engine.scene.photo import PhotoSet
+from engine.scene.photo_storage import read_photo_set, write_photo_set
 
 from .test_reading import SMALL, save, textured
 

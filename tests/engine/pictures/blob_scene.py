@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from engine.cameras.camera import Camera, CameraSet, PinholeCamera
-from engine.gaussians.gaussians import Gaussians
 from engine.pictures.scene import Scene
+from engine.scene.camera import Camera, CameraSet, PinholeCamera
+from engine.scene.gaussians import Gaussians
 
 WIDTH, HEIGHT, N_VIEWS = 160, 120, 8
 FLOOR, RED, TWIN, BLUE = 0, 1, 2, 3

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.cameras.camera import Camera, CameraSet
 from engine.cameras.settings import CameraSettings
 from engine.photos.look import PhotoLook
-from engine.photos.photo import Photo, PhotoSet
 from engine.planning.decisions import PlanSettings, WorkPlan, plan_work
+from engine.scene.camera import Camera, CameraSet
+from engine.scene.photo import Photo, PhotoSet
 
 
 def photos(n: int, *, width: int = 800, height: int = 600) -> PhotoSet:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from engine.cameras.camera import PinholeCamera
 from engine.rasterizer.api import Raster, rasterize
 from engine.rasterizer.settings import RasterSettings
+from engine.scene.camera import PinholeCamera
 
 NAMES = ("means", "quats", "scales", "opacities", "sh", "channels")
 

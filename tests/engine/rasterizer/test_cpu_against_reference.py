@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from engine.cameras.camera import PinholeCamera
 from engine.rasterizer.settings import ALPHA_MIN, RasterSettings
+from engine.scene.camera import PinholeCamera
 
 from .scenes import Scene, camera, gradients, random_scene
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import torch
 
-from engine.cameras.camera import PinholeCamera
 from engine.rasterizer.reference import evaluate_sh
+from engine.scene.camera import PinholeCamera
 
 from .scenes import NAMES, Scene, camera, random_scene
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from engine.cameras.camera import PinholeCamera
 from engine.errors import CameraError, NumericalError, SettingsError
 from engine.rasterizer.settings import RasterSettings
+from engine.scene.camera import PinholeCamera
 
 from .scenes import NAMES, camera, random_scene
 

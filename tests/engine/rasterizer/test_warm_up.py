@@ -12,14 +12,14 @@ import pytest
 _ROOT = Path(__file__).parents[3]
 _WARM_UP = """
 import logging
-from engine.rasterizer.warm_up import warm_up
+from engine.rasterizer.compilation import warm_up
 logging.basicConfig()
 warm_up()
 """
 _STEP = """
 import hashlib
 import torch
-from engine.cameras.camera import PinholeCamera
+from engine.scene.camera import PinholeCamera
 from engine.rasterizer.adam import AdamState, adam_step
 from engine.rasterizer.loss import photometric_loss
 from numba.core import event

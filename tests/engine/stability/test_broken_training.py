@@ -13,7 +13,8 @@ from engine.rasterizer.adam import AdamState
 from engine.stability import training_measure, training_scenes
 from engine.stability.table import judge, select
 from engine.stability.training_table import TrainingRow
-from engine.training import checkpoint, densify, guards, train, views
+from engine.training import checkpoint, densify, guards, views
+from engine.training import loop as train
 from engine.training.schedule import Schedule
 
 pytestmark = pytest.mark.usefixtures("training_rows")
@@ -39,7 +40,7 @@ def test_a_checkpoint_that_is_not_finite_is_refused_by_whoever_writes_it(monkeyp
 
 
 def test_values_that_are_not_held_in_bounds_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(train, "hold_in_bounds", lambda *arguments: None)
+    monkeypatch.setattr(train, "clamp_parameters", lambda *arguments: None)
     assert "`scales` is not finite" in red("start_scales_1e39")
 
 

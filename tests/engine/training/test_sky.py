@@ -10,12 +10,12 @@ import pytest
 import torch
 from scipy.spatial import cKDTree
 
-from engine.cameras.camera import CameraSet, PinholeCamera
 from engine.cameras.normalise import normalised_points, normalised_viewmat, original_from_world
 from engine.events import ignore_events, never_stop
 from engine.formats.spherical_harmonics import SH_C0
-from engine.gaussians.gaussians import Gaussians
 from engine.rasterizer.api import rasterize
+from engine.scene.camera import CameraSet, PinholeCamera
+from engine.scene.gaussians import Gaussians
 from engine.stability.training_measure import trained
 from engine.stability.training_scenes import TrainingInput, known_capture, looking_at
 from engine.training.settings import PRESETS

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from engine.cameras.camera import CameraSet, PinholeCamera
 from engine.events import Event, Warned, ignore_events
+from engine.scene.camera import CameraSet, PinholeCamera
 from engine.training.settings import PRESETS
 from engine.training.start import guess_uncovered, start_gaussians
 from engine.training.views import TrainingView

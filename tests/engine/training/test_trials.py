@@ -11,12 +11,12 @@ import torch
 
 from engine.errors import Cancelled
 from engine.events import StopCheck, ignore_events, never_stop
-from engine.gaussians.gaussians import Gaussians
+from engine.scene.gaussians import Gaussians
+from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS, TrainingSettings
-from engine.training.train import train
 from engine.training.trials import brightness_factors, quality_but_for_brightness
 from engine.training.views import TrainingView, ViewPyramid
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.cameras.camera import Camera, CameraSet
 from engine.errors import Cancelled, TrainingError
 from engine.masks.storage import write_label_map
+from engine.scene.camera import Camera, CameraSet
 from engine.training.settings import PRESETS
 from engine.training.views import ViewPyramid, is_held_out, load_views, scene_extent
 

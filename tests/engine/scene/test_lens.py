@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 import pycolmap
 import pytest
 
-from engine.cameras.camera import Camera
-from engine.cameras.lens import project
-
-from .conftest import PACKAGE
-
-lens = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.lens")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+from engine import errors
+from engine.cameras.undistortion import project
+from engine.scene import lens
+from engine.scene.camera import Camera
 
 # Uneven, so that an exchanged coefficient shows.
 PARAMETERS = {

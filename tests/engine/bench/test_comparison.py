@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.bench.compare import Row, pareto_front, savings
+from engine.bench.comparison import Row, pareto_front, savings
 from engine.bench.settings import BenchSettings
 from engine.bench.table import markdown
 from engine.errors import SettingsError

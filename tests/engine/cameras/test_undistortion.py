@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from engine.cameras.camera import Camera, PinholeCamera
-from engine.cameras.lens import (
+from engine.cameras.undistortion import (
     covering_pinhole,
     distort,
     project,
@@ -21,6 +20,7 @@ from engine.cameras.lens import (
     undistort,
 )
 from engine.errors import CameraError
+from engine.scene.camera import Camera, PinholeCamera
 
 from .conftest import looking_at
 

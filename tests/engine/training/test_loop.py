@@ -17,16 +17,16 @@ import torch
 from PIL import Image
 
 from engine.errors import Cancelled, NumericalError, TrainingError
-from engine.evaluation.feature_agreement import feature_agreement, untrained_features
+from engine.evaluation.segment_agreement import segment_agreement, untrained_features
 from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
-from engine.gaussians.gaussians import Gaussians
+from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE, forget_old_runs, latest_run
-from engine.training.guards import hold_in_bounds, step_finite_rows
+from engine.training.guards import clamp_parameters, step_finite_rows
 from engine.training.held_out import CurvePoint, expected_gain
+from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
 from engine.training.settings import PRESETS, TrainingSettings
-from engine.training.train import train
 
 from .conftest import Scene
 
@@ -92,8 +92,8 @@ def test_features_separate_two_balls_where_untrained_ones_do_not(
 ) -> None:
     held_out = [view for view in scene.views if view.held_out]
     gaussians = longer[0].gaussians
-    trained = feature_agreement(gaussians, held_out, min_pixels=30)
-    untrained = feature_agreement(untrained_features(gaussians), held_out, min_pixels=30)
+    trained = segment_agreement(gaussians, held_out, min_pixels=30)
+    untrained = segment_agreement(untrained_features(gaussians), held_out, min_pixels=30)
     assert trained.n_segments == 3
     # Seeds 0 to 4: 0.95 to 0.97 against 0.15 to 0.18.
     assert trained.mean_iou > 0.85
@@ -136,7 +136,7 @@ _CHILD = """
 import sys
 from pathlib import Path
 from tests.engine.training.conftest import make_scene
-from tests.engine.training.test_train import QUICK, run
+from tests.engine.training.test_loop import QUICK, run
 run(make_scene(), QUICK, Path(sys.argv[1]))
 """
 
@@ -206,13 +206,13 @@ def test_extreme_values_are_brought_back_into_bounds_and_counted(scene: Scene) -
     values["means"][3] = torch.tensor([1e30, 0.0, -1e30])
     values["quats"][4] = 0.0
     guards: Counter[str] = Counter()
-    hold_in_bounds(parameters, torch.zeros(3), 1.0, guards)
+    clamp_parameters(parameters, torch.zeros(3), 1.0, guards)
     expected = {"scales_at_limit": 2, "opacities_at_limit": 1, "clamped_positions": 1, "reset_rotations": 1}
     assert dict(guards) == expected
     scales = values["log_scales"].exp()
     assert (scales.amax(dim=1) / scales.amin(dim=1) <= 50.01).all()
     assert all(bool(torch.isfinite(value).all()) for value in values.values())
-    hold_in_bounds(parameters, torch.zeros(3), 1.0, guards)
+    clamp_parameters(parameters, torch.zeros(3), 1.0, guards)
     assert dict(guards) == expected
 
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.cameras.camera import Camera
-from ..engine.errors import CameraError
+from ..errors import CameraError
+from .camera import Camera
 
 __all__ = ["focal_and_center", "photo_pixels"]
 
@@ -28,7 +28,7 @@ def focal_and_center(camera: Camera) -> tuple[float, float, float, float]:
 
 
 def photo_pixels(camera: Camera, directions: Float64) -> Float64:
-    """Return where directions appear in the photo, as `engine.cameras.lens.project` does.
+    """Return where directions appear in the photo, as `engine.cameras.undistortion.project` does.
 
     Parameters
     ----------

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from check_house import check_imports, copy_code, link_repository  # noqa: E402
+from check_contracts import check_imports, copy_code, link_repository  # noqa: E402
 
 CONTRACTS = configparser.ConfigParser()
 CONTRACTS.read(ROOT / ".importlinter", encoding="utf-8")
@@ -23,23 +23,26 @@ NAMES = {
 
 # contract, the file that is planted, its line
 PLANTED = [
-    ("one-way-house", "engine/photos/planted.py", "from ...operators import register"),
-    ("one-way-house", "engine/planted.py", "from ..gaussian_heritage_addon import register"),
-    ("one-way-house", "gaussian_heritage_addon/planted.py", "from ..operators import register"),
+    ("layers-of-the-extension", "engine/photos/planted.py", "from ...operators import register"),
+    ("layers-of-the-extension", "engine/planted.py", "from ..gaussian_heritage_addon import register"),
+    ("layers-of-the-extension", "gaussian_heritage_addon/planted.py", "from ..operators import register"),
     ("engine-without-blender", "engine/formats/planted.py", "import bpy"),
     ("blender-stays-light", "gaussian_heritage_addon/planted.py", "import cv2"),
     ("blender-stays-light", "operators/planted.py", "from ..engine.rasterizer import cpu"),
-    ("shared-rooms-light", "engine/formats/planted.py", "import scipy.spatial"),
-    ("rooms-in-order", "engine/photos/planted.py", "from ..report import build"),
-    ("rooms-in-order", "engine/rasterizer/planted.py", "def late():\n    from ..training import train"),
-    ("rooms-in-order", "engine/training/planted.py", "from ..stability import measure"),
-    ("side-rooms", "engine/models/planted.py", "from ..masks import sam"),
+    ("shared-modules-stay-light", "engine/formats/planted.py", "import scipy.spatial"),
+    ("packages-in-order", "engine/photos/planted.py", "from ..report import build"),
+    ("packages-in-order", "engine/rasterizer/planted.py", "def late():\n    from ..training import train"),
+    ("packages-in-order", "engine/training/planted.py", "from ..stability import measure"),
+    ("shared-packages", "engine/models/planted.py", "from ..masks import sam"),
     ("numba-in-rasterizer", "engine/masks/planted.py", "import numba"),
     ("pycolmap-in-cameras", "engine/training/planted.py", "import pycolmap"),
-    ("onnxruntime-behind-one-door", "engine/models/planted.py", "import onnxruntime"),
+    ("onnxruntime-in-one-module", "engine/models/planted.py", "import onnxruntime"),
     ("torch-where-gradients-are", "engine/cameras/planted.py", "from torch import nn"),
     ("relative-imports", "engine/report/planted.py", "from engine.errors import HeritageError"),
     ("relative-imports", "gaussian_heritage_addon/planted.py", "import engine.events"),
+    ("public-faces", "engine/report/planted.py", "from ..cameras.sfm import estimate_cameras"),
+    ("public-faces", "gaussian_heritage_addon/planted.py", "from ..engine.scene.camera import Camera"),
+    ("no-circles", "engine/scene/planted.py", "from .. import project_folder\nfrom ..formats import read_ply"),
 ]
 
 # Modules of the engine that stand beside the rooms: entries and small tools that every room may use or none does.
@@ -58,8 +61,8 @@ def test_every_contract_has_a_planted_violation() -> None:
 
 
 def test_every_room_of_the_engine_stands_in_a_contract() -> None:
-    layers = CONTRACTS["importlinter:contract:rooms-in-order"]["layers"]
-    side = CONTRACTS["importlinter:contract:side-rooms"]["source_modules"]
+    layers = CONTRACTS["importlinter:contract:packages-in-order"]["layers"]
+    side = CONTRACTS["importlinter:contract:shared-packages"]["source_modules"]
     named = {line.strip().rpartition(".")[2] for line in f"{layers}\n{side}".splitlines() if line.strip()}
     there = {path.stem for path in (ROOT / "engine").glob("*.py")} - {"__init__"}
     there |= {path.parent.name for path in (ROOT / "engine").glob("*/__init__.py")}

@@ -13,27 +13,26 @@ import torch
 
 from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
-from ..gaussians.gaussians import Gaussians
-from ..rasterizer.adam import AdamState, adam_step
-from ..rasterizer.warm_up import warm_up
+from ..rasterizer import AdamState, adam_step, warm_up
+from ..scene import Gaussians
 from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
 from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
 from .guards import (
     backward,
     check_result,
     check_start,
-    hold_in_bounds,
+    clamp_parameters,
     step_finite_rows,
-    told_when_memory_is_full,
+    translate_out_of_memory,
 )
 from .held_out import Clock, CurvePoint, expected_gain, flat_psnr, measure, render_picture, write_picture
 from .parameters import Parameters
-from .passers_by import find_passers_by
 from .result import TrainingResult, result_of
 from .schedule import Schedule
 from .settings import TrainingSettings
 from .spectrum import coarse_shares
 from .step import step_loss
+from .transients import find_transients
 from .trials import EXPOSURE, Trial, brightness_factors, quality_but_for_brightness
 from .views import Level, TrainingView, ViewPyramid, scene_extent
 
@@ -104,7 +103,7 @@ def train(
     -----
     A resumed run gives the same Gaussians, bit for bit, as an uninterrupted one on the same computer.
     """
-    with told_when_memory_is_full(), _one_torch_thread():
+    with translate_out_of_memory(), _one_torch_thread():
         if settings.backend == "cpu":
             # Here and not in the first step: the error curve's clock must not count what happens once per computer.
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
@@ -184,7 +183,7 @@ class _Run:
             sh_limit=0 if self._tries else None,
             uses_exposure=settings.exposure and not self._tries,
         )
-        hold_in_bounds(state.parameters, self.center, self.extent, state.guards)
+        clamp_parameters(state.parameters, self.center, self.extent, state.guards)
         return state
 
     @property
@@ -282,11 +281,11 @@ class _Run:
                 step_finite_rows(state.parameters, self._update, state.guards)
             with torch.no_grad():
                 self._explore()
-                hold_in_bounds(state.parameters, self.center, self.extent, state.guards)
+                clamp_parameters(state.parameters, self.center, self.extent, state.guards)
             state.step += 1
             self._loss = loss.item()
-            if state.step in schedule.looks_for_passers_by:
-                self._look_for_passers_by()
+            if state.step in schedule.searches_for_transients:
+                self._search_for_transients()
             if schedule.shrinks(state.step) != shrinks:
                 self.pyramid.forget(schedule.shrinks(state.step))
 
@@ -320,12 +319,12 @@ class _Run:
                 generator=schedule.generator(state.step, _NOISE),
             )
 
-    def _look_for_passers_by(self) -> None:
+    def _search_for_transients(self) -> None:
         side = max(max(view.pinhole.width, view.pinhole.height) for view in self.pyramid.views)
         # Never larger than what was trained on until now: what is blurred yet is not out of place.
         enough = math.floor(2.0 * math.log2(max(1.0, side / _SIDE_TO_FIND)))
         shrinks = max(self.schedule.shrinks(self.state.step - 1), enough)
-        found = find_passers_by(
+        found = find_transients(
             self.state.parameters,
             [self.pyramid.as_given(view, shrinks) for view in range(len(self.pyramid.views))],
             self.settings,

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from engine.cameras.camera import PinholeCamera
-from engine.evaluation.feature_agreement import feature_agreement, untrained_features
-from engine.gaussians.gaussians import Gaussians
+from engine.evaluation.segment_agreement import segment_agreement, untrained_features
+from engine.scene.camera import PinholeCamera
+from engine.scene.gaussians import Gaussians
 from engine.training.views import TrainingView
 
 CAMERA = PinholeCamera(np.eye(4), np.array([[40.0, 0, 32], [0, 40, 24], [0, 0, 1]]), 64, 48)
@@ -35,26 +35,26 @@ def two_walls() -> tuple[Gaussians, TrainingView]:
 
 def test_right_features_agree_and_random_ones_do_not() -> None:
     walls, view = two_walls()
-    right = feature_agreement(walls, [view])
+    right = segment_agreement(walls, [view])
     # One column of pixels lies on the seam between the walls.
     assert right.mean_iou > 0.95
     assert right.n_segments == 2
     assert right.photos == {"a.jpg": right.mean_iou}
-    assert feature_agreement(untrained_features(walls), [view]).mean_iou < 0.2
+    assert segment_agreement(untrained_features(walls), [view]).mean_iou < 0.2
 
 
 def test_one_feature_for_all_selects_everything() -> None:
     walls, view = two_walls()
     same = replace(walls, features=np.ones_like(walls.features))
-    assert feature_agreement(same, [view]).mean_iou == pytest.approx(0.5, abs=0.01)
+    assert segment_agreement(same, [view]).mean_iou == pytest.approx(0.5, abs=0.01)
 
 
 def test_length_of_features_does_not_matter() -> None:
     walls, view = two_walls()
     assert walls.features is not None
     longer = replace(walls, features=walls.features * 7)
-    assert feature_agreement(longer, [view]).mean_iou == pytest.approx(
-        feature_agreement(walls, [view]).mean_iou, abs=1e-3
+    assert segment_agreement(longer, [view]).mean_iou == pytest.approx(
+        segment_agreement(walls, [view]).mean_iou, abs=1e-3
     )
 
 
@@ -63,19 +63,19 @@ def test_pixels_that_nothing_covers_are_not_selected() -> None:
     left = walls[walls.means[:, 0] < 0]
     labels = view.labels.copy()
     labels[:, 32:] = 0
-    assert feature_agreement(left, [replace(view, labels=labels)]).mean_iou > 0.95
+    assert segment_agreement(left, [replace(view, labels=labels)]).mean_iou > 0.95
 
 
 def test_small_segments_and_photos_without_labels_are_passed_over() -> None:
     walls, view = two_walls()
     labels = view.labels.copy()
     labels[0, :5] = 9
-    found = feature_agreement(walls, [replace(view, labels=labels), replace(view, photo="b.jpg", labels=None)])
+    found = segment_agreement(walls, [replace(view, labels=labels), replace(view, photo="b.jpg", labels=None)])
     assert found.n_segments == 2
-    assert np.isnan(feature_agreement(walls, []).mean_iou)
+    assert np.isnan(segment_agreement(walls, []).mean_iou)
 
 
 def test_gaussians_without_features_are_refused() -> None:
     walls, view = two_walls()
     with pytest.raises(ValueError, match="features"):
-        feature_agreement(replace(walls, features=None), [view])
+        segment_agreement(replace(walls, features=None), [view])

@@ -11,24 +11,28 @@ from statistics import mean, stdev
 from typing import Any
 
 from ..cameras.settings import CameraSettings
-from ..cameras.storage import read_camera_set
 from ..errors import Cancelled, EnvironmentProblem, ProjectError
 from ..events import Emit, Event, Metric, Preview, Progress, StageFinished, StageStarted, StopCheck
-from ..gaussians.gaussians import Gaussians
-from ..gaussians.storage import load_gaussians
+from ..gaussians import load_gaussians
 from ..machine import describe_machine
-from ..masks.storage import label_map_path
-from ..photos.look import look_at_photos
-from ..photos.storage import read_photo_set
+from ..masks import label_map_path
+from ..photos import look_at_photos
 from ..pipeline import PipelineSettings, Prepared, prepare, prepare_masks, train_prepared
-from ..planning.benchmark import calibrate
-from ..planning.calibration import Calibration
-from ..planning.decisions import PlanSettings, WorkPlan, plan_scene, plan_work, training_settings
-from ..planning.forecast import forecast_work, require_fit
+from ..planning import (
+    Calibration,
+    PlanSettings,
+    WorkPlan,
+    calibrate,
+    forecast_work,
+    plan_scene,
+    plan_work,
+    require_fit,
+    training_settings,
+)
 from ..project_folder import PROJECT_FILE, ProjectFolder
+from ..scene import Gaussians, read_camera_set, read_photo_set
 from ..settings import to_dict
-from ..training.checkpoint import latest_run, read_progress
-from ..training.judge import gaussians_so_far, judge
+from ..training import gaussians_so_far, judge, latest_run, read_progress
 from ..training.settings import PRESETS, TrainingSettings
 from .settings import EVERYTHING, BenchSettings
 

@@ -10,9 +10,8 @@ import flip_evaluator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import CameraSet
 from ..events import StopCheck
-from ..gaussians.gaussians import Gaussians
+from ..scene import CameraSet, Gaussians
 from .checkpoint import read_state
 from .held_out import Quality, image_quality, mean_quality, render_picture
 from .parameters import Parameters

@@ -10,19 +10,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..gaussians.gaussians import Gaussians
-from ..gaussians.initialise import initial_features
-from ..rasterizer.api import rasterize
-from ..training.views import TrainingView
+from ..gaussians import initial_features
+from ..rasterizer import rasterize
+from ..scene import Gaussians
+from ..training import TrainingView
 
-__all__ = ["FeatureAgreement", "feature_agreement", "innermost_pixel", "untrained_features"]
+__all__ = ["SegmentAgreement", "segment_agreement", "innermost_pixel", "untrained_features"]
 
 Float32 = NDArray[np.float32]
 _LEAST_COVER = 0.5
 
 
 @dataclass(frozen=True)
-class FeatureAgreement:
+class SegmentAgreement:
     """Agreement of rendered features with segments.
 
     Attributes
@@ -39,13 +39,13 @@ class FeatureAgreement:
     photos: dict[str, float]
 
 
-def feature_agreement(
+def segment_agreement(
     gaussians: Gaussians,
     views: Sequence[TrainingView],
     *,
     threshold: float = 0.7,
     min_pixels: int = 100,
-) -> FeatureAgreement:
+) -> SegmentAgreement:
     """Return the mean IoU between segments and what one click inside them selects.
 
     The click is the pixel of the segment farthest from its border; it selects the pixels of which the rendered feature
@@ -73,11 +73,11 @@ def feature_agreement(
         if found:
             photos[view.photo] = float(np.mean(found))
             every += found
-    return FeatureAgreement(float(np.mean(every)) if every else float("nan"), len(every), photos)
+    return SegmentAgreement(float(np.mean(every)) if every else float("nan"), len(every), photos)
 
 
 def untrained_features(gaussians: Gaussians, *, seed: int = 0) -> Gaussians:
-    """Return the same Gaussians with random features: the baseline for `feature_agreement`."""
+    """Return the same Gaussians with random features: the baseline for `segment_agreement`."""
     dim = 16 if gaussians.features is None else gaussians.features.shape[1]
     features = initial_features(len(gaussians), dim, np.random.default_rng(seed), "unit")
     return replace(gaussians, features=features)

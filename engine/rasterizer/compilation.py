@@ -1,7 +1,7 @@
 """Compile the kernels of the ``cpu`` backend, the loss and Adam, once per computer; later this loads them.
 
 Numba compiles on one core. So a second process takes the kernels that the first does not need at once, and leaves them
-in the cache: ``python -m engine.rasterizer.warm_up`` is that process.
+in the cache: ``python -m engine.rasterizer.compilation`` is that process.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from ..cameras.camera import PinholeCamera
+from ..scene import PinholeCamera
 from .adam import AdamState, adam_step
 from .api import rasterize
 from .blend_backward import MOMENTS

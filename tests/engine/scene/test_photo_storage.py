@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from engine.errors import FormatError
-from engine.photos.photo import Photo, PhotoSet, RejectedPhoto
-from engine.photos.storage import read_photo_set, write_photo_set
+from engine.scene.photo import Photo, PhotoSet, RejectedPhoto
+from engine.scene.photo_storage import read_photo_set, write_photo_set
 
 
 def test_a_photo_set_survives_the_round_trip(tmp_path: Path) -> None:

@@ -10,18 +10,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import Camera
 from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck
+from ..scene import Camera
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, camera_of_prompt, load_mask
 from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
 
 if TYPE_CHECKING:
-    from ..grounding.detector import Detector
+    from ..grounding import Detector
 
-__all__ = ["DetectorFactory", "Photos", "SamFactory", "Seed", "find_seeds", "seeds_of_clicks"]
+__all__ = ["DetectorFactory", "Photos", "SamFactory", "Seed", "find_evidence", "evidence_of_clicks"]
 
 DetectorFactory = Callable[[], "Detector"]
 
@@ -60,7 +60,7 @@ class Seed:
     members: Mask | None = None
 
 
-def find_seeds(
+def find_evidence(
     prompt: Prompt,
     views: Views,
     photos: Photos,
@@ -100,7 +100,7 @@ def find_seeds(
     for point in prompt.excluded:
         camera_of_prompt(point, views.cameras)
     if isinstance(prompt, ClickPrompt):
-        return seeds_of_clicks(prompt.clicks, prompt.excluded, views, photos, settings)
+        return evidence_of_clicks(prompt.clicks, prompt.excluded, views, photos, settings)
     camera = camera_of_prompt(prompt, views.cameras)
     view = views.of(camera)
     if isinstance(prompt, MaskPrompt):
@@ -108,7 +108,7 @@ def find_seeds(
     return [_something(_from_box(prompt, view, photos))]
 
 
-def seeds_of_clicks(
+def evidence_of_clicks(
     clicks: Sequence[Point], excluded: Sequence[Point], views: Views, photos: Photos, settings: SegmentSettings
 ) -> list[Seed]:
     """Return a seed for each photo that was clicked into, from all clicks in it.

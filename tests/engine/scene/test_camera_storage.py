@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.cameras.camera import Camera, CameraSet
-from engine.cameras.storage import read_camera_set, write_camera_set
 from engine.errors import FormatError
+from engine.scene.camera import Camera, CameraSet
+from engine.scene.camera_storage import read_camera_set, write_camera_set
 
-from .conftest import looking_at
+from ..cameras.conftest import looking_at
 
 
 def camera_set(points: int = 7) -> CameraSet:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..gaussians.gaussians import Gaussians
 from ..project_folder import atomic_write
+from .gaussians import Gaussians
 
 __all__ = ["Polished", "forget_polished", "load_polished", "save_polished"]
 
@@ -39,7 +39,7 @@ class Polished:
     trained_means: NDArray[np.float32]
     gaussians: Gaussians
 
-    def dress(self, gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
+    def with_polished(self, gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
         """Return `gaussians`, which are `rows` [K] of the scene, with the polished ones in their place.
 
         What a person has moved since stays as it is; colours, sizes and opacities are the polished ones.
@@ -48,12 +48,12 @@ class Polished:
             return gaussians
         place = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
         still = (self.rows[place] == rows) & (self.trained_means[place] == gaussians.means).all(axis=1)
-        dressed = {}
+        replaced = {}
         for name in _VALUES:
             values = getattr(gaussians, name).copy()
             values[still] = getattr(self.gaussians, name)[place[still]]
-            dressed[name] = values
-        return replace(gaussians, **dressed)
+            replaced[name] = values
+        return replace(gaussians, **replaced)
 
 
 def save_polished(folder: Path, polished: Polished) -> None:

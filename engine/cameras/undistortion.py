@@ -17,7 +17,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import CameraError
-from .camera import Camera, PinholeCamera
+from ..scene import Camera, PinholeCamera
 
 __all__ = [
     "covering_pinhole",

@@ -13,7 +13,7 @@ from .parameters import Parameters, render
 from .settings import TrainingSettings
 from .views import Level
 
-__all__ = ["find_passers_by"]
+__all__ = ["find_transients"]
 
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
@@ -32,7 +32,7 @@ _SEEN_ELSEWHERE = 1.0
 """Pixels of other photos that a Gaussian must cover for their error to say what is to be expected."""
 
 
-def find_passers_by(
+def find_transients(
     parameters: Parameters, levels: Sequence[Level], settings: TrainingSettings, *, sh_degree: int
 ) -> list[Mask | None]:
     """Return for each photo which pixels show what the other photos do not, None where there are none.

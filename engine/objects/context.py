@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras.camera import CameraSet
 from ..errors import FormatError
 from ..events import Emit, StopCheck
-from ..pictures.scene import Backend, Scene
+from ..pictures import Backend, Scene
 from ..project_folder import ProjectFolder
+from ..scene import CameraSet
 from .looks import GroupLooks, load_or_make_looks, make_looks
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
 from .views import Views
 
 if TYPE_CHECKING:
-    from ..grounding.detector import Detector
+    from ..grounding import Detector
 
-__all__ = ["Trained", "label_maps_of", "load_trained", "photo_folder_of"]
+__all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of"]
 
 _LOOKS_FILE = Path("groups") / "looks.npz"
 """In a project."""
 
 
 @dataclass(frozen=True)
-class Trained:
+class SegmentationContext:
     """A trained scene and what is remembered of it from prompt to prompt: rendered views, photos, SAM's embeddings.
 
     Attributes
@@ -68,9 +68,9 @@ class Trained:
         return self._looks[detector.name]
 
 
-def load_trained(
+def load_context(
     project: ProjectFolder, settings: SegmentSettings, sam_factory: SamFactory, *, backend: Backend = "cpu"
-) -> Trained:
+) -> SegmentationContext:
     """Return what `project` holds.
 
     Raises
@@ -78,13 +78,13 @@ def load_trained(
     HeritageError
         When a part of the project is missing or damaged.
     """
-    from ..cameras.storage import read_camera_set
-    from ..gaussians.storage import load_gaussians
-    from ..masks.embeddings import EmbeddingFolder
+    from ..gaussians import load_gaussians
+    from ..masks import EmbeddingFolder
+    from ..scene import read_camera_set
 
     cameras = read_camera_set(project.path / "cameras")
     scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
-    return Trained(
+    return SegmentationContext(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
@@ -108,7 +108,7 @@ def photo_folder_of(project: ProjectFolder) -> Path:
 
 def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, NDArray[np.int32]]:
     """Return the SAM label maps that were made for training, by photo."""
-    from ..masks.storage import label_map_path, read_label_map
+    from ..masks import label_map_path, read_label_map
 
     files = {camera.photo: label_map_path(project / "masks", camera.photo) for camera in cameras.cameras}
     return {photo: read_label_map(file) for photo, file in files.items() if file.is_file()}
