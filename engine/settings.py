@@ -1,19 +1,16 @@
-"""What every room's settings share: bounds checked in one form of words, and a strict way back from JSON.
+"""What the settings of all packages share: bounds checked in one form of words, and their form in ``project.json``.
 
-A settings class is a frozen dataclass in its room's ``settings.py``; defaults are written there and nowhere else.
+Settings are frozen dataclasses in the package that reads them; defaults are written there and nowhere else.
 """
 
 from __future__ import annotations
 
-import difflib
-from dataclasses import asdict, fields, is_dataclass
-from typing import Any, TypeVar
+from dataclasses import fields, is_dataclass
+from typing import Any
 
 from .errors import SettingsError
 
-__all__ = ["from_dict", "require", "to_dict"]
-
-Settings = TypeVar("Settings")
+__all__ = ["require", "to_dict"]
 
 
 def require(settings: object, field_name: str, condition: bool, bound: str) -> None:
@@ -24,24 +21,21 @@ def require(settings: object, field_name: str, condition: bool, bound: str) -> N
 
 
 def to_dict(settings: object) -> dict[str, Any]:
-    """Return the settings as plain JSON values, as ``project.json`` stores them."""
+    """Return the settings as plain JSON values, as ``project.json`` stores them and stage keys hash them.
+
+    Parameters
+    ----------
+    settings : dataclass instance
+        The fields of a nested group of settings are stored beside its own, without the group's name. A field that was
+        renamed keeps its stored name with ``field(metadata={"stored_as": "old_name"})``.
+    """
     if not is_dataclass(settings) or isinstance(settings, type):
         raise TypeError("settings must be a dataclass instance")
-    return asdict(settings)
-
-
-def from_dict(cls: type[Settings], values: dict[str, Any]) -> Settings:
-    """Return `cls` built from `values`; an unknown key is refused and the nearest known one suggested.
-
-    Raises
-    ------
-    SettingsError
-        For an unknown key or a value out of bounds.
-    """
-    known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-    for key in values:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1)
-            hint = f" Did you mean `{near[0]}`?" if near else f" Known: {', '.join(known)}."
-            raise SettingsError(f"`{cls.__name__}` has no setting `{key}`.{hint}")
-    return cls(**values)
+    values: dict[str, Any] = {}
+    for setting in fields(settings):
+        value = getattr(settings, setting.name)
+        if is_dataclass(value):
+            values.update(to_dict(value))
+        else:
+            values[setting.metadata.get("stored_as", setting.name)] = value
+    return values

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from engine.errors import SettingsError
-from engine.settings import from_dict, to_dict
 from engine.training.schedule import Schedule
-from engine.training.settings import PRESETS, TrainingSettings
+from engine.training.settings import PRESETS
 from engine.training.spectrum import coarse_shares
 
 from .conftest import Scene
@@ -125,11 +124,6 @@ def test_rates_fall_to_the_end_and_further_in_the_cooldown_wherever_that_begins(
     without = Schedule(replace(STANDARD, cooldown=0.0), 3, extent=2.0)
     assert without.learning_rates(STANDARD.steps - 1)["means"] == pytest.approx(2 * STANDARD.lr_means_end)
     assert without.last_step(early) == early
-
-
-@pytest.mark.parametrize("name", sorted(PRESETS))
-def test_presets_come_back_from_json(name: str) -> None:
-    assert from_dict(TrainingSettings, to_dict(PRESETS[name])) == PRESETS[name]
 
 
 @pytest.mark.parametrize(
