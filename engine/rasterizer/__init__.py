@@ -1,4 +1,8 @@
-"""Differentiable rasterization of 3D Gaussians with any number of channels."""
+"""Differentiable rasterization of 3D Gaussians with any number of channels, with the loss and optimiser of training.
+
+`rasterize` takes Gaussians and a camera and returns a `Raster`. `photometric_loss` compares its image with a photo, and
+`adam_step` updates the parameters. `CachedView` renders the same Gaussians many times from one camera.
+"""
 
 from __future__ import annotations
 
@@ -8,28 +12,30 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .adam import AdamState, adam_step
-    from .api import MAX_CHANNELS, CulledCounts, Raster, rasterize
-    from .compilation import warm_up
+    from .api import rasterize
+    from .cached_view import CachedView
+    from .compilation import compile_kernels
     from .jit import cache_folder
     from .loss import Target, photometric_loss, ssim
+    from .raster import CulledCounts, Raster
     from .reference import project_centres, project_covariances
-    from .still_view import StillView
+    from .settings import MAX_CHANNELS
 
 __all__ = [
     "MAX_CHANNELS",
     "AdamState",
+    "CachedView",
     "CulledCounts",
     "Raster",
-    "StillView",
     "Target",
     "adam_step",
     "cache_folder",
+    "compile_kernels",
     "photometric_loss",
     "project_centres",
     "project_covariances",
     "rasterize",
     "ssim",
-    "warm_up",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

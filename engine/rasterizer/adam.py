@@ -1,4 +1,4 @@
-"""Adam on the CPU, fused over all parameters and in place. Every element is computed alone, so any thread count agrees."""
+"""The Adam optimiser on the CPU, in place. The result does not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 from ..errors import NumericalError
 from .finite import all_finite
 from .jit import JIT
-from .threads import Share, nothing_taken, run_shared, take
+from .threads import Share, new_counters, run_shared, take_range
 
 __all__ = ["AdamState", "adam_step"]
 
 Float32 = NDArray[np.float32]
 
-_VALUES_AT_ONCE = 4096
-"""Values that one thread takes together."""
+_VALUES_PER_RANGE = 4096
+"""Number of neighbouring values that a thread processes before it takes the next ones."""
 
 
 @dataclass
 class AdamState:
-    """Running moments of one parameter; rows may be set to zero or copied when Gaussians are moved.
+    """Running moments of one parameter. Rows may be set to zero or copied when Gaussians are moved.
 
     Attributes
     ----------
     mean, square : tensors with the parameter's shape, contiguous
         Moving averages of the gradient and of its square.
     step : int
-        Steps done.
+        Number of completed steps.
     """
 
     mean: torch.Tensor
@@ -47,7 +47,7 @@ class AdamState:
         return cls(zeros, zeros.clone())
 
     def copy(self) -> AdamState:
-        """Return a state of its own with the same values."""
+        """Return an independent copy."""
         return AdamState(self.mean.clone(), self.square.clone(), self.step)
 
 
@@ -60,24 +60,27 @@ def _adam(
     square: Float32,
     beta1: np.float32,
     beta2: np.float32,
-    rest1: np.float32,
-    rest2: np.float32,
+    one_minus_beta1: np.float32,
+    one_minus_beta2: np.float32,
     step_size: np.float32,
     root_correction: np.float32,
     eps: np.float32,
 ) -> None:
-    """m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps)."""
+    """Update one parameter in place.
+
+    m = b1 m + (1 - b1) g;  v = b2 v + (1 - b2) g^2;  p -= step_size m / (sqrt(v) root_correction + eps)
+    """
     n = gradient.shape[0]
-    first, last = take(share, n, _VALUES_AT_ONCE)
+    first, last = take_range(share, n, _VALUES_PER_RANGE)
     while first < last:
         for i in range(first, last):
             g = gradient[i]
-            m = beta1 * mean[i] + rest1 * g
-            v = beta2 * square[i] + rest2 * g * g
+            m = beta1 * mean[i] + one_minus_beta1 * g
+            v = beta2 * square[i] + one_minus_beta2 * g * g
             mean[i] = m
             square[i] = v
             parameter[i] -= step_size * m / (np.sqrt(v) * root_correction + eps)
-        first, last = take(share, n, _VALUES_AT_ONCE)
+        first, last = take_range(share, n, _VALUES_PER_RANGE)
 
 
 def adam_step(
@@ -89,15 +92,32 @@ def adam_step(
     eps: float = 1e-15,
     threads: int | None = None,
 ) -> None:
-    """Do one step of Adam (Kingma & Ba 2015, as in torch.optim.Adam) on each (parameter, gradient, learning rate).
+    """Do one step of Adam, as `torch.optim.Adam` does it, on several parameters.
 
-    Parameters and states are changed in place; they must be contiguous float32 on the CPU. A learning rate of 0
-    updates the moments only.
+    Parameters
+    ----------
+    groups : sequence of (parameter, gradient, learning rate)
+        Parameters are contiguous float32 tensors on the CPU and are changed in place. A learning rate of 0 updates the
+        moments only.
+    states : sequence of AdamState
+        One for each parameter, changed in place.
+    beta1, beta2 : float
+        Decay of the running means of the gradient and of its square.
+    eps : float
+        Added to the denominator.
+    threads : int, optional
+        All usable cores by default.
 
     Raises
     ------
     NumericalError
-        When a gradient is not finite; nothing has been changed then.
+        If a gradient is not finite. Nothing has been changed then.
+    ValueError
+        If a parameter or state is not contiguous float32, or their shapes differ.
+
+    References
+    ----------
+    Kingma & Ba 2015, "Adam: A Method for Stochastic Optimization", Algorithm 1.
     """
     gradients = [gradient.detach().contiguous().numpy().reshape(-1) for _, gradient, _ in groups]
     for index, gradient in enumerate(gradients):
@@ -116,11 +136,11 @@ def adam_step(
         step_size = rate / (1.0 - beta1**state.step)
         root_correction = 1.0 / math.sqrt(1.0 - beta2**state.step)
         arrays = [tensor.detach().numpy().reshape(-1) for tensor in (parameter, state.mean, state.square)]
-        numbers = (beta1, beta2, 1.0 - beta1, 1.0 - beta2, step_size, root_correction, eps)
-        calls.append((nothing_taken(threads), arrays, gradient, [np.float32(number) for number in numbers]))
+        factors = (beta1, beta2, 1.0 - beta1, 1.0 - beta2, step_size, root_correction, eps)
+        calls.append((new_counters(threads), arrays, gradient, [np.float32(factor) for factor in factors]))
 
     def work(share: Share) -> None:
-        for taken, (parameter, mean, square), gradient, numbers in calls:
-            _adam(Share(taken, share.own), parameter, gradient, mean, square, *numbers)
+        for counters, (parameter, mean, square), gradient, factors in calls:
+            _adam(Share(counters, share.thread), parameter, gradient, mean, square, *factors)
 
     run_shared(work, threads)

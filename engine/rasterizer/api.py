@@ -1,73 +1,18 @@
-"""The one door of the rasterizer: `rasterize`. Implementations behind it give the same picture and gradients."""
+"""The function `rasterize`, which checks its arguments and calls a backend. All backends give the same image."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import torch
 
-from ..errors import CameraError, NumericalError
 from ..scene import PinholeCamera
-from .finite import all_finite
-from .settings import RasterSettings
+from .raster import Raster, RasterInputs, check_camera, check_finite
+from .settings import MAX_CHANNELS, RasterSettings
 
-__all__ = ["CulledCounts", "Raster", "rasterize"]
-
-MAX_CHANNELS = 64
-
-
-@dataclass(frozen=True)
-class CulledCounts:
-    """How many Gaussians were left out of a picture, and why. Each is counted once, in this order.
-
-    Attributes
-    ----------
-    near : int
-        Centre behind the camera or nearer than ``RasterSettings.near``.
-    degenerate : int
-        Quaternion of length zero, or a screen covariance that cannot be inverted.
-    transparent : int
-        Opacity below 1/255.
-    outside : int
-        Nowhere in the picture with an alpha of 1/255 or more.
-    """
-
-    near: int
-    degenerate: int
-    transparent: int
-    outside: int
-
-    @property
-    def total(self) -> int:
-        """All Gaussians that were left out."""
-        return self.near + self.degenerate + self.transparent + self.outside
-
-
-@dataclass(frozen=True)
-class Raster:
-    """A rendered picture.
-
-    Attributes
-    ----------
-    image : tensor of shape [H, W, K]
-        Blended colours first (3, when `sh` was given), then the channels. No background: composite with
-        ``image + transmittance[..., None] * background``. Differentiable.
-    transmittance : tensor of shape [H, W]
-        Part of the light from behind everything that arrives, 1 where nothing covers. Differentiable.
-    visible : bool tensor of shape [N]
-        Gaussians that were not culled.
-    radii : tensor of shape [N]
-        Three standard deviations along the longer axis on the screen in pixels, 0 when culled. No gradient.
-    culled : CulledCounts
-    """
-
-    image: torch.Tensor
-    transmittance: torch.Tensor
-    visible: torch.Tensor
-    radii: torch.Tensor
-    culled: CulledCounts
+__all__ = ["rasterize"]
 
 
 def rasterize(
@@ -84,33 +29,34 @@ def rasterize(
     backend: Literal["cpu", "reference"] = "cpu",
     settings: RasterSettings | None = None,
 ) -> Raster:
-    """Render Gaussians front to back into a picture of K = (3 if `sh`) + C channels.
+    """Render Gaussians front to back into an image of K = (3 if `sh`) + C channels.
 
-    Differentiable in `means`, `quats`, `scales`, `opacities`, `sh`, `channels` and `viewmat` (Kerbl et al. 2023, EWA splatting
-    of Zwicker et al. 2001). Order is by depth rounded to float32, equal depths by index.
+    Differentiable in `means`, `quats`, `scales`, `opacities`, `sh`, `channels` and `viewmat`. Gaussians are sorted by
+    depth rounded to float32; equal depths are sorted by index.
 
     Parameters
     ----------
     means : tensor of shape [N, 3]
         Centres, world units.
     quats : tensor of shape [N, 4]
-        Rotations wxyz, any length but zero.
+        Rotations wxyz, of any length but zero.
     scales : tensor of shape [N, 3]
-        Standard deviations along the own axes (linear, not logarithms), world units.
+        Standard deviations along the axes of the Gaussian (linear, not logarithms), world units.
     opacities : tensor of shape [N]
-        In [0, 1], the sigmoid already applied.
+        Opacities in [0, 1], after the sigmoid.
     camera : PinholeCamera
     sh : tensor of shape [N, n_sh, 3], optional
-        Spherical harmonics; colour = max(0, 0.5 + SH(direction)).
+        Coefficients of spherical harmonics; colour = max(0, 0.5 + SH(direction)).
     sh_degree : int, optional
-        Highest band used, 0 to 3; all that are there by default. Unused bands get zero gradients.
+        Highest band used, 0 to 3; all bands of `sh` by default. Unused bands get zero gradients.
     channels : tensor of shape [N, C], optional
-        Anything else to blend: features, depth, votes.
+        Further values to blend, such as features, depth or votes.
     viewmat : tensor of shape [4, 4], optional
-        World-to-camera, in the place of the camera's own; float64 keeps far origins exact. The gradient is that of
-        free entries: project it to a rotation's tangent to move a camera.
+        World-to-camera, used instead of the camera's own; float64 keeps far origins exact. The gradient is that of
+        unconstrained entries: project it to the tangent space of the rotations to move a camera.
     backend : {"cpu", "reference"}
-        ``cpu``: float32, fast. ``reference``: plain torch in the inputs' dtype (use float64), slow, the judge.
+        ``cpu`` is fast and takes float32. ``reference`` is slow, written in plain torch, and computes in the dtype of
+        its inputs; with float64 it is the ground truth of the tests.
     settings : RasterSettings, optional
 
     Returns
@@ -120,11 +66,16 @@ def rasterize(
     Raises
     ------
     NumericalError
-        When an input is not finite; here and, for the incoming and outgoing gradients, in the backward pass.
+        If an input is not finite. In the backward pass, if an incoming or a resulting gradient is not finite.
     CameraError
-        When the camera has skew, an empty picture or values that are not finite.
+        If the camera has skew, an empty image or values that are not finite.
     ValueError
-        When shapes or types of the arguments do not belong together.
+        If the shapes or types of the arguments do not match.
+
+    References
+    ----------
+    Kerbl et al. 2023, "3D Gaussian Splatting for Real-Time Radiance Field Rendering": blending, eq. 3.
+    Zwicker et al. 2001, "EWA Volume Splatting": projection of the covariance.
     """
     settings = settings or RasterSettings()
     degree = _check_shapes(means, quats, scales, opacities, sh, sh_degree, channels)
@@ -135,31 +86,20 @@ def rasterize(
     else:
         camera = replace(camera, viewmat=viewmat.detach().numpy().astype(np.float64))
     check_camera(camera)
+    inputs = RasterInputs(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
     if backend == "cpu":
         from .cpu import rasterize_cpu
 
-        return rasterize_cpu(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
+        return rasterize_cpu(inputs)
     if backend == "reference":
         from .reference import rasterize_reference
 
-        arrays = {"means": means, "quats": quats, "scales": scales, "opacities": opacities}
-        for name, value in {**arrays, "sh": sh, "channels": channels}.items():
+        for name in ("means", "quats", "scales", "opacities", "sh", "channels"):
+            value = getattr(inputs, name)
             if value is not None:
                 check_finite(name, value)
-        return rasterize_reference(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
+        return rasterize_reference(inputs)
     raise ValueError(f"backend must be 'cpu' or 'reference', got {backend!r}")
-
-
-def check_finite(name: str, value: torch.Tensor) -> None:
-    """Raise `NumericalError` naming the array and the first bad row unless all of `value` [N, ...] is finite."""
-    values = value.detach().cpu().numpy()  # torch would wake its own threads, which then spin
-    if all_finite(values):
-        return
-    bad = ~np.isfinite(values).reshape(len(values), -1).all(axis=1)
-    raise NumericalError(
-        f"`{name}` is not finite in {int(bad.sum())} of {len(bad)} rows (first: row {int(bad.argmax())}); "
-        "lower the learning rate or resume from the last checkpoint."
-    )
 
 
 def _check_shapes(
@@ -171,7 +111,7 @@ def _check_shapes(
     sh_degree: int | None,
     channels: torch.Tensor | None,
 ) -> int:
-    """Return the band of spherical harmonics to use (0 without `sh`); raise ValueError for shapes that do not fit."""
+    """Return the band of spherical harmonics to use (0 without `sh`); raise ValueError for shapes that do not match."""
     n = means.shape[0]
     expected = {"means": (means, (n, 3)), "quats": (quats, (n, 4)), "scales": (scales, (n, 3))}
     for name, (value, shape) in {**expected, "opacities": (opacities, (n,))}.items():
@@ -192,15 +132,5 @@ def _check_shapes(
             raise ValueError(f"`channels` must have shape ({n}, C), got {tuple(channels.shape)}")
         n_out += channels.shape[1]
     if not 1 <= n_out <= MAX_CHANNELS:
-        raise ValueError(f"a picture has 1 to {MAX_CHANNELS} channels, `sh` and `channels` make {n_out}")
+        raise ValueError(f"an image has 1 to {MAX_CHANNELS} channels, but `sh` and `channels` give {n_out}")
     return degree
-
-
-def check_camera(camera: PinholeCamera) -> None:
-    """Raise `CameraError` for a camera that has no pinhole picture."""
-    if camera.width < 1 or camera.height < 1:
-        raise CameraError(f"the camera's picture is {camera.width}x{camera.height} pixels; it needs at least one.")
-    if not (np.isfinite(camera.viewmat).all() and np.isfinite(camera.K).all()):
-        raise CameraError("the camera's pose or intrinsics are not finite; estimate the cameras again.")
-    if camera.K[0, 1] != 0 or camera.K[0, 0] <= 0 or camera.K[1, 1] <= 0:
-        raise CameraError("the camera must have positive focal lengths and no skew; undistort the photo first.")

@@ -1,17 +1,18 @@
-"""Blending, backward: the gradient of every (tile, Gaussian) pair, in two sweeps over the list of each 4x4 block.
+"""Backward pass of blending: the gradient of each pair of a tile and a Gaussian, in two sweeps over each 4x4 block.
 
-With g = dL/dC of a pixel, front to back first, with no division to rebuild T, then back to front::
+With g = dL/dC of a pixel, the first sweep runs front to back, so that T is not rebuilt by division, and the second one
+back to front::
 
     w_i = alpha_i T_i,   e_i = w_i (color_i . g)
-    R_i = dL/dT_final T_final + sum_{j > i} e_j              one scalar a pixel for any number of channels
+    R_i = dL/dT_final T_final + sum_{j > i} e_j              one scalar per pixel for any number of channels
     dL/dcolor_i = sum over pixels of w_i g
     s_i = alpha_i dL/dalpha_i = e_i - R_i alpha_i / (1 - alpha_i)           (zero where alpha was clamped)
 
-Summing R from the back keeps the gradients of Gaussians behind nearly opaque ones exact; subtracting from g . C_final
-in one sweep would leave them an error of the size of the whole. The sums over pixels of s times 1, u, v, u^2, u v, v^2
-are all that `projection_backward` needs for opacity, centre and covariance.
+Summing R from the back keeps the gradients of Gaussians behind nearly opaque ones exact. Subtracting from g . C_final
+in a single sweep would give them a rounding error relative to g . C_final. The sums over pixels of s times
+1, u, v, u^2, u v, v^2 are all that `projection_backward` needs for opacity, centre and covariance.
 
-Thresholds are tested by the very functions of `blend_forward`, so both passes agree bit by bit.
+The thresholds are tested by the functions of `blend_forward`, so both passes agree to the bit.
 """
 
 from __future__ import annotations
@@ -21,16 +22,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .blend_forward import (
-    AHEAD,
-    GEOMETRY,
-    TILES_AT_ONCE,
+    GEOMETRY_SIZE,
+    PREFETCH_DISTANCE,
+    TILES_PER_RANGE,
     cover,
     lane_x,
     lane_y,
-    list_block,
-    offsets,
+    list_block_gaussians,
+    longest_list,
     prefetch_block,
     prefetch_colors,
+    whitened_offsets,
 )
 from .jit import INNER, JIT
 from .settings import ALPHA_MAX
@@ -47,16 +49,16 @@ from .simd import (
     store,
 )
 from .simd_pixels import load_pixels4, store_sums4
-from .threads import Share, take
+from .threads import Share, take_range
 from .tile_spans import TILE
 
-__all__ = ["MOMENTS", "blend_tiles_backward"]
+__all__ = ["MOMENTS_SIZE", "blend_tiles_backward"]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
 
-MOMENTS = 8
-"""Floats before the colour gradients in a pair's row: sums of s, su, sv, suu, suv, svv and two zeros."""
+MOMENTS_SIZE = 8
+"""Number of floats before the colour gradients in a pair's row: the sums of s, su, sv, suu, suv, svv, and two zeros."""
 
 _ALPHA_MAX = f4(ALPHA_MAX)
 
@@ -65,15 +67,15 @@ _ALPHA_MAX = f4(ALPHA_MAX)
 def _read_block(
     image: Float32, corner: int, width: int, n_x: int, n_y: int, n_channels: int, planes: Float32, at: int
 ) -> None:
-    """Copy a 4x4 block of flat `image` [H W n_channels] to ``planes[at:]``, a vector a channel.
+    """Copy a 4x4 block of flat `image` [H W n_channels] to ``planes[at:]``, one vector for each channel.
 
-    Lanes beyond the picture (n_x or n_y below 4) and channels up to the next multiple of 4 keep their zeros.
+    Lanes outside of the image (n_x or n_y below 4) and channels up to the next multiple of 4 keep their zeros.
     """
     row_step = np.int64(width) * n_channels
     start = corner * n_channels
     if n_x == 4 and n_y == 4 and n_channels >= 4:
         for chunk in range(0, n_channels, 4):
-            first = min(chunk, n_channels - 4)  # the last four overlap those before
+            first = min(chunk, n_channels - 4)  # The last four channels overlap the previous four.
             load_pixels4(image, start + first, row_step, np.int64(n_channels), planes, np.int64(at + first * 16))
         return
     for y in range(n_y):
@@ -95,10 +97,10 @@ def _store_pairs(
     n_entries: NDArray[np.int64],
     pair_gradients: Float32,
 ) -> None:
-    """Sum over the lanes and write the rows of a tile's pairs; the colours' gradients are summed over blocks here."""
+    """Sum over the lanes and write the rows of a tile's pairs. Gradients of colours are summed over blocks here."""
     zero = splat(f4(0.0))
     for j in range(n):
-        row = (start + j) * (MOMENTS + n_colors)
+        row = (start + j) * (MOMENTS_SIZE + n_colors)
         at = j * 96
         store_sums4(
             pair_gradients, row, load(moments, at), load(moments, at + 16), load(moments, at + 32),
@@ -107,7 +109,7 @@ def _store_pairs(
         store_sums4(pair_gradients, row + 4, load(moments, at + 64), load(moments, at + 80), zero, zero)
         first = j * 32
         stop = first + 2 * n_entries[j]
-        for k in range(0, n_colors - 4, 8):  # eight at a time, so that a weight is loaded once for all of them
+        for k in range(0, n_colors - 4, 8):  # Eight channels at a time, so that a weight is loaded once for all eight.
             g0 = zero
             g1 = zero
             g2 = zero
@@ -128,9 +130,9 @@ def _store_pairs(
                     g5 = fma(weight, load(gradient, at + 80), g5)
                     g6 = fma(weight, load(gradient, at + 96), g6)
                     g7 = fma(weight, load(gradient, at + 112), g7)
-            store_sums4(pair_gradients, row + MOMENTS + k, g0, g1, g2, g3)
-            store_sums4(pair_gradients, row + MOMENTS + k + 4, g4, g5, g6, g7)
-        # the four that are left; a function for both loops made RGB's backward pass a sixth slower
+            store_sums4(pair_gradients, row + MOMENTS_SIZE + k, g0, g1, g2, g3)
+            store_sums4(pair_gradients, row + MOMENTS_SIZE + k + 4, g4, g5, g6, g7)
+        # The last four channels. One function for both loops makes the backward pass of RGB a sixth slower.
         if n_colors & 4 != 0:
             k = n_colors - 4
             g0 = zero
@@ -145,7 +147,7 @@ def _store_pairs(
                     g1 = fma(weight, load(gradient, at + 16), g1)
                     g2 = fma(weight, load(gradient, at + 32), g2)
                     g3 = fma(weight, load(gradient, at + 48), g3)
-            store_sums4(pair_gradients, row + MOMENTS + k, g0, g1, g2, g3)
+            store_sums4(pair_gradients, row + MOMENTS_SIZE + k, g0, g1, g2, g3)
 
 
 @njit(**JIT)
@@ -165,32 +167,30 @@ def blend_tiles_backward(
     transmittance_gradient: Float32,
     pair_gradients: Float32,
 ) -> int:
-    """Fill the rows of flat `pair_gradients` [M (MOMENTS + n_colors)] of this thread's share of `tiles`, in their order.
+    """Fill the rows of flat `pair_gradients` [M (MOMENTS_SIZE + n_colors)] of this thread's share of `tiles`.
 
-    `masks` and `geometry` are those that the forward pass filled; `transmittance_gradient` is flat [H W], or empty when
-    it is zero everywhere. Returns how many blocks met an incoming gradient that is not finite.
+    `masks` and `geometry` are those of the forward pass. `transmittance_gradient` is flat [H W], or empty if it is zero
+    everywhere. Returns in how many blocks the incoming gradient is not finite.
     """
     n_columns = (width + TILE - 1) // TILE
     n_tiles = tiles.shape[0]
     n_pairs = gaussians.shape[0]
-    longest = 0
-    for t in tiles:
-        longest = max(longest, tile_start[t + 1] - tile_start[t])
+    longest = longest_list(tiles, tile_start)
     block_length = n_colors * 16
     gradient = np.empty(16 * block_length, np.float32)
     by_transmittance = np.zeros(256, np.float32)
-    present = np.empty(n_colors // 4, np.int64)  # first channels of the fours that have a gradient in the block
+    present = np.empty(n_colors // 4, np.int64)  # First of each four channels that have a gradient in the block.
     color_rows = np.empty(longest, np.int64)
     queue = np.empty(longest + 16, np.int32)
     moments = np.empty(longest * 96, np.float32)
-    swept = np.empty(longest * 32 + 32, np.float32)  # of each Gaussian in a block: e, and alpha / (1 - alpha) or 0
-    weights = np.empty(longest * 256 + 16, np.float32)  # w of every Gaussian in the blocks it changes
-    entries = np.empty(longest * 32, np.int64)  # for each: where its weights are, and the block's gradient
+    swept = np.empty(longest * 32 + 32, np.float32)  # For each Gaussian of a block: e, and alpha / (1 - alpha) or 0.
+    weights = np.empty(longest * 256 + 16, np.float32)  # w of each Gaussian in each block that it changes.
+    entries = np.empty(longest * 32, np.int64)  # For each w: its index, and the index of its block's gradient.
     n_entries = np.empty(longest, np.int64)
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     n_bad = 0
-    first, last = take(share, n_tiles, TILES_AT_ONCE)
+    first, last = take_range(share, n_tiles, TILES_PER_RANGE)
     while first < last:
         for t in tiles[first:last]:
             x0 = (t % n_columns) * TILE
@@ -202,14 +202,15 @@ def blend_tiles_backward(
             if x0 + TILE > width or y0 + TILE > height or n_channels % 4 != 0:
                 gradient[:] = f4(0.0)
                 by_transmittance[:] = f4(0.0)
-            placed = start * GEOMETRY
+            placed = start * GEOMETRY_SIZE
             for j in range(n):
-                prefetch_colors(np.int64(item(gaussians, min(start + j + AHEAD, n_pairs - 1))), colors, n_colors)
+                ahead = np.int64(item(gaussians, min(start + j + PREFETCH_DISTANCE, n_pairs - 1)))
+                prefetch_colors(ahead, colors, n_colors)
                 color_rows[j] = np.int64(gaussians[start + j]) * n_colors
             n_entries[:n] = 0
             for k in range(6 * n):
                 store(moments, k * 16, zero)
-            tile_chunks = np.int64(0)  # a plain 0 would have `_store_pairs` compiled for it once more
+            tile_chunks = np.int64(0)  # With a plain 0, Numba would compile `_store_pairs` a second time.
             n_weights = 0
             for block in range(16):
                 left = x0 + 4 * (block % 4)
@@ -221,7 +222,7 @@ def blend_tiles_backward(
                 corner = np.int64(top) * width + left
                 gradient_at = block * block_length
                 _read_block(image_gradient, corner, width, n_x, n_y, n_channels, gradient, gradient_at)
-                # the next block, the last one's being the first of the tile to the right
+                # Prefetch the next block; after the last block, the first one of the tile to the right.
                 next_x, next_y = (
                     (x0 + 4 * ((block + 1) % 4), y0 + 4 * ((block + 1) // 4)) if block < 15 else (x0 + TILE, y0)
                 )
@@ -243,18 +244,18 @@ def blend_tiles_backward(
                         n_present += 1
                         tile_chunks |= 1 << (chunk >> 2)
                         probe = probe + ((g0 + g1) + (g2 + g3))
-                if any_of((probe - probe) != zero):  # inf - inf and NaN differ from zero
+                if any_of((probe - probe) != zero):  # inf - inf and NaN - NaN are NaN, which differs from zero.
                     n_bad += 1
                 if n_present == 0 and not active:
                     continue
-                n_queue = list_block(masks, start, n, block, queue)
+                n_queue = list_block_gaussians(masks, start, n, block, queue)
                 px = lane_x() + f4(4 * (block % 4))
                 py = lane_y() + f4(4 * (block // 4))
                 t_now = one
                 for i in range(n_queue):
                     j = int(item(queue, i))
-                    at = placed + j * GEOMETRY
-                    u, v = offsets(px, py, geometry, at)
+                    at = placed + j * GEOMETRY_SIZE
+                    u, v = whitened_offsets(px, py, geometry, at)
                     raw, alpha, weight, stop, t_now = cover(u, v, item(geometry, at + 5), t_now)
                     ratio = alpha / (one - alpha)
                     store(swept, i * 32 + 16, select(stop, zero, select(raw <= _ALPHA_MAX, ratio, zero)))
@@ -264,17 +265,17 @@ def blend_tiles_backward(
                     put(entries, j * 32 + 2 * entry, n_weights * 16)
                     put(entries, j * 32 + 2 * entry + 1, gradient_at)
                     n_weights += 1
-                # e of two Gaussians together, so that the incoming gradient is loaded once for both; a last one alone
-                # goes with itself, and what that gives is never read
+                # e of two Gaussians together, so that the incoming gradient is loaded once for both. If their number is
+                # odd, the last one is paired with itself, and the second result is not read.
                 put(queue, n_queue, item(queue, max(n_queue - 1, 0)))
                 weights_at = (n_weights - n_queue) * 16
                 for i in range(0, n_queue, 2):
                     color_at = item(color_rows, int(item(queue, i)))
-                    other_at = item(color_rows, int(item(queue, i + 1)))
+                    second_at = item(color_rows, int(item(queue, i + 1)))
                     dot = zero
                     odd = zero
-                    other_dot = zero
-                    other_odd = zero
+                    second_dot = zero
+                    second_odd = zero
                     for c in range(n_present):
                         k = item(present, c)
                         at = gradient_at + k * 16
@@ -286,17 +287,17 @@ def blend_tiles_backward(
                         odd = fma(g1, splat(item(colors, color_at + k + 1)), odd)
                         dot = fma(g2, splat(item(colors, color_at + k + 2)), dot)
                         odd = fma(g3, splat(item(colors, color_at + k + 3)), odd)
-                        other_dot = fma(g0, splat(item(colors, other_at + k)), other_dot)
-                        other_odd = fma(g1, splat(item(colors, other_at + k + 1)), other_odd)
-                        other_dot = fma(g2, splat(item(colors, other_at + k + 2)), other_dot)
-                        other_odd = fma(g3, splat(item(colors, other_at + k + 3)), other_odd)
+                        second_dot = fma(g0, splat(item(colors, second_at + k)), second_dot)
+                        second_odd = fma(g1, splat(item(colors, second_at + k + 1)), second_odd)
+                        second_dot = fma(g2, splat(item(colors, second_at + k + 2)), second_dot)
+                        second_odd = fma(g3, splat(item(colors, second_at + k + 3)), second_odd)
                     store(swept, i * 32, load(weights, weights_at + i * 16) * (dot + odd))
-                    store(swept, i * 32 + 32, load(weights, weights_at + i * 16 + 16) * (other_dot + other_odd))
+                    store(swept, i * 32 + 32, load(weights, weights_at + i * 16 + 16) * (second_dot + second_odd))
                 rest = rest * maximum(t_now, negative(t_now))
                 for i in range(n_queue - 1, -1, -1):
                     j = int(item(queue, i))
-                    at = placed + j * GEOMETRY
-                    u, v = offsets(px, py, geometry, at)
+                    at = placed + j * GEOMETRY_SIZE
+                    u, v = whitened_offsets(px, py, geometry, at)
                     ratio = load(swept, i * 32 + 16)
                     e = load(swept, i * 32)
                     s = select(ratio > zero, fma(negative(rest), ratio, e), zero)
@@ -313,5 +314,5 @@ def blend_tiles_backward(
             _store_pairs(
                 start, n, n_colors, tile_chunks, moments, gradient, weights, entries, n_entries, pair_gradients
             )  # fmt: skip
-        first, last = take(share, n_tiles, TILES_AT_ONCE)
+        first, last = take_range(share, n_tiles, TILES_PER_RANGE)
     return n_bad

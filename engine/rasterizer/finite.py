@@ -1,4 +1,4 @@
-"""Whether every value of an array is finite: looked at in each step, so as fast as memory can be read."""
+"""Tests for values that are not finite. They run in every training step, so they are as fast as memory can be read."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ __all__ = ["all_finite", "rows_finite"]
 
 
 @njit(**INNER)
-def _between(values: NDArray[np.float32], start: int, stop: int) -> bool:
-    """Return whether flat ``values[start:stop]`` are finite."""
-    whole = stop - (stop - start) % LANES
-    odd = splat(np.float32(0.0))
-    for i in range(start, whole, LANES):
+def _range_finite(values: NDArray[np.float32], start: int, stop: int) -> bool:
+    """Return whether the values ``values[start:stop]`` of a flat array are finite."""
+    vector_stop = stop - (stop - start) % LANES
+    differences = splat(np.float32(0.0))
+    for i in range(start, vector_stop, LANES):
         x = load(values, i)
-        odd = odd + (x - x)  # inf - inf and NaN are NaN, and stay so
-    if any_of(odd != np.float32(0.0)):
+        differences = differences + (x - x)  # inf - inf and NaN - NaN are NaN, and a sum with NaN stays NaN.
+    if any_of(differences != np.float32(0.0)):
         return False
-    rest = np.float32(0.0)
-    for i in range(whole, stop):
-        rest += values[i] - values[i]
-    return rest == np.float32(0.0)
+    difference = np.float32(0.0)
+    for i in range(vector_stop, stop):
+        difference += values[i] - values[i]
+    return difference == np.float32(0.0)
 
 
 @njit(**INNER)
-def _rows(values: NDArray[np.float32], first: int, last: int) -> bool:
-    """Return whether ``values[first:last]`` of an array of any shape, its rows side by side, are finite."""
+def _array_rows_finite(values: NDArray[np.float32], first: int, last: int) -> bool:
+    """Return whether the rows ``values[first:last]`` of a contiguous array of any shape are finite."""
     length = values.size // max(values.shape[0], 1)
-    return _between(values.reshape(-1), first * length, last * length)
+    return _range_finite(values.reshape(-1), first * length, last * length)
 
 
 @njit(**INNER)
@@ -47,24 +47,24 @@ def rows_finite(
     sh: NDArray[np.float32],
     channels: NDArray[np.float32],
 ) -> bool:
-    """Return whether all that is given of Gaussians `first` to `last`, or all its gradients, are finite."""
+    """Return whether the parameters of Gaussians `first` to `last` (exclusive), or their gradients, are finite."""
     return (
-        _rows(means, first, last)
-        and _rows(quats, first, last)
-        and _rows(scales, first, last)
-        and _rows(opacities, first, last)
-        and _rows(sh, first, last)
-        and _rows(channels, first, last)
+        _array_rows_finite(means, first, last)
+        and _array_rows_finite(quats, first, last)
+        and _array_rows_finite(scales, first, last)
+        and _array_rows_finite(opacities, first, last)
+        and _array_rows_finite(sh, first, last)
+        and _array_rows_finite(channels, first, last)
     )
 
 
 @njit(**JIT)
 def _all_finite(values: NDArray[np.float32]) -> bool:
-    return _between(values, 0, values.shape[0])
+    return _range_finite(values, 0, values.shape[0])
 
 
 def all_finite(values: NDArray[np.floating]) -> bool:
-    """Return whether no value of an array of any shape is infinite or NaN."""
+    """Return whether every value of an array of any shape and dtype is finite (neither infinite nor NaN)."""
     if values.dtype == np.float32 and values.flags.c_contiguous:
         return bool(_all_finite(values.reshape(-1)))
     return bool(np.isfinite(values).all())

@@ -1,4 +1,4 @@
-"""How this room compiles: Numba's options and where its compiled code is kept. Imported before every kernel."""
+"""Options of Numba for all kernels, and the cache of compiled code. This module is imported before every kernel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
-# The kernels say themselves what is a vector: LLVM's search for more only takes time. Numba reads this at its import.
+# The kernels use vectors explicitly, so LLVM's automatic vectorization only costs time. Numba reads these variables
+# when it is imported.
 os.environ.setdefault("NUMBA_OPT", "2")
 os.environ.setdefault("NUMBA_LOOP_VECTORIZE", "0")
 
@@ -22,17 +23,18 @@ __all__ = ["INNER", "JIT", "cache_folder"]
 _log = logging.getLogger(__name__)
 
 JIT: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "boundscheck": False}
-"""No fast-math: a compiler that may re-order sums could make forward and backward disagree about a threshold."""
+"""Options of kernels that Python calls. Fast-math is off: with reordered sums, the forward and the backward pass could
+disagree on whether a value passes a threshold."""
 
 
 def cache_folder() -> Path:
     """Return the folder of compiled kernels, in the user's cache folder unless ``NUMBA_CACHE_DIR`` names another.
 
-    Numba notices a change only in the file that holds a kernel, not in the files it calls into; so the folder's name
-    carries a hash of this whole room, and new code never meets old machine code.
+    Numba detects a change only in the file that defines a kernel, not in the files whose functions the kernel calls.
+    The folder's name therefore contains a hash of all files of this package, so that old machine code is never loaded.
     """
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    root = Path(chosen) if chosen else user_cache_path("gaussian-heritage", appauthor=False) / "numba"
+    override = os.environ.get("NUMBA_CACHE_DIR")
+    root = Path(override) if override else user_cache_path("gaussian-heritage", appauthor=False) / "numba"
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.read_bytes())
@@ -40,17 +42,19 @@ def cache_folder() -> Path:
 
 
 def _is_writable(folder: Path) -> bool:
+    """Return whether files can be created in `folder`, which is created if it is missing; log a warning if not."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return True
     except OSError as problem:
-        _log.warning("compiled kernels cannot be kept in %s (%s); every start compiles them again", folder, problem)
+        _log.warning("compiled kernels cannot be stored in %s (%s); every start compiles them again", folder, problem)
         return False
 
 
 INNER: dict[str, Any] = {**JIT, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""For what only kernels call: compiled into them, so that a door to Python and a cache of its own are wasted."""
+"""Options of functions that only kernels call. They are compiled into the kernels and need no wrapper for calls from
+Python and no cache of their own."""
 
 numba.config.CACHE_DIR = str(cache_folder())
 JIT["cache"] = _is_writable(cache_folder())

@@ -1,4 +1,4 @@
-"""The loss of a picture against a photo: (1 - lambda) L1 + lambda (1 - SSIM), with its gradient, on the CPU."""
+"""The loss of a rendered image against a photo, (1 - lambda) L1 + lambda (1 - SSIM), with its gradient, on the CPU."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from torch.autograd.function import once_differentiable
 
 from ..errors import NumericalError
 from .loss_kernels import (
-    BORDER,
-    PAD,
     STRIP,
     blur_target,
     difference_gradient,
     fill_planes,
+    plane_layout,
     similarity_and_maps,
 )
 from .threads import Share, run_shared
@@ -27,23 +26,33 @@ __all__ = ["Target", "photometric_loss", "ssim"]
 Float32 = NDArray[np.float32]
 
 TARGET_MAX = 2.0
-"""Values above this are refused. SSIM's variances are differences of squares: from 30 on, float32 leaves nothing of them
-beside C2 = 0.0009 where picture and photo are both that bright, and SSIM leaves [-1, 1]."""
+"""Largest absolute value of a target. Values of a photo are in [0, 1]. The variances of SSIM are differences of
+squares: where image and photo both exceed 30, float32 does not resolve them beside C2 = 0.0009, and SSIM leaves
+[-1, 1]."""
 
 _scratch = threading.local()
 
 
 class Target:
-    """A photo made ready for the loss: its planes, and their blurs, which do not change from step to step.
+    """A photo prepared for the loss: its planes and their blurs, which are the same in every training step.
 
-    Takes 36 bytes a pixel. Keep one per view when memory allows; make a new one each step otherwise (a quarter slower).
+    It takes 36 bytes per pixel. Keep one per view if memory allows; creating it in each step takes a quarter longer.
 
     Parameters
     ----------
     pixels : uint8 or float32 tensor or array of shape [H, W, 3]
-        uint8 is divided by 255, float32 lies in [0, 1] (values to 2 are taken, for a metric between rendered pictures).
+        uint8 is divided by 255. float32 is in [0, 1]; values up to `TARGET_MAX` are accepted, for rendered images.
     valid : bool tensor or array of shape [H, W], optional
-        Pixels that count; all by default. The others are black in both pictures and have no gradient.
+        Pixels that count; all by default. The others are black in both images and have no gradient.
+    threads : int, optional
+        All usable cores by default.
+
+    Raises
+    ------
+    NumericalError
+        If a value is not finite or above `TARGET_MAX`.
+    ValueError
+        If a shape is wrong, or no pixel is valid.
     """
 
     def __init__(
@@ -60,12 +69,12 @@ class Target:
             values = values.astype(np.float32) * np.float32(1.0 / 255.0)
         values = np.ascontiguousarray(values, np.float32)
         if not np.isfinite(values).all():
-            raise NumericalError("`target` of the loss is not finite; check the photo it was made of.")
+            raise NumericalError("`target` of the loss is not finite; check the photo that it was read from.")
         if (largest := float(np.abs(values).max(initial=0.0))) > TARGET_MAX:
             raise NumericalError(f"`target` of the loss reaches {largest:.4g}, not 1; divide by the photo's white.")
         self.height, self.width = values.shape[:2]
         self.weights = _pixel_weights(self.height, self.width, valid)
-        size = _plane_length(self.height, self.width) * 3
+        size = 3 * plane_layout(self.height, self.width)[2]
         self.planes, self.means, self.variances = (np.zeros(size, np.float32) for _ in range(3))
         flat = values.reshape(-1)
 
@@ -79,13 +88,9 @@ class Target:
         run_shared(blur, threads)
 
 
-def _plane_length(height: int, width: int) -> int:
-    return ((width + 15) // 16 * 16 + 2 * PAD) * (height + 2 * BORDER)
-
-
 def _pixel_weights(height: int, width: int, valid: torch.Tensor | NDArray[np.bool_] | None) -> Float32:
-    """Return flat [H, W rounded up to 16]: 1 / (3 n_valid) for each pixel that counts, 0 elsewhere."""
-    weights = np.zeros((height, (width + 15) // 16 * 16), np.float32)
+    """Return the weights of pixels, flat [H, W rounded up to 16]: 1 / (3 n_valid) for valid pixels, 0 elsewhere."""
+    weights = np.zeros((height, plane_layout(height, width)[0]), np.float32)
     if valid is None:
         weights[:, :width] = 1.0 / (3 * height * width)
         return weights.reshape(-1)
@@ -100,7 +105,7 @@ def _pixel_weights(height: int, width: int, valid: torch.Tensor | NDArray[np.boo
 
 
 def _scratch_planes(size: int) -> tuple[Float32, Float32]:
-    """Return this thread's room for the picture's planes [size] and the three maps [3 size]; it is kept and grows."""
+    """Return this thread's scratch memory for the image's planes [size] and the three maps [3 size]; it is reused."""
     if getattr(_scratch, "image", None) is None or len(_scratch.image) < size:
         _scratch.image = np.empty(size, np.float32)
         _scratch.maps = np.empty(3 * size, np.float32)
@@ -110,14 +115,14 @@ def _scratch_planes(size: int) -> tuple[Float32, Float32]:
 def _compare(
     image: torch.Tensor, target: Target, lambda_dssim: float, with_gradient: bool, threads: int | None
 ) -> tuple[float, float, torch.Tensor | None]:
-    """Return SSIM, mean |x - y| and, if asked, the gradient [H, W, 3] of the loss."""
+    """Return SSIM, mean |x - y| and, with `with_gradient`, the gradient [H, W, 3] of the loss."""
     height, width = target.height, target.width
-    size = _plane_length(height, width) * 3
+    size = 3 * plane_layout(height, width)[2]
     planes, maps = _scratch_planes(size)
     values = image.detach()
     if values.stride(2) != 1 or values.stride(0) != width * values.stride(1):
         values = values.contiguous()
-    # A slice of a wider picture is read in place: pixels lie `pixel_step` floats apart.
+    # A slice of an image with more channels is read in place: its pixels are `pixel_step` floats apart.
     pixel_step = values.stride(1)
     flat = values.as_strided(((height * width - 1) * pixel_step + 3,), (1,)).numpy()
     n_strips = (height + STRIP - 1) // STRIP
@@ -136,7 +141,7 @@ def _compare(
     similarity, difference = (float(total) for total in totals.sum(axis=0))
     if not np.isfinite(similarity + difference):
         raise NumericalError(
-            "the rendered picture is not finite where it meets the photo; "
+            "the rendered image is not finite at a pixel that is compared with the photo; "
             "lower the learning rate or resume from the last checkpoint."
         )
     if not with_gradient:
@@ -155,7 +160,7 @@ def _compare(
 
 
 class _PhotometricLoss(torch.autograd.Function):
-    """The gradient is computed with the value, then only scaled."""
+    """The loss as an autograd function. The gradient is computed with the value, and scaled in the backward pass."""
 
     @staticmethod
     def forward(
@@ -173,15 +178,18 @@ class _PhotometricLoss(torch.autograd.Function):
         return gradient, None, None, None
 
 
-def _checked(image: torch.Tensor, target: torch.Tensor | Target, valid: Any, threads: int | None) -> Target:
-    ready = target if isinstance(target, Target) else Target(target.detach(), valid=valid, threads=threads)
+def _check_target(image: torch.Tensor, target: torch.Tensor | Target, valid: Any, threads: int | None) -> Target:
+    """Return `target` as a `Target`; raise ValueError if it does not match `image`."""
+    prepared = target if isinstance(target, Target) else Target(target.detach(), valid=valid, threads=threads)
     if isinstance(target, Target) and valid is not None:
         raise ValueError("`valid` belongs to the `Target` when one is given")
-    if tuple(image.shape) != (ready.height, ready.width, 3):
-        raise ValueError(f"image {tuple(image.shape)} and target {(ready.height, ready.width, 3)} differ in shape")
+    if tuple(image.shape) != (prepared.height, prepared.width, 3):
+        raise ValueError(
+            f"image {tuple(image.shape)} and target {(prepared.height, prepared.width, 3)} differ in shape"
+        )
     if image.dtype != torch.float32 or image.device.type != "cpu":
         raise ValueError(f"the loss takes float32 on the CPU, got {image.dtype} on {image.device}")
-    return ready
+    return prepared
 
 
 def photometric_loss(
@@ -192,29 +200,45 @@ def photometric_loss(
     valid: torch.Tensor | None = None,
     threads: int | None = None,
 ) -> torch.Tensor:
-    """Return (1 - lambda) mean |x - y| + lambda (1 - mean SSIM), a scalar, differentiable in `image` (once).
+    """Return (1 - lambda) mean |x - y| + lambda (1 - mean SSIM), a scalar, differentiable once in `image`.
 
-    SSIM as in 3D Gaussian splatting: 11x11 Gaussian window, zero padding, values in [0, 1].
+    SSIM is that of 3D Gaussian splatting: an 11x11 Gaussian window, zero padding, values in [0, 1].
 
     Parameters
     ----------
     image : float32 tensor of shape [H, W, 3]
-        May be a slice ``raster.image[..., :3]`` of a wider picture.
+        Rendered colours. It may be a slice ``raster.image[..., :3]`` of an image with more channels.
     target : tensor of shape [H, W, 3], uint8 or float32, or `Target`
     lambda_dssim : float
+        Weight of the SSIM term, 0 to 1.
     valid : bool tensor of shape [H, W], optional
-        Pixels that count, when `target` is a tensor.
+        Pixels that count, if `target` is a tensor.
     threads : int, optional
         All usable cores by default; the result does not depend on it.
 
     Raises
     ------
     NumericalError
-        When either picture is not finite, or the target far above 1.
+        If the image or the target is not finite, or the target is above `TARGET_MAX`.
+    ValueError
+        If shapes or dtypes do not match.
+
+    References
+    ----------
+    Kerbl et al. 2023, "3D Gaussian Splatting for Real-Time Radiance Field Rendering", eq. 7.
+    Wang et al. 2004, "Image Quality Assessment: From Error Visibility to Structural Similarity".
     """
-    return _PhotometricLoss.apply(image, _checked(image, target, valid, threads), lambda_dssim, threads)
+    return _PhotometricLoss.apply(image, _check_target(image, target, valid, threads), lambda_dssim, threads)
 
 
 def ssim(image: torch.Tensor, target: torch.Tensor | Target, *, valid: torch.Tensor | None = None) -> float:
-    """Return the mean SSIM of two pictures [H, W, 3] with values in [0, 1], as in `photometric_loss`."""
-    return _compare(image, _checked(image, target, valid, None), 0.0, False, None)[0]
+    """Return the mean SSIM of two images [H, W, 3] with values in [0, 1], as in `photometric_loss`.
+
+    Raises
+    ------
+    NumericalError
+        If the image or the target is not finite, or the target is above `TARGET_MAX`.
+    ValueError
+        If shapes or dtypes do not match.
+    """
+    return _compare(image, _check_target(image, target, valid, None), 0.0, False, None)[0]

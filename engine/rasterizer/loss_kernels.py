@@ -1,4 +1,4 @@
-"""SSIM with an 11x11 Gaussian window (sigma 1.5, zero padding) and L1, with their gradient, in strips of rows.
+"""Kernels of SSIM (11x11 Gaussian window, sigma 1.5, zero padding) and L1, with their gradients, in strips of rows.
 
 Wang et al. 2004. With blur G, a = G x, b = G y, s_xx = G x^2 - a^2, s_xy = G xy - a b and likewise s_yy::
 
@@ -6,8 +6,8 @@ Wang et al. 2004. With blur G, a = G x, b = G y, s_xx = G x^2 - a^2, s_xy = G xy
     dSSIM/dx = G p + 2 x G q + y G r    (G is symmetric)
     q = -SSIM / B2,  r = 2 A1 / (B1 B2),  p = 2 b A2 / (B1 B2) - 2 a SSIM / B1 - 2 a q - b r
 
-Pictures are kept as planes, one a channel, of rows padded with 16 zeros on both sides and to a multiple of 16, with 5
-rows of zeros above and below. A plane of weights, zero outside of the picture, says how much each pixel counts.
+Images are stored as planes, one for each channel. A row is padded to a multiple of 16 pixels and with 16 zeros on both
+sides; a plane has 5 rows of zeros above and below. Each pixel has a weight, which is zero outside of the image.
 """
 
 from __future__ import annotations
@@ -20,21 +20,30 @@ from numpy.typing import NDArray
 
 from .jit import INNER, JIT
 from .simd import fma, load, select, splat, store
-from .threads import Share, take
+from .threads import Share, take_range
 
-__all__ = ["BORDER", "PAD", "STRIP", "fill_planes", "difference_gradient", "similarity_and_maps", "blur_target"]
+__all__ = [
+    "BORDER",
+    "PAD",
+    "STRIP",
+    "blur_target",
+    "difference_gradient",
+    "fill_planes",
+    "plane_layout",
+    "similarity_and_maps",
+]
 
 Float32 = NDArray[np.float32]
 f4 = np.float32
 
 PAD = 16
-"""Zeros left and right of a row."""
+"""Number of zeros on each side of a row: one vector, so that loads around a pixel stay within the array."""
 
 BORDER = 5
-"""Rows of zeros above and below; half of the window."""
+"""Number of rows of zeros above and below an image: half of the window."""
 
 STRIP = 32
-"""Rows that are blurred together; the scratch memory of a strip fits the second-level cache."""
+"""Number of rows that are blurred together. The scratch memory of a strip fits the second-level cache."""
 
 _WINDOW = [math.exp(-((i - 5.0) ** 2) / 4.5) for i in range(11)]
 _K0, _K1, _K2, _K3, _K4, _K5 = (f4(_WINDOW[i] / sum(_WINDOW)) for i in range(6))
@@ -42,9 +51,23 @@ _C1 = f4(0.01**2)
 _C2 = f4(0.03**2)
 
 
+def plane_layout(height: int, width: int) -> tuple[int, int, int]:
+    """Return the number of floats of a padded row without its margins, with its margins, and of a padded plane."""
+    inner = (width + 15) // 16 * 16
+    row = inner + 2 * PAD
+    return inner, row, row * (height + 2 * BORDER)
+
+
+_kernel_plane_layout = njit(**INNER)(plane_layout)
+"""`plane_layout` for calls from kernels."""
+
+
 @njit(**INNER)
 def _blur_at(source: Float32, at: int, step: int) -> object:
-    """Return the 11 taps around ``source[at:at + 16]``, `step` floats apart (1: along the row, row length: down)."""
+    """Return the blur of ``source[at:at + 16]`` with 11 taps that are `step` floats apart.
+
+    `step` is 1 for a horizontal blur and the length of a row for a vertical one.
+    """
     total = load(source, at) * _K5
     total = fma(load(source, at - step) + load(source, at + step), splat(_K4), total)
     total = fma(load(source, at - 2 * step) + load(source, at + 2 * step), splat(_K3), total)
@@ -55,7 +78,7 @@ def _blur_at(source: Float32, at: int, step: int) -> object:
 
 @njit(**INNER)
 def _blur_row(source: Float32, at: int, row: int, target: Float32, target_at: int) -> None:
-    """Blur a row of `row` floats (a multiple of 16) along itself."""
+    """Blur a row of `row` floats, a multiple of 16, horizontally."""
     for i in range(0, row, 16):
         store(target, target_at + i, _blur_at(source, at + i, 1))
 
@@ -64,11 +87,13 @@ def _blur_row(source: Float32, at: int, row: int, target: Float32, target_at: in
 def fill_planes(
     share: Share, pixels: Float32, pixel_step: int, weights: Float32, height: int, width: int, planes: Float32
 ) -> None:
-    """Copy flat `pixels` (`pixel_step` floats apart, 3 used) into 3 padded `planes`, zero where the weight is zero."""
-    row = (width + 15) // 16 * 16 + 2 * PAD
-    plane = row * (height + 2 * BORDER)
+    """Copy the first 3 channels of flat `pixels`, `pixel_step` floats apart, into 3 padded `planes`.
+
+    Pixels of weight zero become zero.
+    """
+    inner, row, plane = _kernel_plane_layout(height, width)
     zero = splat(f4(0.0))
-    padded_y, end = take(share, height + 2 * BORDER, 1)
+    padded_y, end = take_range(share, height + 2 * BORDER, 1)
     while padded_y < end:
         y = padded_y - BORDER
         for c in range(3):
@@ -82,23 +107,21 @@ def fill_planes(
             store(planes, at + row - PAD, zero)
             source = np.int64(y) * width * pixel_step + c
             for x in range(width):
-                if weights[y * (row - 2 * PAD) + x] > f4(0.0):
+                if weights[y * inner + x] > f4(0.0):
                     planes[at + PAD + x] = pixels[source + x * pixel_step]
                 else:
                     planes[at + PAD + x] = f4(0.0)
-        padded_y, end = take(share, height + 2 * BORDER, 1)
+        padded_y, end = take_range(share, height + 2 * BORDER, 1)
 
 
 @njit(**JIT)
 def blur_target(share: Share, planes: Float32, height: int, width: int, means: Float32, variances: Float32) -> None:
-    """Fill `means` (b) and `variances` (s_yy) of this thread's strips of 3 padded planes y."""
-    inner = (width + 15) // 16 * 16
-    row = inner + 2 * PAD
-    plane = row * (height + 2 * BORDER)
+    """Fill `means` (b) and `variances` (s_yy) in this thread's strips of the 3 padded planes y of a target."""
+    inner, row, plane = _kernel_plane_layout(height, width)
     n_strips = (height + STRIP - 1) // STRIP
     squares = np.zeros(row, np.float32)
     blurred = np.empty(2 * (STRIP + 2 * BORDER) * inner, np.float32)
-    task, end = take(share, 3 * n_strips, 1)
+    task, end = take_range(share, 3 * n_strips, 1)
     while task < end:
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
@@ -118,12 +141,12 @@ def blur_target(share: Share, planes: Float32, height: int, width: int, means: F
                 b = _blur_at(blurred, middle + i, inner)
                 store(means, at + i, b)
                 store(variances, at + i, _blur_at(blurred, part + middle + i, inner) - b * b)
-        task, end = take(share, 3 * n_strips, 1)
+        task, end = take_range(share, 3 * n_strips, 1)
 
 
 @njit(**INNER)
 def _clear_margins(maps: Float32, at: int, row: int) -> None:
-    """Zero the padding left and right of a row of a map."""
+    """Set the margins on both sides of a row of a map to zero."""
     zero = splat(f4(0.0))
     store(maps, at, zero)
     store(maps, at + row - PAD, zero)
@@ -142,13 +165,12 @@ def similarity_and_maps(
     maps: Float32,
     totals: NDArray[np.float64],
 ) -> None:
-    """Fill `totals` [3 n_strips, 2] with the weighted sums of SSIM and of |x - y|, and `maps` with weighted p, q, r.
+    """Compare `image` with `target`, both 3 padded planes, in this thread's strips.
 
-    `maps` holds 3 maps of 3 padded planes, one map after another.
+    Row ``channel * n_strips + strip`` of `totals` [3 n_strips, 2] gets the weighted sums of SSIM and of |x - y|. `maps`
+    gets the weighted p, q and r, 3 padded planes each, one map after another.
     """
-    inner = (width + 15) // 16 * 16
-    row = inner + 2 * PAD
-    plane = row * (height + 2 * BORDER)
+    inner, row, plane = _kernel_plane_layout(height, width)
     n_strips = (height + STRIP - 1) // STRIP
     squares = np.zeros(row, np.float32)
     products = np.zeros(row, np.float32)
@@ -158,7 +180,7 @@ def similarity_and_maps(
     zero = splat(f4(0.0))
     one = splat(f4(1.0))
     two = f4(2.0)
-    task, end = take(share, 3 * n_strips, 1)
+    task, end = take_range(share, 3 * n_strips, 1)
     while task < end:
         c = task // n_strips
         strip = task - c * n_strips
@@ -220,7 +242,7 @@ def similarity_and_maps(
             if strip == n_strips - 1:
                 for i in range((height + BORDER) * row, plane, 16):
                     store(maps, start + i, zero)
-        task, end = take(share, 3 * n_strips, 1)
+        task, end = take_range(share, 3 * n_strips, 1)
 
 
 @njit(**JIT)
@@ -232,23 +254,24 @@ def difference_gradient(
     maps: Float32,
     height: int,
     width: int,
-    of_similarity: float,
-    of_difference: float,
+    similarity_factor: float,
+    difference_factor: float,
     gradient: Float32,
 ) -> None:
-    """Fill flat `gradient` [H W 3] with of_similarity dSSIM/dx + of_difference d|x - y|/dx, both weighted."""
-    inner = (width + 15) // 16 * 16
-    row = inner + 2 * PAD
-    plane = row * (height + 2 * BORDER)
+    """Fill flat `gradient` [H W 3] with similarity_factor dSSIM/dx + difference_factor d|x - y|/dx, both weighted.
+
+    `maps` are those of `similarity_and_maps`.
+    """
+    inner, row, plane = _kernel_plane_layout(height, width)
     n_strips = (height + STRIP - 1) // STRIP
     part = (STRIP + 2 * BORDER) * inner
     blurred = np.empty(3 * part, np.float32)
     line = np.empty(inner, np.float32)
     zero = splat(f4(0.0))
-    scale = splat(f4(of_similarity))
-    plus = splat(f4(of_difference))
-    minus = splat(f4(-of_difference))
-    task, end = take(share, 3 * n_strips, 1)
+    scale = splat(f4(similarity_factor))
+    plus = splat(f4(difference_factor))
+    minus = splat(f4(-difference_factor))
+    task, end = take_range(share, 3 * n_strips, 1)
     while task < end:
         c = task // n_strips
         top = (task - c * n_strips) * STRIP
@@ -272,4 +295,4 @@ def difference_gradient(
             pixel = np.int64(top + k) * width * 3 + c
             for x_at in range(width):
                 gradient[pixel + 3 * x_at] = line[x_at]
-        task, end = take(share, 3 * n_strips, 1)
+        task, end = take_range(share, 3 * n_strips, 1)

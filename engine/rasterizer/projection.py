@@ -1,13 +1,13 @@
-"""Gaussians in the world -> ellipses on the screen, forward. Scalar float64 inside, float32 in and out.
+"""Forward pass of the projection of Gaussians to ellipses on the screen. It computes in float64, with float32 inputs.
 
 With M = J W R S (J: affine approximation of the projection, W: world to camera, R S: rotation and scales)::
 
     Sigma = M M^T + low_pass I                            (Zwicker et al. 2001, EWA)
     det   = |m_x cross m_y|^2 + low_pass (trace of M M^T) + low_pass^2      (Cauchy-Binet: no cancellation for needles)
-    alpha = faded 2^-(u^2 + v^2),   u = a dx + b dy,   v = c dy
+    alpha = opacity 2^-(u^2 + v^2),   u = a dx + b dy,   v = c dy
 
-where (a, b; 0, c) is the upper triangular root of Sigma^-1 log2(e)/2. Working with u and v instead of Sigma^-1 keeps
-float32 exact for needles, whose Sigma^-1 dx^2 terms cancel, and never gives a negative exponent.
+where (a, b; 0, c) is the upper triangular root of Sigma^-1 log2(e)/2. The terms of d^T Sigma^-1 d cancel for
+needle-shaped Gaussians; a sum of two squares stays exact in float32 and is never negative.
 """
 
 from __future__ import annotations
@@ -22,91 +22,119 @@ from numpy.typing import NDArray
 from ..scene import PinholeCamera
 from .finite import rows_finite
 from .jit import INNER, JIT
-from .settings import ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, RasterSettings
+from .settings import (
+    ALPHA_MIN,
+    COV_MAX,
+    DET_MIN,
+    DIRECTION_NORM_MIN,
+    INVERSE_ALPHA_MIN,
+    JACOBIAN_MARGIN,
+    QUAT_NORM2_MIN,
+    RADIUS_SIGMAS,
+    RasterSettings,
+)
 from .spherical_harmonics import sh_basis
-from .threads import Share, take
-from .tile_spans import ROWS_KEPT, walk_tiles
+from .threads import Share, take_range
+from .tile_spans import MAX_STORED_ROWS, walk_tiles
 
 __all__ = [
     "CULLED_DEGENERATE",
     "CULLED_NEAR",
     "CULLED_OUTSIDE",
     "CULLED_TRANSPARENT",
-    "GAUSSIANS_AT_ONCE",
+    "FX",
+    "FY",
+    "GAUSSIANS_PER_RANGE",
+    "LOW_PASS",
     "ROOT_SCALE",
+    "TAN_X_MAX",
+    "TAN_X_MIN",
+    "TAN_Y_MAX",
+    "TAN_Y_MIN",
     "VISIBLE",
     "Projected",
-    "camera_numbers",
+    "pack_camera",
     "camera_point",
     "covariance",
     "linearise",
     "project_gaussians",
     "rotation_matrix",
     "screen_axes",
+    "viewing_direction",
 ]
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
 VISIBLE, CULLED_NEAR, CULLED_DEGENERATE, CULLED_TRANSPARENT, CULLED_OUTSIDE = 0, 1, 2, 3, 4
+"""States of a Gaussian: visible, or the reason why it was culled, see `CulledCounts`."""
+
+FX, FY, CX, CY = 12, 13, 14, 15
+"""Indices of the intrinsics in a packed camera, see `pack_camera`."""
+
+TAN_X_MIN, TAN_X_MAX, TAN_Y_MIN, TAN_Y_MAX = 16, 17, 18, 19
+"""Indices in a packed camera of the bounds of x/z and y/z where the projection is linearised."""
+
+NEAR, LOW_PASS, ANTIALIASED = 20, 21, 22
+"""Indices in a packed camera of the settings."""
 
 ROOT_SCALE = math.sqrt(0.5 / math.log(2.0))
-"""u and v are measured so that alpha is a power of two: sqrt(log2(e) / 2) times the whitened distance."""
+"""Unit of u and v: sqrt(log2(e) / 2) times the whitened distance. With it, alpha is a power of two, see above."""
 
-GAUSSIANS_AT_ONCE = 512
-"""Neighbours that one thread takes together."""
+GAUSSIANS_PER_RANGE = 512
+"""Number of neighbouring Gaussians that a thread takes together."""
 
 
-def camera_numbers(camera: PinholeCamera, settings: RasterSettings) -> Float64:
-    """Return what the projection needs of a camera in one array.
+def pack_camera(camera: PinholeCamera, settings: RasterSettings) -> Float64:
+    """Return the camera and settings that the projection kernels need in one float64 array of shape [23].
 
-    0-8 rotation (row major), 9-11 translation, 12-15 fx fy cx cy, 16-19 bounds of x/z and y/z where the projection
-    is linearised (low x, high x, low y, high y), 20 near plane, 21 low pass, 22 whether antialiased.
+    Entries 0 to 8 are the rotation (row major) and 9 to 11 the translation of world-to-camera. `FX` to `ANTIALIASED`
+    are the indices of the other entries.
     """
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
-    numbers = np.zeros(23)
-    numbers[0:9] = np.asarray(camera.viewmat)[:3, :3].reshape(-1)
-    numbers[9:12] = np.asarray(camera.viewmat)[:3, 3]
-    numbers[12:16] = fx, fy, cx, cy
-    numbers[16:18] = (-margin_x - cx) / fx, (camera.width + margin_x - cx) / fx
-    numbers[18:20] = (-margin_y - cy) / fy, (camera.height + margin_y - cy) / fy
-    numbers[20:23] = settings.near, settings.low_pass, settings.antialiased
-    return numbers
+    packed = np.zeros(23)
+    packed[0:9] = np.asarray(camera.viewmat)[:3, :3].reshape(-1)
+    packed[9:12] = np.asarray(camera.viewmat)[:3, 3]
+    packed[FX : CY + 1] = fx, fy, cx, cy
+    packed[TAN_X_MIN : TAN_X_MAX + 1] = (-margin_x - cx) / fx, (camera.width + margin_x - cx) / fx
+    packed[TAN_Y_MIN : TAN_Y_MAX + 1] = (-margin_y - cy) / fy, (camera.height + margin_y - cy) / fy
+    packed[NEAR : ANTIALIASED + 1] = settings.near, settings.low_pass, settings.antialiased
+    return packed
 
 
 @dataclass(frozen=True)
 class Projected:
-    """What the projection leaves for each of N Gaussians; rows of culled ones are undefined but for `state`.
+    """The projections of N Gaussians. Rows of culled ones are undefined except for `state`, `radii` and `n_tiles`.
 
     Attributes
     ----------
     state : uint8 [N]
-        ``VISIBLE`` or why it was culled.
+        `VISIBLE`, or the reason why the Gaussian was culled.
     pixels : float64 [N, 2]
-        Centre on the screen.
+        Centre on the screen, pixels.
     roots : float64 [N, 3]
-        a, b, c: alpha = faded 2^-((a dx + b dy)^2 + (c dy)^2).
-    faded : float32 [N]
-        Opacity on the screen: the Gaussian's own, less when antialiased.
+        a, b, c with alpha = opacity 2^-((a dx + b dy)^2 + (c dy)^2).
+    screen_opacities : float32 [N]
+        Opacity on the screen: that of the Gaussian, reduced if antialiased.
     limits : float32 [N]
-        log2(255 faded): alpha is at least 1/255 where u^2 + v^2 is at most this.
+        log2(255 opacity) with the opacity on the screen: alpha is at least 1/255 where u^2 + v^2 is at most this.
     depths : float32 [N]
         Distance from the camera plane.
     radii : float32 [N]
-        Three standard deviations along the longer axis, pixels; 0 when culled.
+        Three standard deviations along the longer axis, pixels; 0 if culled.
     colors : float32 [N, K4]
-        What is blended; K rounded up to a multiple of 4 with zeros.
+        Values to blend; K is rounded up to a multiple of 4 with zeros.
     n_tiles : int32 [N]
-        How many 16x16 tiles the ellipse touches; 0 when culled.
-    spans : uint16 [N, 2 + 2 ROWS_KEPT]
-        Which, see `walk_tiles`.
+        Number of 16x16 tiles that the ellipse touches; 0 if culled.
+    spans : uint16 [N, 2 + 2 MAX_STORED_ROWS]
+        The tiles, see `walk_tiles`.
     """
 
     state: NDArray[np.uint8]
     pixels: Float64
     roots: Float64
-    faded: Float32
+    screen_opacities: Float32
     limits: Float32
     depths: Float32
     radii: Float32
@@ -116,7 +144,7 @@ class Projected:
 
     @classmethod
     def empty(cls, n: int, n_colors: int) -> Projected:
-        """Return room for `n` Gaussians and `n_colors` (a multiple of 4) values each."""
+        """Return arrays for `n` Gaussians with `n_colors` values each, a multiple of 4."""
         return cls(
             np.empty(n, np.uint8),
             np.empty((n, 2), np.float64),
@@ -127,13 +155,13 @@ class Projected:
             np.zeros(n, np.float32),
             np.empty((n, n_colors), np.float32),
             np.zeros(n, np.int32),
-            np.empty((n, 2 + 2 * ROWS_KEPT), np.uint16),
+            np.empty((n, 2 + 2 * MAX_STORED_ROWS), np.uint16),
         )
 
 
 @njit(**INNER)
 def rotation_matrix(w: float, x: float, y: float, z: float, r: Float64) -> None:
-    """Write the rotation of the unit quaternion wxyz into `r` [3, 3]."""
+    """Write the rotation matrix of the unit quaternion wxyz to `r` [3, 3]."""
     r[0, 0] = 1.0 - 2.0 * (y * y + z * z)
     r[0, 1] = 2.0 * (x * y - w * z)
     r[0, 2] = 2.0 * (x * z + w * y)
@@ -147,7 +175,7 @@ def rotation_matrix(w: float, x: float, y: float, z: float, r: Float64) -> None:
 
 @njit(**INNER)
 def camera_point(g: int, means: Float32, camera: Float64) -> tuple[float, float, float]:
-    """Return the mean of Gaussian `g` in the camera: x right, y down, z forward."""
+    """Return the mean of Gaussian `g` in camera space: x right, y down, z forward."""
     x = np.float64(means[g, 0])
     y = np.float64(means[g, 1])
     z = np.float64(means[g, 2])
@@ -159,19 +187,29 @@ def camera_point(g: int, means: Float32, camera: Float64) -> tuple[float, float,
 
 
 @njit(**INNER)
+def viewing_direction(g: int, means: Float32, center: Float64) -> tuple[float, float, float, float]:
+    """Return the unit vector x, y, z from the camera's `center` [3] to Gaussian `g`, and the inverse distance."""
+    x = means[g, 0] - center[0]
+    y = means[g, 1] - center[1]
+    z = means[g, 2] - center[2]
+    inverse_distance = 1.0 / max(math.sqrt(x * x + y * y + z * z), DIRECTION_NORM_MIN)
+    return x * inverse_distance, y * inverse_distance, z * inverse_distance, inverse_distance
+
+
+@njit(**INNER)
 def linearise(x: float, y: float, z: float, camera: Float64, q: Float64) -> tuple[float, float]:
-    """Write Q = J W into `q` [2, 3] and return (x/z, y/z) where J is taken: held within the camera's bounds."""
-    tan_x = min(max(x / z, camera[16]), camera[17])
-    tan_y = min(max(y / z, camera[18]), camera[19])
+    """Write Q = J W to `q` [2, 3], with J taken at (x/z, y/z) clamped to the camera's bounds; return that point."""
+    tan_x = min(max(x / z, camera[TAN_X_MIN]), camera[TAN_X_MAX])
+    tan_y = min(max(y / z, camera[TAN_Y_MIN]), camera[TAN_Y_MAX])
     for k in range(3):
-        q[0, k] = camera[12] / z * (camera[k] - tan_x * camera[6 + k])
-        q[1, k] = camera[13] / z * (camera[3 + k] - tan_y * camera[6 + k])
+        q[0, k] = camera[FX] / z * (camera[k] - tan_x * camera[6 + k])
+        q[1, k] = camera[FY] / z * (camera[3 + k] - tan_y * camera[6 + k])
     return tan_x, tan_y
 
 
 @njit(**INNER)
 def screen_axes(g: int, scales: Float32, r: Float64, q: Float64, m: Float64) -> None:
-    """Write M = Q R S into `m` [2, 3]: columns are the Gaussian's axes on the screen, pixels."""
+    """Write M = Q R S to `m` [2, 3]. Its columns are the axes of the Gaussian on the screen, in pixels."""
     for k in range(3):
         s = np.float64(scales[g, k])
         m[0, k] = (q[0, 0] * r[0, k] + q[0, 1] * r[1, k] + q[0, 2] * r[2, k]) * s
@@ -180,7 +218,7 @@ def screen_axes(g: int, scales: Float32, r: Float64, q: Float64, m: Float64) -> 
 
 @njit(**INNER)
 def covariance(m: Float64) -> tuple[float, float, float, float, float, float]:
-    """Return M M^T as xx, xy, yy, and the cross product of the rows of M, whose square is its determinant."""
+    """Return xx, xy, yy of M M^T, and the cross product of the rows of M, whose squared length is the determinant."""
     xx = m[0, 0] * m[0, 0] + m[0, 1] * m[0, 1] + m[0, 2] * m[0, 2]
     xy = m[0, 0] * m[1, 0] + m[0, 1] * m[1, 1] + m[0, 2] * m[1, 2]
     yy = m[1, 0] * m[1, 0] + m[1, 1] * m[1, 1] + m[1, 2] * m[1, 2]
@@ -205,7 +243,7 @@ def _project_one(
     m: Float64,
     pixels: Float64,
     roots: Float64,
-    faded: Float32,
+    screen_opacities: Float32,
     limits: Float32,
     depths: Float32,
     radii: Float32,
@@ -214,7 +252,7 @@ def _project_one(
 ) -> int:
     """Project Gaussian `g` and return its state. `r` [3, 3], `q` [2, 3], `m` [2, 3] are scratch."""
     x, y, z = camera_point(g, means, camera)
-    if not z > camera[20]:
+    if not z > camera[NEAR]:
         return CULLED_NEAR
     qw = np.float64(quats[g, 0])
     qx = np.float64(quats[g, 1])
@@ -228,7 +266,7 @@ def _project_one(
     linearise(x, y, z, camera, q)
     screen_axes(g, scales, r, q, m)
     xx, xy, yy, c0, c1, c2 = covariance(m)
-    low_pass = camera[21]
+    low_pass = camera[LOW_PASS]
     det_alone = c0 * c0 + c1 * c1 + c2 * c2
     det = det_alone + low_pass * (xx + yy + low_pass)
     xx += low_pass
@@ -236,13 +274,13 @@ def _project_one(
     if not (det >= DET_MIN and max(xx, yy) <= COV_MAX):
         return CULLED_DEGENERATE
     opacity = np.float64(opacities[g])
-    if camera[22] > 0.0:
+    if camera[ANTIALIASED] > 0.0:
         opacity *= math.sqrt(det_alone / det)
     if opacity < ALPHA_MIN:
         return CULLED_TRANSPARENT
-    limit = math.log2(255.0 * opacity)
-    px = camera[12] / z * x + camera[14]
-    py = camera[13] / z * y + camera[15]
+    limit = math.log2(INVERSE_ALPHA_MIN * opacity)
+    px = camera[FX] / z * x + camera[CX]
+    py = camera[FY] / z * y + camera[CY]
     reach = 2.0 * math.log(2.0) * max(limit, 0.0)
     extent_x = math.sqrt(reach * xx)
     extent_y = math.sqrt(reach * yy)
@@ -254,10 +292,10 @@ def _project_one(
     roots[g, 2] = ROOT_SCALE / math.sqrt(yy)
     pixels[g, 0] = px
     pixels[g, 1] = py
-    faded[g] = opacity
+    screen_opacities[g] = opacity
     limits[g] = limit
     depths[g] = z
-    radii[g] = 3.0 * math.sqrt(0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy))
+    radii[g] = RADIUS_SIGMAS * math.sqrt(0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) * (xx - yy) + xy * xy))
     n_tiles[g] = walk_tiles(
         px, py, roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, spans, g, False, 0, n_tiles
     )  # fmt: skip
@@ -281,7 +319,7 @@ def project_gaussians(
     state: NDArray[np.uint8],
     pixels: Float64,
     roots: Float64,
-    faded: Float32,
+    screen_opacities: Float32,
     limits: Float32,
     depths: Float32,
     radii: Float32,
@@ -289,12 +327,12 @@ def project_gaussians(
     n_tiles: NDArray[np.int32],
     spans: NDArray[np.uint16],
 ) -> int:
-    """Project this thread's share of the Gaussians and fill their rows of `Projected`.
+    """Project this thread's share of the Gaussians and fill their rows of the arrays of `Projected`.
 
-    Returns how often it met a value that is not finite; where it did, nothing is projected.
+    Returns in how many ranges of Gaussians an input is not finite; these ranges are not projected.
 
-    `sh` [N, n_sh, 3] has n_sh = 0 when there are no colours, `channels` [N, C] has C = 0 when there are none.
-    colour = max(0, 0.5 + sum_k sh_k Y_k(direction)), direction from the camera's `center` to the mean.
+    `sh` [N, n_sh, 3] has n_sh = 0 without colours, and `channels` [N, C] has C = 0 without channels.
+    colour = max(0, 0.5 + sum_k sh_k Y_k(direction)), with the direction from the camera's `center` to the mean.
     """
     r = np.empty((3, 3), np.float64)
     q = np.empty((2, 3), np.float64)
@@ -305,24 +343,21 @@ def project_gaussians(
     n_channels = channels.shape[1]
     n = means.shape[0]
     n_bad = 0
-    first, last = take(share, n, GAUSSIANS_AT_ONCE)
+    first, last = take_range(share, n, GAUSSIANS_PER_RANGE)
     while first < last:
         if not rows_finite(first, last, means, quats, scales, opacities, sh, channels):
             n_bad += 1
             last = first
         for g in range(first, last):
             state[g] = _project_one(
-                g, means, quats, scales, opacities, camera, width, height, r, q, m, pixels, roots, faded, limits, depths,
-                radii, n_tiles, spans,
+                g, means, quats, scales, opacities, camera, width, height, r, q, m, pixels, roots, screen_opacities,
+                limits, depths, radii, n_tiles, spans,
             )  # fmt: skip
             if state[g] != VISIBLE:
                 continue
             if n_rgb > 0:
-                dx = means[g, 0] - center[0]
-                dy = means[g, 1] - center[1]
-                dz = means[g, 2] - center[2]
-                k = 1.0 / max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-30)
-                sh_basis(dx * k, dy * k, dz * k, sh_degree, basis)
+                x, y, z, _ = viewing_direction(g, means, center)
+                sh_basis(x, y, z, sh_degree, basis)
                 red = 0.5
                 green = 0.5
                 blue = 0.5
@@ -337,5 +372,5 @@ def project_gaussians(
                 colors[g, n_rgb + i] = channels[g, i]
             for i in range(n_rgb + n_channels, colors.shape[1]):
                 colors[g, i] = 0.0
-        first, last = take(share, n, GAUSSIANS_AT_ONCE)
+        first, last = take_range(share, n, GAUSSIANS_PER_RANGE)
     return n_bad

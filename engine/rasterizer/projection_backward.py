@@ -1,4 +1,4 @@
-"""From the gradients of pairs of a tile and a Gaussian to the gradients of means, quaternions, scales, opacity, colour.
+"""Backward pass of the projection, from the gradients of pairs of a tile and a Gaussian to those of the parameters.
 
 The moments S = sum s, s (U, V), s (U, V)(U, V)^T of `blend_backward`, with w = (U, V) = L d the whitened distance and
 Sigma^-1 = L^T L, give without cancellation (the derivative of ln alpha = ln opacity - |w|^2 / 2)::
@@ -6,7 +6,7 @@ Sigma^-1 = L^T L, give without cancellation (the derivative of ln alpha = ln opa
     dL/dopacity = S_1 / opacity,   dL/dcentre = L^T S_w,   dL/dSigma = L^T S_ww L / 2
 
 then through Sigma = M M^T + low_pass I, M = J W R S: dL/dM = 2 dL/dSigma M, and the product rule. The gradient of J
-is zero where the point of linearisation was held.
+is zero where the point of linearisation was clamped.
 """
 
 from __future__ import annotations
@@ -17,23 +17,31 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .blend_backward import MOMENTS
-from .blend_forward import AHEAD
+from .blend_backward import MOMENTS_SIZE
+from .blend_forward import PREFETCH_DISTANCE
 from .finite import rows_finite
 from .jit import INNER, JIT
 from .projection import (
-    GAUSSIANS_AT_ONCE,
+    FX,
+    FY,
+    GAUSSIANS_PER_RANGE,
+    LOW_PASS,
     ROOT_SCALE,
+    TAN_X_MAX,
+    TAN_X_MIN,
+    TAN_Y_MAX,
+    TAN_Y_MIN,
     VISIBLE,
     camera_point,
     covariance,
     linearise,
     rotation_matrix,
     screen_axes,
+    viewing_direction,
 )
 from .simd import item, prefetch
 from .spherical_harmonics import sh_basis, sh_basis_gradient
-from .threads import Share, take
+from .threads import Share, take_range
 
 __all__ = ["project_gaussians_backward"]
 
@@ -65,7 +73,7 @@ def project_gaussians_backward(
     share: Share,
     state: NDArray[np.uint8],
     pair_start: NDArray[np.int64],
-    places: NDArray[np.int32],
+    list_positions: NDArray[np.int32],
     pair_gradients: Float32,
     means: Float32,
     quats: Float32,
@@ -87,15 +95,15 @@ def project_gaussians_backward(
 ) -> int:
     """Fill the gradients of this thread's share of the Gaussians, zero for those that are not visible.
 
-    Returns how often one of them, the pose's left out, is not finite, counted once for each of the shares it took.
+    Returns in how many ranges of Gaussians a gradient other than that of the pose is not finite.
 
-    `pose_gradients` [N, 12] gets each Gaussian's part of dL/dW (row major) and dL/dt of world-to-camera x = W X + t;
-    [0, 12] when the pose needs none.
-    `pair_gradients` is flat [M (MOMENTS + n_colors)], in the order of the tiles' lists; a Gaussian's pairs, whose rows
-    `places` [M] tells, are summed in their order, in float64.
+    `pose_gradients` [N, 12] gets each Gaussian's part of dL/dW (row major) and dL/dt of world-to-camera x = W X + t; it
+    is [0, 12] if no gradient of the pose is needed.
+    `pair_gradients` is flat [M (MOMENTS_SIZE + n_colors)], in the order of the tiles' lists. `list_positions` [M] gives
+    the row of each pair. The rows of a Gaussian's pairs are summed in the order of the pairs, in float64.
     """
     zero = np.float32(0.0)
-    row_length = MOMENTS + colors.shape[1]
+    row_length = MOMENTS_SIZE + colors.shape[1]
     n_rgb = 3 if sh.shape[1] > 0 else 0
     n_basis = (sh_degree + 1) * (sh_degree + 1)
     total = np.empty(row_length, np.float64)
@@ -110,7 +118,7 @@ def project_gaussians_backward(
     d_q = np.empty((2, 3), np.float64)
     n = state.shape[0]
     n_bad = 0
-    first, last = take(share, n, GAUSSIANS_AT_ONCE)
+    first, last = take_range(share, n, GAUSSIANS_PER_RANGE)
     while first < last:
         for g in range(first, last):
             means_gradient[g] = zero
@@ -123,17 +131,18 @@ def project_gaussians_backward(
                 continue
             total[:] = 0.0
             for pair in range(pair_start[g], pair_start[g + 1]):
-                ahead = np.int64(places[min(pair + AHEAD, places.shape[0] - 1)]) * row_length
+                pair_ahead = min(pair + PREFETCH_DISTANCE, list_positions.shape[0] - 1)
+                ahead = np.int64(list_positions[pair_ahead]) * row_length
                 for k in range(0, row_length + 15, 16):
                     prefetch(pair_gradients, ahead + k)
-                row = np.int64(places[pair]) * row_length
+                row = np.int64(list_positions[pair]) * row_length
                 for k in range(row_length):
                     total[k] += item(pair_gradients, row + k)
             for k in range(n_channels):
-                channels_gradient[g, k] = total[MOMENTS + n_rgb + k]
+                channels_gradient[g, k] = total[MOMENTS_SIZE + n_rgb + k]
             opacities_gradient[g] = total[0] / opacities[g]
 
-            # the projection once more
+            # Compute the projection again.
             x, y, z = camera_point(g, means, camera)
             qw = np.float64(quats[g, 0])
             qx = np.float64(quats[g, 1])
@@ -145,14 +154,14 @@ def project_gaussians_backward(
             qy /= norm
             qz /= norm
             rotation_matrix(qw, qx, qy, qz, r)
-            fx_z = camera[12] / z
-            fy_z = camera[13] / z
+            fx_z = camera[FX] / z
+            fy_z = camera[FY] / z
             tan_x, tan_y = linearise(x, y, z, camera, q)
             screen_axes(g, scales, r, q, m)
-            # the ellipse in float64: L M is at most 1 while L and M may be far from it, so the float32 roots of the
-            # blending would leave nothing of it for a needle
+            # The ellipse in float64. The entries of L M are at most 1, even if those of L and M are far from 1, so the
+            # float32 roots that blending uses would lose all digits of L M for a needle-shaped Gaussian.
             xx, xy, yy, c0, c1, c2 = covariance(m)
-            low_pass = camera[21]
+            low_pass = camera[LOW_PASS]
             det = c0 * c0 + c1 * c1 + c2 * c2 + low_pass * (xx + yy + low_pass)
             yy += low_pass
             a = math.sqrt(yy / det)
@@ -166,7 +175,8 @@ def project_gaussians_backward(
             s_vv = total[5] / scale2
             d_px = a * s_u
             d_py = b * s_u + c * s_v
-            # d_m = 2 dL/dSigma M = L^T S_ww (L M); a m0 + b m1 = a / yy (yy m0 - xy m1), written without cancellation
+            # d_m = 2 dL/dSigma M = L^T S_ww (L M). The first row of L M is a m0 + b m1 = a / yy (yy m0 - xy m1), here
+            # written without cancellation.
             lean = a / yy
             lm[0, 0] = lean * (low_pass * m[0, 0] + m[1, 1] * c2 - m[1, 2] * c1)
             lm[0, 1] = lean * (low_pass * m[0, 1] + m[1, 2] * c0 - m[1, 0] * c2)
@@ -211,10 +221,10 @@ def project_gaussians_backward(
             d_y = d_py * fy_z
             d_z = -(d_x * x + d_y * y) / z
             d_z -= (fx_z * (j00 - tan_x * j02) + fy_z * (j11 - tan_y * j12)) / z
-            if camera[16] <= x / z <= camera[17]:
+            if camera[TAN_X_MIN] <= x / z <= camera[TAN_X_MAX]:
                 d_x -= fx_z * j02 / z
                 d_z += fx_z * j02 * x / (z * z)
-            if camera[18] <= y / z <= camera[19]:
+            if camera[TAN_Y_MIN] <= y / z <= camera[TAN_Y_MAX]:
                 d_y -= fy_z * j12 / z
                 d_z += fy_z * j12 * y / (z * z)
             if pose_gradients.shape[0] > 0:
@@ -230,19 +240,13 @@ def project_gaussians_backward(
             d_y0 = camera[1] * d_x + camera[4] * d_y + camera[7] * d_z
             d_z0 = camera[2] * d_x + camera[5] * d_y + camera[8] * d_z
 
-            # colour
+            # Colours.
             if n_rgb > 0:
-                x = means[g, 0] - center[0]
-                y = means[g, 1] - center[1]
-                z = means[g, 2] - center[2]
-                k_inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-30)
-                x *= k_inverse
-                y *= k_inverse
-                z *= k_inverse
+                x, y, z, inverse_distance = viewing_direction(g, means, center)
                 sh_basis(x, y, z, sh_degree, basis)
-                red = total[MOMENTS] if colors[g, 0] > 0.0 else 0.0
-                green = total[MOMENTS + 1] if colors[g, 1] > 0.0 else 0.0
-                blue = total[MOMENTS + 2] if colors[g, 2] > 0.0 else 0.0
+                red = total[MOMENTS_SIZE] if colors[g, 0] > 0.0 else 0.0
+                green = total[MOMENTS_SIZE + 1] if colors[g, 1] > 0.0 else 0.0
+                blue = total[MOMENTS_SIZE + 2] if colors[g, 2] > 0.0 else 0.0
                 for k in range(n_basis):
                     sh_gradient[g, k, 0] = basis[k] * red
                     sh_gradient[g, k, 1] = basis[k] * green
@@ -250,14 +254,14 @@ def project_gaussians_backward(
                     weights[k] = sh[g, k, 0] * red + sh[g, k, 1] * green + sh[g, k, 2] * blue
                 gx, gy, gz = sh_basis_gradient(x, y, z, sh_degree, weights)
                 along = gx * x + gy * y + gz * z
-                gx = (gx - along * x) * k_inverse
-                gy = (gy - along * y) * k_inverse
-                gz = (gz - along * z) * k_inverse
+                gx = (gx - along * x) * inverse_distance
+                gy = (gy - along * y) * inverse_distance
+                gz = (gz - along * z) * inverse_distance
                 d_x0 += gx
                 d_y0 += gy
                 d_z0 += gz
                 if pose_gradients.shape[0] > 0:
-                    # the direction starts at the camera's centre -W^T t
+                    # The viewing direction starts at the camera's centre -W^T t.
                     for i in range(3):
                         t = camera[9 + i]
                         pose_gradients[g, 3 * i] += t * gx
@@ -271,5 +275,5 @@ def project_gaussians_backward(
             first, last, means_gradient, quats_gradient, scales_gradient, opacities_gradient, sh_gradient,
             channels_gradient,
         )  # fmt: skip
-        first, last = take(share, n, GAUSSIANS_AT_ONCE)
+        first, last = take_range(share, n, GAUSSIANS_PER_RANGE)
     return n_bad

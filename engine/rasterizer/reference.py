@@ -1,4 +1,7 @@
-"""The judge: the rasterizer in plain torch, in whatever dtype its inputs have. Slow, readable, autograd does the rest."""
+"""The ``reference`` backend: the rasterizer in plain torch, differentiated by autograd, in the dtype of its inputs.
+
+It is slow and short, and shares no code with the kernels. The tests take it in float64 as the ground truth.
+"""
 
 from __future__ import annotations
 
@@ -7,44 +10,47 @@ import math
 import torch
 
 from ..scene import PinholeCamera
-from .api import CulledCounts, Raster
-from .settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, JACOBIAN_MARGIN, QUAT_NORM2_MIN, T_MIN, RasterSettings
+from .raster import CulledCounts, Raster, RasterInputs
+from .settings import (
+    ALPHA_MAX,
+    ALPHA_MIN,
+    COV_MAX,
+    DET_MIN,
+    DIRECTION_NORM_MIN,
+    INVERSE_ALPHA_MIN,
+    JACOBIAN_MARGIN,
+    QUAT_NORM2_MIN,
+    RADIUS_SIGMAS,
+    T_MIN,
+    RasterSettings,
+)
 
 __all__ = ["evaluate_sh", "project_centres", "project_covariances", "rasterize_reference"]
 
-TILE = 32
-"""Pixels along the side of the squares that are rendered one after another, to bound memory."""
+CHUNK_SIDE = 32
+"""Side in pixels of the squares that are rendered one after another. It bounds the memory of the autograd graph."""
 
 
-def rasterize_reference(
-    means: torch.Tensor,
-    quats: torch.Tensor,
-    scales: torch.Tensor,
-    opacities: torch.Tensor,
-    sh: torch.Tensor | None,
-    channels: torch.Tensor | None,
-    viewmat: torch.Tensor,
-    camera: PinholeCamera,
-    sh_degree: int,
-    settings: RasterSettings,
-) -> Raster:
-    """Render as `engine.rasterizer.api.rasterize` describes; arguments are already checked.
+def rasterize_reference(inputs: RasterInputs) -> Raster:
+    """Render as `engine.rasterizer.rasterize` describes.
 
     Per pixel, over Gaussians sorted by depth (Kerbl et al. 2023, eq. 3)::
 
         alpha_i = min(0.99, o_i exp(-1/2 d^T Sigma_i^-1 d)),  0 when below 1/255
         C = sum_i c_i alpha_i T_i,   T_i = prod_{j<i} (1 - alpha_j),   stop before T_{i+1} < 1e-4
     """
+    means, quats, scales, opacities = inputs.means, inputs.quats, inputs.scales, inputs.opacities
+    camera, settings = inputs.camera, inputs.settings
     dtype = means.dtype
     width, height = camera.width, camera.height
-    viewmat = viewmat.to(dtype)
+    viewmat = inputs.viewmat.to(dtype)
     in_camera = means @ viewmat[:3, :3].T + viewmat[:3, 3]
     depth = in_camera[:, 2]
 
     near = ~(depth > settings.near)
     quat_norm2 = (quats * quats).sum(dim=1)
     no_direction = quat_norm2 < QUAT_NORM2_MIN
-    # Culled rows get harmless stand-ins, so that no infinity enters the graph.
+    # Culled rows get harmless values, so that no infinity enters the graph.
     safe = in_camera.where(~near[:, None], in_camera.new_tensor([0.0, 0.0, 1.0]))
     unit_x = quats.new_tensor([1.0, 0.0, 0.0, 0.0])
     safe_quats = quats.where(~no_direction[:, None], unit_x)
@@ -53,28 +59,28 @@ def rasterize_reference(
     cov_xx, cov_xy, cov_yy, det = project_covariances(safe, safe_quats, scales, viewmat[:3, :3], camera, settings)
     degenerate = ~near & (no_direction | ~(det >= DET_MIN) | ~(torch.maximum(cov_xx, cov_yy) <= COV_MAX))
     if settings.antialiased:
-        # Without the low pass, again by Cauchy-Binet: what is left when the low pass' own share is taken off.
-        share = settings.low_pass * (cov_xx + cov_yy - settings.low_pass)
-        opacities = opacities * torch.sqrt(((det - share) / det).clamp(min=0.0)).detach()
+        # The determinant without the low pass: subtract the low pass's part of it (Cauchy-Binet).
+        low_pass_part = settings.low_pass * (cov_xx + cov_yy - settings.low_pass)
+        opacities = opacities * torch.sqrt(((det - low_pass_part) / det).clamp(min=0.0)).detach()
     transparent = ~near & ~degenerate & (opacities < ALPHA_MIN)
     safe_opacities = opacities.detach().clamp(min=ALPHA_MIN)
     # alpha >= 1/255 inside of the ellipse d^T Sigma^-1 d <= limit, whose half extents are exact.
-    limit = 2.0 * torch.log(255.0 * safe_opacities).clamp(min=0.0)
+    limit = 2.0 * torch.log(INVERSE_ALPHA_MIN * safe_opacities).clamp(min=0.0)
     extent = torch.sqrt(limit[:, None] * torch.stack([cov_xx, cov_yy], dim=1).detach())
     low, high = pixel.detach() - extent, pixel.detach() + extent
     size = pixel.new_tensor([width - 0.5, height - 0.5])
-    beside = ((high < 0.5) | (low > size)).any(dim=1)
-    outside = ~near & ~degenerate & ~transparent & beside
+    misses_image = ((high < 0.5) | (low > size)).any(dim=1)
+    outside = ~near & ~degenerate & ~transparent & misses_image
     visible = ~(near | degenerate | transparent | outside)
 
-    colors = _colors(means, sh, channels, -viewmat[:3, :3].T @ viewmat[:3, 3], sh_degree)
+    colors = _colors(inputs, -viewmat[:3, :3].T @ viewmat[:3, 3])
     order = torch.argsort(depth.detach().float(), stable=True)
     order = order[visible[order]]
     image = means.new_zeros(height, width, colors.shape[1])
     transmittance = means.new_ones(height, width)
-    for top in range(0, height, TILE):
-        for left in range(0, width, TILE):
-            bottom, right = min(top + TILE, height), min(left + TILE, width)
+    for top in range(0, height, CHUNK_SIDE):
+        for left in range(0, width, CHUNK_SIDE):
+            bottom, right = min(top + CHUNK_SIDE, height), min(left + CHUNK_SIDE, width)
             inside = (high[order, 0] >= left) & (low[order, 0] <= right)
             inside &= (high[order, 1] >= top) & (low[order, 1] <= bottom)
             index = order[inside]
@@ -102,13 +108,13 @@ def rasterize_reference(
     with torch.no_grad():
         middle = 0.5 * (cov_xx + cov_yy)
         largest = middle + torch.sqrt(0.25 * (cov_xx - cov_yy) ** 2 + cov_xy**2)
-        radii = (3.0 * torch.sqrt(largest)).where(visible, largest.new_zeros(()))
+        radii = (RADIUS_SIGMAS * torch.sqrt(largest)).where(visible, largest.new_zeros(()))
     counts = CulledCounts(int(near.sum()), int(degenerate.sum()), int(transparent.sum()), int(outside.sum()))
     return Raster(image, transmittance, visible, radii, counts)
 
 
 def project_centres(in_camera: torch.Tensor, camera: PinholeCamera) -> torch.Tensor:
-    """Return the pixels [N, 2] of points [N, 3] in front of the camera."""
+    """Return the pixel coordinates [N, 2] of points [N, 3] in camera space, in front of the camera."""
     x, y, z = in_camera.unbind(dim=1)
     return torch.stack([camera.K[0, 0] * x / z + camera.K[0, 2], camera.K[1, 1] * y / z + camera.K[1, 2]], dim=1)
 
@@ -121,11 +127,24 @@ def project_covariances(
     camera: PinholeCamera,
     settings: RasterSettings,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return the screen covariance's xx, xy, yy [N] and its determinant: Sigma' = M M^T + low_pass I, M = J W R S.
+    """Return xx, xy and yy [N] of the screen covariances in pixels^2, and their determinants [N].
 
-    The affine approximation J of the projection is taken at a point at most 15 % of the picture outside of it,
-    measured from the picture's own borders (so that off-centre principal points are right); beyond, the point is
-    held and its gradient is zero. The determinant is a sum of squares (Cauchy-Binet), exact for needles.
+    Sigma' = M M^T + low_pass I with M = J W R S (Zwicker et al. 2001). J is the affine approximation of the projection
+    at the point itself, clamped to at most `JACOBIAN_MARGIN` of the image's size outside of its borders. The distance
+    is measured from the borders, so that principal points off the centre are right. A clamped coordinate has no
+    gradient through J. The determinant is a sum of squares (Cauchy-Binet), which is exact for needle-shaped Gaussians.
+
+    Parameters
+    ----------
+    in_camera : tensor of shape [N, 3]
+        Centres in camera space, in front of the camera.
+    quats : tensor of shape [N, 4]
+        Rotations wxyz, of any length but zero.
+    scales : tensor of shape [N, 3]
+    rotation : tensor of shape [3, 3]
+        Rotation of world-to-camera.
+    camera : PinholeCamera
+    settings : RasterSettings
     """
     fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
     margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
@@ -157,26 +176,23 @@ def _rotations(quats: torch.Tensor) -> torch.Tensor:
     return torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
 
 
-def _colors(
-    means: torch.Tensor,
-    sh: torch.Tensor | None,
-    channels: torch.Tensor | None,
-    center: torch.Tensor,
-    sh_degree: int,
-) -> torch.Tensor:
-    """Return what is blended, [N, K]: colours from `sh` and then `channels`."""
+def _colors(inputs: RasterInputs, center: torch.Tensor) -> torch.Tensor:
+    """Return the values to blend, [N, K]: colours from `sh` as seen from `center` [3], then `channels`."""
     parts = []
-    if sh is not None:
-        direction = means - center
-        norm = direction.norm(dim=1, keepdim=True).clamp(min=1e-30)
-        parts.append((0.5 + evaluate_sh(sh, direction / norm, sh_degree)).clamp(min=0.0))
-    if channels is not None:
-        parts.append(channels)
+    if inputs.sh is not None:
+        direction = inputs.means - center
+        norm = direction.norm(dim=1, keepdim=True).clamp(min=DIRECTION_NORM_MIN)
+        parts.append((0.5 + evaluate_sh(inputs.sh, direction / norm, inputs.sh_degree)).clamp(min=0.0))
+    if inputs.channels is not None:
+        parts.append(inputs.channels)
     return torch.cat(parts, dim=1)
 
 
 def evaluate_sh(sh: torch.Tensor, directions: torch.Tensor, degree: int) -> torch.Tensor:
-    """Return sum_k sh[:, k] Y_k(direction), [N, 3], in the real basis and order of 3DGS, bands 0 to `degree`."""
+    """Return the colours [N, 3] of coefficients `sh` [N, n_sh, 3] in unit `directions` [N, 3]: sum_k sh_k Y_k.
+
+    Y_k are the real spherical harmonics of bands 0 to `degree`, in the signs and order of 3D Gaussian splatting.
+    """
     x, y, z = directions.unbind(dim=1)
     basis = [torch.full_like(x, 0.5 / math.sqrt(math.pi))]
     if degree > 0:

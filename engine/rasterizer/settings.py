@@ -1,4 +1,7 @@
-"""Settings of the rasterizer, and the three thresholds that every implementation shares."""
+"""Settings of the rasterizer, and the constants that all of its implementations share.
+
+This is the only place that gives these constants a value. The kernels import them.
+"""
 
 from __future__ import annotations
 
@@ -11,32 +14,57 @@ __all__ = [
     "ALPHA_MIN",
     "COV_MAX",
     "DET_MIN",
+    "DIRECTION_NORM_MIN",
+    "INVERSE_ALPHA_MIN",
     "JACOBIAN_MARGIN",
+    "MAX_CHANNELS",
     "QUAT_NORM2_MIN",
+    "RADIUS_SIGMAS",
     "T_MIN",
     "RasterSettings",
 ]
 
-ALPHA_MIN = 1.0 / 255.0
-"""A Gaussian that covers a pixel with less alpha than this is not blended there."""
+INVERSE_ALPHA_MIN = 255.0
+"""Inverse of `ALPHA_MIN`. It is exact, while 1/255 is rounded, so log(opacity / ALPHA_MIN) is computed from it."""
+
+ALPHA_MIN = 1.0 / INVERSE_ALPHA_MIN
+"""Smallest alpha that is blended. A Gaussian with less alpha at a pixel is skipped there, because it would change an
+8-bit colour by less than one level, and because every Gaussian then has a finite extent (Kerbl et al. 2023)."""
 
 ALPHA_MAX = 0.99
-"""Alpha is clamped to this; above it, its gradient is zero."""
+"""Largest alpha. Larger values are clamped to it and get a gradient of zero. The factor 1 - alpha then stays away from
+zero, so that the gradients of the Gaussians behind stay finite (Kerbl et al. 2023)."""
 
 T_MIN = 1e-4
-"""The Gaussian that would bring a pixel's transmittance below this is not blended, nor is any behind it."""
+"""Smallest transmittance of a pixel. The Gaussian that would reduce the transmittance below it is not blended, nor is
+any Gaussian behind. The transmittance that remains is below T_MIN / (1 - ALPHA_MAX) = 0.01, so the skipped Gaussians
+are nearly hidden, and the loop over them ends early (Kerbl et al. 2023)."""
 
 DET_MIN = 1e-6
-"""A screen covariance with a smaller determinant (pixels^4) is culled."""
+"""Smallest determinant of a screen covariance, in pixels^4. A Gaussian below it is culled, because its covariance
+cannot be inverted reliably."""
 
 COV_MAX = 1e24
-"""A screen covariance with a larger diagonal entry (pixels^2) is culled: such an ellipse has no edge in float32."""
+"""Largest diagonal entry of a screen covariance, in pixels^2. A Gaussian above it is culled, because the boundary of
+such an ellipse cannot be represented in float32."""
 
 QUAT_NORM2_MIN = 1e-16
-"""A quaternion with a smaller squared norm has no direction; its Gaussian is culled."""
+"""Smallest squared norm of a quaternion. A Gaussian below it is culled, because its rotation is undefined."""
+
+DIRECTION_NORM_MIN = 1e-30
+"""Smallest distance, in world units, by which the vector from the camera to a Gaussian is divided to get a viewing
+direction. It avoids a division by zero for a Gaussian at the centre of the camera."""
 
 JACOBIAN_MARGIN = 0.15
-"""The projection is linearised at a point at most this part of the picture's size outside of the picture."""
+"""How far outside of the image the projection may be linearised, as a fraction of the image's width and height. Beyond
+it, the affine approximation of the projection would stretch Gaussians without bound."""
+
+RADIUS_SIGMAS = 3.0
+"""Standard deviations in the radius that is reported for a Gaussian on the screen. It does not affect the image."""
+
+MAX_CHANNELS = 64
+"""Largest number of channels of an image. It bounds the scratch memory of a thread: the backward pass copies the
+incoming gradient of a tile, which takes 64 KiB with 64 channels and fits the second-level cache."""
 
 
 @dataclass(frozen=True)
@@ -46,16 +74,18 @@ class RasterSettings:
     Attributes
     ----------
     near : float
-        Gaussians whose centre is nearer to the camera plane are culled; world units, at least 0.01 for a scene of
-        unit size (Gaussians nearer than that blow up on the screen).
+        Gaussians whose centre is closer to the camera plane are culled. World units, at least 0.0001. Use at least 0.01
+        for a scene of unit size, because closer Gaussians become very large on the screen.
     low_pass : float
-        Added to both diagonal entries of the screen covariance, pixels^2, so that none falls between pixels.
+        Added to both diagonal entries of the screen covariance, so that no Gaussian falls between pixels. Pixels^2,
+        from 0.001 to 10.
     antialiased : bool
-        Fade Gaussians by as much as the low pass widens them: opacity times sqrt(det Sigma / det (Sigma + low_pass I))
-        (Yu et al. 2024, Mip-Splatting's 2-D filter). The factor counts as a constant in the backward pass: its own
-        gradient grows without bound for Gaussians far smaller than a pixel.
+        Reduce the opacity of a Gaussian by as much as the low pass widens it: opacity times
+        sqrt(det Sigma / det (Sigma + low_pass I)), the 2D filter of Mip-Splatting (Yu et al. 2024). The factor is a
+        constant in the backward pass, because its gradient is unbounded for Gaussians far smaller than a pixel.
     threads : int or None
-        Threads of the ``cpu`` backend; None takes every core this process may use. The result does not depend on it.
+        Number of threads of the ``cpu`` backend; None uses every core that this process may use. The result does not
+        depend on it.
     """
 
     near: float = 0.02

@@ -1,8 +1,8 @@
-"""Sixteen float32 at a time for Numba, written as LLVM vectors; LLVM fits them to SSE, AVX2, AVX-512 or NEON.
+"""Vectors of 16 float32 for Numba, as LLVM vectors, which LLVM compiles for SSE, AVX2, AVX-512 or NEON.
 
-``Vec`` holds 16 floats, ``Mask`` 16 truth values. ``+ - * /`` and comparisons work on vectors and on a vector with a
-float32, and mean exactly one IEEE operation each: nothing is fused or re-ordered but by `fma`. Loads and stores take
-one-dimensional float32 arrays, any alignment, and check no bounds.
+``Vec`` holds 16 floats, ``Mask`` 16 truth values. ``+ - * /`` and comparisons take two vectors, or a vector and a
+float32, and are exactly one IEEE operation per lane. Only `fma` fuses operations, and nothing reorders them. Loads and
+stores take one-dimensional float32 arrays of any alignment and check no bounds.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from .llvm import (
     V16I,
     broadcast,
     constant,
-    element,
-    fused,
+    element_pointer,
+    fused_multiply_add,
     int_constant,
     load_unaligned,
     store_unaligned,
@@ -43,7 +43,7 @@ __all__ = [
     "fma",
     "item",
     "lanes",
-    "least_of",
+    "minimum_with",
     "load",
     "load_bit",
     "maximum",
@@ -52,14 +52,14 @@ __all__ = [
     "negative_abs",
     "prefetch",
     "put",
-    "put_chosen",
+    "put_selected",
     "select",
     "splat",
     "store",
 ]
 
 Vec = Any
-"""Sixteen floats in the signature of a kernel's helper: what a checker of types outside of Numba can say of them."""
+"""Vector of 16 floats, in signatures. A type checker cannot describe Numba's type of it."""
 
 
 class VecType(types.Type):
@@ -93,13 +93,14 @@ class _MaskModel(models.PrimitiveModel):
 
 _nodes = 0.5 * np.cos(np.pi * (np.arange(64) + 0.5) / 64)
 _EXP2_POLYNOMIAL = [float(c) for c in np.polynomial.Polynomial.fit(_nodes, 2.0**_nodes, 5).convert().coef]
-"""2^f on |f| <= 1/2: least squares at Chebyshev nodes, all but the best polynomial of degree 5."""
+"""Coefficients of a polynomial of degree 5 for 2^f on |f| <= 1/2, fitted by least squares at Chebyshev nodes, which is
+close to the best polynomial of that degree."""
 
 # ---------------------------------------------------------------------------------------------- operators
 
 
 def _register(op: Callable[..., Any], result: Any, emit: Callable[[Any, Any, Any], Any]) -> None:
-    """Teach Numba `op` on (vec, vec), (vec, float32) and (float32, vec)."""
+    """Register `op` with Numba for (vec, vec), (vec, float32) and (float32, vec)."""
     pairs = [(vec, vec), (vec, types.float32), (types.float32, vec)]
 
     class Template(ConcreteTemplate):
@@ -123,12 +124,12 @@ _register(operator.lt, mask, lambda builder, a, b: builder.fcmp_ordered("<", a, 
 _register(operator.le, mask, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
 _register(operator.gt, mask, lambda builder, a, b: builder.fcmp_ordered(">", a, b))
 _register(operator.ge, mask, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
-# Unordered: a NaN differs from everything, so that it is noticed.
+# Unordered: NaN differs from everything, so `x != y` detects it.
 _register(operator.ne, mask, lambda builder, a, b: builder.fcmp_unordered("!=", a, b))
 
 
 def _register_mask(op: Callable[..., Any], emit: Callable[[Any, Any, Any], Any]) -> None:
-    """Teach Numba `op` on (mask, mask)."""
+    """Register `op` with Numba for (mask, mask)."""
 
     class Template(ConcreteTemplate):
         cases = [signature(mask, mask, mask)]
@@ -141,12 +142,12 @@ _register_mask(operator.and_, lambda builder, a, b: builder.and_(a, b))
 _register_mask(operator.or_, lambda builder, a, b: builder.or_(a, b))
 
 
-# ---------------------------------------------------------------------------------------------- making and moving
+# ---------------------------------------------------------------------------------------------- loads and stores
 
 
 @intrinsic
 def splat(typing: Any, x: Any) -> Any:
-    """Return the vector that holds float32 `x` in all lanes."""
+    """Return the vector with float32 `x` in all lanes."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return broadcast(builder, args[0])
@@ -155,7 +156,7 @@ def splat(typing: Any, x: Any) -> Any:
 
 
 def lanes(values: Sequence[float]) -> Any:
-    """Return an intrinsic without arguments that gives the constant vector of 16 `values`."""
+    """Return an intrinsic without arguments that returns the constant vector of 16 `values`."""
     numbers = constant(values)
 
     @intrinsic
@@ -170,7 +171,7 @@ def load(typing: Any, array: Any, index: Any) -> Any:
     """Return ``array[index:index + 16]``."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return load_unaligned(builder, element(context, builder, array, args[0], args[1], V16F))
+        return load_unaligned(builder, element_pointer(context, builder, array, args[0], args[1], V16F))
 
     return vec(array, types.int64), emit
 
@@ -180,7 +181,7 @@ def store(typing: Any, array: Any, index: Any, x: Any) -> Any:
     """Set ``array[index:index + 16] = x``."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        store_unaligned(builder, args[2], element(context, builder, array, args[0], args[1], V16F))
+        store_unaligned(builder, args[2], element_pointer(context, builder, array, args[0], args[1], V16F))
         return context.get_dummy_value()
 
     return types.void(array, types.int64, vec), emit
@@ -188,7 +189,7 @@ def store(typing: Any, array: Any, index: Any, x: Any) -> Any:
 
 @intrinsic
 def item(typing: Any, array: Any, index: Any) -> Any:
-    """Return ``array[index]`` of a one-dimensional array, an index below zero not being allowed."""
+    """Return ``array[index]`` of a one-dimensional array without Numba's handling of negative indices."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(array)(context, builder, args[0]).data
@@ -199,7 +200,7 @@ def item(typing: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Set ``array[index] = value`` of a one-dimensional array, an index below zero not being allowed."""
+    """Set ``array[index] = value`` of a one-dimensional array without Numba's handling of negative indices."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(array)(context, builder, args[0]).data
@@ -211,14 +212,14 @@ def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
 
 @intrinsic
 def prefetch(typing: Any, array: Any, index: Any) -> Any:
-    """Ask for the flat ``array[index]`` before it is read or written; any index may be asked for."""
+    """Prefetch ``array[index]`` of a one-dimensional array; the index may be out of bounds."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(array)(context, builder, args[0]).data
-        place = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [place.type, I32, I32, I32])
-        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
-        builder.call(ask, [place, *(ir.Constant(I32, value) for value in (0, 3, 1))])
+        pointer = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
+        kind = ir.FunctionType(ir.VoidType(), [pointer.type, I32, I32, I32])
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        builder.call(function, [pointer, *(ir.Constant(I32, value) for value in (0, 3, 1))])
         return context.get_dummy_value()
 
     return types.void(array, types.int64), emit
@@ -229,52 +230,56 @@ def prefetch(typing: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def fma(typing: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return x * y + z, rounded once."""
+    """Return x * y + z, rounded once; each argument is a vector or a float32."""
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        wide = [a if kind == vec else broadcast(builder, a) for kind, a in zip(sig.args, args, strict=True)]
-        return fused(builder, *wide)
+        vectors = [a if kind == vec else broadcast(builder, a) for kind, a in zip(sig.args, args, strict=True)]
+        return fused_multiply_add(builder, *vectors)
 
     return vec(*(vec if kind == vec else types.float32 for kind in (x, y, z))), emit
 
 
-def _pick(builder: Any, order: str, x: Any, y: Any) -> Any:
-    """Return x where x `order` y, else y: one instruction, where LLVM's own takes three to let no NaN through."""
+def _select_ordered(builder: Any, order: str, x: Any, y: Any) -> Any:
+    """Return x where x `order` y, else y. It is one instruction; LLVM's own minimum takes three to handle NaN."""
     return builder.select(builder.fcmp_ordered(order, x, y), x, y)
 
 
-def _two(order: str) -> Any:
+def _ordered_intrinsic(order: str) -> Any:
+    """Return an intrinsic of two vectors that returns x where x `order` y, else y."""
+
     @intrinsic
-    def two(typing: Any, x: Any, y: Any) -> Any:
-        return vec(vec, vec), lambda context, builder, sig, args: _pick(builder, order, *args)
+    def ordered(typing: Any, x: Any, y: Any) -> Any:
+        return vec(vec, vec), lambda context, builder, sig, args: _select_ordered(builder, order, *args)
 
-    return two
-
-
-minimum = _two("<")
-"""The lesser; `y` where one is NaN."""
-
-maximum = _two(">")
-"""The greater; `y` where one is NaN."""
+    return ordered
 
 
-def _least_of_bits(builder: Any, x: Any, limit: float) -> Any:
-    """Return the lesser of vector `x`, nowhere negative, and `limit`, which also takes the place of NaN.
+minimum = _ordered_intrinsic("<")
+"""Return the smaller of x and y in each lane; `y` if one of them is NaN."""
 
-    The bits of such floats rise with them, and processors have more units that compare integers than floats.
+maximum = _ordered_intrinsic(">")
+"""Return the larger of x and y in each lane; `y` if one of them is NaN."""
+
+
+def _minimum_by_bits(builder: Any, x: Any, limit: float) -> Any:
+    """Return the smaller of `x`, which is nowhere negative, and `limit` in each lane; `limit` for NaN.
+
+    The bits of such floats, read as integers, increase with their values, and processors have more units that compare
+    integers than units that compare floats.
     """
-    bits, most = builder.bitcast(x, V16I), builder.bitcast(constant(limit), V16I)
-    return builder.bitcast(builder.select(builder.icmp_unsigned("<", bits, most), bits, most), V16F)
+    bits, limit_bits = builder.bitcast(x, V16I), builder.bitcast(constant(limit), V16I)
+    smaller = builder.icmp_unsigned("<", bits, limit_bits)
+    return builder.bitcast(builder.select(smaller, bits, limit_bits), V16F)
 
 
-def least_of(limit: float) -> Any:
-    """Return an intrinsic that gives the lesser of each lane, none being negative, and `limit`; `limit` for NaN."""
+def minimum_with(limit: float) -> Any:
+    """Return an intrinsic for the smaller of x, nowhere negative, and `limit` in each lane; `limit` for NaN."""
 
     @intrinsic
-    def at_most(typing: Any, x: Any) -> Any:
-        return vec(vec), lambda context, builder, sig, args: _least_of_bits(builder, args[0], limit)
+    def clamp(typing: Any, x: Any) -> Any:
+        return vec(vec), lambda context, builder, sig, args: _minimum_by_bits(builder, args[0], limit)
 
-    return at_most
+    return clamp
 
 
 @intrinsic
@@ -310,20 +315,21 @@ def negative_abs(typing: Any, x: Any) -> Any:
 
 @intrinsic
 def exp2_negative(typing: Any, x: Any) -> Any:
-    """Return 2^-x for x >= 0, within 3e-7 relative; above 100 it stays at 2^-100.
+    """Return 2^-x for x >= 0 with a relative error of at most 3e-7; for x above 100, 2^-100.
 
-    -x = n - f with integer n and |f| <= 1/2; 2^-f is a polynomial of degree 5 and n is added to the exponent bits.
+    -x = n - f with integer n and |f| <= 1/2. 2^-f is a polynomial of degree 5, and n is added to the exponent bits.
     """
     coefficients = [c * (-1) ** i for i, c in enumerate(_EXP2_POLYNOMIAL)]
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        x = _least_of_bits(builder, args[0], 100.0)
-        shift = constant(12582912.0)  # 1.5 * 2^23: taking x off rounds to an integer, left in the low mantissa bits
+        x = _minimum_by_bits(builder, args[0], 100.0)
+        # 1.5 * 2^23: subtracting x rounds x to an integer, which is then in the low bits of the mantissa.
+        shift = constant(12582912.0)
         shifted = builder.fsub(shift, x)
         fraction = builder.fadd(x, builder.fsub(shifted, shift))
         power = constant(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
-            power = fused(builder, power, fraction, constant(coefficient))
+            power = fused_multiply_add(builder, power, fraction, constant(coefficient))
         exponent = builder.shl(builder.bitcast(shifted, V16I), int_constant(23))
         return builder.bitcast(builder.add(builder.bitcast(power, V16I), exponent), V16F)
 
@@ -356,24 +362,25 @@ def all_bits(typing: Any, condition: Any) -> Any:
 
 @intrinsic
 def load_bit(typing: Any, array: Any, index: Any, bit: Any) -> Any:
-    """Return in which of the 16 integers ``array[index:index + 16]`` bit number `bit` is set."""
+    """Return the mask of lanes where bit number `bit` of the integers ``array[index:index + 16]`` is set."""
     scalar = ir.IntType(array.dtype.bitwidth)
     wide = ir.VectorType(scalar, LANES)
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        values = load_unaligned(builder, element(context, builder, array, args[0], args[1], wide), scalar.width // 8)
-        wanted = builder.shl(ir.Constant(scalar, 1), context.cast(builder, args[2], sig.args[2], array.dtype))
-        wanted = broadcast(builder, wanted)
-        return builder.icmp_unsigned("!=", builder.and_(values, wanted), ir.Constant(wide, None))
+        pointer = element_pointer(context, builder, array, args[0], args[1], wide)
+        values = load_unaligned(builder, pointer, scalar.width // 8)
+        one_bit = builder.shl(ir.Constant(scalar, 1), context.cast(builder, args[2], sig.args[2], array.dtype))
+        one_bit = broadcast(builder, one_bit)
+        return builder.icmp_unsigned("!=", builder.and_(values, one_bit), ir.Constant(wide, None))
 
     return mask(array, types.int64, types.int64), emit
 
 
 @intrinsic
-def put_chosen(typing: Any, array: Any, index: Any, first: Any, chosen: Any) -> Any:
-    """Write ``first + lane`` of each true lane to int32 ``array[index:]``, side by side, and return how many.
+def put_selected(typing: Any, array: Any, index: Any, first: Any, selected: Any) -> Any:
+    """Write ``first + lane`` of each selected lane to int32 ``array[index:]`` without gaps; return how many there are.
 
-    All of ``array[index:index + 16]`` is written.
+    All of ``array[index:index + 16]`` is overwritten.
     """
 
     def emit(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -383,7 +390,7 @@ def put_chosen(typing: Any, array: Any, index: Any, first: Any, chosen: Any) -> 
             builder.module, ir.FunctionType(V16I, [V16I, V16B, V16I]), "llvm.experimental.vector.compress.v16i32"
         )
         kept = builder.call(compress, [numbers, args[3], ir.Constant(V16I, ir.Undefined)])
-        store_unaligned(builder, kept, element(context, builder, array, args[0], args[1], V16I))
+        store_unaligned(builder, kept, element_pointer(context, builder, array, args[0], args[1], V16I))
         return builder.ctpop(builder.zext(builder.bitcast(args[3], ir.IntType(LANES)), I64))
 
     return types.int64(array, types.int64, types.int64, mask), emit

@@ -1,4 +1,4 @@
-"""The real spherical harmonics of 3DGS up to band 3, and their derivatives, as Numba scalar code in float64."""
+"""Real spherical harmonics of 3D Gaussian splatting up to band 3, and their gradients, in float64."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _C30 = 0.25 * math.sqrt(7.0 / math.pi)
 
 @njit(**INNER)
 def sh_basis(x: float, y: float, z: float, degree: int, basis: NDArray[np.float64]) -> None:
-    """Write Y_k(x, y, z) of the bands 0 to `degree` into `basis` [16]; (x, y, z) has unit length."""
+    """Write Y_k(x, y, z) of bands 0 to `degree` to `basis` [16]; (x, y, z) has unit length."""
     basis[0] = _C0
     if degree > 0:
         basis[1] = -_C1 * y
@@ -50,7 +50,7 @@ def sh_basis(x: float, y: float, z: float, degree: int, basis: NDArray[np.float6
 def sh_basis_gradient(
     x: float, y: float, z: float, degree: int, weights: NDArray[np.float64]
 ) -> tuple[float, float, float]:
-    """Return the gradient of sum_k weights[k] Y_k with respect to (x, y, z), before the length is held at one."""
+    """Return the gradient of sum_k weights[k] Y_k with respect to (x, y, z), without the constraint of unit length."""
     gx = 0.0
     gy = 0.0
     gz = 0.0

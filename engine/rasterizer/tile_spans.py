@@ -1,4 +1,4 @@
-"""Which 16x16 tiles an ellipse touches: exact, one span a row of tiles."""
+"""The 16x16 tiles that an ellipse touches, computed exactly as one span of tiles in each row of tiles."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from numpy.typing import NDArray
 
 from .jit import INNER
 
-__all__ = ["LIMIT_MARGIN", "ROWS_KEPT", "TILE", "walk_tiles"]
+__all__ = ["LIMIT_MARGIN", "MAX_STORED_ROWS", "TILE", "walk_tiles"]
 
 TILE = 16
+"""Side of a tile in pixels. A tile consists of 16 blocks of 4x4 pixels, one block for each lane of a vector."""
 
-ROWS_KEPT = 4
-"""Rows of tiles whose spans are kept of a Gaussian that touches no more."""
+MAX_STORED_ROWS = 4
+"""Largest number of rows of tiles whose spans are stored. The spans of a Gaussian in more rows are computed again."""
 
 LIMIT_MARGIN = 0.01
-"""Added to the limit of u^2 + v^2, so that rounding never leaves out a pixel that passes alpha >= 1/255."""
+"""Added to the limit of u^2 + v^2, so that rounding never excludes a pixel where alpha is at least 1/255."""
 
 
 @njit(**INNER)
 def _tile_rows(py: float, extent: float, height: int) -> tuple[int, int]:
-    """Return the first row of tiles and the one after the last that reach into py - extent to py + extent."""
+    """Return the first and the end of the rows of tiles that overlap the interval py - extent to py + extent."""
     n_rows = (height + TILE - 1) // TILE
     first = min(max((py - extent - 0.5) / TILE, 0.0), np.float64(n_rows))
     last = min(max((py + extent - 0.5) / TILE, -1.0), np.float64(n_rows - 1))
@@ -42,10 +43,11 @@ def _tile_span(
     limit: float,
     n_columns: int,
 ) -> tuple[int, int]:
-    """Return the first tile and the one after the last that the ellipse touches between y_low and y_high.
+    """Return the first and the end of the tiles that the ellipse touches between y_low and y_high.
 
-    For a given y the ellipse (a x + b y)^2 + (c y)^2 <= limit spans x = (-b y -+ sqrt(limit - (c y)^2)) / a; over a
-    strip it reaches furthest right at its own rightmost point, held into the strip (it is convex), and likewise left.
+    For a given y the ellipse (a x + b y)^2 + (c y)^2 <= limit spans x = (-b y -+ sqrt(limit - (c y)^2)) / a. The
+    ellipse is convex, so its rightmost point in a strip is at the y of its overall rightmost point, clamped to the
+    strip; the same holds on the left.
     """
     y = min(max(y_right, y_low), y_high)
     right = px + slope * y + inverse_a * math.sqrt(max(limit - c2 * y * y, 0.0))
@@ -53,7 +55,8 @@ def _tile_span(
     left = px + slope * y - inverse_a * math.sqrt(max(limit - c2 * y * y, 0.0))
     first = min(max((left - 0.5) / TILE, 0.0), np.float64(n_columns))
     last = min(max((right - 0.5) / TILE, -1.0), np.float64(n_columns - 1))
-    # A tile's last pixel centre lies 15.5 into it: an ellipse that begins behind that does not touch the tile.
+    # The last pixel centre of a tile is 15.5 pixels from its left side. An ellipse that begins to the right of it does
+    # not touch the tile.
     first_tile = int(math.floor(first))
     if left - 0.5 - first_tile * TILE > TILE - 1:
         first_tile += 1
@@ -78,9 +81,9 @@ def walk_tiles(
 ) -> int:
     """Return how many tiles the ellipse u^2 + v^2 <= `limit` around (px, py) touches.
 
-    Row `g` of `spans` gets the first row of tiles, their number, and of up to `ROWS_KEPT` of them the first column and
-    the one after the last. With `write` (one function for both, so that counting and listing cannot disagree) the
-    tiles' numbers go to ``tiles[at:]``, row by row.
+    Row `g` of `spans` is filled: the first row of tiles, the number of rows, and for up to `MAX_STORED_ROWS` rows the
+    first column and the end column. With `write`, the numbers of the tiles are also written to ``tiles[at:]``, row by
+    row. One function does both, so that counting and listing cannot disagree.
     """
     limit = max(limit, 0.0) + LIMIT_MARGIN
     n_columns = (width + TILE - 1) // TILE
@@ -103,7 +106,7 @@ def walk_tiles(
             left, right = _tile_span(
                 max(y_low, -extent), min(y_high, extent), y_right, px, slope, inverse_a, c2, limit, n_columns
             )
-        if row - first < ROWS_KEPT:
+        if row - first < MAX_STORED_ROWS:
             spans[g, 2 + 2 * (row - first)] = left
             spans[g, 3 + 2 * (row - first)] = right
         if write:

@@ -1,4 +1,4 @@
-"""Depth order, and for every tile the list of the Gaussians that touch it, nearest first."""
+"""Sorting by depth, and the list of the Gaussians that touch each tile, nearest first."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ..errors import NumericalError
 from .jit import JIT
-from .projection import GAUSSIANS_AT_ONCE, VISIBLE, Projected
+from .projection import GAUSSIANS_PER_RANGE, VISIBLE, Projected
 from .simd import item, put
-from .threads import Share, run_shared, take
-from .tile_spans import ROWS_KEPT, TILE, walk_tiles
+from .threads import Share, run_shared, take_range
+from .tile_spans import MAX_STORED_ROWS, TILE, walk_tiles
 
 __all__ = ["TileLists", "make_tile_lists"]
 
@@ -24,38 +24,39 @@ Int64 = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class TileLists:
-    """M pairs of a tile and a Gaussian that touches it.
+    """The M pairs of a tile and a Gaussian that touches it, ordered by Gaussian and by tile.
 
     Attributes
     ----------
     pair_start : int64 [N + 1]
-        The pairs of Gaussian g are numbered ``pair_start[g]`` to ``pair_start[g + 1]``; none when it was culled.
+        Gaussian g has the pairs ``pair_start[g]`` to ``pair_start[g + 1]`` (exclusive); none if it was culled.
     tile_start : int64 [n_tiles + 1]
-        Entries ``tile_start[t]`` to ``tile_start[t + 1]`` of ``gaussians`` belong to tile t, nearest first.
+        Tile t has the entries ``tile_start[t]`` to ``tile_start[t + 1]`` (exclusive) of `gaussians`, nearest first.
     gaussians : int32 [M]
-        Index of the Gaussian.
-    places : int32 [M]
-        Entry of ``gaussians`` that holds pair p.
+        Indices of Gaussians, tile after tile.
+    list_positions : int32 [M]
+        Position of each pair in `gaussians`.
     """
 
     pair_start: Int64
     tile_start: Int64
     gaussians: Int32
-    places: Int32
+    list_positions: Int32
 
     @property
     def all_tiles(self) -> Int32:
-        """Numbers of all tiles, row by row."""
+        """Numbers of all tiles, which count row by row."""
         return np.arange(len(self.tile_start) - 1, dtype=np.int32)
 
 
 @njit(**JIT)
 def _sort_by_depth(state: NDArray[np.uint8], depth_bits: NDArray[np.uint32]) -> Int32:
-    """Return the visible Gaussians by depth: least significant digit radix sort, 3 passes of 11 bits, stable.
+    """Return the visible Gaussians sorted by depth, equal depths by index.
 
-    The bits of a positive float32 rise with its value.
+    A least-significant-digit radix sort with 3 passes of 11 bits. The bits of a positive float32, read as an integer,
+    increase with its value.
     """
-    keys = np.empty(state.shape[0], np.uint64)  # depth above, number below
+    keys = np.empty(state.shape[0], np.uint64)  # Upper half: depth. Lower half: index.
     starts = np.zeros((3, 2049), np.int64)
     n = 0
     for g in range(state.shape[0]):
@@ -93,16 +94,16 @@ def _list_tiles(
     height: int,
     tiles: Int32,
 ) -> None:
-    """Write the tile of each pair of this thread's share of the Gaussians, from what the projection kept of most."""
+    """Write the tile of each pair of this thread's share of the Gaussians, from the stored spans where they suffice."""
     n_columns = (width + TILE - 1) // TILE
     n = pair_start.shape[0] - 1
-    first, last = take(share, n, GAUSSIANS_AT_ONCE)
+    first, last = take_range(share, n, GAUSSIANS_PER_RANGE)
     while first < last:
         for g in range(first, last):
             at = pair_start[g]
             if pair_start[g + 1] == at:
                 continue
-            if spans[g, 1] > ROWS_KEPT:
+            if spans[g, 1] > MAX_STORED_ROWS:
                 walk_tiles(
                     pixels[g, 0], pixels[g, 1], roots[g, 0], roots[g, 1], roots[g, 2], limits[g], width, height, spans,
                     g, True, at, tiles,
@@ -113,12 +114,15 @@ def _list_tiles(
                 for column in range(np.int64(spans[g, 2 + 2 * k]), np.int64(spans[g, 3 + 2 * k])):
                     tiles[at] = row + column
                     at += 1
-        first, last = take(share, n, GAUSSIANS_AT_ONCE)
+        first, last = take_range(share, n, GAUSSIANS_PER_RANGE)
 
 
 @njit(**JIT)
 def _group_by_tile(order: Int32, pair_start: Int64, tiles: Int32, n_tiles: int) -> tuple[Int64, Int32, Int32]:
-    """Return `tile_start`, `gaussians` and `places` of `TileLists`: a counting sort by tile that keeps depth `order`."""
+    """Return `tile_start`, `gaussians` and `list_positions` of `TileLists`.
+
+    A counting sort by tile that is stable with respect to the depth `order`.
+    """
     n_pairs = tiles.shape[0]
     starts = np.zeros(n_tiles + 1, np.int64)
     for pair in range(n_pairs):
@@ -126,27 +130,27 @@ def _group_by_tile(order: Int32, pair_start: Int64, tiles: Int32, n_tiles: int) 
         put(starts, t, item(starts, t) + 1)
     for t in range(n_tiles):
         starts[t + 1] += starts[t]
-    next_places = starts[:-1].copy()
+    next_positions = starts[:-1].copy()
     gaussians = np.empty(n_pairs, np.int32)
-    places = np.empty(n_pairs, np.int32)
+    list_positions = np.empty(n_pairs, np.int32)
     for i in range(order.shape[0]):
         g = int(item(order, i))
         for pair in range(item(pair_start, g), item(pair_start, g + 1)):
             t = int(item(tiles, pair))
-            place = item(next_places, t)
-            put(next_places, t, place + 1)
-            put(gaussians, place, np.int32(g))
-            put(places, pair, np.int32(place))
-    return starts, gaussians, places
+            position = item(next_positions, t)
+            put(next_positions, t, position + 1)
+            put(gaussians, position, np.int32(g))
+            put(list_positions, pair, np.int32(position))
+    return starts, gaussians, list_positions
 
 
 def make_tile_lists(projected: Projected, width: int, height: int, n_threads: int | None) -> TileLists:
-    """Return the lists of a picture of `width` x `height` pixels.
+    """Return the tile lists of an image of `width` x `height` pixels.
 
     Raises
     ------
     NumericalError
-        When there are 2^31 pairs or more: the Gaussians have grown over the whole picture.
+        If there are 2^31 pairs or more, because the Gaussians have grown over the whole image.
     """
     n = len(projected.state)
     pair_start = np.zeros(n + 1, np.int64)
@@ -154,19 +158,20 @@ def make_tile_lists(projected: Projected, width: int, height: int, n_threads: in
     n_pairs = int(pair_start[-1])
     if n_pairs >= 2**31:
         raise NumericalError(
-            f"`scales` are so large that {int((projected.n_tiles > 0).sum())} Gaussians cover {n_pairs} tiles of a "
-            "picture; resume from the last checkpoint with a lower learning rate for the scales."
+            f"`scales` are so large that {int((projected.n_tiles > 0).sum())} Gaussians cover {n_pairs} tiles of an "
+            "image; resume from the last checkpoint with a lower learning rate for the scales."
         )
     tiles = np.empty(n_pairs, np.int32)
 
-    sorts = threading.Lock()  # taken by the thread that sorts while the others list
+    sorting = threading.Lock()  # Acquired by the thread that sorts while the others list tiles.
     orders: list[Int32] = []
 
     def work(share: Share) -> None:
-        if sorts.acquire(blocking=False):
+        if sorting.acquire(blocking=False):
             orders.append(_sort_by_depth(projected.state, projected.depths.view(np.uint32)))
         _list_tiles(
-            share, pair_start, projected.pixels, projected.roots, projected.limits, projected.spans, width, height, tiles
+            share, pair_start, projected.pixels, projected.roots, projected.limits, projected.spans, width, height,
+            tiles,
         )  # fmt: skip
 
     run_shared(work, n_threads)

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from engine.rasterizer.api import Raster, rasterize
+from engine.rasterizer.api import rasterize
+from engine.rasterizer.raster import Raster
 from engine.rasterizer.settings import RasterSettings
 from engine.scene.camera import PinholeCamera
 
@@ -16,7 +17,7 @@ NAMES = ("means", "quats", "scales", "opacities", "sh", "channels")
 
 @dataclass(frozen=True)
 class Scene:
-    """Gaussians as float32 tensors; `sh` or `channels` may be missing."""
+    """Gaussians as float32 tensors; `sh` or `channels` may be None."""
 
     means: torch.Tensor
     quats: torch.Tensor
@@ -26,11 +27,11 @@ class Scene:
     channels: torch.Tensor | None
 
     def tensors(self) -> dict[str, torch.Tensor]:
-        """Return the tensors that are there, by name."""
+        """Return the tensors that are not None, by name."""
         return {name: getattr(self, name) for name in NAMES if getattr(self, name) is not None}
 
     def leaves(self, dtype: torch.dtype) -> Scene:
-        """Return copies of `dtype` that collect gradients."""
+        """Return a copy with tensors of `dtype` that collect gradients."""
         return replace(self, **{name: t.detach().to(dtype).requires_grad_() for name, t in self.tensors().items()})
 
     def render(
@@ -52,7 +53,7 @@ class Scene:
 
 
 def random_scene(n: int, *, n_features: int = 0, colored: bool = True, seed: int = 0, size: float = 0.07) -> Scene:
-    """Return `n` Gaussians about 3 units in front of the origin, along z."""
+    """Return `n` Gaussians around a point 3 units from the origin along z."""
     rng = np.random.default_rng(seed)
 
     def tensor(values: object) -> torch.Tensor:
@@ -69,7 +70,7 @@ def random_scene(n: int, *, n_features: int = 0, colored: bool = True, seed: int
 
 
 def camera(width: int, height: int, *, focal: float | None = None, off_center: bool = True) -> PinholeCamera:
-    """Return a camera at a slanted pose near the origin that looks along z."""
+    """Return a camera near the origin that looks roughly along z."""
     focal = focal or 0.9 * max(width, height)
     cx, cy = (0.4 * width, 0.55 * height) if off_center else (width / 2, height / 2)
     angle = 0.1
@@ -82,7 +83,7 @@ def camera(width: int, height: int, *, focal: float | None = None, off_center: b
 def gradients(
     scene: Scene, view: PinholeCamera, dtype: torch.dtype, backend: str, seed: int = 5, **options: object
 ) -> tuple[Raster, dict[str, torch.Tensor]]:
-    """Return the picture and the gradients of a random linear function of image and transmittance."""
+    """Return the render and the gradients of a random linear function of image and transmittance."""
     leaves = scene.leaves(dtype)
     raster = leaves.render(view, backend, **options)  # type: ignore[arg-type]
     generator = torch.Generator().manual_seed(seed)
@@ -90,8 +91,8 @@ def gradients(
     by_transmittance = torch.randn(raster.transmittance.shape, generator=generator)
     total = (raster.image * by_image.to(dtype)).sum() + (raster.transmittance * by_transmittance.to(dtype)).sum()
     total.backward()
-    found = {}
+    tensor_gradients = {}
     for name, tensor in leaves.tensors().items():
         assert tensor.grad is not None
-        found[name] = tensor.grad
-    return replace(raster, image=raster.image.detach(), transmittance=raster.transmittance.detach()), found
+        tensor_gradients[name] = tensor.grad
+    return replace(raster, image=raster.image.detach(), transmittance=raster.transmittance.detach()), tensor_gradients

@@ -1,4 +1,4 @@
-"""The fused Adam takes the steps of torch's."""
+"""Adam gives the steps of `torch.optim.Adam`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cpu backend gives the picture and the gradients of the float64 reference."""
+"""The cpu backend gives the image and the gradients of the float64 reference."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .scenes import Scene, camera, gradients, random_scene
 
 
 def relative_errors(ours: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Return |ours - truth| over the larger of |truth| and the typical row's size, for each row's norm."""
+    """Return the relative error of each row's norm; rows below a thousandth of the median norm are relative to that."""
     ours, truth = ours.double().reshape(len(ours), -1), truth.reshape(len(truth), -1)
     size = truth.norm(dim=1)
     floor = size[size > 0].median() * 1e-3 if bool((size > 0).any()) else torch.tensor(1.0)
@@ -23,7 +23,7 @@ def relative_errors(ours: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 
 
 def assert_agree(scene: Scene, view: PinholeCamera, **options: object) -> None:
-    """Compare picture and gradients by quantiles: a pixel at a threshold may fall on either side of it."""
+    """Compare image and gradients by quantiles, because a pixel at a threshold may fall on either side of it."""
     ours, our_gradients = gradients(scene, view, torch.float32, "cpu", **options)
     truth, true_gradients = gradients(scene, view, torch.float64, "reference", **options)
     assert ours.culled == truth.culled
@@ -44,20 +44,20 @@ def assert_agree(scene: Scene, view: PinholeCamera, **options: object) -> None:
 
 
 @pytest.mark.parametrize(("colored", "n_features"), [(True, 0), (False, 1), (False, 16), (True, 16)])
-def test_picture_and_gradients_agree_for_any_number_of_channels(colored: bool, n_features: int) -> None:
+def test_image_and_gradients_agree_for_any_number_of_channels(colored: bool, n_features: int) -> None:
     scene = random_scene(250, colored=colored, n_features=n_features)
     assert_agree(scene, camera(81, 50))
 
 
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (17, 33), (3, 4097)])
-def test_odd_picture_sizes_agree(width: int, height: int) -> None:
+def test_odd_image_sizes_agree(width: int, height: int) -> None:
     scene = random_scene(60, n_features=2, size=0.03 if height > 1000 else 0.1)
     assert_agree(scene, camera(width, height, focal=0.6 * max(width, height) + 1))
 
 
 @pytest.mark.parametrize("opacity", [0.02, 0.5])
 def test_hundreds_of_gaussians_over_each_pixel_agree_with_64_channels(opacity: float) -> None:
-    """Longer lists than one batch of the kernels, with pixels that finish in the middle and ones that never do."""
+    """The lists are longer than one batch of the kernels, and some pixels finish in the middle, others never."""
     scene = random_scene(300, n_features=61, size=0.8)
     scene.opacities[:] = opacity
     assert_agree(scene, camera(20, 19))
@@ -76,7 +76,7 @@ def test_unused_bands_of_harmonics_change_nothing_and_get_no_gradient(degree: in
     assert float(relative_errors(found["sh"][:, :used], expected["sh"]).median()) <= 1e-5
 
 
-def test_culled_gaussians_that_come_first_get_zero_gradients() -> None:
+def test_culled_gaussians_at_the_start_of_the_arrays_get_zero_gradients() -> None:
     scene = random_scene(80, n_features=3)
     view = camera(48, 32)
     for value in scene.tensors().values():
@@ -84,7 +84,7 @@ def test_culled_gaussians_that_come_first_get_zero_gradients() -> None:
     scene.means[0:5, 2] = -2.0  # behind the camera
     scene.quats[5:10] = 0.0
     scene.opacities[10:15] = 0.5 * ALPHA_MIN
-    scene.means[15:20, 0] = 40.0  # beside the picture
+    scene.means[15:20, 0] = 40.0  # beside the image
     raster, found = gradients(scene, view, torch.float32, "cpu")
     assert not raster.visible[:20].any()
     assert min(raster.culled.near, raster.culled.degenerate, raster.culled.transparent) >= 5
@@ -109,7 +109,7 @@ def test_opacity_one_and_equal_depths_agree() -> None:
     assert_agree(scene, facing)
 
 
-def test_gaussians_just_behind_the_near_plane_and_far_off_the_picture_agree() -> None:
+def test_gaussians_just_behind_the_near_plane_and_far_outside_of_the_image_agree() -> None:
     scene = random_scene(120, n_features=1, size=0.02)
     scene.means[:60, 2] = torch.linspace(-0.28, -0.1, 60)  # 0.02 to 0.2 in front of the camera
     scene.means[:60, :2] *= 0.3
@@ -126,7 +126,7 @@ def test_huge_and_tiny_quaternions_agree() -> None:
 
 
 def test_values_of_any_size_neither_hang_nor_turn_into_nan() -> None:
-    """Every finite float32 is a legal input: what cannot be drawn is culled and counted."""
+    """Every finite float32 is a valid input. Gaussians that cannot be rendered are culled and counted."""
     rng = np.random.default_rng(0)
     scene = random_scene(400, n_features=1)
     for value, low, high in ((scene.means, -6, 12), (scene.quats, -12, 15), (scene.scales, -40, 38)):
@@ -166,13 +166,13 @@ def test_a_gradient_at_a_few_pixels_only_agrees() -> None:
 
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
-def test_no_gaussians_give_an_empty_picture(backend: str) -> None:
+def test_no_gaussians_give_an_empty_image(backend: str) -> None:
     raster = random_scene(0).render(camera(20, 10), backend)
     assert not raster.image.any() and bool((raster.transmittance == 1).all())
     assert raster.culled.total == 0
 
 
-def test_the_picture_is_the_same_bit_for_bit_with_any_number_of_threads() -> None:
+def test_the_image_is_the_same_bit_for_bit_with_any_number_of_threads() -> None:
     scene = random_scene(300, n_features=5)
     view = camera(90, 70)
     one, one_gradients = gradients(scene, view, torch.float32, "cpu", settings=RasterSettings(threads=1))

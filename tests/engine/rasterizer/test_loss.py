@@ -11,7 +11,7 @@ from engine.rasterizer.loss import Target, photometric_loss, ssim
 
 
 def slow_ssim_map(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Return the SSIM of each pixel and channel, [1, 3, H, W], of pictures [H, W, 3]."""
+    """Return the SSIM of each pixel and channel, [1, 3, H, W], of images [H, W, 3]."""
     offsets = torch.arange(11, dtype=torch.float64) - 5
     window = torch.exp(-(offsets**2) / (2 * 1.5**2))
     window = window / window.sum()
@@ -58,7 +58,7 @@ def test_value_and_gradient_agree_with_convolutions(size: tuple[int, int], maske
     assert not ours.grad[~valid].any()
 
 
-def test_a_kept_target_and_bytes_and_a_slice_of_a_wider_picture_give_the_same_loss() -> None:
+def test_a_target_and_bytes_and_a_slice_of_an_image_with_more_channels_give_the_same_loss() -> None:
     image, _ = pictures(20, 30)
     photo = (torch.rand(20, 30, 3) * 255).to(torch.uint8)
     wide = torch.cat([image, torch.rand(20, 30, 16)], dim=2).requires_grad_()
@@ -69,7 +69,7 @@ def test_a_kept_target_and_bytes_and_a_slice_of_a_wider_picture_give_the_same_lo
     assert wide.grad is not None and wide.grad[..., :3].any() and not wide.grad[..., 3:].any()
 
 
-def test_ssim_of_a_picture_with_itself_is_one_and_agrees_with_convolutions() -> None:
+def test_ssim_of_an_image_with_itself_is_one_and_agrees_with_convolutions() -> None:
     image, target = pictures(40, 30)
     assert abs(ssim(image, image) - 1.0) < 1e-6
     assert abs(ssim(image, target) - float(slow_ssim_map(image.double(), target.double()).mean())) < 1e-6
@@ -87,14 +87,14 @@ def test_the_loss_is_the_same_bit_for_bit_with_any_number_of_threads() -> None:
     assert torch.equal(found[0][0], found[1][0]) and torch.equal(found[0][1], found[1][1])
 
 
-def test_pictures_that_are_not_finite_or_do_not_match_are_refused() -> None:
+def test_images_that_are_not_finite_or_do_not_match_are_refused() -> None:
     image, target = pictures(10, 10)
     with pytest.raises(ValueError, match="shape"):
         photometric_loss(image, target[:9])
     with pytest.raises(ValueError, match="no pixel"):
         photometric_loss(image, target, valid=torch.zeros(10, 10, dtype=torch.bool))
     image[3, 3, 1] = float("nan")
-    with pytest.raises(NumericalError, match="rendered picture is not finite"):
+    with pytest.raises(NumericalError, match="rendered image is not finite"):
         photometric_loss(image, target)
     with pytest.raises(NumericalError, match="target"):
         photometric_loss(target, image)

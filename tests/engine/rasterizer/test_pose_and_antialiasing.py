@@ -1,4 +1,4 @@
-"""What is asked for on request: gradients of the camera's pose, and fading instead of widening."""
+"""Optional features: gradients of the camera's pose, and antialiasing."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_gradient_of_the_pose_is_that_of_finite_differences() -> None:
         torch.testing.assert_close(viewmat.grad[row, column], slope, rtol=1e-4, atol=1e-3)
 
 
-def test_a_pose_is_found_again_by_descent() -> None:
+def test_gradient_descent_recovers_a_pose() -> None:
     scene, view = random_scene(300), camera(60, 45)
     with torch.no_grad():
         target = scene.render(view).image
@@ -71,7 +71,7 @@ def test_a_pose_is_found_again_by_descent() -> None:
     assert float(distance) <= 0.005
 
 
-def test_without_a_pose_that_wants_one_nothing_is_computed_for_it() -> None:
+def test_no_gradient_is_computed_for_a_pose_that_does_not_require_it() -> None:
     scene, view = random_scene(50), camera(40, 30)
     given = scene.render(view, viewmat=torch.tensor(view.viewmat))  # type: ignore[arg-type]
     assert torch.equal(given.image, scene.render(view).image)
@@ -87,12 +87,12 @@ def test_a_pose_of_another_shape_or_not_finite_is_refused() -> None:
 
 
 @pytest.mark.parametrize("size", [0.07, 0.003])
-def test_antialiased_pictures_and_gradients_agree(size: float) -> None:
+def test_antialiased_images_and_gradients_agree(size: float) -> None:
     assert_agree(random_scene(300, n_features=3, size=size), camera(71, 50), settings=SMALL)
 
 
 def test_antialiasing_keeps_the_light_of_a_gaussian_smaller_than_a_pixel() -> None:
-    # Without fading, the low pass widens it to 0.3 pixels^2 at full opacity, however small it is.
+    # Without antialiasing, the low pass widens a Gaussian to 0.3 pixels^2 at full opacity, however small it is.
     scene, view = random_scene(1, size=1.0), camera(41, 41, off_center=False)
     scene = replace(
         scene, means=torch.tensor([[0.2, -0.1, 3.0]]), quats=torch.tensor([[1.0, 0, 0, 0]]), opacities=torch.ones(1),

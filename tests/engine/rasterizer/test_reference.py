@@ -1,4 +1,4 @@
-"""The judge is right: its gradients are those of its picture, and its picture that of a formula one can do by hand."""
+"""The reference is right: its gradients match finite differences, and its image matches the formula."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def test_gradients_are_those_of_finite_differences() -> None:
     torch.autograd.gradcheck(total, tuple(scene.tensors().values()), eps=1e-6, atol=1e-5, rtol=1e-4)
 
 
-def test_one_gaussian_in_the_middle_is_what_the_formula_says() -> None:
-    """A ball of sigma 0.1 at distance 2 and focal length 100: sigma 5 on the screen, and 0.3 low-pass."""
+def test_one_gaussian_in_the_middle_has_the_alpha_of_the_formula() -> None:
+    """A ball of sigma 0.1 at distance 2 with focal length 100 has sigma 5 on the screen; the low pass adds 0.3."""
     view = PinholeCamera(np.eye(4), np.array([[100.0, 0, 8], [0, 100, 8], [0, 0, 1]]), 16, 16)
     scene = Scene(
         means=torch.tensor([[0.0, 0.0, 2.0]]),

@@ -1,4 +1,4 @@
-"""What cannot be rendered is refused with a sentence that names it."""
+"""Invalid inputs are refused with a message that names them."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def test_a_loss_that_is_not_finite_is_refused_in_the_backward_pass(bad: float) -
     image = scene.render(camera(20, 20)).image
     upstream = torch.zeros_like(image)
     upstream[3, 4, 1] = bad
-    with pytest.raises(NumericalError, match="gradient of the picture is not finite in 1 block"):
+    with pytest.raises(NumericalError, match="gradient of the image is not finite in 1 block"):
         image.backward(upstream)
 
 
-def test_a_camera_without_a_picture_is_refused() -> None:
+def test_a_camera_without_a_valid_image_is_refused() -> None:
     scene = random_scene(3)
     k = np.array([[50.0, 0, 8], [0, 50, 8], [0, 0, 1]])
     for bad in (
@@ -44,7 +44,7 @@ def test_a_camera_without_a_picture_is_refused() -> None:
             scene.render(bad)
 
 
-def test_shapes_that_do_not_belong_together_are_refused() -> None:
+def test_shapes_that_do_not_match_are_refused() -> None:
     scene = random_scene(3)
     with pytest.raises(ValueError, match="channels"):
         random_scene(3, n_features=62).render(camera(8, 8))

@@ -1,4 +1,4 @@
-"""Work shared between threads, and the look for values that are not finite."""
+"""Items shared between threads, and the tests for values that are not finite."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from engine.rasterizer.adam import AdamState, adam_step
 from engine.rasterizer.api import rasterize
 from engine.rasterizer.finite import all_finite
 from engine.rasterizer.loss import Target, photometric_loss
-from engine.rasterizer.threads import Share, nothing_taken, run_shared, take
+from engine.rasterizer.threads import Share, new_counters, run_shared, take_range
 from tests.engine.rasterizer.scenes import camera, random_scene
 
 
 @njit(nogil=True)
 def _count(share: Share, times: NDArray[np.int64]) -> None:
     n = times.shape[0]
-    first, last = take(share, n, 3)
+    first, last = take_range(share, n, 3)
     while first < last:
         for i in range(first, last):
             times[i] += 1
-        first, last = take(share, n, 3)
+        first, last = take_range(share, n, 3)
 
 
 @pytest.mark.parametrize("n_items", [0, 1, 2, 3, 4, 10_000])
 @pytest.mark.parametrize("n_threads", [1, 2, 7])
-def test_every_item_is_done_once_whatever_the_number_of_threads(n_items: int, n_threads: int) -> None:
+def test_every_item_is_processed_once_with_any_number_of_threads(n_items: int, n_threads: int) -> None:
     times = np.zeros(n_items, np.int64)
     run_shared(lambda share: _count(share, times), n_threads)
     assert (times == 1).all()
 
 
 @njit(nogil=True)
-def _firsts(share: Share, n: int, at_once: int) -> list[tuple[int, int]]:
-    found = [take(share, n, at_once)]
-    while found[-1][0] < found[-1][1]:
-        found.append(take(share, n, at_once))
-    return found
+def _ranges(share: Share, n: int, size: int) -> list[tuple[int, int]]:
+    ranges = [take_range(share, n, size)]
+    while ranges[-1][0] < ranges[-1][1]:
+        ranges.append(take_range(share, n, size))
+    return ranges
 
 
-def test_a_thread_does_its_own_part_and_then_what_others_leave() -> None:
-    taken = nothing_taken(3)
-    assert _firsts(Share(taken, 1), 11, 2) == [(4, 6), (6, 8), (8, 10), (10, 11), (0, 2), (2, 4), (11, 11)]
-    assert _firsts(Share(taken, 0), 11, 2) == [(11, 11)]
+def test_a_thread_takes_its_own_part_and_then_what_others_leave() -> None:
+    counters = new_counters(3)
+    assert _ranges(Share(counters, 1), 11, 2) == [(4, 6), (6, 8), (8, 10), (10, 11), (0, 2), (2, 4), (11, 11)]
+    assert _ranges(Share(counters, 0), 11, 2) == [(11, 11)]
 
 
 def test_an_error_on_another_thread_is_raised_here() -> None:
@@ -67,7 +67,7 @@ def test_an_error_on_another_thread_is_raised_here() -> None:
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("where", [0, 15, 16, 36])
-def test_one_value_that_is_not_finite_is_found_wherever_it_stands(where: int, bad: float, dtype: type) -> None:
+def test_a_value_that_is_not_finite_is_found_at_any_position(where: int, bad: float, dtype: type) -> None:
     values = np.full((37,), np.finfo(dtype).max, dtype)
     assert all_finite(values)
     assert all_finite(values[::2])
@@ -76,8 +76,8 @@ def test_one_value_that_is_not_finite_is_found_wherever_it_stands(where: int, ba
     assert not all_finite(values.reshape(1, 37, 1))
 
 
-def test_no_kernel_keeps_memory() -> None:
-    """With Numba's generators they did: training took 4 MB more at every step."""
+def test_no_kernel_leaks_memory() -> None:
+    """Numba's generators leaked memory: training took 4 MB more at every step."""
     scene, view = random_scene(100), camera(70, 50)
     tensors = [scene.means, scene.quats, scene.scales, scene.opacities]
     for tensor in tensors:
@@ -89,14 +89,14 @@ def test_no_kernel_keeps_memory() -> None:
         photometric_loss(raster.image, Target(np.zeros((50, 70, 3), np.uint8))).backward()
         adam_step([(scene.means, scene.means.grad, 0.1)], [state])  # type: ignore[list-item]
 
-    def held() -> int:
+    def n_allocations() -> int:
         gc.collect()
         stats = rtsys.get_allocation_stats()
         return int(stats.mi_alloc - stats.mi_free)
 
     _nrt_python.memsys_enable_stats()
     step()
-    before = held()
+    before = n_allocations()
     for _ in range(3):
         step()
-    assert held() == before
+    assert n_allocations() == before

@@ -1,4 +1,4 @@
-"""Kernels are compiled once per computer, by two processes, for whatever vectors its processor has."""
+"""Kernels are compiled once per computer, by two processes, for the vector instructions of its processor."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 _ROOT = Path(__file__).parents[3]
-_WARM_UP = """
+_COMPILE = """
 import logging
-from engine.rasterizer.compilation import warm_up
+from engine.rasterizer.compilation import compile_kernels
 logging.basicConfig()
-warm_up()
+compile_kernels()
 """
 _STEP = """
 import hashlib
@@ -46,9 +46,11 @@ def _python(code: str, cache: Path, **environment: str) -> subprocess.CompletedP
 
 
 @pytest.mark.slow
-def test_after_the_warm_up_nothing_is_compiled_and_a_processor_without_avx_gives_the_same_bits(tmp_path: Path) -> None:
-    told = _python(_WARM_UP, tmp_path)
-    assert "compiling process failed" not in told.stderr
+def test_compiled_kernels_are_loaded_from_the_cache_and_a_processor_without_avx_gives_the_same_bits(
+    tmp_path: Path,
+) -> None:
+    process = _python(_COMPILE, tmp_path)
+    assert "compiling process failed" not in process.stderr
     n_compiled, digest = _python(_STEP, tmp_path).stdout.split()
     assert n_compiled == "0"
 
