@@ -1,4 +1,4 @@
-"""Text grounding: boxes or segments of a photo that a text names, with scores."""
+"""Text grounding: find the boxes or segments of a photo that a text describes, with scores."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a text detector is: the few names the objects room relies on."""
+"""The interface of a text detector, as the objects package uses it."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ __all__ = ["Detection", "Detector", "PromptCheck"]
 
 @dataclass(frozen=True)
 class Detection:
-    """A place in a photo that may show what was asked for.
+    """A box in a photo that may show what the prompt describes.
 
     Attributes
     ----------
     box : tuple of 4 float
-        x0, y0, x1, y1 in pixels of the picture that was given.
+        x0, y0, x1, y1 in pixels of the given picture.
     score : float
         0 to 1, higher is better.
     label : str
-        The detector's own word for it.
+        The detector's word for the object.
     region : int or None
-        Id in the label map, where the detector chose among given segments.
+        Id in the label map, if the detector selected one of the given segments.
     """
 
     box: tuple[float, float, float, float]
@@ -36,15 +36,17 @@ class Detection:
 
 @dataclass(frozen=True)
 class PromptCheck:
-    """Whether a detector understands a prompt.
+    """Result of checking whether a detector understands a prompt.
 
     Attributes
     ----------
     known : bool
+        Whether the detector can look for the prompt.
     matches : list of (str, float)
-        What it takes the prompt for, or the nearest words it knows, with likeness 0 to 1, best first.
+        The detector's words for the prompt, or the nearest words if it is not known, with similarity 0 to 1, best
+        first.
     message : str
-        One sentence for the person.
+        One sentence for the user.
     """
 
     known: bool
@@ -53,13 +55,13 @@ class PromptCheck:
 
 
 class Detector(Protocol):
-    """Finds what a text names in a photo."""
+    """Finds what a text describes in a photo."""
 
     name: str
-    """As in the model catalogue; an object that was found by a text says which detector found it."""
+    """Name in the model catalogue, stored with every object that the detector finds."""
 
-    def knows(self, prompt: str) -> PromptCheck:
-        """Return whether `prompt` can be looked for.
+    def check_prompt(self, prompt: str) -> PromptCheck:
+        """Return whether the detector can look for `prompt`.
 
         Raises
         ------
@@ -71,15 +73,15 @@ class Detector(Protocol):
     def detect(
         self, pixels: NDArray[np.uint8], prompt: str, *, labels: NDArray[np.int32] | None = None
     ) -> list[Detection]:
-        """Return what was found, best first; an empty list when nothing was.
+        """Return the detections, best first.
 
         Parameters
         ----------
         pixels : array of shape [H, W, 3], uint8, sRGB
         prompt : str
         labels : array of shape [h, w], int32, or None
-            Label map of the same photo at any size (``masks.storage.read_label_map``): detections are then chosen
-            among its segments and carry their id.
+            Label map of the same photo at any size (`masks.read_label_map`). Detections are then selected from its
+            segments and contain their ids.
 
         Raises
         ------
@@ -96,7 +98,7 @@ class Detector(Protocol):
         *,
         masks: Sequence[NDArray[np.bool_]] | None = None,
     ) -> list[float]:
-        """Return how well each box, or better each mask, shows what `prompt` names, 0 to 1.
+        """Return how well each box, or each mask if given, matches `prompt`, 0 to 1.
 
         Parameters
         ----------
@@ -105,7 +107,7 @@ class Detector(Protocol):
             x0, y0, x1, y1 in pixels.
         prompt : str
         masks : sequence of n bool arrays of shape [H, W], or None
-            The object in each box.
+            Mask of the object in each box.
 
         Raises
         ------
@@ -117,7 +119,7 @@ class Detector(Protocol):
     def describe_crops(
         self, pixels: NDArray[np.uint8], boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]
     ) -> NDArray[np.float32] | None:
-        """Return what each mask shows, for `score_described`, at a cost that allows hundreds of them.
+        """Return a description of each mask for `score_descriptions`, cheap enough for hundreds of masks.
 
         Parameters
         ----------
@@ -129,12 +131,12 @@ class Detector(Protocol):
         Returns
         -------
         float32 array of shape [n, D], or None
-            None from a detector that must be told what to look for.
+            None if the detector needs the prompt to process a picture.
         """
         ...
 
-    def score_described(self, described: NDArray[np.float32], prompt: str) -> list[float]:
-        """Return how well each row of `described`, [n, D], shows what `prompt` names, as `score_crops` would.
+    def score_descriptions(self, described: NDArray[np.float32], prompt: str) -> list[float]:
+        """Return how well each row of `described`, [n, D], matches `prompt`, like `score_crops`.
 
         Raises
         ------
@@ -146,16 +148,16 @@ class Detector(Protocol):
     def name_crops(
         self, crops: Sequence[tuple[NDArray[np.uint8], ArrayLike, NDArray[np.bool_]]]
     ) -> list[tuple[str, float]]:
-        """Return words for one thing that several photos show, each with a confidence 0 to 1, the best first.
+        """Return words for one object that several photos show, each with a confidence 0 to 1, best first.
 
         Parameters
         ----------
         crops : sequence of (pixels, box, mask)
-            Pixels [H, W, 3], uint8; the box x0, y0, x1, y1 in them, and the thing's mask, bool [H, W].
+            Pixels [H, W, 3], uint8, the object's box x0, y0, x1, y1, and the object's mask, bool [H, W].
 
         Returns
         -------
         list of (str, float)
-            Empty without crops, and from a detector that can only be asked for given words.
+            Empty without crops, and for a detector that has no words of its own.
         """
         ...

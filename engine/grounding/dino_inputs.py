@@ -1,4 +1,4 @@
-"""What Grounding DINO is fed: a caption as token ids, and a photo as a normalised tensor."""
+"""Inputs of Grounding DINO: a caption as token ids, and a photo as a normalised tensor."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from numpy.typing import NDArray
 
 from ..errors import EnvironmentProblem, ModelFileError, PromptError
 
-__all__ = ["Tokens", "caption", "load_tokenizer", "picture", "resized_size"]
+__all__ = ["Tokens", "load_tokenizer", "normalise_picture", "resized_size", "to_caption"]
 
-# Of the pictures that the Swin backbone was trained on, RGB, 0 to 1.
+# Mean and standard deviation of the Swin backbone's training pictures, RGB, 0 to 1.
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
-_SHORTEST, _LONGEST = 800, 1333
+_SHORTEST_SIDE, _LONGEST_SIDE = 800, 1333
 MAX_TOKENS = 256
 
 
-def caption(prompt: str) -> str:
-    """Return `prompt` as the model was trained on captions: in lower case, ending with " .".
+def to_caption(prompt: str) -> str:
+    """Return `prompt` in the form of the model's training captions: in lower case, ending with " .".
 
     Raises
     ------
     PromptError
-        When nothing is left of it.
+        When it contains no words.
 
     Notes
     -----
-    Always one phrase a call. "." and "?" part phrases, and the public ONNX exports were traced with a single one: the
-    mask that keeps phrases apart is frozen in their graph, so a second phrase would be read wrongly, without an
-    error. Both marks inside a prompt therefore become spaces.
+    A caption is always one phrase. "." and "?" separate phrases, but the public ONNX exports were traced with a single
+    phrase: the mask that separates phrases is a constant in their graph, so a second phrase would be processed wrongly
+    without an error. Both marks are therefore replaced with spaces.
     """
     words = " ".join(re.sub(r"[.?]", " ", prompt.lower()).split())
     if not words:
@@ -42,12 +42,12 @@ def caption(prompt: str) -> str:
 
 @dataclass(frozen=True)
 class Tokens:
-    """A caption for the model.
+    """A caption as input of the model.
 
     Attributes
     ----------
     ids, attention : arrays of shape [1, L], int64
-        ``attention`` is 1 where a token is, 0 where padding is.
+        ``attention`` is 1 for tokens and 0 for padding.
     words : tuple of str
         The text of each token, empty for special ones and padding.
     """
@@ -58,18 +58,18 @@ class Tokens:
 
 
 class Tokenizer:
-    """bert-base-uncased's, from its ``tokenizer.json``."""
+    """The tokenizer of bert-base-uncased, read from its ``tokenizer.json``."""
 
     def __init__(self, path: Path) -> None:
         try:
             import tokenizers
         except ImportError as error:
             raise EnvironmentProblem(
-                "The package tokenizers is not in the engine's environment. Set up the engine anew."
+                "The package tokenizers is not installed in the engine's environment. Set up the engine again."
             ) from error
         try:
             self._tokenizer = tokenizers.Tokenizer.from_file(str(path))
-        except Exception as error:  # tokenizers raises the bare Exception
+        except Exception as error:  # tokenizers raises plain Exception
             raise ModelFileError(
                 f"The tokenizer file {path} cannot be read ({error}). Delete it and its record, then run: "
                 "python -m engine models fetch grounding-dino-tokenizer"
@@ -78,7 +78,7 @@ class Tokenizer:
         self._tokenizer.no_padding()
 
     def __call__(self, text: str, length: int | None) -> Tokens:
-        """Return the tokens of `text`, padded to `length` where the export has a fixed one.
+        """Return the tokens of `text`, padded to `length` if the export has a fixed length.
 
         Raises
         ------
@@ -87,12 +87,14 @@ class Tokenizer:
         """
         encoded = self._tokenizer.encode(text)
         ids, special = list(encoded.ids), list(encoded.special_tokens_mask)
-        most = min(length or MAX_TOKENS, MAX_TOKENS)
-        if len(ids) > most:
-            raise PromptError(f"The prompt has {len(ids)} word pieces, {most} at most are read. Use fewer words.")
+        max_tokens = min(length or MAX_TOKENS, MAX_TOKENS)
+        if len(ids) > max_tokens:
+            raise PromptError(
+                f"The prompt has {len(ids)} word pieces; the model reads at most {max_tokens}. Use fewer words."
+            )
         padding = (length or len(ids)) - len(ids)
         attention = [1] * len(ids) + [0] * padding
-        words = ["" if mark else token for token, mark in zip(encoded.tokens, special, strict=True)]
+        words = ["" if is_special else token for token, is_special in zip(encoded.tokens, special, strict=True)]
         return Tokens(
             np.array([ids + [0] * padding], np.int64), np.array([attention], np.int64), (*words, *[""] * padding)
         )
@@ -104,42 +106,44 @@ def load_tokenizer(path: Path) -> Tokenizer:
     Raises
     ------
     ModelFileError
-        When it is missing or damaged.
+        When the file is missing or damaged.
     EnvironmentProblem
         When the package ``tokenizers`` is missing.
     """
     return Tokenizer(path)
 
 
-def resized_size(height: int, width: int, shortest: int = _SHORTEST, longest: int = _LONGEST) -> tuple[int, int]:
-    """Return height and width of a photo whose shorter side becomes `shortest`, the longer one at most `longest`.
+def resized_size(
+    height: int, width: int, shortest: int = _SHORTEST_SIDE, longest: int = _LONGEST_SIDE
+) -> tuple[int, int]:
+    """Return height and width of a photo resized so that its shorter side is `shortest`, its longer at most `longest`.
 
-    Decimals are cut off or rounded as the model's own preprocessing does, so that its grid of features is the same.
+    Truncates and rounds in the same places as the model's own preprocessing, so that its feature grid is the same.
     """
     small, large = min(height, width), max(height, width)
     exact = float(shortest)
     if large / small * shortest > longest:
         exact = longest * small / large
     rounded = round(exact)
-    other = max(1, int((exact if exact != shortest else rounded) * large / small))
+    longer = max(1, int((exact if exact != shortest else rounded) * large / small))
     if rounded == small:
         return height, width
-    return (rounded, other) if height <= width else (other, rounded)
+    return (rounded, longer) if height <= width else (longer, rounded)
 
 
-def picture(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
+def normalise_picture(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
     """Return a photo as the model's input, shape [1, 3, h, w], float32.
 
     Parameters
     ----------
     pixels : array of shape [H, W, 3], uint8, sRGB
     size : (int, int)
-        h, w. Any shape will do: boxes come back as fractions of the photo.
+        h, w. The aspect ratio may change, because boxes are returned as fractions of the photo.
     """
     from PIL import Image
 
     height, width = size
-    # Pillow's bilinear filter widens when shrinking, which is what the model was trained with.
+    # Pillow's bilinear filter is widened when a picture is reduced; the model was trained with it.
     resized = np.asarray(Image.fromarray(pixels).resize((width, height), Image.Resampling.BILINEAR), np.float32)
     normalised = (resized * np.float32(1 / 255) - _MEAN) / _DEVIATION
     return np.ascontiguousarray(normalised.transpose(2, 0, 1)[None], np.float32)

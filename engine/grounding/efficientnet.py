@@ -1,9 +1,9 @@
-"""EfficientNet-Lite2 in torch: pictures in, 1,000 class logits out, per picture or per cell of the last feature map.
+"""EfficientNet-Lite2 in torch: logits of 1,000 classes per picture or per cell of the last feature map.
 
 References
 ----------
 Tan and Le, "EfficientNet: Rethinking Model Scaling for Convolutional Neural Networks", 2019, table 1; the Lite variants
-leave out squeeze-and-excitation, replace swish by ReLU6 and keep stem and head at their base width.
+omit squeeze-and-excitation, replace swish with ReLU6 and keep stem and head at their base width.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _BATCH_NORM_EPSILON = 1e-3
 
 @dataclass(frozen=True)
 class _Stage:
-    """A row of the paper's table 1 after width 1.1 and depth 1.2."""
+    """A row of the paper's table 1, scaled by width 1.1 and depth 1.2."""
 
     blocks: int
     kernel: int
@@ -48,7 +48,7 @@ _STAGES = (
 
 @dataclass(frozen=True)
 class _Convolution:
-    """A convolution with its batch normalisation folded in."""
+    """A convolution that includes its batch normalisation."""
 
     weight: Tensor
     bias: Tensor
@@ -62,27 +62,27 @@ class _Convolution:
 
 
 class EfficientNetLite2:
-    """The classifier.
+    """The image classifier.
 
     Parameters
     ----------
     path : Path
-        ``efficientnet-lite2-9656183e.pth`` from `models.catalogue.locate`.
+        ``efficientnet-lite2-9656183e.pth`` from `models.locate`.
 
     Raises
     ------
     ModelFileError
-        When the file is damaged or holds another network.
+        When the file is damaged or contains another network.
     """
 
     def __init__(self, path: Path) -> None:
         try:
             state: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
-            self._stem = _folded(state, "_conv_stem", "_bn0", stride=2)
-            self._blocks = _blocks(state)
-            self._head = _folded(state, "_conv_head", "_bn1")
+            self._stem = _load_convolution(state, "_conv_stem", "_bn0", stride=2)
+            self._blocks = _load_blocks(state)
+            self._head = _load_convolution(state, "_conv_head", "_bn1")
             self._class_weight, self._class_bias = state["_fc.weight"], state["_fc.bias"]
-        except Exception as error:  # torch.load raises half a dozen unrelated types on a damaged file
+        except Exception as error:  # torch.load raises several unrelated types on a damaged file
             raise ModelFileError(
                 f"The model file {path} is not EfficientNet-Lite2 ({error}). Run: python -m engine models fetch"
             ) from error
@@ -110,15 +110,16 @@ class EfficientNetLite2:
 
     @torch.inference_mode()
     def class_map(self, features: Tensor) -> Tensor:
-        """Return the logits of each cell, shape [B, 1000, h, w]: their mean over cells is exactly `logits`.
+        """Return the logits of each cell, shape [B, 1000, h, w]; their mean over the cells equals `logits`.
 
-        The head is an average over cells and a linear layer, which commute (Zhou et al., "Learning Deep Features
-        for Discriminative Localization", 2016, equation 2).
+        The head averages over cells and then applies a linear layer; the two operations commute (Zhou et al., "Learning
+        Deep Features for Discriminative Localization", 2016, equation 2).
         """
         return functional.conv2d(features, self._class_weight[:, :, None, None], self._class_bias)
 
 
-def _folded(state: dict[str, Tensor], convolution: str, norm: str, *, stride: int = 1) -> _Convolution:
+def _load_convolution(state: dict[str, Tensor], convolution: str, norm: str, *, stride: int = 1) -> _Convolution:
+    """Return the convolution and the batch normalisation of these names as one convolution."""
     weight = state[f"{convolution}.weight"]
     factor = state[f"{norm}.weight"] / torch.sqrt(state[f"{norm}.running_var"] + _BATCH_NORM_EPSILON)
     groups = weight.shape[0] if weight.shape[1] == 1 and weight.shape[0] > 1 else 1
@@ -127,9 +128,10 @@ def _folded(state: dict[str, Tensor], convolution: str, norm: str, *, stride: in
 
 
 _Block = tuple[_Convolution | None, _Convolution, _Convolution, bool]
+"""Expansion (None if omitted), depthwise convolution, projection, and whether the block has a residual connection."""
 
 
-def _blocks(state: dict[str, Tensor]) -> list[_Block]:
+def _load_blocks(state: dict[str, Tensor]) -> list[_Block]:
     blocks: list[_Block] = []
     channels = 32
     for stage in _STAGES:
@@ -138,18 +140,18 @@ def _blocks(state: dict[str, Tensor]) -> list[_Block]:
             stride = stage.stride if position == 0 else 1
             expand = None
             if f"{name}._expand_conv.weight" in state:
-                expand = _folded(state, f"{name}._expand_conv", f"{name}._bn0")
-            depthwise = _folded(state, f"{name}._depthwise_conv", f"{name}._bn1", stride=stride)
-            project = _folded(state, f"{name}._project_conv", f"{name}._bn2")
+                expand = _load_convolution(state, f"{name}._expand_conv", f"{name}._bn0")
+            depthwise = _load_convolution(state, f"{name}._depthwise_conv", f"{name}._bn1", stride=stride)
+            project = _load_convolution(state, f"{name}._project_conv", f"{name}._bn2")
             if depthwise.weight.shape[-1] != stage.kernel or project.weight.shape[0] != stage.channels:
-                raise ValueError(f"block {len(blocks)} has another shape")
+                raise ValueError(f"block {len(blocks)} has an unexpected shape")
             blocks.append((expand, depthwise, project, stride == 1 and channels == stage.channels))
             channels = stage.channels
     return blocks
 
 
 def _pad_same(x: Tensor, kernel: int, stride: int) -> Tensor:
-    """Pad as TensorFlow's SAME does, where the network was trained: an odd pixel goes right and below."""
+    """Pad like TensorFlow's SAME, used in training: if the padding is odd, the extra pixel is added right and below."""
     height, width = x.shape[-2:]
     down = max((-(-height // stride) - 1) * stride + kernel - height, 0)
     across = max((-(-width // stride) - 1) * stride + kernel - width, 0)

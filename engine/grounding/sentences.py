@@ -1,4 +1,4 @@
-"""Turns short texts into unit vectors whose dot product says how alike they mean (all-MiniLM-L6-v2, int8)."""
+"""Sentence embeddings (all-MiniLM-L6-v2, int8): unit vectors whose dot product is the similarity of two texts."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from ..models import open_session
 __all__ = ["SentenceEncoder"]
 
 _WIDTH = 384
-
 _MAX_TOKENS = 256
-_BATCH = 64
+_BATCH_SIZE = 64
 
 
 class SentenceEncoder:
-    """all-MiniLM-L6-v2 through onnxruntime: mean over the token vectors, then unit length.
+    """all-MiniLM-L6-v2 in onnxruntime: mean over the token vectors, normalised to unit length.
 
     Parameters
     ----------
     model, tokenizer : Path
-        The ONNX file and its ``tokenizer.json``, from `models.catalogue.locate`.
+        The ONNX file and its ``tokenizer.json``, from `models.locate`.
     threads : int
         Worker threads, 2 by default.
 
@@ -46,15 +45,15 @@ class SentenceEncoder:
             from tokenizers import Tokenizer
         except ImportError as error:
             raise EnvironmentProblem(
-                "The package tokenizers is not in the engine's environment. Set up the engine anew."
+                "The package tokenizers is not installed in the engine's environment. Set up the engine again."
             ) from error
         self.width = _WIDTH
-        self.fingerprint = model.name  # the catalogue pins the file's hash to its name
+        self.fingerprint = model.name  # the catalogue pins the hash of the file of this name
         self._session = open_session(model, threads=threads)
-        self._inputs = [given.name for given in self._session.get_inputs()]
+        self._inputs = [node.name for node in self._session.get_inputs()]
         try:
             self._tokenizer = Tokenizer.from_file(str(tokenizer))
-        except Exception as error:  # tokenizers raises the bare Exception
+        except Exception as error:  # tokenizers raises plain Exception
             raise ModelFileError(
                 f"The tokenizer file {tokenizer} cannot be read ({error}). Run: python -m engine models fetch"
             ) from error
@@ -62,7 +61,7 @@ class SentenceEncoder:
         self._tokenizer.enable_padding()
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        """Return one unit vector a text.
+        """Return one unit vector per text.
 
         Parameters
         ----------
@@ -72,18 +71,18 @@ class SentenceEncoder:
         -------
         array of shape [len(texts), 384], float32
         """
-        parts = [self._encode_some(texts[i : i + _BATCH]) for i in range(0, len(texts), _BATCH)]
+        parts = [self._encode_batch(texts[i : i + _BATCH_SIZE]) for i in range(0, len(texts), _BATCH_SIZE)]
         return np.concatenate(parts) if parts else np.zeros((0, _WIDTH), np.float32)
 
-    def _encode_some(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        encoded = self._tokenizer.encode_batch(list(texts))
-        attention = np.array([one.attention_mask for one in encoded], np.int64)
-        given = {
-            "input_ids": np.array([one.ids for one in encoded], np.int64),
+    def _encode_batch(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        encodings = self._tokenizer.encode_batch(list(texts))
+        attention = np.array([encoding.attention_mask for encoding in encodings], np.int64)
+        inputs = {
+            "input_ids": np.array([encoding.ids for encoding in encodings], np.int64),
             "attention_mask": attention,
-            "token_type_ids": np.array([one.type_ids for one in encoded], np.int64),
+            "token_type_ids": np.array([encoding.type_ids for encoding in encodings], np.int64),
         }
-        output = np.asarray(self._session.run(None, {name: given[name] for name in self._inputs})[0], np.float32)
+        output = np.asarray(self._session.run(None, {name: inputs[name] for name in self._inputs})[0], np.float32)
         if output.ndim == 3:
             weights = attention[..., None].astype(np.float32)
             output = (output * weights).sum(axis=1) / weights.sum(axis=1)

@@ -1,4 +1,4 @@
-"""Settings of the grounding room."""
+"""Settings of the grounding package."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ __all__ = ["GroundingSettings"]
 
 @dataclass(frozen=True)
 class GroundingSettings:
-    """Which of Grounding DINO's answers are kept.
+    """Criteria for keeping boxes of Grounding DINO.
 
-    The defaults lie between those of the paper "Gaussian Heritage" and of the model's own demo; none was measured here.
+    The defaults are between those of the paper "Gaussian Heritage" and of the model's demo. They were not measured.
 
     Attributes
     ----------
     box_threshold : float
-        Boxes whose best token scores lower are dropped.
+        Boxes whose best token has a lower score are discarded.
     text_threshold : float
-        Tokens of the prompt that score higher make a box's label.
+        Tokens of the prompt with a higher score form the label of a box.
     max_overlap : float
-        Of two boxes with a higher IoU than this the one with the lower score is dropped; 1 keeps all.
+        Of two boxes whose IoU is higher than this value, the one with the lower score is discarded; 1 keeps all boxes.
     min_fit : float
-        Where segments are given: a box is dropped when no segment fits it better than this, 0 to 1.
+        If segments are given, boxes whose best segment has a smaller fit (0 to 1) are discarded; see `best_segments`.
     """
 
     box_threshold: float = 0.3

@@ -1,4 +1,4 @@
-"""From a person's words to classes of the classifier: same word, curators' word, or likeness of meaning."""
+"""Map a prompt to classes of the classifier: by equal words, by heritage words, or by similarity of meaning."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ __all__ = ["N_CLASSES", "Vocabulary", "read_class_words"]
 
 N_CLASSES = 1000
 _HERE = Path(__file__).parent
-# Calibrated on 50 words that a class fits and 48 that none fits: 0.61 keeps 88 % of the former and refuses 91 % of
-# the latter by likeness alone (same words and curators' words, which are certain, come before it).
-_KNOWN = 0.61
-# Classes this much less alike than the best still count: "clock" is a wall clock and a digital clock.
-_SPREAD = 0.08
+# Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
+_MIN_SIMILARITY = 0.61
+# Classes whose similarity is this much lower than the best one also match: "clock" is a wall clock and a digital clock.
+_SIMILARITY_SPREAD = 0.08
 _N_NEAREST = 5
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
 _AFTER_NOUN = re.compile(r"\s+(?:of|with|in|on|from|for|by|at|near|under|behind|without|made|showing)\s+.*$")
@@ -35,125 +34,125 @@ class _ClassWords:
     definition: str
 
 
-def _lines(file: Path) -> list[list[str]]:
+def _read_rows(file: Path) -> list[list[str]]:
     text = file.read_text(encoding="utf-8")
     return [line.split("\t") for line in text.splitlines() if line and not line.startswith("#")]
 
 
 def read_class_words() -> list[tuple[str, ...]]:
-    """Return the words of each class, in the order of the classifier's outputs, the usual one first."""
+    """Return the words of each class, in the order of the classifier's outputs; the usual word of a class is first."""
     return [entry.words for entry in _read_classes()]
 
 
 def _read_classes() -> list[_ClassWords]:
-    lines = _lines(_HERE / "imagenet_classes.txt")
-    return [_ClassWords(tuple(words.split(", ")), definition) for _, words, definition in lines]
+    rows = _read_rows(_HERE / "imagenet_classes.txt")
+    return [_ClassWords(tuple(words.split(", ")), definition) for _, words, definition in rows]
 
 
 class Vocabulary:
-    """The classes and how near a prompt comes to each.
+    """The words of the classes, and the similarity of prompts to them.
 
     Parameters
     ----------
     encoder : SentenceEncoder
     derived : Path or None
-        Folder where the vectors of all class words are kept between runs (8 CPU seconds the first time); None
-        keeps nothing.
+        Folder in which the vectors of all class words are cached between runs; computing them takes 8 CPU seconds. None
+        disables the cache.
     """
 
     def __init__(self, encoder: SentenceEncoder, derived: Path | None = None) -> None:
         self._encoder = encoder
         self._derived = derived
         self._classes = _read_classes()
-        self._known_words: dict[str, set[int]] = {}
-        for number, entry in enumerate(self._classes):
+        self._classes_of_word: dict[str, set[int]] = {}
+        for index, entry in enumerate(self._classes):
             for word in entry.words:
-                self._known_words.setdefault(word.lower(), set()).add(number)
-        for word, meant in _lines(_HERE / "heritage_words.txt"):
-            numbers = set().union(*(self._known_words[name] for name in meant.split(", ")))
-            self._known_words.setdefault(word, set()).update(numbers)
+                self._classes_of_word.setdefault(word.lower(), set()).add(index)
+        for word, synonyms in _read_rows(_HERE / "heritage_words.txt"):
+            indices = set().union(*(self._classes_of_word[synonym] for synonym in synonyms.split(", ")))
+            self._classes_of_word.setdefault(word, set()).update(indices)
 
-    def name(self, number: int) -> str:
+    def name(self, index: int) -> str:
         """Return the usual word of a class."""
-        return self._classes[number].words[0]
+        return self._classes[index].words[0]
 
-    def weights(self, prompt: str) -> dict[int, float]:
-        """Return the classes that `prompt` means with their likeness, best first; empty when it means none.
+    def class_weights(self, prompt: str) -> dict[int, float]:
+        """Return the classes that match `prompt` with their similarity, best first; empty if no class matches.
 
         Raises
         ------
         PromptError
             When `prompt` is empty.
         """
-        certain = self._same_word(prompt)
+        certain = self._classes_by_word(prompt)
         if certain:
             return dict.fromkeys(sorted(certain), 1.0)
-        likeness = self._likeness(prompt)
-        best = float(likeness.max())
-        if best < _KNOWN:
+        similarity = self._similarities(prompt)
+        best = float(similarity.max())
+        if best < _MIN_SIMILARITY:
             return {}
-        chosen = np.flatnonzero(likeness >= max(_KNOWN, best - _SPREAD))
-        return {int(i): float(likeness[i]) for i in chosen[np.argsort(-likeness[chosen], kind="stable")]}
+        matching = np.flatnonzero(similarity >= max(_MIN_SIMILARITY, best - _SIMILARITY_SPREAD))
+        return {int(i): float(similarity[i]) for i in matching[np.argsort(-similarity[matching], kind="stable")]}
 
     def check(self, prompt: str) -> PromptCheck:
-        """Return whether `prompt` means a class, and which; or the nearest ones.
+        """Return whether `prompt` matches a class, with the matching classes or the nearest ones.
 
         Raises
         ------
         PromptError
             When `prompt` is empty.
         """
-        weights = self.weights(prompt)
-        if weights:
-            matches = [(self.name(number), round(likeness, 3)) for number, likeness in weights.items()]
+        class_weights = self.class_weights(prompt)
+        if class_weights:
+            matches = [(self.name(index), round(similarity, 3)) for index, similarity in class_weights.items()]
             words = ", ".join(word for word, _ in matches[:_N_NEAREST])
-            return PromptCheck(True, matches, f"{prompt.strip()!r} is looked for as: {words}.")
-        likeness = self._likeness(prompt)
-        nearest = np.argsort(-likeness, kind="stable")[:_N_NEAREST]
-        matches = [(self.name(int(i)), round(float(likeness[i]), 3)) for i in nearest]
+            return PromptCheck(True, matches, f"{prompt.strip()!r} is searched for as: {words}.")
+        similarities = self._similarities(prompt)
+        nearest = np.argsort(-similarities, kind="stable")[:_N_NEAREST]
+        matches = [(self.name(int(i)), round(float(similarities[i]), 3)) for i in nearest]
         words = ", ".join(word for word, _ in matches)
         return PromptCheck(
             False,
             matches,
-            f"{prompt.strip()!r} is outside what the offline vocabulary knows; the nearest words are: {words}. "
-            "Use one of them if it fits, or click on the object instead.",
+            f"{prompt.strip()!r} is outside the offline vocabulary; the nearest words are: {words}. Use one of them if "
+            "it fits, or click on the object instead.",
         )
 
-    def _same_word(self, prompt: str) -> set[int]:
-        """Classes one of whose words is the prompt, its singular, or its noun ("a red vase with handles")."""
-        text = _normal(prompt)
+    def _classes_by_word(self, prompt: str) -> set[int]:
+        """Return the classes with a word equal to the prompt, its singular, or its noun ("a red vase with handles")."""
+        text = _normalise(prompt)
         noun = _AFTER_NOUN.sub("", text)
         words = noun.split()
-        # "church bell" is a curators' word and must win over "bell", so the longest ending comes first.
+        # The longest ending is tried first: "church bell" is a heritage word and must have priority over "bell".
         endings = [text, *(" ".join(words[i:]) for i in range(len(words)))]
         for ending in endings:
-            # "tea pot" is a teapot, not a pot.
+            # Words are also joined: "tea pot" is a teapot, not a pot.
             for form in (*_singulars(ending), *_singulars(ending.replace(" ", ""))):
-                if form in self._known_words:
-                    return self._known_words[form]
+                if form in self._classes_of_word:
+                    return self._classes_of_word[form]
         return set()
 
-    def _likeness(self, prompt: str) -> NDArray[np.float32]:
-        """Mean of the likeness to a class's best word and to its definition, shape [1000].
+    def _similarities(self, prompt: str) -> NDArray[np.float32]:
+        """Return the similarity to each class, shape [1000]: the mean over its best word and its definition.
 
-        The word alone takes "rock" for "rocker" and "bust" for "bustard": MiniLM reads rare words by their
-        spelling. The definition does not.
+        See docs/design_notes/grounding.md for why the definition is included.
         """
-        vector = self._encoder.encode([_normal(prompt)])[0]
-        words, definitions, owner = self._vectors
+        vector = self._encoder.encode([_normalise(prompt)])[0]
+        words, definitions, class_of_word = self._vectors
         best = np.full(N_CLASSES, -1.0, np.float32)
-        np.maximum.at(best, owner, words @ vector)
+        np.maximum.at(best, class_of_word, words @ vector)
         return np.asarray((best + definitions @ vector) / 2, np.float32)
 
     @cached_property
     def _vectors(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+        """Vectors of all words, vectors of the definitions, and the class of each word."""
         words = [word for entry in self._classes for word in entry.words]
-        owner = np.array([number for number, entry in enumerate(self._classes) for _ in entry.words])
+        class_of_word = np.array([index for index, entry in enumerate(self._classes) for _ in entry.words])
         definitions = [f"{', '.join(entry.words)}: {entry.definition}" for entry in self._classes]
-        vectors = self._kept(words + definitions)
-        return vectors[: len(words)], vectors[len(words) :], owner
+        vectors = self._encode_cached(words + definitions)
+        return vectors[: len(words)], vectors[len(words) :], class_of_word
 
-    def _kept(self, texts: list[str]) -> NDArray[np.float32]:
+    def _encode_cached(self, texts: list[str]) -> NDArray[np.float32]:
         file = None
         if self._derived is not None:
             file = self._derived / f"class-words-{stage_key(texts, self._encoder.fingerprint)[:16]}.npy"
@@ -163,8 +162,8 @@ class Vocabulary:
                     if vectors.shape == (len(texts), self._encoder.width):
                         return np.asarray(vectors, np.float32)
                 except (OSError, ValueError, EOFError):
-                    file.unlink(missing_ok=True)  # it is derived: making it anew is the cure
-        # Texts of like length together: padding would otherwise cost more than the words.
+                    file.unlink(missing_ok=True)  # derived data: computed again below
+        # Texts of similar length are encoded together, because padding would otherwise cost more than the words.
         order = np.argsort([len(text) for text in texts], kind="stable")
         vectors = np.empty((len(texts), self._encoder.width), np.float32)
         vectors[order] = self._encoder.encode([texts[i] for i in order])
@@ -174,7 +173,8 @@ class Vocabulary:
         return vectors
 
 
-def _normal(prompt: str) -> str:
+def _normalise(prompt: str) -> str:
+    """Return the prompt in lower case, without articles and punctuation."""
     text = re.sub(r"[^\w\s'-]", " ", prompt.lower()).replace("_", " ")
     text = _ARTICLES.sub("", " ".join(text.split()))
     if not any(character.isalnum() for character in text):
@@ -183,7 +183,7 @@ def _normal(prompt: str) -> str:
 
 
 def _singulars(text: str) -> list[str]:
-    """`text` and what it may be the plural of."""
+    """Return `text` and the words that it may be the plural of."""
     forms = [text]
     if text.endswith("ies"):
         forms.append(text[:-3] + "y")

@@ -1,7 +1,7 @@
-"""Finds classes in a photo without segments: windows of several sizes over the feature map, boxes from class maps.
+"""Find classes in a photo without segments, with windows of several sizes on the classifier's class map.
 
-The classifier's head is a mean over cells and a linear layer, so the class map gives the logits of any window as the
-mean of its cells: one pass of the network for each size replaces a thousand crops.
+The classifier's head averages over cells and applies a linear layer. The logits of any window are therefore the mean of
+its cells in the class map, and one pass of the network per size replaces about a thousand crops.
 """
 
 from __future__ import annotations
@@ -18,83 +18,100 @@ from .efficientnet import INPUT_SIDE, EfficientNetLite2
 
 __all__ = ["Window", "find_windows"]
 
-# Windows of this many cells see about what the network saw in training (260 pixels are 8.1 cells).
-_CELLS = 7
-_CELL = 32
-# The photo's longest side in windows: an object fills a half, a third or a fifth of it.
-_SIZES = (1.0, 2.0, 3.2, 5.0)
+# A window of this many cells covers about the area that the network saw in training (260 pixels are 8.1 cells).
+_WINDOW_CELLS = 7
+_CELL_PIXELS = 32
+# Scales at which the photo is classified, in windows along its longest side.
+_SCALES = (1.0, 2.0, 3.2, 5.0)
 _MAX_OVERLAP = 0.3
-_MAX_FOUND = 12
-# Share of the class map's highest value in the window above which a cell belongs to the object.
-_INSIDE = 0.35
+_MAX_WINDOWS = 12
+# Cells of a window whose class map value is at least this fraction of the window's maximum belong to the object.
+_MIN_ACTIVATION = 0.35
 
 
 @dataclass(frozen=True)
 class Window:
-    """A box x0, y0, x1, y1 in photo pixels, the class seen most in it and the probability of all classes meant."""
+    """A box in a photo that probably shows one of several classes.
+
+    Attributes
+    ----------
+    box : tuple of 4 float
+        x0, y0, x1, y1 in photo pixels.
+    probability : float
+        Weighted sum of the probabilities of the classes.
+    class_index : int
+        The most probable of the classes.
+    """
 
     box: tuple[float, float, float, float]
     probability: float
-    number: int
+    class_index: int
 
 
-def find_windows(classifier: EfficientNetLite2, pixels: NDArray[np.uint8], weights: dict[int, float]) -> list[Window]:
-    """Return boxes where the classes of `weights` are likely, best first, at most 12 and not overlapping much.
+def find_windows(
+    classifier: EfficientNetLite2, pixels: NDArray[np.uint8], class_weights: dict[int, float]
+) -> list[Window]:
+    """Return up to 12 boxes with a high probability of the classes, best first, with little overlap.
 
     Parameters
     ----------
     classifier : EfficientNetLite2
     pixels : array of shape [H, W, 3], uint8, sRGB
-    weights : dict of int to float
-        Class numbers and what a hit on each counts.
+    class_weights : dict of int to float
+        Class index to weight.
     """
-    candidates = [window for size in _SIZES for window in _of_size(classifier, pixels, weights, size)]
+    candidates = [
+        window for n_windows in _SCALES for window in _find_at_scale(classifier, pixels, class_weights, n_windows)
+    ]
     candidates.sort(key=lambda window: -window.probability)
     kept: list[Window] = []
     for window in candidates:
-        if len(kept) < _MAX_FOUND and all(_overlap(window.box, other.box) <= _MAX_OVERLAP for other in kept):
+        if len(kept) < _MAX_WINDOWS and all(_overlap(window.box, other.box) <= _MAX_OVERLAP for other in kept):
             kept.append(window)
     return kept
 
 
-def _of_size(
-    classifier: EfficientNetLite2, pixels: NDArray[np.uint8], weights: dict[int, float], size: float
+def _find_at_scale(
+    classifier: EfficientNetLite2, pixels: NDArray[np.uint8], class_weights: dict[int, float], n_windows: float
 ) -> list[Window]:
+    """Return the local maxima of the class probability with `n_windows` windows along the longest side."""
     height, width = pixels.shape[:2]
-    scale = size * INPUT_SIDE / max(height, width)
-    shape = (max(_CELL, round(width * scale)), max(_CELL, round(height * scale)))
+    scale = n_windows * INPUT_SIDE / max(height, width)
+    shape = (max(_CELL_PIXELS, round(width * scale)), max(_CELL_PIXELS, round(height * scale)))
     resized = cv2.resize(pixels, shape, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
     picture = torch.from_numpy(resized).permute(2, 0, 1)[None].float()
     cells = classifier.class_map(classifier.features(picture))
-    window = (min(_CELLS, cells.shape[2]), min(_CELLS, cells.shape[3]))
+    window = (min(_WINDOW_CELLS, cells.shape[2]), min(_WINDOW_CELLS, cells.shape[3]))
     logits = functional.avg_pool2d(cells, window, stride=1)[0]
     probabilities = logits.softmax(dim=0).numpy()
-    numbers = np.array(list(weights))
-    meant = (probabilities[numbers] * np.array(list(weights.values()), np.float32)[:, None, None]).sum(axis=0)
-    best = numbers[probabilities[numbers].argmax(axis=0)]
-    pooled = torch.from_numpy(meant)[None, None]
+    classes = np.array(list(class_weights))
+    combined = (probabilities[classes] * np.array(list(class_weights.values()), np.float32)[:, None, None]).sum(axis=0)
+    best = classes[probabilities[classes].argmax(axis=0)]
+    pooled = torch.from_numpy(combined)[None, None]
     peaks = np.argwhere((pooled == functional.max_pool2d(pooled, 3, stride=1, padding=1))[0, 0].numpy())
-    pixels_per_cell = (width * _CELL / shape[0], height * _CELL / shape[1])
-    found = []
+    pixels_per_cell = (width * _CELL_PIXELS / shape[0], height * _CELL_PIXELS / shape[1])
+    windows = []
     for row, column in peaks:
-        number = int(best[row, column])
-        inside = cells[0, number, row : row + window[0], column : column + window[1]].numpy()
-        x0, y0, x1, y1 = _tight(inside)
+        class_index = int(best[row, column])
+        window_cells = cells[0, class_index, row : row + window[0], column : column + window[1]].numpy()
+        x0, y0, x1, y1 = _active_box(window_cells)
         box = (
             (column + x0) * pixels_per_cell[0],
             (row + y0) * pixels_per_cell[1],
             min(float(width), (column + x1) * pixels_per_cell[0]),
             min(float(height), (row + y1) * pixels_per_cell[1]),
         )
-        found.append(
-            Window((float(box[0]), float(box[1]), float(box[2]), float(box[3])), float(meant[row, column]), number)
+        windows.append(
+            Window(
+                (float(box[0]), float(box[1]), float(box[2]), float(box[3])), float(combined[row, column]), class_index
+            )
         )
-    return found
+    return windows
 
 
-def _tight(class_map: NDArray[np.float32]) -> tuple[int, int, int, int]:
-    """Return the box x0, y0, x1, y1 in cells around the connected active cells that hold the highest one."""
-    active = (class_map >= _INSIDE * class_map.max()).astype(np.uint8)
+def _active_box(class_map: NDArray[np.float32]) -> tuple[int, int, int, int]:
+    """Return the box x0, y0, x1, y1 in cells around the connected component of active cells with the maximum."""
+    active = (class_map >= _MIN_ACTIVATION * class_map.max()).astype(np.uint8)
     _, components, statistics, _ = cv2.connectedComponentsWithStats(active, connectivity=8)
     component = int(components.flat[int(class_map.argmax())])
     x, y, w, h = (int(value) for value in statistics[component, :4])
@@ -102,8 +119,8 @@ def _tight(class_map: NDArray[np.float32]) -> tuple[int, int, int, int]:
 
 
 def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> float:
-    """Intersection over the smaller box: a window inside a larger one is the same find."""
-    across = max(0.0, min(a[2], b[2]) - max(a[0], b[0]))
-    down = max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
+    """Return the intersection over the smaller box, 1 if one window is inside the other."""
+    width = max(0.0, min(a[2], b[2]) - max(a[0], b[0]))
+    height = max(0.0, min(a[3], b[3]) - max(a[1], b[1]))
     smaller = min((a[2] - a[0]) * (a[3] - a[1]), (b[2] - b[0]) * (b[3] - b[1]))
-    return across * down / smaller if smaller > 0 else 0.0
+    return width * height / smaller if smaller > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Segment Anything on photos: one int32 label map per photo, and masks of clicks and boxes."""
+"""Segment Anything on photos: one int32 label map per photo, and masks for clicks and boxes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .embeddings import EmbeddingFolder
+    from .mask_geometry import mask_box, mask_iou
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
     from .storage import label_map_path, read_label_map
@@ -20,6 +21,8 @@ __all__ = [
     "load_default_sam",
     "load_sam",
     "make_masks",
+    "mask_box",
+    "mask_iou",
     "read_label_map",
 ]
 

@@ -1,7 +1,8 @@
-"""Segment Anything's own generator (Kirillov et al. 2023, appendix B): a grid of clicks, judged, thinned out by boxes.
+"""Segment Anything's published mask generator (Kirillov et al. 2023, appendix B).
 
-One pass over the whole photo, without its crops. Asked for by the presets ``published`` and ``paper`` of
-`MaskSettings`; with 1,024 clicks a photo it takes many times as long as `engine.masks.automatic`.
+Masks of a grid of clicks are filtered by predicted IoU and stability, then by non-maximum suppression of their bounding
+boxes. One pass over the whole photo, without the crops of the original. The presets ``published`` and ``paper`` of
+`MaskSettings` use it; with 1,024 clicks per photo it is many times slower than `engine.masks.automatic`.
 """
 
 from __future__ import annotations
@@ -11,17 +12,18 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck
+from .mask_geometry import mask_box
 from .sam import Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
-__all__ = ["STOPPED", "masks_of_grid", "stability"]
+__all__ = ["CANCELLED_MESSAGE", "generate_grid_masks", "stability_score"]
 
 Mask = NDArray[np.bool_]
 
-STOPPED = "Stopped while cutting a photo into segments; the photos done before are kept."
+CANCELLED_MESSAGE = "Stopped while segmenting a photo; the label maps of earlier photos are kept."
 
 
-def masks_of_grid(
+def generate_grid_masks(
     embedding: Embedding,
     sam: SegmentAnything,
     settings: MaskSettings,
@@ -29,65 +31,68 @@ def masks_of_grid(
     *,
     should_stop: StopCheck,
 ) -> list[Mask]:
-    """Return the masks of a photo, the one whose predicted IoU is highest first.
+    """Return the masks of a photo, sorted by predicted IoU, highest first.
 
     Parameters
     ----------
     embedding : Embedding
     sam : SegmentAnything
     settings : MaskSettings
-        ``grid`` clicks along each side; `max_overlap` is of the masks' bounding boxes.
+        ``grid`` clicks along each side; `max_overlap` applies to the bounding boxes of the masks.
     size : (int, int)
         Height and width of the masks.
     should_stop : StopCheck
-        Asked before every click.
+        Called before each click.
 
     Raises
     ------
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returns True.
     """
     masks: list[Mask] = []
     scores: list[float] = []
     for point in _grid(embedding, settings.grid):
         if should_stop():
-            raise Cancelled(STOPPED)
+            raise Cancelled(CANCELLED_MESSAGE)
         scales = sam.predict_scales(embedding, [point], [1])
         for low, iou in scales[-1:] if settings.scales == "whole" else scales:
             if iou <= settings.min_iou:
                 continue
             logits = photo_logits(low, embedding, *size)
             mask = logits > 0
-            if mask.any() and stability(logits) > settings.min_stability:
+            if mask.any() and stability_score(logits) > settings.min_stability:
                 masks.append(mask)
                 scores.append(iou)
-    boxes = np.array([_box(mask) for mask in masks], np.int64).reshape(-1, 4)
-    return [masks[i] for i in _kept(boxes, np.array(scores), settings.max_overlap)]
+    boxes = np.array([_inclusive_box(mask) for mask in masks], np.int64).reshape(-1, 4)
+    return [masks[i] for i in _suppress_overlapping(boxes, np.array(scores), settings.max_overlap)]
 
 
-def stability(logits: NDArray[np.float32]) -> float:
-    """Return the IoU of a mask at logit +1 with the one at -1: the former lies inside, so the ratio of their areas."""
+def stability_score(logits: NDArray[np.float32]) -> float:
+    """Return the IoU of the masks at logit thresholds +1 and -1, which is the ratio of their areas."""
     return float(np.count_nonzero(logits > 1)) / max(1.0, float(np.count_nonzero(logits > -1)))
 
 
-def _grid(embedding: Embedding, along: int) -> list[tuple[float, float]]:
-    """Return x, y of ``along`` x ``along`` clicks, row by row.
+def _grid(embedding: Embedding, n_cells: int) -> list[tuple[float, float]]:
+    """Return x, y of ``n_cells`` x ``n_cells`` clicks, row by row.
 
-    Meta counts pixels from their corners, and its decoder adds half a pixel of the encoder's frame.
+    In Meta's generator a pixel's coordinates are those of its corner, and its decoder adds half a pixel of the
+    encoder's frame. The half pixel added here gives the same positions.
     """
     half = 0.5 / embedding.scale
-    shares = [(i + 0.5) / along for i in range(along)]
-    return [(x * embedding.width + half, y * embedding.height + half) for y in shares for x in shares]
+    fractions = [(i + 0.5) / n_cells for i in range(n_cells)]
+    return [(x * embedding.width + half, y * embedding.height + half) for y in fractions for x in fractions]
 
 
-def _box(mask: Mask) -> tuple[int, int, int, int]:
-    """Return the first and last column and row, x0, y0, x1, y1, as Meta's generator takes them."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]), int(rows[-1])
+def _inclusive_box(mask: Mask) -> tuple[int, int, int, int]:
+    """Return the first and last column and row, x0, y0, x1, y1, the convention of Meta's generator."""
+    box = mask_box(mask)
+    assert box is not None, "empty masks were dropped before"
+    x0, y0, x1, y1 = box
+    return x0, y0, x1 - 1, y1 - 1
 
 
-def _kept(boxes: NDArray[np.int64], scores: NDArray[np.float64], max_overlap: float) -> list[int]:
-    """Return which boxes stay, best first: each drops those behind it whose IoU with it is above `max_overlap`."""
+def _suppress_overlapping(boxes: NDArray[np.int64], scores: NDArray[np.float64], max_overlap: float) -> list[int]:
+    """Return the indices of the boxes that non-maximum suppression keeps, highest score first."""
     kept: list[int] = []
     order = np.argsort(-scores, kind="stable")
     areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1)

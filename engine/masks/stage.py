@@ -1,6 +1,7 @@
-"""The masks stage: a label map for each photo that is wanted, kept from run to run while its photo stays the same.
+"""The masks stage: one label map per selected photo, reused in later runs while photo and settings are unchanged.
 
-SAM's embeddings of these photos stay beside them, for clicks and texts later (`engine.masks.embeddings`).
+SAM's embeddings of these photos are stored beside the label maps, for later clicks and texts
+(`engine.masks.embeddings`).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .storage import label_map_path, read_recipe, write_label_map
 
 __all__ = ["make_masks"]
 
-# Raised when the way masks are made changes, so that label maps of an older engine are made anew.
+# Increased when the method changes, so that label maps of an older engine are computed again.
 _METHOD_VERSION = 1
 
 
@@ -38,13 +39,13 @@ def make_masks(
     emit: Emit,
     should_stop: StopCheck,
 ) -> dict[str, Path]:
-    """Return the label map files of the photos `names`, making those that are missing or out of date.
+    """Return the label map files of the photos `names`, computing those that are missing or out of date.
 
     Parameters
     ----------
     photo_set : PhotoSet
     camera_set : CameraSet
-        Registered photos: a label map of a photo without a camera would be of no use.
+        Registered photos. Label maps of photos without a camera cannot be used.
     names : sequence of str
         Photo names.
     folder : Path
@@ -52,38 +53,40 @@ def make_masks(
     settings : MaskSettings
     sam : SegmentAnything
     emit : Emit
-        Gets a `Progress` of stage ``masks`` a photo.
+        Receives a `Progress` of stage ``masks`` per photo.
     should_stop : StopCheck
-        Asked before each photo and each click.
+        Called before each photo and each click.
 
     Raises
     ------
     MaskError
-        When a name is not that of a registered photo.
+        When one of `names` is not a registered photo.
     PhotoError
         When a photo can no longer be read.
     Cancelled
-        When `should_stop` says so; label maps written before stay.
+        When `should_stop` returns True; label maps written before are kept.
 
     Notes
     -----
-    About 3 seconds a photo on two idle cores.
+    About 3 seconds per photo on two idle cores.
     """
     photos = {photo.name: photo for photo in photo_set.photos}
     registered = {camera.photo for camera in camera_set.cameras}
     for name in names:
         if name not in photos or name not in registered:
-            raise MaskError(f"{name} is not a registered photo of {photo_set.folder}; masks are made for those only.")
+            raise MaskError(
+                f"{name} is not a registered photo of {photo_set.folder}; only registered photos can have masks."
+            )
     paths = {name: label_map_path(folder, name) for name in names}
     stale = [name for name in names if read_recipe(paths[name]) != _recipe(photos[name], settings)]
     embeddings = EmbeddingFolder(folder)
     start = time.perf_counter()
-    for done, name in enumerate(stale):
+    for n_done, name in enumerate(stale):
         if should_stop():
-            raise Cancelled(f"Stopped after {done} of {len(stale)} label maps; the next run continues there.")
-        left = (time.perf_counter() - start) / done * (len(stale) - done) if done else None
-        emit(Progress("masks", done / len(stale), left, message=f"Segments of {name}"))
-        # No more pixels than the encoder or the label map can hold.
+            raise Cancelled(f"Stopped after {n_done} of {len(stale)} label maps; the next run continues there.")
+        seconds_left = (time.perf_counter() - start) / n_done * (len(stale) - n_done) if n_done else None
+        emit(Progress("masks", n_done / len(stale), seconds_left, message=f"Segments of {name}"))
+        # More pixels than the encoder and the label map use would only cost memory.
         pixels = load_pixels(photo_set.folder / name, max_side=max(settings.max_side, INPUT_SIDE))
         labels = segment_everything(embeddings.encode(name, pixels, sam), sam, settings, should_stop=should_stop)
         write_label_map(paths[name], labels, recipe=_recipe(photos[name], settings))

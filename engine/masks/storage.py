@@ -1,4 +1,4 @@
-"""Label maps on disk: ``masks/<photo name>.npz``, the photo's folder structure kept."""
+"""Label maps on disk: ``masks/<photo name>.npz``, in the same sub-folders as the photos."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ _VERSION = 1
 
 
 def label_map_path(folder: Path, photo: str) -> Path:
-    """Return where the label map of the photo called `photo` lies in the masks folder `folder`."""
-    # The photo's own suffix stays: a.jpg and a.png are two photos.
+    """Return the path of the label map of the photo called `photo` in the masks folder `folder`."""
+    # The photo's suffix is kept, because a.jpg and a.png are two photos.
     return folder / PurePosixPath(photo + ".npz")
 
 
 def write_label_map(path: Path, labels: NDArray[np.int32], *, recipe: str = "") -> None:
-    """Write a label map, atomically.
+    """Write a label map atomically.
 
     Parameters
     ----------
     path : Path
-        Ends in ``.npz``; its folder is made when missing.
+        Ends in ``.npz``; its folder is created when missing.
     labels : array of shape [h, w], int32
-        0 unlabelled, ids from 1.
+        0 for unlabelled pixels, segment ids from 1.
     recipe : str
-        Hash of the photo and the settings it was made from; `read_recipe` gives it back.
+        Hash of the photo and the settings the label map was computed from; `read_recipe` returns it.
 
     Raises
     ------
@@ -44,7 +44,9 @@ def write_label_map(path: Path, labels: NDArray[np.int32], *, recipe: str = "") 
         When the file cannot be written.
     """
     if labels.ndim != 2 or not np.issubdtype(labels.dtype, np.integer) or (labels.size and labels.min() < 0):
-        raise MaskError(f"A label map is [h, w] of whole numbers from 0, got {labels.shape} {labels.dtype}.")
+        raise MaskError(
+            f"A label map must have the shape [h, w] and contain integers from 0, got {labels.shape} {labels.dtype}."
+        )
     header = json.dumps({"version": _VERSION, "recipe": recipe})
     with atomic_write(path) as stream:
         np.savez_compressed(stream, labels=labels.astype(np.int32), header=np.array(header))
@@ -60,12 +62,12 @@ def read_label_map(path: Path) -> NDArray[np.int32]:
     """
     labels, _ = _read(path, wanted="labels")
     if labels.ndim != 2 or labels.dtype != np.int32:
-        raise MaskError(f"{path} is not a label map of ours. Delete it and run again.")
+        raise MaskError(f"{path} is not a label map of Gaussian Heritage. Delete it and run again.")
     return labels
 
 
 def read_recipe(path: Path) -> str | None:
-    """Return the recipe a label map was written with; None when there is no readable label map."""
+    """Return the recipe of the label map at `path`; None when there is no readable label map."""
     if not path.is_file():
         return None
     try:
@@ -76,8 +78,9 @@ def read_recipe(path: Path) -> str | None:
 
 
 def _read(path: Path, *, wanted: str) -> tuple[NDArray[np.int32], dict[str, object]]:
+    """Return labels and header; the labels are only read when `wanted` is ``"labels"``, else they are empty."""
     try:
-        # Opened here, not by np.load, which leaves the file open when it is no zip.
+        # Opened here because np.load leaves the file open when it is not a zip archive.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             header = json.loads(str(archive["header"]))
             if header["version"] != _VERSION:

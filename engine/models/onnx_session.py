@@ -1,4 +1,4 @@
-"""The only door to onnxruntime: opens a model file on the CPU and turns its errors into ours."""
+"""Open an ONNX model on the CPU; the only module that imports onnxruntime."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
     Parameters
     ----------
     path : Path
-        An ONNX file, as `models.catalogue.locate` gives it.
+        An ONNX file, from `models.locate`.
     threads : int
-        Worker threads inside one operator, at least 1.
+        Worker threads within one operator, at least 1.
 
     Raises
     ------
@@ -34,19 +34,19 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
         import onnxruntime
     except ImportError as error:
         raise EnvironmentProblem(
-            "onnxruntime is not installed in the engine's environment. Set up the engine anew."
+            "onnxruntime is not installed in the engine's environment. Set up the engine again."
         ) from error
     if not path.is_file():
         raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    # Idle workers must sleep: spinning ones take the cores from the rest of the engine between two calls.
+    # Idle workers must sleep: spinning ones occupy cores that the rest of the engine needs between two calls.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 3
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own exceptions share no base but Exception
+    except Exception as error:  # onnxruntime's exceptions have no common base class but Exception
         raise ModelFileError(
             f"The model file {path} cannot be opened ({str(error).splitlines()[0]}). "
             "Delete it and run: python -m engine models fetch"

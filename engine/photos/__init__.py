@@ -1,4 +1,4 @@
-"""Reading and checking the photos of a folder."""
+"""Read and check the photos of a folder, their masks, and their statistics."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .look import PhotoLook, look_at_photos, read_looks
+    from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
     from .photo_masks import load_with_valid
     from .pixels import load_pixels
     from .reading import picture_files, read_photos
 
 __all__ = [
-    "PhotoLook",
+    "PhotoStatistics",
     "load_pixels",
     "load_with_valid",
-    "look_at_photos",
+    "inspect_photos",
     "picture_files",
-    "read_looks",
+    "read_photo_statistics",
     "read_photos",
 ]
 

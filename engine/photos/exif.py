@@ -1,4 +1,4 @@
-"""What a photo's EXIF says about how it was held and through which lens."""
+"""EXIF data of a photo: orientation, focal length and exposure value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 from PIL import Image
 
-__all__ = ["TURNS", "exposure_value", "focal_in_pixels", "orientation_of", "without_exif_warnings"]
+__all__ = ["UPRIGHT_TRANSPOSES", "exposure_value", "focal_in_pixels", "orientation_of", "without_exif_warnings"]
 
 _LOG = logging.getLogger(__name__)
 _WARNING_FILTERS = threading.Lock()
@@ -28,10 +28,11 @@ _PLANE_UNIT = 0xA210
 _UNIT_IN_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
-# From a wide fisheye to a 1,200 mm telephoto; outside of it the EXIF is wrong.
-_PLAUSIBLE_FOCAL = (0.2, 35.0)
+# Focal length over the longest side, from a wide fisheye to a 1,200 mm telephoto lens. Values outside of this range are
+# errors in the EXIF data.
+_PLAUSIBLE_FOCAL_RATIOS = (0.2, 35.0)
 
-TURNS: dict[int, Image.Transpose] = {
+UPRIGHT_TRANSPOSES: dict[int, Image.Transpose] = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
     4: Image.Transpose.FLIP_TOP_BOTTOM,
@@ -40,51 +41,51 @@ TURNS: dict[int, Image.Transpose] = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
-"""EXIF orientation to the transpose that turns the stored pixels upright."""
+"""EXIF orientation to the transpose that makes the stored pixels upright."""
 
 
 @contextlib.contextmanager
 def without_exif_warnings() -> Iterator[None]:
-    """Keep Pillow from warning about damaged EXIF on stderr: it goes on without it, and so do we."""
-    # Warning filters belong to the whole process: one thread at a time.
+    """Suppress Pillow's warnings about damaged EXIF on stderr; Pillow ignores the damaged data and continues."""
+    # Warning filters apply to the whole process, so only one thread at a time may change them.
     with _WARNING_FILTERS, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 def _read(image: Image.Image) -> Image.Exif | None:
-    # Pillow raises many types on damaged EXIF, or warns on stderr and goes on; the pixels are good all the same, so
-    # the photo is used without it.
+    # On damaged EXIF Pillow raises one of many exception types, or warns on stderr and continues. The pixels are still
+    # valid, so the photo is used without EXIF.
     try:
         with without_exif_warnings():
             exif = image.getexif()
             exif.get_ifd(_EXIF_IFD)
     except (SyntaxError, ValueError, TypeError, KeyError, OSError, IndexError, ArithmeticError) as error:
-        _LOG.warning("damaged EXIF is ignored: %s", error)
+        _LOG.warning("Damaged EXIF is ignored: %s", error)
         return None
     return exif
 
 
 def orientation_of(image: Image.Image) -> int:
-    """Return the EXIF orientation 1 to 8 that is still to be applied to `image`, whose pixels must be loaded.
+    """Return the EXIF orientation, 1 to 8, that must still be applied to `image`, whose pixels must be loaded.
 
     Notes
     -----
-    Pillow turns TIFF, and pillow-heif HEIC, on loading and then reports 1.
+    Pillow (TIFF) and pillow-heif (HEIC) apply the orientation on loading and then report 1.
     """
     exif = _read(image)
     value = exif.get(_ORIENTATION, 1) if exif is not None else 1
-    return value if value in TURNS else 1
+    return value if value in UPRIGHT_TRANSPOSES else 1
 
 
 def focal_in_pixels(image: Image.Image) -> float | None:
-    """Return the focal length in pixels of `image` from its EXIF, None when it does not say.
+    """Return the focal length in pixels of `image` from its EXIF; None when EXIF does not contain it.
 
     Notes
     -----
-    ``FocalLengthIn35mmFilm`` f goes by the diagonal (CIPA DCG-001): f * diagonal in pixels / 43.27 mm, for the whole
-    sensor; a cropped photo gives a wrong value, which bundle adjustment refines. Else ``FocalLength`` times
-    ``FocalPlaneXResolution``, which counts pixels of the sensor and is scaled by this picture's longest side over the
+    ``FocalLengthIn35mmFilm`` f refers to the diagonal (CIPA DCG-001): f * diagonal in pixels / 43.27 mm, for the whole
+    sensor. The value is wrong for a cropped photo; bundle adjustment then refines it. Otherwise ``FocalLength`` times
+    ``FocalPlaneXResolution``, which refers to pixels of the sensor and is scaled by the picture's longest side over the
     longest side in EXIF.
     """
     exif = _read(image)
@@ -101,18 +102,18 @@ def focal_in_pixels(image: Image.Image) -> float | None:
         scale = max(width, height) / recorded if recorded > 0.0 else 1.0
         focal = millimetres * per_unit / unit * scale
     longest = max(width, height)
-    if not _PLAUSIBLE_FOCAL[0] * longest <= focal <= _PLAUSIBLE_FOCAL[1] * longest:
+    if not _PLAUSIBLE_FOCAL_RATIOS[0] * longest <= focal <= _PLAUSIBLE_FOCAL_RATIOS[1] * longest:
         return None
     return float(focal)
 
 
 def exposure_value(image: Image.Image) -> float | None:
-    """Return the exposure value at ISO 100 that the camera was set to, None when EXIF does not say.
+    """Return the exposure value at ISO 100 of the camera's settings; None when EXIF does not contain it.
 
     Notes
     -----
-    log2(N^2 / t) - log2(S / 100) of aperture N, time t in seconds and sensitivity S (ISO 2720). One more halves the
-    brightness of the same thing in the picture.
+    log2(N^2 / t) - log2(S / 100) with aperture N, exposure time t in seconds and sensitivity S (ISO 2720). A value that
+    is larger by one halves the brightness of the same scene in the picture.
     """
     exif = _read(image)
     if exif is None:
@@ -128,7 +129,7 @@ def exposure_value(image: Image.Image) -> float | None:
 
 
 def _number(value: Any) -> float:
-    """Return an EXIF value as a float, 0 for what is missing, not a number or 0/0."""
+    """Return an EXIF value as a float; 0 when it is missing, not a number or 0/0."""
     try:
         number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):

@@ -1,7 +1,7 @@
-"""Which pixels of a photo count: those that neither its mask nor its own transparency leaves out.
+"""Valid pixels of a photo: those that neither its mask nor its alpha channel excludes.
 
-Masks are named as COLMAP names them, ``MASKS/photo.jpg.png`` for ``photo.jpg`` (folders kept): a black pixel is left
-out, every other one counts. People who walk by, a turntable, a tripod or a reflection are left out that way.
+Masks follow COLMAP's naming, ``MASKS/photo.jpg.png`` for ``photo.jpg``, with sub-folders kept. Black pixels are
+excluded, all others are valid. Masks are used to exclude transients, a turntable, a tripod or a reflection.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from ..errors import Cancelled, PhotoError
 from ..events import Emit, StopCheck, Warned
 from ..project_folder import file_sha256
 from ..scene import Photo
-from .exif import TURNS, orientation_of
+from .exif import UPRIGHT_TRANSPOSES, orientation_of
 from .pixels import open_photo, upright_with_alpha
 
 __all__ = ["load_valid", "load_with_valid", "with_masks"]
 
 Valid = NDArray[np.bool_]
 
-_OPAQUE = 250
-"""Alpha from which a pixel counts: what is less is mixed with the white that transparent pixels lie over."""
-_MOST_NAMED = 5
-_LOOKED_AT = 1024
-"""Pixels on the longest side that must leave something of a photo."""
+_MIN_ALPHA = 250
+"""Smallest alpha of a valid pixel. Pixels with a smaller alpha are blended with the white background."""
+_MAX_NAMES_IN_WARNING = 5
+_MASK_CHECK_SIDE = 1024
+"""Longest side in pixels at which a mask is checked to leave at least one valid pixel."""
 
 
 def load_with_valid(
     path: Path, mask: Path | None, *, max_side: int | None = None
 ) -> tuple[NDArray[np.uint8], Valid | None]:
-    """Return the pixels of a photo as of `pixels.load_pixels`, and which of them count.
+    """Return the pixels of a photo as from `pixels.load_pixels`, and which of them are valid.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def load_with_valid(
     mask : Path or None
         Its mask.
     max_side : int, optional
-        See `pixels.load_pixels`. A pixel of a smaller picture counts when all that it is made of does.
+        See `pixels.load_pixels`. A pixel of a reduced picture is valid when all the pixels it is computed from are.
 
     Returns
     -------
     pixels : array of shape [H, W, 3], uint8
     valid : bool array of shape [H, W], or None
-        None when all count.
+        None when all pixels are valid.
 
     Raises
     ------
@@ -59,22 +59,22 @@ def load_with_valid(
     """
     image, _ = open_photo(path, max_side=max_side)
     pixels, alpha = upright_with_alpha(image, max_side=max_side)
-    valid = np.ones(pixels.shape[:2], bool) if alpha is None else alpha >= _OPAQUE
+    valid = np.ones(pixels.shape[:2], bool) if alpha is None else alpha >= _MIN_ALPHA
     if mask is not None:
-        whole = _fitting(_read_mask(mask), mask, path, image.info["full_size"], orientation_of(image))
-        valid &= _smaller(whole, pixels.shape[1], pixels.shape[0])
+        upright = _to_upright(_read_mask(mask), mask, path, image.info["full_size"], orientation_of(image))
+        valid &= _reduced(upright, pixels.shape[1], pixels.shape[0])
     return pixels, None if valid.all() else valid
 
 
 def load_valid(path: Path, mask: Path | None, *, max_side: int | None = None) -> Valid | None:
-    """Return which pixels of a photo count, see `load_with_valid`."""
+    """Return which pixels of a photo are valid, see `load_with_valid`."""
     return load_with_valid(path, mask, max_side=max_side)[1]
 
 
 def with_masks(
     folder: Path, photos: Sequence[Photo], masks: Path, *, emit: Emit, should_stop: StopCheck
 ) -> tuple[Photo, ...]:
-    """Return the photos in `folder` with their masks in the folder `masks`, each read once to see that it fits.
+    """Return the photos in `folder` with their masks from the folder `masks`; each mask is checked.
 
     Parameters
     ----------
@@ -82,48 +82,51 @@ def with_masks(
     photos : sequence of Photo
     masks : Path
     emit : Emit
-        Gets one warning that names photos without a mask; they are used whole.
+        Receives one warning that lists the photos without a mask; all their pixels are valid.
     should_stop : StopCheck
-        Asked per photo.
+        Called for each photo.
 
     Raises
     ------
     PhotoError
-        When the folder is missing or holds a mask of none of the photos, or a mask cannot be read, is of another size
-        than its photo or leaves nothing of it.
+        When the folder is missing or contains no mask of any photo, or when a mask cannot be read, differs in size from
+        its photo or excludes all of its pixels.
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returns True.
     """
     if not masks.is_dir():
-        raise PhotoError(f"The mask folder {masks} does not exist. Choose the folder that holds the photos' masks.")
-    found, without = [], []
+        raise PhotoError(f"The mask folder {masks} does not exist. Choose the folder that contains the photos' masks.")
+    with_mask, without = [], []
     for photo in photos:
         if should_stop():
             raise Cancelled("Reading the masks was stopped. Nothing was changed.")
         file = masks / f"{photo.name}.png"
         if not file.is_file():
             without.append(photo.name)
-            found.append(photo)
+            with_mask.append(photo)
             continue
-        valid = load_valid(folder / photo.name, file, max_side=_LOOKED_AT)
+        valid = load_valid(folder / photo.name, file, max_side=_MASK_CHECK_SIDE)
         if valid is not None and not valid.any():
             raise PhotoError(
-                f"The mask {file} leaves nothing of {photo.name}. Take the photo out of its folder, or delete the mask."
+                f"The mask {file} excludes every pixel of {photo.name}. Remove the photo from its folder, or delete "
+                "the mask."
             )
-        found.append(replace(photo, mask=str(file.resolve()), mask_sha256=file_sha256(file)))
+        with_mask.append(replace(photo, mask=str(file.resolve()), mask_sha256=file_sha256(file)))
     if len(without) == len(photos):
         raise PhotoError(
-            f"No file in {masks} is a mask of one of the photos. Name masks after them, with .png behind: "
+            f"No file in {masks} is a mask of one of the photos. Name each mask after its photo, followed by .png: "
             f"{photos[0].name}.png."
         )
     if without:
-        named = ", ".join(without[:_MOST_NAMED]) + (" and others" if len(without) > _MOST_NAMED else "")
+        named = ", ".join(without[:_MAX_NAMES_IN_WARNING]) + (
+            " and others" if len(without) > _MAX_NAMES_IN_WARNING else ""
+        )
         emit(Warned(f"{len(without)} of {len(photos)} photos have no mask in {masks} and are used whole: {named}."))
-    return tuple(found)
+    return tuple(with_mask)
 
 
 def _read_mask(mask: Path) -> Valid:
-    """Return the mask as it is stored: False where it is black."""
+    """Return the mask in its stored orientation, False where it is black."""
     try:
         image, _ = open_photo(mask)
     except PhotoError as error:
@@ -132,25 +135,25 @@ def _read_mask(mask: Path) -> Valid:
     return np.asarray(values.reshape(*values.shape[:2], -1).any(axis=2), dtype=np.bool_)
 
 
-def _fitting(valid: Valid, mask: Path, photo: Path, stored: tuple[int, int], orientation: int) -> Valid:
-    """Return the mask upright; `stored` is the photo's width and height before EXIF's `orientation` turns it."""
-    size, turn = (valid.shape[1], valid.shape[0]), TURNS.get(orientation)
+def _to_upright(valid: Valid, mask: Path, photo: Path, stored: tuple[int, int], orientation: int) -> Valid:
+    """Return the mask upright; `stored` is the photo's width and height before its EXIF `orientation` is applied."""
+    size, transpose = (valid.shape[1], valid.shape[0]), UPRIGHT_TRANSPOSES.get(orientation)
     upright = stored[::-1] if orientation >= 5 else stored
-    if size == upright and (turn is None or upright != stored):
+    if size == upright and (transpose is None or upright != stored):
         return valid
-    if size == stored and turn is not None:
-        # As COLMAP reads it: laid over the pixels as they are stored.
-        return np.asarray(Image.fromarray(valid).transpose(turn))
+    if size == stored and transpose is not None:
+        # COLMAP applies a mask to the pixels in their stored orientation.
+        return np.asarray(Image.fromarray(valid).transpose(transpose))
     raise PhotoError(
         f"The mask {mask} has {size[0]} x {size[1]} pixels, its photo {photo.name} {upright[0]} x {upright[1]}. "
         "Save the mask in the photo's size."
     )
 
 
-def _smaller(valid: Valid, width: int, height: int) -> Valid:
-    """Return the mask in `width` x `height` pixels; one counts when all of `valid` that it is made of does."""
+def _reduced(valid: Valid, width: int, height: int) -> Valid:
+    """Return the mask in `width` x `height` pixels, True where all pixels of `valid` that contribute are True."""
     if valid.shape == (height, width):
         return valid
     shares = Image.fromarray(valid.astype(np.uint8) * 255).resize((width, height), Image.Resampling.BOX)
-    # Photos are made smaller with a filter that reaches a pixel further than a box.
+    # Photos are reduced with a filter whose support is one pixel wider than a box filter's.
     return np.asarray(shares.filter(ImageFilter.MinFilter(3))) == 255

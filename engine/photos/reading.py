@@ -1,4 +1,4 @@
-"""A folder of pictures becomes a `PhotoSet`: what can be used, and what cannot with the reason in one sentence."""
+"""Read a folder of pictures as a `PhotoSet`: the usable photos, and the rejected files with one reason each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..errors import Cancelled, PhotoError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..project_folder import file_sha256
 from ..scene import Photo, PhotoSet, RejectedPhoto
-from .exif import TURNS, orientation_of
+from .exif import UPRIGHT_TRANSPOSES, orientation_of
 from .photo_masks import with_masks
 from .pixels import can_read_heic, open_photo, upright_pixels
 from .settings import PhotoSettings
@@ -27,24 +27,24 @@ __all__ = ["picture_files", "read_photos"]
 _LOG = logging.getLogger(__name__)
 
 _STAGE = "photos"
-_PICTURES = {".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp"}
-_HEIC = {".heic", ".heif", ".hif"}
-_RAW = {".cr2", ".cr3", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"}
-_VIDEO = {".mp4", ".mov", ".avi", ".mkv", ".m4v", ".insv"}
-_OTHER_PICTURES = {".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd", ".exr", ".hdr"}
+_PICTURE_SUFFIXES = {".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp"}
+_HEIC_SUFFIXES = {".heic", ".heif", ".hif"}
+_RAW_SUFFIXES = {".cr2", ".cr3", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"}
+_VIDEO_SUFFIXES = {".mp4", ".mov", ".avi", ".mkv", ".m4v", ".insv"}
+_UNSUPPORTED_PICTURE_SUFFIXES = {".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd", ".exr", ".hdr"}
 
-# Sharpness is measured at one size, so that cameras of different resolution compare.
+# Longest side in pixels at which sharpness is measured, so that cameras of different resolution can be compared.
 _MEASURING_SIDE = 800
 
 
 @dataclass(frozen=True)
-class _Look:
-    """What one decoded file showed."""
+class _DecodedPhoto:
+    """Measurements of one decoded file."""
 
     photo: Photo
     pixels_hash: bytes
     sharpness: float
-    flat: str | None
+    flat_reason: str | None
 
 
 def read_photos(
@@ -57,22 +57,22 @@ def read_photos(
 ) -> PhotoSet:
     """Return the usable photos in `folder` and its sub-folders, ordered by name, and the rejected files.
 
-    Hidden files, files that are no pictures, and sub-folders that are Gaussian Heritage projects (they hold a
-    ``project.json``) are passed over in silence. Raw files, videos and other pictures that cannot be read are listed
-    as rejected, and so are damaged, tiny, blurred, black, white and repeated photos.
+    Hidden files, files that are not pictures, and sub-folders that are Gaussian Heritage projects (with a
+    ``project.json``) are skipped without a warning. Raw files, videos and unsupported picture formats are listed as
+    rejected, as are damaged, tiny, blurred, black, white and duplicate photos.
 
     Parameters
     ----------
     folder : Path
         The photo folder. Links to folders are not followed.
     settings : PhotoSettings, optional
-        Bounds of what is used.
+        Criteria for rejecting a photo.
     masks : Path, optional
-        Folder with the photos' masks, see `photo_masks`; what lies in it is no photo.
+        Folder with the photos' masks, see `photo_masks`; the files in it are not read as photos.
     emit : Emit
-        Gets `Progress` per photo and one `Warned` per rejected file.
+        Receives a `Progress` per photo and one `Warned` per rejected file.
     should_stop : StopCheck
-        Asked per photo.
+        Called for each photo.
 
     Returns
     -------
@@ -82,83 +82,83 @@ def read_photos(
     Raises
     ------
     PhotoError
-        When the folder is missing, not a folder, a project, without pictures, or without a usable one; or the masks
-        do not fit the photos.
+        When the folder is missing, not a folder, a project, without pictures, or without a usable photo; or when the
+        masks do not match the photos.
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returns True.
 
     Notes
     -----
-    Every file is decoded once, which is the only way to find damage, on as many threads as there are cores; a
-    12-megapixel JPEG costs about 0.25 s of CPU. Duplicates are files whose decoded, upright pixels are equal.
+    Every file is decoded once, which is the only way to detect damage, on as many threads as there are cores. A JPEG of
+    12 megapixels takes about 0.25 s of CPU. Duplicates are files whose decoded, upright pixels are equal.
     """
     settings = settings or PhotoSettings()
     folder = folder.expanduser()
     files = picture_files(folder, without=masks)
     rejected = [RejectedPhoto(_name(folder, path), reason) for path in files if (reason := _unsupported(path))]
     candidates = [path for path in files if not _unsupported(path)]
-    looks: list[_Look] = []
-    for index, found in enumerate(_look_at_all(folder, candidates, settings, should_stop)):
-        if isinstance(found, RejectedPhoto):
-            rejected.append(found)
+    decoded: list[_DecodedPhoto] = []
+    for index, result in enumerate(_decode_all(folder, candidates, settings, should_stop)):
+        if isinstance(result, RejectedPhoto):
+            rejected.append(result)
         else:
-            looks.append(found)
+            decoded.append(result)
         emit(Progress(_STAGE, (index + 1) / len(candidates), message=f"{index + 1} of {len(candidates)} photos"))
-    for select in (_without_duplicates, _without_flat, lambda those: _without_blurred(those, settings)):
-        looks, left_out = select(looks)
-        rejected.extend(left_out)
+    for select in (_without_duplicates, _without_flat, lambda photos: _without_blurred(photos, settings)):
+        decoded, rejected_now = select(decoded)
+        rejected.extend(rejected_now)
     rejected.sort(key=lambda photo: photo.name)
     for photo in rejected:
         emit(Warned(f"{photo.name} is not used: {photo.reason}"))
-    if not looks:
-        why = f"{rejected[0].name}: {rejected[0].reason}" if rejected else ""
-        raise PhotoError(f"None of the {len(files)} pictures in {folder} can be used. {why}")
-    photos = tuple(look.photo for look in looks)
+    if not decoded:
+        first_reason = f"{rejected[0].name}: {rejected[0].reason}" if rejected else ""
+        raise PhotoError(f"None of the {len(files)} pictures in {folder} can be used. {first_reason}")
+    photos = tuple(entry.photo for entry in decoded)
     if masks is not None:
         photos = with_masks(folder, photos, masks, emit=emit, should_stop=should_stop)
     return PhotoSet(folder, photos, tuple(rejected))
 
 
 def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
-    """Return every file in `folder` that looks like a picture or a video, ordered by name; `read_photos` says which.
+    """Return every file in `folder` with a suffix of a picture or a video, ordered by name; see `read_photos`.
 
     Parameters
     ----------
     folder : Path
     without : Path, optional
-        A folder inside that is passed over.
+        A folder inside `folder` that is skipped.
 
     Raises
     ------
     PhotoError
-        When the folder is missing, not a folder, a project, cannot be read, or holds none.
+        When the folder is missing, not a folder, a project, unreadable, or without pictures.
     """
     if not folder.exists():
         raise PhotoError(f"The photo folder {folder} does not exist. Choose a folder with photos.")
     if not folder.is_dir():
-        raise PhotoError(f"{folder} is a file. Choose the folder that holds the photos.")
+        raise PhotoError(f"{folder} is a file. Choose the folder that contains the photos.")
     if (folder / "project.json").is_file():
-        raise PhotoError(f"{folder} is a Gaussian Heritage project. Choose the folder that holds the photos.")
-    left_out = None if without is None else without.resolve()
-    known = _PICTURES | _HEIC | _RAW | _VIDEO | _OTHER_PICTURES
-    found: list[Path] = []
+        raise PhotoError(f"{folder} is a Gaussian Heritage project. Choose the folder that contains the photos.")
+    skipped = None if without is None else without.resolve()
+    known = _PICTURE_SUFFIXES | _HEIC_SUFFIXES | _RAW_SUFFIXES | _VIDEO_SUFFIXES | _UNSUPPORTED_PICTURE_SUFFIXES
+    files: list[Path] = []
     try:
-        for place, folders, names in os.walk(folder, onerror=_raise):
+        for parent, folders, names in os.walk(folder, onerror=_raise):
             folders[:] = [
                 name
                 for name in folders
                 if not name.startswith((".", "__MACOSX"))
-                and not (Path(place, name) / "project.json").is_file()
-                and Path(place, name).resolve() != left_out
+                and not (Path(parent, name) / "project.json").is_file()
+                and Path(parent, name).resolve() != skipped
             ]
-            found += [
-                Path(place, name) for name in names if not name.startswith(".") and Path(name).suffix.lower() in known
+            files += [
+                Path(parent, name) for name in names if not name.startswith(".") and Path(name).suffix.lower() in known
             ]
     except OSError as error:
         raise PhotoError(f"{error.filename} cannot be read: {error.strerror}. Check its permissions.") from error
-    if not found:
+    if not files:
         raise PhotoError(f"There are no photos in {folder}. Choose a folder with JPEG, PNG, TIFF, WebP or HEIC files.")
-    return sorted(found, key=lambda path: _name(folder, path))
+    return sorted(files, key=lambda path: _name(folder, path))
 
 
 def _raise(error: OSError) -> None:
@@ -171,41 +171,42 @@ def _name(folder: Path, path: Path) -> str:
 
 def _unsupported(path: Path) -> str | None:
     suffix = path.suffix.lower()
-    if suffix in _RAW:
+    if suffix in _RAW_SUFFIXES:
         return "Raw camera files are not read; export it as JPEG or TIFF."
-    if suffix in _VIDEO:
+    if suffix in _VIDEO_SUFFIXES:
         return "Videos are not read; export its frames as JPEG."
-    if suffix in _OTHER_PICTURES:
+    if suffix in _UNSUPPORTED_PICTURE_SUFFIXES:
         return f"{suffix[1:].upper()} files are not read; save it as JPEG, PNG or TIFF."
-    if suffix in _HEIC and not can_read_heic():
+    if suffix in _HEIC_SUFFIXES and not can_read_heic():
         return "HEIC files need the package pillow-heif; install it or save the photo as JPEG."
     return None
 
 
-def _look_at_all(
+def _decode_all(
     folder: Path, paths: list[Path], settings: PhotoSettings, should_stop: StopCheck
-) -> Iterator[_Look | RejectedPhoto]:
-    """Yield what each file showed, in order; files are decoded on all cores."""
+) -> Iterator[_DecodedPhoto | RejectedPhoto]:
+    """Yield the measurements or the rejection of each file, in order; files are decoded on all cores."""
     pool = ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
     try:
-        for found in pool.map(lambda path: _look_at(folder, path, settings), paths):
-            yield found
+        for result in pool.map(lambda path: _decode(folder, path, settings), paths):
+            yield result
             if should_stop():
                 raise Cancelled("Reading the photos was stopped. Nothing was changed.")
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _look_at(folder: Path, path: Path, settings: PhotoSettings) -> _Look | RejectedPhoto:
+def _decode(folder: Path, path: Path, settings: PhotoSettings) -> _DecodedPhoto | RejectedPhoto:
     name = _name(folder, path)
     try:
         image, focal = open_photo(path)
         if min(image.size) < settings.min_side:
             return RejectedPhoto(
                 name,
-                f"It has only {image.width} x {image.height} pixels; {settings.min_side} on each side are the least.",
+                f"It has only {image.width} x {image.height} pixels; at least {settings.min_side} on each side are "
+                "needed.",
             )
-        turned = orientation_of(image) in TURNS and orientation_of(image) >= 5
+        is_rotated = orientation_of(image) in UPRIGHT_TRANSPOSES and orientation_of(image) >= 5
         pixels = upright_pixels(image)
         digest = file_sha256(path)
     except PhotoError as error:
@@ -213,19 +214,19 @@ def _look_at(folder: Path, path: Path, settings: PhotoSettings) -> _Look | Rejec
     except OSError as error:
         return RejectedPhoto(name, f"The file cannot be read: {error.strerror or error}.")
     height, width = pixels.shape[:2]
-    if turned and (width, height) != (image.height, image.width):
-        raise AssertionError("a quarter turn must swap width and height")
+    if is_rotated and (width, height) != (image.height, image.width):
+        raise AssertionError("a rotation by 90 degrees must swap width and height")
     gray = _gray_for_measuring(pixels)
-    return _Look(
+    return _DecodedPhoto(
         photo=Photo(name, width, height, focal, digest),
         pixels_hash=hashlib.blake2b(pixels.data, digest_size=16, key=f"{width}x{height}".encode()).digest(),
         sharpness=_sharpness(gray),
-        flat=_flat(gray, settings.flat_share),
+        flat_reason=_flat_reason(gray, settings.flat_share),
     )
 
 
 def _as_reason(error: PhotoError, path: Path) -> str:
-    """Return the error's words with the file's name, which stands beside the reason already, taken out."""
+    """Return the error's message without the file's name, which is reported beside the reason already."""
     message = str(error)
     for subject in (path.name, str(path)):
         if message.startswith(subject):
@@ -234,7 +235,7 @@ def _as_reason(error: PhotoError, path: Path) -> str:
 
 
 def _gray_for_measuring(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return the brightness [h, w], 0 to 255, box-averaged so that the longest side is near the measuring size."""
+    """Return the brightness [h, w], 0 to 255, box-averaged so that the longest side is about `_MEASURING_SIDE`."""
     step = max(1, round(max(pixels.shape[:2]) / _MEASURING_SIDE))
     height, width = (side // step * step for side in pixels.shape[:2])
     gray = pixels[:height, :width] @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
@@ -245,14 +246,15 @@ def _gray_for_measuring(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
 def _sharpness(gray: NDArray[np.float32]) -> float:
     """Return the 99th percentile of the absolute Laplacian over the contrast (1st to 99th percentile).
 
-    The percentile looks at the sharpest percent, so a sharp object before a plain or soft background counts as sharp.
+    The high percentile measures the sharpest percent of the pixels, so a photo of a sharp object in front of a plain or
+    soft background is sharp.
     """
     laplacian = gray[:-2, 1:-1] + gray[2:, 1:-1] + gray[1:-1, :-2] + gray[1:-1, 2:] - np.float32(4.0) * gray[1:-1, 1:-1]
     dark, bright = np.percentile(gray, (1, 99))
     return float(np.percentile(np.abs(laplacian), 99) / max(bright - dark, 1.0))
 
 
-def _flat(gray: NDArray[np.float32], share: float) -> str | None:
+def _flat_reason(gray: NDArray[np.float32], share: float) -> str | None:
     if np.mean(gray > 8.0) < share:
         return "It is black; was the lens cap on?"
     if np.mean(gray < 247.0) < share:
@@ -260,50 +262,51 @@ def _flat(gray: NDArray[np.float32], share: float) -> str | None:
     return None
 
 
-_Selection = tuple[list[_Look], list[RejectedPhoto]]
+_Selection = tuple[list[_DecodedPhoto], list[RejectedPhoto]]
 
 
-def _split(looks: list[_Look], reason: Callable[[_Look], str | None]) -> _Selection:
-    kept: list[_Look] = []
-    left_out: list[RejectedPhoto] = []
-    for look in looks:
-        why = reason(look)
-        if why is None:
-            kept.append(look)
+def _split(decoded: list[_DecodedPhoto], reason: Callable[[_DecodedPhoto], str | None]) -> _Selection:
+    """Split `decoded` into the photos for which `reason` returns None, and the rejected ones."""
+    kept: list[_DecodedPhoto] = []
+    rejected: list[RejectedPhoto] = []
+    for entry in decoded:
+        text = reason(entry)
+        if text is None:
+            kept.append(entry)
         else:
-            left_out.append(RejectedPhoto(look.photo.name, why))
-    return kept, left_out
+            rejected.append(RejectedPhoto(entry.photo.name, text))
+    return kept, rejected
 
 
-def _without_duplicates(looks: list[_Look]) -> _Selection:
+def _without_duplicates(decoded: list[_DecodedPhoto]) -> _Selection:
     first: dict[bytes, str] = {}
 
-    def reason(look: _Look) -> str | None:
-        original = first.setdefault(look.pixels_hash, look.photo.name)
-        return None if original == look.photo.name else f"It is the same picture as {original}."
+    def reason(entry: _DecodedPhoto) -> str | None:
+        original = first.setdefault(entry.pixels_hash, entry.photo.name)
+        return None if original == entry.photo.name else f"It is the same picture as {original}."
 
-    return _split(looks, reason)
-
-
-def _without_flat(looks: list[_Look]) -> _Selection:
-    return _split(looks, lambda look: look.flat)
+    return _split(decoded, reason)
 
 
-def _without_blurred(looks: list[_Look], settings: PhotoSettings) -> _Selection:
-    """Leave out the few photos that are far less sharp than the set they belong to."""
-    if len(looks) < settings.min_photos_for_blur or settings.blur_ratio == 0.0:
-        return looks, []
-    median = float(np.median([look.sharpness for look in looks]))
-    soft = [look for look in looks if look.sharpness < settings.blur_ratio * median]
-    at_most = max(1, int(settings.max_blurred_share * len(looks)))
-    if len(soft) > at_most:
-        _LOG.info("%d photos look soft; only the %d softest are left out", len(soft), at_most)
-    out = {look.photo.name: look for look in sorted(soft, key=lambda look: look.sharpness)[:at_most]}
+def _without_flat(decoded: list[_DecodedPhoto]) -> _Selection:
+    return _split(decoded, lambda entry: entry.flat_reason)
 
-    def reason(look: _Look) -> str | None:
-        if look.photo.name not in out:
+
+def _without_blurred(decoded: list[_DecodedPhoto], settings: PhotoSettings) -> _Selection:
+    """Reject the few photos that are much less sharp than the median photo."""
+    if len(decoded) < settings.min_photos_for_blur or settings.blur_ratio == 0.0:
+        return decoded, []
+    median = float(np.median([entry.sharpness for entry in decoded]))
+    soft = [entry for entry in decoded if entry.sharpness < settings.blur_ratio * median]
+    max_rejected = max(1, int(settings.max_blurred_share * len(decoded)))
+    if len(soft) > max_rejected:
+        _LOG.info("%d photos are soft; only the %d softest are rejected", len(soft), max_rejected)
+    blurred = {entry.photo.name for entry in sorted(soft, key=lambda entry: entry.sharpness)[:max_rejected]}
+
+    def reason(entry: _DecodedPhoto) -> str | None:
+        if entry.photo.name not in blurred:
             return None
-        percent = round(100.0 * look.sharpness / median)
+        percent = round(100.0 * entry.sharpness / median)
         return f"It is blurred: {percent} % as sharp as the median photo."
 
-    return _split(looks, reason)
+    return _split(decoded, reason)

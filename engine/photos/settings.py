@@ -1,4 +1,4 @@
-"""What decides which photos are used. Defaults are written here and nowhere else."""
+"""Settings that decide which photos are used."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ __all__ = ["PhotoSettings"]
 
 @dataclass(frozen=True)
 class PhotoSettings:
-    """Bounds below which a picture is listed as rejected instead of used.
+    """Criteria for rejecting a photo.
 
     Attributes
     ----------
     min_side : int
-        Pixels. A photo whose shorter side is below this is too small to match.
+        Smallest allowed length of the shorter side in pixels. Smaller photos have too few features to match.
     blur_ratio : float
-        A photo is blurred when its sharpness is below this share of the set's median sharpness; 0 keeps all.
-        Measured on three real sets: the softest good photo stands at 0.66, Gaussian blur of 3 pixels at 800 px
-        puts every photo below 0.19.
+        A photo is blurred when its sharpness is below this share of the set's median sharpness; 0 keeps all photos.
+        See docs/design_notes/photos.md for measured values.
     max_blurred_share : float
-        Never reject more than this share of the photos for blur (but one photo may always go): a set that is soft
-        throughout is better than none.
+        Largest share of the photos that may be rejected for blur; one photo may always be rejected. A set in which all
+        photos are soft is still used.
     min_photos_for_blur : int
-        Below this number of photos the median says little and none is rejected for blur.
+        With fewer photos the median is not meaningful, and no photo is rejected for blur.
     flat_share : float
-        A photo is black (or white) when fewer than this share of its pixels lie above (or below) the last 3 % of
-        the range.
+        A photo is black (or white) when fewer than this share of its pixels are outside of the darkest (or brightest)
+        3 % of the range.
     """
 
     min_side: int = 128

@@ -1,4 +1,4 @@
-"""One detector for all tests of the room, and a photo of the museum room with its true segments."""
+"""The detector shared by the tests of grounding, and a photo of the museum room with its true segments."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROOM = ROOT / "demo" / "museum_room"
 
 @dataclass(frozen=True)
 class Room:
-    """A photo, its instance ids and the id of each exhibit by its prompt."""
+    """A photo, its label map, and prompt to id for each exhibit."""
 
     pixels: NDArray[np.uint8]
     labels: NDArray[np.int32]
@@ -29,20 +29,20 @@ class Room:
 
 @pytest.fixture(scope="session")
 def detector() -> OfflineVocabulary:
-    """The real one."""
+    """Return the real model with its downloaded weights."""
     fetched("efficientnet-lite2", "minilm", "minilm-tokenizer")
     return OfflineVocabulary()
 
 
 @pytest.fixture(scope="session")
 def encoder() -> SentenceEncoder:
-    """The real one."""
+    """Return the real model with its downloaded weights."""
     return SentenceEncoder(*fetched("minilm", "minilm-tokenizer"))
 
 
 @pytest.fixture(scope="session")
 def room() -> Room:
-    """A photo of the museum room in which most exhibits are seen whole."""
+    """Return a photo of the museum room in which most exhibits are completely visible."""
     pixels = cv2.cvtColor(cv2.imread(str(ROOM / "photos" / "view_20.jpg")), cv2.COLOR_BGR2RGB)
     labels = cv2.imread(str(ROOM / "truth" / "masks" / "view_20.png"), cv2.IMREAD_UNCHANGED)
     names = json.loads((ROOM / "truth" / "names.json").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Which detector answers: Grounding DINO where it lies in the models folder; no other in place of a damaged one."""
+"""The default detector: Grounding DINO if it is in the models folder; never another one in place of a damaged file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from engine.errors import ModelFileError
 from engine.grounding import offline_vocabulary
 from engine.grounding.default import default_detector_name, load_default_detector
 from engine.grounding.grounding_dino import GroundingDino
-from engine.models.catalogue import CACHE_VARIABLE, find, write_record
+from engine.models.cache import CACHE_VARIABLE
+from engine.models.catalogue import find_model_file
+from engine.models.verification import write_record
 from engine.project_folder import file_sha256
 from tests.engine.grounding import tiny_dino
 
@@ -24,27 +26,27 @@ def models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def _trust(path: Path, name: str) -> None:
-    write_record(path, find(name), path.stat().st_size, file_sha256(path))
+    write_record(path, find_model_file(name), path.stat().st_size, file_sha256(path))
 
 
-def test_offline_vocabulary_answers_where_there_is_no_grounding_dino(
+def test_offline_vocabulary_is_the_default_without_grounding_dino(
     models: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    (models / "grounding-dino-tiny.onnx.part").write_bytes(b"half a download is not a model")
+    (models / "grounding-dino-tiny.onnx.part").write_bytes(b"a partial download")
     assert default_detector_name() == "offline-vocabulary"
     opened: list[Path] = []
     monkeypatch.setattr(offline_vocabulary, "OfflineVocabulary", lambda cache: opened.append(cache) or "it")
     with caplog.at_level(logging.INFO):
         assert load_default_detector() == "it" and load_default_detector() == "it"
-    assert opened == [models.parent]  # one for the whole process
+    assert opened == [models.parent]  # one instance per process
     assert [record.getMessage() for record in caplog.records] == ["Text detector: offline-vocabulary"]
 
 
-def test_grounding_dino_answers_where_its_files_are(models: Path) -> None:
+def test_grounding_dino_is_the_default_if_its_files_are_stored(models: Path) -> None:
     tiny_dino.tokenizer(models)
     (models / "tokenizer.json").rename(models / "grounding-dino-tokenizer.json")
     tiny_dino.export(tiny_dino.model(), models / "grounding-dino-tiny.onnx")
-    with pytest.raises(ModelFileError, match="put there by hand"):
+    with pytest.raises(ModelFileError, match="copied here by hand"):
         load_default_detector()
     _trust(models / "grounding-dino-tiny.onnx", "grounding-dino-tiny-model")
     _trust(models / "grounding-dino-tokenizer.json", "grounding-dino-tokenizer")
@@ -54,7 +56,7 @@ def test_grounding_dino_answers_where_its_files_are(models: Path) -> None:
     assert default_detector_name() == "grounding-dino-base"
 
 
-def test_damaged_or_incomplete_grounding_dino_is_an_error_not_another_detector(models: Path) -> None:
+def test_damaged_or_incomplete_grounding_dino_raises_instead_of_using_another_detector(models: Path) -> None:
     path = models / "grounding-dino-tiny.onnx"
     path.write_bytes(b"not an ONNX file")
     _trust(path, "grounding-dino-tiny-model")

@@ -1,4 +1,4 @@
-"""The classifier's arithmetic."""
+"""Class maps, padding and weight files of the classifier."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def classifier() -> EfficientNetLite2:
     return EfficientNetLite2(fetched("efficientnet-lite2")[0])
 
 
-def test_class_map_averages_exactly_to_the_logits(classifier: EfficientNetLite2) -> None:
+def test_mean_of_the_class_map_equals_the_logits(classifier: EfficientNetLite2) -> None:
     picture = torch.rand((2, 3, 100, 70), generator=torch.Generator().manual_seed(3)) * 255
     features = classifier.features(picture)
     assert features.shape == (2, 1280, 4, 3)
@@ -28,13 +28,13 @@ def test_class_map_averages_exactly_to_the_logits(classifier: EfficientNetLite2)
 
 
 @pytest.mark.parametrize(("size", "kernel", "stride"), [(260, 3, 2), (65, 5, 2), (33, 3, 1), (1, 5, 2), (64, 5, 2)])
-def test_padding_gives_the_size_tensorflow_gives(size: int, kernel: int, stride: int) -> None:
+def test_padding_gives_the_same_size_as_tensorflow(size: int, kernel: int, stride: int) -> None:
     x = torch.ones((1, 1, size, size + 1))
     out = functional.conv2d(_pad_same(x, kernel, stride), torch.ones((1, 1, kernel, kernel)), stride=stride)
     assert out.shape[2:] == (-(-size // stride), -(-(size + 1) // stride))
 
 
-def test_another_file_is_refused_in_a_sentence(tmp_path: Path) -> None:
+def test_another_file_gives_a_readable_error(tmp_path: Path) -> None:
     for content in (b"", b"nothing like weights"):
         (tmp_path / "net.pth").write_bytes(content)
         with pytest.raises(ModelFileError, match=r"net.pth is not EfficientNet-Lite2"):

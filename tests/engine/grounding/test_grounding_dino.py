@@ -1,4 +1,4 @@
-"""Grounding DINO: our tokens, pixels, session and boxes against transformers', with random weights."""
+"""Grounding DINO compared with transformers: tokens, pixels and boxes, with random weights."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ import transformers
 
 from engine.errors import ModelFileError, PromptError
 from engine.grounding.detector import Detector
-from engine.grounding.dino_inputs import caption, load_tokenizer, picture, resized_size
+from engine.grounding.dino_inputs import load_tokenizer, normalise_picture, resized_size, to_caption
 from engine.grounding.grounding_dino import GroundingDino, best_segments
 from engine.grounding.settings import GroundingSettings
 from engine.models.onnx_session import open_session
 from tests.engine.grounding import tiny_dino
 
-EVERYTHING = GroundingSettings(box_threshold=1e-6, text_threshold=0.5, max_overlap=1.0)
+KEEP_ALL = GroundingSettings(box_threshold=1e-6, text_threshold=0.5, max_overlap=1.0)
 
 
 @dataclass(frozen=True)
 class Tiny:
-    """The same weights twice: in transformers, and exported to ONNX behind our detector."""
+    """The same weights in transformers and, exported to ONNX, in the engine's detector."""
 
     model: Any
     processor: Any
@@ -44,7 +44,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Tiny:
         transformers.GroundingDinoImageProcessorPil(size=side, do_pad=False), tokenizer
     )
     session = open_session(folder / "tiny.onnx")
-    detector = GroundingDino.from_session("tiny", session, folder / "tokenizer.json", EVERYTHING)
+    detector = GroundingDino.from_session("tiny", session, folder / "tokenizer.json", KEEP_ALL)
     return Tiny(model, processor, detector, folder / "tokenizer.json")
 
 
@@ -57,7 +57,7 @@ def _photo(height: int = 70, width: int = 130, seed: int = 0) -> np.ndarray:
     "text",
     ["a red vase .", "the Head of a woman .", "an 18th-century vase's café .", "vasen ??? , . unheard .", "VASE."],
 )
-def test_tokens_are_those_of_transformers(tiny: Tiny, text: str) -> None:
+def test_tokens_equal_transformers(tiny: Tiny, text: str) -> None:
     ours = load_tokenizer(tiny.tokenizer_file)(text, None)
     theirs = tiny.processor.tokenizer(text, return_tensors="np")
     np.testing.assert_array_equal(ours.ids, theirs["input_ids"])
@@ -67,40 +67,40 @@ def test_tokens_are_those_of_transformers(tiny: Tiny, text: str) -> None:
 
 
 @pytest.mark.parametrize(("height", "width"), [(70, 130), (130, 70), (64, 64), (64, 90), (60, 301), (501, 97)])
-def test_pixels_are_those_of_transformers(height: int, width: int) -> None:
+def test_pixels_equal_transformers(height: int, width: int) -> None:
     pixels = _photo(height, width)
     shortest = transformers.GroundingDinoImageProcessorPil(size={"shortest_edge": 64, "longest_edge": 100})
     theirs = shortest(pixels, return_tensors="np")["pixel_values"]
-    ours = picture(pixels, resized_size(height, width, 64, 100))
+    ours = normalise_picture(pixels, resized_size(height, width, 64, 100))
     assert ours.shape == theirs.shape
     np.testing.assert_allclose(ours, theirs, atol=1e-5)  # float32 in another order
 
 
 @pytest.mark.parametrize("prompt", ["a red vase", "head of a woman.", "Statue"])
 @pytest.mark.parametrize("size", [(70, 130), (200, 90)])
-def test_boxes_scores_and_labels_are_those_of_transformers(tiny: Tiny, prompt: str, size: tuple[int, int]) -> None:
-    """Ours runs the ONNX export, padded to 32 tokens; theirs the torch model on its own processor's unpadded inputs."""
+def test_boxes_scores_and_labels_equal_transformers(tiny: Tiny, prompt: str, size: tuple[int, int]) -> None:
+    """The detector runs the ONNX export, padded to 32 tokens; transformers runs the torch model without padding."""
     pixels = _photo(*size)
-    given = tiny.processor(images=pixels, text=caption(prompt), return_tensors="pt")
+    given = tiny.processor(images=pixels, text=to_caption(prompt), return_tensors="pt")
     with torch.no_grad():
         outputs = tiny.model(**given)
     (theirs,) = tiny.processor.post_process_grounded_object_detection(
         outputs, given["input_ids"], threshold=0.0, text_threshold=0.5, target_sizes=[size]
     )
-    ours = tiny.detector.answer(pixels, prompt)
-    assert len(ours.scores) == 40 and np.ptp(ours.scores) > 0.01  # random weights, yet not all the same
+    ours = tiny.detector.predict_boxes(pixels, prompt)
+    assert len(ours.scores) == 40 and np.ptp(ours.scores) > 0.01  # random weights, but different scores
     np.testing.assert_allclose(ours.scores, theirs["scores"].numpy(), atol=2e-5)  # seen: 9e-7
     np.testing.assert_allclose(ours.corners, theirs["boxes"].numpy(), atol=1e-3)  # pixels; seen: 3e-5
     labels = [label.replace("[SEP]", "").replace(" .", "").strip(" .") for label in theirs["text_labels"]]
     assert list(ours.labels) == labels and any(labels)
 
 
-def test_detections_come_best_first_inside_the_photo_and_above_the_threshold(tiny: Tiny) -> None:
+def test_detections_are_sorted_inside_the_photo_and_above_the_threshold(tiny: Tiny) -> None:
     pixels = _photo()
     every = tiny.detector.detect(pixels, "a red vase")
-    scores = [one.score for one in every]
+    scores = [detection.score for detection in every]
     assert len(every) == 40 and scores == sorted(scores, reverse=True)
-    boxes = np.array([one.box for one in every])
+    boxes = np.array([detection.box for detection in every])
     assert boxes.min() >= 0 and (boxes[:, [0, 2]] <= 130).all() and (boxes[:, [1, 3]] <= 70).all()
     settings = GroundingSettings(box_threshold=float(np.median(scores)), text_threshold=0.5, max_overlap=1.0)
     few = GroundingDino.from_session("tiny", tiny.detector._session, tiny.tokenizer_file, settings)
@@ -108,11 +108,11 @@ def test_detections_come_best_first_inside_the_photo_and_above_the_threshold(tin
 
 
 class _Scripted:
-    """A session with free sides that answers with given boxes (of the photo, as fractions) and says what it was fed."""
+    """A session with free input sizes that returns fixed boxes (fractions of the photo) and records its inputs."""
 
     def __init__(self, boxes: list[tuple[float, float, float, float]], scores: list[float]) -> None:
         self.boxes, self.scores = np.array([boxes], np.float32), scores
-        self.given: list[dict[str, np.ndarray]] = []
+        self.inputs: list[dict[str, np.ndarray]] = []
 
     def get_inputs(self) -> list[SimpleNamespace]:
         shapes = {"pixel_values": ["b", 3, "h", "w"], "input_ids": ["b", "l"], "attention_mask": ["b", "l"]}
@@ -121,32 +121,32 @@ class _Scripted:
     def get_outputs(self) -> list[SimpleNamespace]:
         return [SimpleNamespace(name="logits"), SimpleNamespace(name="pred_boxes")]
 
-    def run(self, names: list[str], given: dict[str, np.ndarray]) -> list[np.ndarray]:
-        self.given.append(given)
+    def run(self, names: list[str], inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+        self.inputs.append(inputs)
         logits = np.full((1, len(self.scores), 256), -np.inf, np.float32)
         logits[0, :, 1] = np.log(np.array(self.scores) / (1 - np.array(self.scores)))
         return [logits, self.boxes]
 
 
-def test_export_with_free_sides_gets_its_shorter_side_at_800_and_no_padding(tiny: Tiny) -> None:
+def test_export_with_free_sizes_gets_a_shorter_side_of_800_and_no_padding(tiny: Tiny) -> None:
     session = _Scripted([(0.5, 0.5, 0.5, 0.5)], [0.6])
     detector = GroundingDino.from_session("free", session, tiny.tokenizer_file)
     (found,) = detector.detect(_photo(100, 150), "vase")
-    assert session.given[0]["pixel_values"].shape == (1, 3, 800, 1200)
-    assert session.given[0]["input_ids"].shape == (1, 4) and "pixel_mask" not in session.given[0]
+    assert session.inputs[0]["pixel_values"].shape == (1, 3, 800, 1200)
+    assert session.inputs[0]["input_ids"].shape == (1, 4) and "pixel_mask" not in session.inputs[0]
     assert found.box == pytest.approx((37.5, 25, 112.5, 75)) and found.label == "vase"
     assert found.score == pytest.approx(0.6, abs=1e-6)
 
 
-def test_same_place_is_told_once_and_the_photo_is_looked_at_once(tiny: Tiny) -> None:
+def test_overlapping_boxes_are_suppressed_and_the_model_runs_once_per_photo(tiny: Tiny) -> None:
     session = _Scripted([(0.5, 0.5, 0.4, 0.4), (0.51, 0.5, 0.4, 0.4), (0.2, 0.2, 0.2, 0.2)], [0.5, 0.6, 0.4])
     detector = GroundingDino.from_session("free", session, tiny.tokenizer_file)
     for _ in range(2):
-        assert [round(one.score, 3) for one in detector.detect(_photo(), "vase")] == [0.6, 0.4]
-    assert len(session.given) == 1
+        assert [round(found.score, 3) for found in detector.detect(_photo(), "vase")] == [0.6, 0.4]
+    assert len(session.inputs) == 1
 
 
-def test_segment_that_fits_the_box_is_chosen_not_the_wall_behind_it(tiny: Tiny) -> None:
+def test_segment_that_fits_the_box_is_selected_not_the_wall_behind_it(tiny: Tiny) -> None:
     labels = np.ones((100, 200), np.int32)  # 1: the wall
     labels[20:80, 40:100] = 2  # the vase
     labels[20:40, 60:80] = 3  # its neck
@@ -154,15 +154,15 @@ def test_segment_that_fits_the_box_is_chosen_not_the_wall_behind_it(tiny: Tiny) 
     vase = (0.35, 0.5, 0.3, 0.6)
     session = _Scripted([vase, (0.352, 0.49, 0.29, 0.6), (0.85, 0.1, 0.2, 0.1), (0.5, 0.5, 1, 1)], [0.7, 0.8, 0.6, 0.1])
     detector = GroundingDino.from_session("free", session, tiny.tokenizer_file, GroundingSettings(max_overlap=1.0))
-    (found,) = detector.detect(_photo(100, 200), "vase", labels=labels)  # the third box fits nothing: dropped
+    (found,) = detector.detect(_photo(100, 200), "vase", labels=labels)  # no segment fits the third box
     assert (found.region, found.box) == (2, (40.0, 20.0, 100.0, 80.0)) and found.score == pytest.approx(0.8, abs=1e-6)
     half = labels[::2, ::2].copy()  # a label map may be smaller than the photo
-    assert [one.region for one in detector.detect(_photo(100, 200), "vase", labels=half)] == [2]
+    assert [found.region for found in detector.detect(_photo(100, 200), "vase", labels=half)] == [2]
     assert best_segments(np.array([[0, 0, 200, 100]], np.float32), labels)[0][0] == 1
 
 
-def test_crop_scores_what_overlaps_the_object_only(tiny: Tiny) -> None:
-    # The crop is 1.4 boxes wide, so the object fills its middle 1 / 1.4; the louder box beside it must not count.
+def test_crop_score_only_counts_boxes_that_overlap_the_object(tiny: Tiny) -> None:
+    # The crop is 1.4 boxes wide, so the object covers the middle 1 / 1.4. The box with the higher score must not count.
     session = _Scripted([(0.5, 0.5, 0.7, 0.7), (0.1, 0.1, 0.2, 0.2)], [0.4, 0.9])
     detector = GroundingDino.from_session("free", session, tiny.tokenizer_file)
     pixels = _photo(200, 300)
@@ -171,29 +171,29 @@ def test_crop_scores_what_overlaps_the_object_only(tiny: Tiny) -> None:
     mask = np.zeros((200, 300), bool)
     mask[60:120, 100:160] = True
     assert detector.score_crops(pixels, [[0, 0, 300, 200]], "vase", masks=[mask]) == pytest.approx([0.4], abs=1e-6)
-    assert len(session.given) == 1  # the same crop three times
+    assert len(session.inputs) == 1  # the same crop three times
     session = _Scripted([(0.1, 0.1, 0.2, 0.2)], [0.9])
     other = GroundingDino.from_session("free", session, tiny.tokenizer_file)
     assert other.score_crops(pixels, [[100, 60, 160, 120]], "vase") == [0.0]
     assert other.describe_crops(pixels, [[100, 60, 160, 120]], [mask]) is None
 
 
-def test_any_words_are_known_and_an_empty_prompt_is_not(tiny: Tiny) -> None:
+def test_any_words_are_accepted_but_not_an_empty_prompt(tiny: Tiny) -> None:
     detector: Detector = tiny.detector
-    assert detector.knows("an amphora with handles").known
+    assert detector.check_prompt("an amphora with handles").known
     for empty in ("", "  ", " . ?"):
         with pytest.raises(PromptError, match="empty"):
-            detector.knows(empty)
+            detector.check_prompt(empty)
     with pytest.raises(PromptError, match="Use fewer words"):
         detector.detect(_photo(), "vase " * 40)
 
 
-def test_caption_is_one_phrase_in_lower_case_with_a_full_stop() -> None:
-    assert caption(" Red  Vase. ") == "red vase ."
-    assert caption("vase. statue?") == "vase statue ."  # two phrases would be read wrongly by one-phrase exports
+def test_caption_is_one_phrase_in_lower_case_with_a_period() -> None:
+    assert to_caption(" Red  Vase. ") == "red vase ."
+    assert to_caption("vase. statue?") == "vase statue ."  # exports with one phrase would process two phrases wrongly
 
 
-def test_other_model_and_broken_tokenizer_are_named(tiny: Tiny, tmp_path: Path) -> None:
+def test_other_models_and_broken_tokenizers_give_readable_errors(tiny: Tiny, tmp_path: Path) -> None:
     session = _Scripted([], [])
     session.get_outputs = lambda: [SimpleNamespace(name="logits")]  # type: ignore[method-assign]
     with pytest.raises(ModelFileError, match="not a Grounding DINO export"):

@@ -1,4 +1,4 @@
-"""Prompts are understood, or refused with the nearest words."""
+"""Prompts match classes, or are rejected with the nearest words."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_there_are_a_thousand_classes_in_the_classifiers_order() -> None:
 
 
 @pytest.mark.parametrize(
-    ("prompt", "meant"),
+    ("prompt", "expected"),
     [
         ("vase", "vase"),
         ("Vases", "vase"),
@@ -37,34 +37,34 @@ def test_there_are_a_thousand_classes_in_the_classifiers_order() -> None:
         ("acoustic guitars", "acoustic guitar"),
     ],
 )
-def test_known_words_are_taken_for_what_they_mean(detector: OfflineVocabulary, prompt: str, meant: str) -> None:
-    check = detector.knows(prompt)
-    assert check.known and check.matches[0][0] == meant
-    assert "is looked for as" in check.message
+def test_known_words_match_their_class(detector: OfflineVocabulary, prompt: str, expected: str) -> None:
+    check = detector.check_prompt(prompt)
+    assert check.known and check.matches[0][0] == expected
+    assert "is searched for as" in check.message
 
 
 @pytest.mark.parametrize(
     "prompt",
     ["spaceship engine", "sarcophagus", "xylograph", "quantum flux", "cuneiform tablet", "bust", "asdfgh", "花瓶"],
 )
-def test_prompt_outside_the_vocabulary_is_refused_with_the_nearest_words(
+def test_prompt_outside_the_vocabulary_is_rejected_with_the_nearest_words(
     detector: OfflineVocabulary, prompt: str
 ) -> None:
-    check = detector.knows(prompt)
+    check = detector.check_prompt(prompt)
     assert not check.known and len(check.matches) == 5
-    assert "outside what the offline vocabulary knows" in check.message and check.matches[0][0] in check.message
-    likeness = [value for _, value in check.matches]
-    assert likeness == sorted(likeness, reverse=True)
+    assert "outside the offline vocabulary" in check.message and check.matches[0][0] in check.message
+    similarities = [value for _, value in check.matches]
+    assert similarities == sorted(similarities, reverse=True)
 
 
 @pytest.mark.parametrize("prompt", ["", "   ", "!?", "_"])
 def test_empty_prompt_says_what_to_type(detector: OfflineVocabulary, prompt: str) -> None:
     with pytest.raises(PromptError, match="prompt is empty"):
-        detector.knows(prompt)
+        detector.check_prompt(prompt)
 
 
-class _FewCalls:
-    """A sentence encoder that may not be asked for more than single prompts."""
+class _CountingEncoder:
+    """A sentence encoder that counts the calls with more than one text."""
 
     def __init__(self, encoder: SentenceEncoder) -> None:
         self._encoder, self.width, self.fingerprint = encoder, encoder.width, encoder.fingerprint
@@ -75,10 +75,10 @@ class _FewCalls:
         return self._encoder.encode(texts[:1]).repeat(len(texts), axis=0)
 
 
-def test_vectors_of_the_classes_are_kept_between_runs_and_made_anew_when_damaged(
+def test_vectors_of_the_classes_are_cached_and_computed_again_when_damaged(
     encoder: SentenceEncoder, tmp_path: Path
 ) -> None:
-    counting = _FewCalls(encoder)
+    counting = _CountingEncoder(encoder)
     for _ in range(2):
         Vocabulary(counting, tmp_path).check("quantum flux")  # type: ignore[arg-type]
     assert counting.long_calls == 1

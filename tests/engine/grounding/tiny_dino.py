@@ -1,4 +1,4 @@
-"""A Grounding DINO of a few thousand random weights, its vocabulary, and its ONNX export."""
+"""A Grounding DINO with a few thousand random weights, its vocabulary, and its ONNX export."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from transformers.models.grounding_dino import modeling_grounding_dino
 __all__ = ["MAX_TOKENS", "SIDE", "export", "model", "tokenizer"]
 
 SIDE, MAX_TOKENS = 96, 32
-# The model parts phrases at these ids of bert-base-uncased, so the vocabulary must have them in the same places.
+# The model separates phrases at these ids of bert-base-uncased, so the vocabulary must use the same ids.
 _SPECIAL = {0: "[PAD]", 100: "[UNK]", 101: "[CLS]", 102: "[SEP]", 103: "[MASK]", 1012: ".", 1029: "?"}
 _WORDS = ("a", "the", "red", "blue", "old", "vase", "head", "statue", "of", "woman", "s", "'", "-", ",", "ca", "##fe")
 _WORDS += ("##s", "18", "##th", "century", "vas", "##en")
@@ -22,16 +22,16 @@ _INPUTS = ("pixel_values", "input_ids", "token_type_ids", "attention_mask", "pix
 
 
 def tokenizer(folder: Path) -> Any:
-    """Return a BERT tokenizer of `transformers`; its ``tokenizer.json`` lies in `folder`."""
+    """Return a BERT tokenizer of `transformers`; write its ``tokenizer.json`` into `folder`."""
     pieces = dict(_SPECIAL) | {200 + i: word for i, word in enumerate(_WORDS)}
     vocabulary = {pieces.get(i, f"[unused{i}]"): i for i in range(1030)}
-    made = transformers.BertTokenizer(vocab=vocabulary, do_lower_case=True)
-    made.backend_tokenizer.save(str(folder / "tokenizer.json"))
-    return made
+    bert = transformers.BertTokenizer(vocab=vocabulary, do_lower_case=True)
+    bert.backend_tokenizer.save(str(folder / "tokenizer.json"))
+    return bert
 
 
 def model() -> Any:
-    """Return the model, in torch."""
+    """Return the torch model."""
     backbone = {
         "model_type": "swin", "image_size": SIDE, "embed_dim": 8, "depths": [1, 1, 1, 1], "num_heads": [1, 1, 2, 2],
         "window_size": 4, "out_features": ["stage2", "stage3", "stage4"],
@@ -50,7 +50,7 @@ def model() -> Any:
 
 
 class _Outputs(torch.nn.Module):
-    """The two outputs that exports have."""
+    """The model with the two outputs of public exports."""
 
     def __init__(self, model: torch.nn.Module) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class _Outputs(torch.nn.Module):
 
 
 def _phrase_mask(ids: torch.Tensor, special_tokens: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """What transformers' function of the same purpose does, without isin, cummax and eye, which ONNX lacks here."""
+    """Return the same masks as the function of transformers, without isin, cummax and eye, which ONNX lacks here."""
     special = (ids.unsqueeze(-1) == special_tokens).any(-1)
     count = ids.shape[1]
     place = torch.arange(count)
@@ -74,8 +74,8 @@ def _phrase_mask(ids: torch.Tensor, special_tokens: torch.Tensor) -> tuple[torch
     return mask, torch.where(inside, place[None] - before - 1, 0).clamp(min=0)
 
 
-def export(made: Any, path: Path) -> None:
-    """Write `made` as ONNX: fixed 96 x 96 pixels and 32 tokens, as public exports have 800 x 800 and 256."""
+def export(dino: Any, path: Path) -> None:
+    """Write `dino` as ONNX with fixed 96 x 96 pixels and 32 tokens; public exports have 800 x 800 and 256."""
     original = modeling_grounding_dino.generate_masks_with_special_tokens_and_transfer_map
     special = torch.tensor(modeling_grounding_dino.SPECIAL_TOKENS)
     for ids in ([[101, 200, 201, 1012, 102]], [[101, 200, 1012, 201, 202, 1029, 102, 0, 0]]):
@@ -92,9 +92,11 @@ def export(made: Any, path: Path) -> None:
     modeling_grounding_dino.generate_masks_with_special_tokens_and_transfer_map = _phrase_mask
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the tracer warns of each shape it takes as fixed, which is what we want
+            warnings.simplefilter(
+                "ignore"
+            )  # the tracer warns of each shape that it treats as constant, which is intended
             torch.onnx.export(
-                _Outputs(made).eval(), given, str(path), input_names=list(_INPUTS),
+                _Outputs(dino).eval(), given, str(path), input_names=list(_INPUTS),
                 output_names=["logits", "pred_boxes"], opset_version=17, dynamo=False,
             )  # fmt: skip
     finally:
@@ -103,7 +105,7 @@ def export(made: Any, path: Path) -> None:
 
 
 def _with_single_precision_grids(path: Path) -> None:
-    """Tracing makes the sampling places of the deformable attention double, which onnxruntime does not sample at."""
+    """Cast the sampling grids of the deformable attention to float32: tracing makes them float64, unsupported here."""
     graph = onnx.load(str(path))
     nodes = []
     for number, node in enumerate(graph.graph.node):

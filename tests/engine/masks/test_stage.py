@@ -1,4 +1,4 @@
-"""The masks stage keeps what did not change."""
+"""The masks stage reuses the label maps of unchanged photos."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from engine.scene.camera import Camera, CameraSet
 from engine.scene.photo import Photo, PhotoSet
 from tests.engine.masks.shapes import shapes_picture
 
-FEW = replace(MaskSettings(), max_prompts=2, max_side=128)
+FEW_CLICKS = replace(MaskSettings(), max_prompts=2, max_side=128)
 NAMES = ["a.png", "hall/b.png"]
 
 
@@ -40,12 +40,12 @@ def _photos(folder: Path) -> PhotoSet:
 
 def _cameras() -> CameraSet:
     cameras = tuple(Camera(name, 640, 480, "PINHOLE", (500.0, 500.0, 320.0, 240.0), np.eye(4)) for name in NAMES)
-    nothing = np.zeros((0, 3))
-    return CameraSet(cameras, (), nothing.astype(np.float32), nothing.astype(np.uint8), float("nan"), np.eye(4), True)
+    empty = np.zeros((0, 3))
+    return CameraSet(cameras, (), empty.astype(np.float32), empty.astype(np.uint8), float("nan"), np.eye(4), True)
 
 
 class _Counting:
-    """A SAM that counts the photos it encodes and finds a square wherever it is asked."""
+    """A SAM that counts the photos it encodes and predicts the same square for every click."""
 
     def __init__(self) -> None:
         self.encoded = 0
@@ -62,9 +62,9 @@ class _Counting:
         return [(logits, 0.9)]
 
 
-def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW, stop_after: int = 10**9) -> list[Event]:
+def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW_CLICKS, stop_after: int = 10**9) -> list[Event]:
     events: list[Event] = []
-    made = make_masks(
+    paths = make_masks(
         _photos(folder),
         _cameras(),
         NAMES,
@@ -74,45 +74,45 @@ def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW, stop_after:
         emit=events.append,
         should_stop=lambda: sam.encoded >= stop_after,
     )
-    assert list(made) == NAMES
-    assert all(read_label_map(path).shape == (96, 128) for path in made.values())
+    assert list(paths) == NAMES
+    assert all(read_label_map(path).shape == (96, 128) for path in paths.values())
     return events
 
 
-def _n_made(events: list[Event]) -> int:
+def _n_computed(events: list[Event]) -> int:
     return sum(isinstance(event, Progress) and event.message.startswith("Segments of") for event in events)
 
 
-def test_second_run_makes_nothing_and_a_changed_photo_or_setting_is_made_anew(folder: Path) -> None:
+def test_second_run_reuses_label_maps_until_a_photo_or_setting_changes(folder: Path) -> None:
     counting = _Counting()
     events = _run(folder, counting)
-    assert _n_made(events) == counting.encoded == 2
+    assert _n_computed(events) == counting.encoded == 2
     assert [event.fraction for event in events if isinstance(event, Progress)] == [0.0, 0.5, 1.0]
-    assert _n_made(_run(folder, counting)) == 0
+    assert _n_computed(_run(folder, counting)) == 0
     Image.fromarray(shapes_picture(1)[0]).save(folder / "photos" / NAMES[0])
-    assert _n_made(_run(folder, counting)) == 1 and counting.encoded == 3
-    assert _n_made(_run(folder, counting, replace(FEW, min_iou=0.5))) == 2
+    assert _n_computed(_run(folder, counting)) == 1 and counting.encoded == 3
+    assert _n_computed(_run(folder, counting, replace(FEW_CLICKS, min_iou=0.5))) == 2
     assert counting.encoded == 3  # the photos are the same
 
 
-def test_cancelled_run_continues_and_a_damaged_label_map_is_made_anew(folder: Path) -> None:
+def test_cancelled_run_is_resumed_and_a_damaged_label_map_is_computed_again(folder: Path) -> None:
     counting = _Counting()
     with pytest.raises(Cancelled):
         _run(folder, counting, stop_after=1)
-    assert _n_made(_run(folder, counting)) == 2  # the first was stopped within its clicks
-    assert counting.encoded == 2  # but not before it was encoded
+    assert _n_computed(_run(folder, counting)) == 2  # the first photo was stopped during its clicks
+    assert counting.encoded == 2  # but after it was encoded
     (folder / "masks" / "a.png.npz").write_bytes(b"half")
-    assert _n_made(_run(folder, counting)) == 1 and counting.encoded == 2
+    assert _n_computed(_run(folder, counting)) == 1 and counting.encoded == 2
 
 
-def test_name_that_is_not_a_registered_photo_is_refused(folder: Path) -> None:
+def test_photo_that_is_not_registered_is_rejected(folder: Path) -> None:
     with pytest.raises(MaskError, match="c.png is not a registered photo"):
         make_masks(
             _photos(folder),
             _cameras(),
             ["c.png"],
             folder / "masks",
-            FEW,
+            FEW_CLICKS,
             _Counting(),  # type: ignore[arg-type]
             emit=lambda event: None,
             should_stop=lambda: False,

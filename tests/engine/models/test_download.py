@@ -1,4 +1,4 @@
-"""Weight files from an address: continued after a break, through a proxy, from a colleague, trusted on first use."""
+"""Weight files from a URL: resumed downloads, proxies, offline folders, and trust on first use."""
 
 from __future__ import annotations
 
@@ -15,25 +15,28 @@ import pytest
 from engine.errors import Cancelled, DiskError, EnvironmentProblem, ModelFileError
 from engine.events import Event, Progress
 from engine.models import download as download_module
-from engine.models.catalogue import CATALOGUE, OFFLINE_VARIABLE, ModelFile, fetch, locate, record_path
+from engine.models.cache import OFFLINE_VARIABLE, locate
+from engine.models.catalogue import CATALOGUE, ModelFile
+from engine.models.fetching import fetch
+from engine.models.verification import record_path
 
 CONTENT = bytes(range(256)) * 4000  # 1 MB
 
 
 @dataclass
 class Site:
-    """A server of one file that can break off, forget its ranges, or have the file exchanged."""
+    """A server of one file that can interrupt a download, ignore ranges, or serve another file."""
 
     content: bytes = CONTENT
     etag: str | None = '"one"'
     breaks_after: int | None = None
     ranges: bool = True
     port: int = 0
-    asked: list[tuple[str, str | None]] = field(default_factory=list)
+    requests: list[tuple[str, str | None]] = field(default_factory=list)
 
     def answer(self, handler: BaseHTTPRequestHandler) -> None:
         wanted = handler.headers.get("Range")
-        self.asked.append((handler.path, wanted))
+        self.requests.append((handler.path, wanted))
         if "gone" in handler.path:
             handler.send_error(404)
             return
@@ -93,7 +96,7 @@ def _files(cache: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["hash-in-the-table", "trusted-on-first-use"])
-def test_broken_download_is_continued_where_it_stopped(
+def test_interrupted_download_is_resumed_where_it_stopped(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch, known: bool
 ) -> None:
     _model(monkeypatch, site, known=known)
@@ -103,11 +106,11 @@ def test_broken_download_is_continued_where_it_stopped(
     assert (tmp_path / "models" / "large.onnx.part").stat().st_size == 300_000
     site.breaks_after = None
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
-    assert [wanted for _, wanted in site.asked] == [None, "bytes=300000-"]
+    assert [wanted for _, wanted in site.requests] == [None, "bytes=300000-"]
     assert _files(tmp_path) == {"large.onnx"} | (set() if known else {"large.onnx.trusted.json"})
 
 
-def test_part_of_a_file_that_was_exchanged_meanwhile_is_not_glued_on(
+def test_partial_download_of_a_file_that_changed_on_the_server_is_discarded(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=False)
@@ -118,7 +121,7 @@ def test_part_of_a_file_that_was_exchanged_meanwhile_is_not_glued_on(
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT[::-1]
 
 
-def test_server_without_ranges_or_marks_starts_anew(
+def test_download_from_a_server_without_ranges_or_etags_starts_again(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=False)
@@ -127,10 +130,10 @@ def test_server_without_ranges_or_marks_starts_anew(
         fetch("large", cache=tmp_path)
     site.breaks_after = None
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
-    assert [wanted for _, wanted in site.asked] == [None, None]
+    assert [wanted for _, wanted in site.requests] == [None, None]
 
 
-def test_part_that_is_longer_than_the_file_is_thrown_away(
+def test_partial_file_longer_than_the_file_is_discarded(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=True)
@@ -139,17 +142,19 @@ def test_part_that_is_longer_than_the_file_is_thrown_away(
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
 
 
-def test_other_file_than_the_table_says_leaves_nothing_behind(
+def test_file_that_differs_from_the_catalogue_leaves_nothing_in_the_cache(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=True)
     site.content = CONTENT[::-1]
-    with pytest.raises(ModelFileError, match="is not the file the catalogue knows"):
+    with pytest.raises(ModelFileError, match="is not the file listed in the catalogue"):
         fetch("large", cache=tmp_path)
     assert _files(tmp_path) == set()
 
 
-def test_first_use_is_written_down_and_held_to(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hash_of_the_first_use_is_recorded_and_enforced(
+    tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
     model = _model(monkeypatch, site, known=False)
     assert model.pin == "pinned by revision; hash is written on first fetch and checked afterwards"
     path = fetch("large", cache=tmp_path)
@@ -170,30 +175,28 @@ def test_first_use_is_written_down_and_held_to(tmp_path: Path, site: Site, monke
         locate("large", tmp_path)
 
 
-def test_file_put_into_the_cache_by_hand_is_neither_trusted_nor_deleted(
+def test_file_copied_into_the_cache_by_hand_is_neither_trusted_nor_deleted(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=False)
     path = tmp_path / "models" / "large.onnx"
     path.parent.mkdir()
     path.write_bytes(CONTENT)
-    with pytest.raises(ModelFileError, match="put there by hand"):
+    with pytest.raises(ModelFileError, match="copied here by hand"):
         locate("large", tmp_path)
     with pytest.raises(ModelFileError, match="fetch large --from FOLDER"):
         fetch("large", cache=tmp_path)
-    assert path.read_bytes() == CONTENT and not site.asked
+    assert path.read_bytes() == CONTENT and not site.requests
 
 
 def test_proxy_of_the_environment_is_used(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     _model(monkeypatch, site, known=True, host="models.invalid")
     monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{site.port}")
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
-    assert site.asked[0][0] == "http://models.invalid/rev/large.onnx"
+    assert site.requests[0][0] == "http://models.invalid/rev/large.onnx"
 
 
-def test_no_network_and_a_missing_address_say_what_to_do(
-    tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_errors_of_network_and_url_say_what_to_do(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     _model(monkeypatch, site, known=True, host="127.0.0.1:9")
     with pytest.raises(EnvironmentProblem, match="Could not download large .* set HTTPS_PROXY; .* --from FOLDER"):
         fetch("large", cache=tmp_path)
@@ -202,11 +205,11 @@ def test_no_network_and_a_missing_address_say_what_to_do(
         fetch("large", cache=tmp_path)
 
 
-def test_cancel_keeps_what_came_and_progress_says_how_much(
+def test_cancel_keeps_the_partial_download_and_progress_is_reported(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=True)
-    monkeypatch.setattr(download_module, "_TELL_SECONDS", 0.0)
+    monkeypatch.setattr(download_module, "_PROGRESS_INTERVAL_SECONDS", 0.0)
     events: list[Event] = []
     with pytest.raises(Cancelled, match="the next fetch continues there"):
         fetch("large", cache=tmp_path, should_stop=lambda: len(events) > 2, emit=events.append)
@@ -216,43 +219,43 @@ def test_cancel_keeps_what_came_and_progress_says_how_much(
     assert fractions[-1] == 1.0 and any(0 < fraction < 1 for fraction in fractions)
 
 
-def test_cache_that_cannot_be_written_is_a_sentence(
+def test_cache_that_cannot_be_written_gives_a_readable_error(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=True)
     (tmp_path / "models").write_text("a file, not a folder")
-    with pytest.raises(DiskError, match="Could not take away .* choose another cache folder"):
+    with pytest.raises(DiskError, match="Could not remove .* choose another cache folder"):
         fetch("large", cache=tmp_path)
 
 
-def test_colleagues_file_is_checked_against_their_record_and_taken_over_with_it(
+def test_file_from_an_offline_folder_is_checked_against_its_record_and_copied_with_it(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=False)
     theirs = fetch("large", cache=tmp_path / "colleague")
-    site.asked.clear()
+    site.requests.clear()
     path = fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
-    assert path.read_bytes() == CONTENT and record_path(path).is_file() and not site.asked
+    assert path.read_bytes() == CONTENT and record_path(path).is_file() and not site.requests
     path.unlink()
     theirs.write_bytes(CONTENT[::-1])
     with pytest.raises(ModelFileError, match="is damaged .* Copy it again"):
         fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
     record_path(theirs).unlink()
-    with pytest.raises(ModelFileError, match="trusted on first use"):  # but mine is still held to
+    with pytest.raises(ModelFileError, match="trusted on first use"):  # the record in the own cache still applies
         fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
     assert not path.exists()
-    with pytest.raises(ModelFileError, match="holds neither large.onnx nor the package"):
+    with pytest.raises(ModelFileError, match="contains neither large.onnx nor the package"):
         fetch("large", cache=tmp_path / "mine", offline=tmp_path, network=False)
-    assert not site.asked
+    assert not site.requests
 
 
-def test_own_name_is_known_in_a_colleagues_folder_unless_two_models_have_it(
+def test_original_name_is_accepted_in_an_offline_folder_unless_two_models_share_it(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _model(monkeypatch, site, known=True, path="rev/weights_v1.onnx")
     (tmp_path / "weights_v1.onnx").write_bytes(CONTENT)
     assert fetch("large", cache=tmp_path, offline=tmp_path, network=False).read_bytes() == CONTENT
-    _model(monkeypatch, site, known=True, path="rev/model.onnx")  # both Grounding DINOs are called that
+    _model(monkeypatch, site, known=True, path="rev/model.onnx")  # both Grounding DINO files have this name
     (tmp_path / "model.onnx").write_bytes(CONTENT)
-    with pytest.raises(ModelFileError, match="holds neither large.onnx"):
+    with pytest.raises(ModelFileError, match="contains neither large.onnx"):
         fetch("large", cache=tmp_path / "other", offline=tmp_path, network=False)

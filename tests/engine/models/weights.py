@@ -1,14 +1,14 @@
-"""The real weight files: fetched once into the user's cache, like a user would."""
+"""The real weight files, fetched once into the user's cache."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from engine.models.catalogue import fetch
+from engine.models.fetching import fetch
 
 __all__ = ["fetched"]
 
 
 def fetched(*names: str) -> list[Path]:
-    """Return the files of the catalogue called `names`, fetching those that are not there."""
+    """Return the files of the catalogue called `names`, fetching the missing ones."""
     return [fetch(name) for name in names]

@@ -1,4 +1,4 @@
-"""Masks beside the photos and transparency inside them say which pixels count; what does not fit is said."""
+"""Masks and transparency decide which pixels of a photo are valid; masks that do not match raise errors."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ HEIGHT, WIDTH = 48, 64
 
 
 def left_half() -> NDArray[np.bool_]:
-    """A mask whose left half counts."""
+    """Return a mask whose left half is valid."""
     valid = np.zeros((HEIGHT, WIDTH), bool)
     valid[:, : WIDTH // 2] = True
     return valid
 
 
 def scene(folder: Path, *masked: str) -> tuple[Path, Path]:
-    """Three photos, and masks that keep the left half of those named."""
+    """Write three photos, and masks that keep the left half of the photos `masked`."""
     photos, masks = folder / "photos", folder / "masks"
     masks.mkdir(parents=True)
     for index, name in enumerate(("a.jpg", "b.jpg", "in/c.png")):
@@ -47,8 +47,8 @@ def test_masks_are_found_by_the_photos_names_and_others_are_used_whole_with_a_wa
     events: list[Event] = []
     found = read(*scene(tmp_path, "a.jpg", "in/c.png"), events)
     assert sorted(found.mask_files) == ["a.jpg", "in/c.png"]
-    (told,) = [event.message for event in events if isinstance(event, Warned)]
-    assert told == f"1 of 3 photos have no mask in {tmp_path / 'masks'} and are used whole: b.jpg."
+    (warning,) = [event.message for event in events if isinstance(event, Warned)]
+    assert warning == f"1 of 3 photos have no mask in {tmp_path / 'masks'} and are used whole: b.jpg."
     assert [len(photo.hashes) for photo in found.photos] == [3, 2, 3]
     write_photo_set(tmp_path / "photos.json", found)
     assert read_photo_set(tmp_path / "photos.json") == found
@@ -69,7 +69,7 @@ def test_masks_inside_the_photo_folder_are_not_taken_for_photos(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("white", [1, 255])
-def test_only_black_pixels_are_left_out_whatever_the_mask_is_stored_as(tmp_path: Path, white: int) -> None:
+def test_only_black_pixels_are_excluded_in_every_mask_format(tmp_path: Path, white: int) -> None:
     save(tmp_path / "a.png", textured(0))
     gray = left_half().astype(np.uint8) * white
     kinds = [
@@ -84,7 +84,7 @@ def test_only_black_pixels_are_left_out_whatever_the_mask_is_stored_as(tmp_path:
         assert valid is not None and np.array_equal(valid, left_half()), picture.mode
 
 
-def test_what_does_not_count_has_no_part_in_a_pixel_of_a_smaller_picture_that_does(tmp_path: Path) -> None:
+def test_excluded_pixels_do_not_contribute_to_valid_pixels_of_a_reduced_picture(tmp_path: Path) -> None:
     mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
     mask[20:30, 33:40] = 0
     save(tmp_path / "m.png", mask)
@@ -100,7 +100,7 @@ def test_what_does_not_count_has_no_part_in_a_pixel_of_a_smaller_picture_that_do
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif", "webp"])
-def test_transparent_pixels_do_not_count(tmp_path: Path, suffix: str) -> None:
+def test_transparent_pixels_are_not_valid(tmp_path: Path, suffix: str) -> None:
     alpha = np.where(left_half(), 255, 40).astype(np.uint8)
     save(tmp_path / f"a.{suffix}", np.dstack([textured(0), alpha]), **({"lossless": True} if suffix == "webp" else {}))
     valid = load_valid(tmp_path / f"a.{suffix}", None)
@@ -110,7 +110,7 @@ def test_transparent_pixels_do_not_count(tmp_path: Path, suffix: str) -> None:
     assert load_valid(tmp_path / f"b.{suffix}", tmp_path / f"b.{suffix}") is None
 
 
-def test_a_mask_follows_a_photo_that_exif_turns_upright_or_as_stored(tmp_path: Path) -> None:
+def test_a_mask_may_be_upright_or_stored_like_a_photo_with_exif_rotation(tmp_path: Path) -> None:
     turned = Image.Exif()
     turned[0x0112] = 6
     Image.fromarray(textured(0)).save(tmp_path / "a.jpg", exif=turned)
@@ -123,7 +123,7 @@ def test_a_mask_follows_a_photo_that_exif_turns_upright_or_as_stored(tmp_path: P
         assert valid is not None and np.array_equal(valid, upright), name
 
 
-def test_masks_that_do_not_fit_are_refused_with_a_sentence(tmp_path: Path) -> None:
+def test_masks_that_do_not_match_raise_errors(tmp_path: Path) -> None:
     photos, masks = scene(tmp_path)
     with pytest.raises(PhotoError, match=r"does not exist\. Choose the folder"):
         read(photos, tmp_path / "elsewhere")
@@ -134,16 +134,16 @@ def test_masks_that_do_not_fit_are_refused_with_a_sentence(tmp_path: Path) -> No
     with pytest.raises(PhotoError, match=r"b\.jpg\.png has 65 x 48 pixels, its photo b\.jpg 64 x 48"):
         read(photos, masks)
     save(file, np.zeros((HEIGHT, WIDTH), np.uint8))
-    with pytest.raises(PhotoError, match=r"leaves nothing of b\.jpg"):
+    with pytest.raises(PhotoError, match=r"excludes every pixel of b\.jpg"):
         read(photos, masks)
     file.write_bytes(b"no picture")
     with pytest.raises(PhotoError, match=r"The mask .*b\.jpg\.png cannot be read"):
         read(photos, masks)
 
 
-def test_reading_masks_stops_when_asked(tmp_path: Path) -> None:
+def test_reading_masks_can_be_cancelled(tmp_path: Path) -> None:
     photos, masks = scene(tmp_path, "a.jpg")
     # Once per photo while photos are read, then per mask.
-    asked = iter([False] * 3 + [True])
+    answers = iter([False] * 3 + [True])
     with pytest.raises(Cancelled, match="masks"):
-        read_photos(photos, SMALL, masks=masks, should_stop=lambda: next(asked))
+        read_photos(photos, SMALL, masks=masks, should_stop=lambda: next(answers))

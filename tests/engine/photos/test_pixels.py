@@ -1,4 +1,4 @@
-"""Every kind of picture becomes the same upright, 8-bit, three-channel sRGB pixels."""
+"""Pictures of all formats are loaded as upright, 8-bit, three-channel sRGB pixels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from engine.errors import PhotoError
-from engine.photos.exif import TURNS
+from engine.photos.exif import UPRIGHT_TRANSPOSES
 from engine.photos.pixels import load_pixels
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
@@ -20,7 +20,7 @@ ORIENTATION, EXIF_IFD = 0x0112, 0x8769
 
 
 def corners(height: int = 48, width: int = 64) -> NDArray[np.uint8]:
-    """A picture whose four quarters differ, so that every turn and mirror image shows."""
+    """Return a picture whose four quarters differ, so that every rotation and reflection changes it."""
     pixels = np.zeros((height, width, 3), np.uint8)
     pixels[: height // 2, : width // 2] = (250, 10, 10)
     pixels[: height // 2, width // 2 :] = (10, 250, 10)
@@ -36,7 +36,7 @@ def test_exif_orientation_is_applied(tmp_path: Path, suffix: str, orientation: i
     undo = {6: 8, 8: 6}.get(orientation, orientation)
     stored = Image.fromarray(upright)
     if orientation > 1:
-        stored = stored.transpose(TURNS[undo])
+        stored = stored.transpose(UPRIGHT_TRANSPOSES[undo])
     exif = stored.getexif()
     exif[ORIENTATION] = orientation
     path = tmp_path / f"a.{suffix}"
@@ -82,7 +82,7 @@ def test_gray_palette_and_alpha_become_three_channels(tmp_path: Path, mode: str)
     assert pixels.std() > 10
 
 
-def test_transparent_pixels_lie_over_white(tmp_path: Path) -> None:
+def test_transparent_pixels_are_composited_over_white(tmp_path: Path) -> None:
     pixels = np.dstack([corners(), np.full((48, 64), 255, np.uint8)])
     pixels[:, 32:, 3] = 0
     pixels[:, :8, 3] = 128
@@ -116,7 +116,7 @@ def test_a_damaged_colour_profile_is_ignored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [(729, 1093), (1001, 333), (640, 480)])
-def test_a_smaller_picture_shows_the_same_places(tmp_path: Path, size: tuple[int, int]) -> None:
+def test_a_reduced_picture_shows_the_same_positions(tmp_path: Path, size: tuple[int, int]) -> None:
     width, height = size
     x = np.linspace(0, 255, width)[None, :, None].repeat(height, 0)
     y = np.linspace(0, 255, height)[:, None, None].repeat(width, 1)
@@ -164,12 +164,12 @@ def test_focal_length_in_pixels_comes_from_exif(
     assert focal == (pytest.approx(expected, rel=1e-4) if expected is not None else None)
 
 
-def test_damaged_exif_does_not_cost_the_photo(tmp_path: Path) -> None:
+def test_photo_with_damaged_exif_is_used(tmp_path: Path) -> None:
     Image.fromarray(corners(300, 400)).save(tmp_path / "a.jpg", exif=b"Exif\0\0II*\0\x08\0\0\0\xff\xff\x01\x02\x03")
     photo = read_photos(tmp_path).photos[0]
     assert photo.focal_px is None
 
 
 def test_a_missing_photo_is_named() -> None:
-    with pytest.raises(PhotoError, match="gone.jpg is gone"):
+    with pytest.raises(PhotoError, match="gone.jpg is missing"):
         load_pixels(Path("gone.jpg"))

@@ -1,4 +1,4 @@
-"""A folder of pictures, good and bad, becomes a list of what is used and what is not."""
+"""Photos of a folder are read; unusable files are rejected with a reason."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     "tiny.png": (
         lambda path: save(path, textured(1, height=16, width=64)),
-        "It has only 64 x 16 pixels; 32 on each side are the least.",
+        "It has only 64 x 16 pixels; at least 32 on each side are needed.",
     ),
     "black.png": (
         lambda path: save(path, np.full((48, 64, 3), 3, np.uint8)),
@@ -67,7 +67,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "white.png": (lambda path: save(path, np.full((48, 64, 3), 254, np.uint8)), "It is white: overexposed throughout."),
     "float.tif": (
         lambda path: Image.fromarray(np.zeros((48, 64), np.float32)).save(path),
-        "The picture holds 32-bit floats, whose range is unknown. Save it with 8 or 16 bits.",
+        "The picture contains 32-bit floats, whose range is unknown. Save it with 8 or 16 bits.",
     ),
     "twin.png": (lambda path: save(path, textured(0)), "It is the same picture as good0.png."),
     "raw.CR2": (
@@ -81,7 +81,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_bad_file_is_listed_with_its_reason_and_not_fatal(tmp_path: Path, name: str) -> None:
+def test_an_unusable_file_is_listed_with_its_reason_and_not_fatal(tmp_path: Path, name: str) -> None:
     for seed in range(6):
         save(tmp_path / f"good{seed}.png", textured(seed + 10 * (seed > 0)))
     make, sentence = FAULTS[name]
@@ -105,14 +105,14 @@ def test_heic_is_read_where_a_reader_is_installed(tmp_path: Path) -> None:
     assert names(tmp_path)[0] == ["b.heic"]
 
 
-def test_names_with_spaces_letters_of_other_languages_and_equal_stems_stay_apart(tmp_path: Path) -> None:
+def test_names_with_spaces_non_ascii_letters_and_equal_stems_stay_distinct(tmp_path: Path) -> None:
     wanted = ["a.jpg", "a.png", "Götter und Vasen/Ünïcode 彫刻.jpg", "sub/a.jpg"]
     for seed, name in enumerate(wanted):
         save(tmp_path / name, textured(seed))
     assert sorted(names(tmp_path)[0]) == sorted(wanted)
 
 
-def test_hidden_files_other_files_and_project_folders_are_passed_over(tmp_path: Path) -> None:
+def test_hidden_files_other_files_and_project_folders_are_skipped(tmp_path: Path) -> None:
     save(tmp_path / "a.png", textured(0))
     save(tmp_path / ".hidden.png", textured(1))
     save(tmp_path / "._a.png", textured(1))
@@ -129,26 +129,24 @@ def test_hidden_files_other_files_and_project_folders_are_passed_over(tmp_path: 
     [
         (lambda path: None, "does not exist. Choose a folder with photos."),
         (lambda path: path.mkdir(), "There are no photos in"),
-        (lambda path: path.write_text("x"), "is a file. Choose the folder that holds the photos."),
+        (lambda path: path.write_text("x"), "is a file. Choose the folder that contains the photos."),
         (lambda path: (path.mkdir(), (path / "readme.txt").write_text("x")), "There are no photos in"),
         (
             lambda path: (path.mkdir(), (path / "project.json").write_text("{}")),
-            "is a Gaussian Heritage project. Choose the folder that holds the photos.",
+            "is a Gaussian Heritage project. Choose the folder that contains the photos.",
         ),
         (lambda path: (path.mkdir(), (path / "a.jpg").write_bytes(b"")), "None of the 1 pictures in"),
     ],
     ids=["missing", "empty", "file", "no pictures", "project", "none usable"],
 )
-def test_a_folder_without_photos_is_refused_in_one_sentence(
-    tmp_path: Path, make: Callable[[Path], object], sentence: str
-) -> None:
+def test_a_folder_without_photos_raises_an_error(tmp_path: Path, make: Callable[[Path], object], sentence: str) -> None:
     folder = tmp_path / "photos"
     make(folder)
     with pytest.raises(PhotoError, match=sentence):
         read_photos(folder, SMALL)
 
 
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="permissions do not bind here")
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="permissions have no effect here")
 def test_a_file_without_permission_is_listed(tmp_path: Path) -> None:
     save(tmp_path / "a.png", textured(0))
     save(tmp_path / "b.png", textured(1))
@@ -156,7 +154,7 @@ def test_a_file_without_permission_is_listed(tmp_path: Path) -> None:
     assert list(names(tmp_path)[1]) == ["b.png"]
 
 
-def test_at_most_a_tenth_of_a_soft_set_is_left_out(tmp_path: Path) -> None:
+def test_at_most_a_tenth_of_a_soft_set_is_rejected(tmp_path: Path) -> None:
     for seed in range(11):
         save(tmp_path / f"{seed:02d}.png", textured(seed))
     for seed in range(11, 20):
@@ -184,7 +182,7 @@ def test_progress_and_one_warning_per_rejected_file_are_reported(tmp_path: Path)
     assert warnings == ["b.png is not used: It is empty. Copy it again from the camera."]
 
 
-def test_cancel_stops_after_the_photo_at_hand(tmp_path: Path) -> None:
+def test_cancel_stops_after_the_current_photo(tmp_path: Path) -> None:
     for seed in range(3):
         save(tmp_path / f"{seed}.png", textured(seed))
     with pytest.raises(Cancelled):

@@ -1,4 +1,4 @@
-"""A glance at the photos: brightness in stops, texture, and the exposure that EXIF tells."""
+"""Statistics of photos: brightness in stops, texture, and the exposure value from EXIF."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from engine.errors import Cancelled, FormatError, PhotoError
-from engine.photos.look import PhotoLook, look_at_photos, read_looks
+from engine.photos.inspection import PhotoStatistics, inspect_photos, read_photo_statistics
 from engine.scene.photo import Photo, PhotoSet
 
 
@@ -26,41 +26,41 @@ def gray(value: int) -> Image.Image:
 
 
 def test_twice_the_light_is_one_stop_brighter(tmp_path: Path) -> None:
-    # sRGB 188 is linear 0.503, 137 is 0.251; the 0.01 against black takes 0.03 off.
-    bright, dark = look_at_photos(photo_set(tmp_path, {"a.png": gray(188), "b.png": gray(137)}))
+    # sRGB 188 is linear 0.503, 137 is 0.251; the added 0.01 reduces the difference by 0.03.
+    bright, dark = inspect_photos(photo_set(tmp_path, {"a.png": gray(188), "b.png": gray(137)}))
     assert bright.brightness - dark.brightness == pytest.approx(1.0, abs=0.05)
 
 
-def test_texture_tells_a_plain_wall_from_a_pattern(tmp_path: Path) -> None:
+def test_texture_distinguishes_a_plain_wall_from_a_pattern(tmp_path: Path) -> None:
     noise = Image.fromarray(np.random.default_rng(0).integers(0, 255, (300, 400, 3), dtype=np.uint8))
-    plain, pattern = look_at_photos(photo_set(tmp_path, {"a.png": gray(90), "b.png": noise}))
+    plain, pattern = inspect_photos(photo_set(tmp_path, {"a.png": gray(90), "b.png": noise}))
     assert plain.texture == 0.0 < 0.5 < pattern.texture
 
 
-def test_exposure_is_read_from_exif_and_unknown_without(tmp_path: Path) -> None:
+def test_exposure_value_is_read_from_exif_and_none_without(tmp_path: Path) -> None:
     exif = Image.Exif()
     tags = exif.get_ifd(0x8769)
     tags[0x829A], tags[0x829D], tags[0x8827] = 1 / 64, 8.0, 200
-    (look,) = look_at_photos(photo_set(tmp_path, {"a.jpg": gray(90)}, exif))
+    (statistics,) = inspect_photos(photo_set(tmp_path, {"a.jpg": gray(90)}, exif))
     # log2(64 * 64) - 1
-    assert look.exposure_value == pytest.approx(11.0, abs=0.01)
+    assert statistics.exposure_value == pytest.approx(11.0, abs=0.01)
     (tmp_path / "without").mkdir()
-    assert look_at_photos(photo_set(tmp_path / "without", {"a.jpg": gray(90)}))[0].exposure_value is None
+    assert inspect_photos(photo_set(tmp_path / "without", {"a.jpg": gray(90)}))[0].exposure_value is None
 
 
-def test_looks_come_back_from_their_file(tmp_path: Path) -> None:
-    looks = [PhotoLook("a.jpg", -2.0, 0.5, None), PhotoLook("b.jpg", -1.0, 0.25, 8.5)]
-    (tmp_path / "looks.json").write_text(json.dumps([asdict(look) for look in looks]))
-    assert read_looks(tmp_path / "looks.json") == looks
+def test_statistics_are_read_from_their_file(tmp_path: Path) -> None:
+    statistics = [PhotoStatistics("a.jpg", -2.0, 0.5, None), PhotoStatistics("b.jpg", -1.0, 0.25, 8.5)]
+    (tmp_path / "looks.json").write_text(json.dumps([asdict(photo) for photo in statistics]))
+    assert read_photo_statistics(tmp_path / "looks.json") == statistics
     (tmp_path / "looks.json").write_text('[{"name": "a"}]')
     with pytest.raises(FormatError, match="looks.json"):
-        read_looks(tmp_path / "looks.json")
+        read_photo_statistics(tmp_path / "looks.json")
 
 
-def test_photo_that_went_away_and_a_wish_to_stop_are_said(tmp_path: Path) -> None:
+def test_missing_photo_and_cancel_raise(tmp_path: Path) -> None:
     photos = photo_set(tmp_path, {"a.png": gray(90), "b.png": gray(91)})
     with pytest.raises(Cancelled):
-        look_at_photos(photos, should_stop=lambda: True)
+        inspect_photos(photos, should_stop=lambda: True)
     (tmp_path / "a.png").unlink()
     with pytest.raises(PhotoError, match=r"a\.png"):
-        look_at_photos(photos)
+        inspect_photos(photos)
