@@ -1,7 +1,7 @@
 """Build the extension's zip with Blender's own tool: ``make zip``.
 
-``blender_ext.py`` travels inside ``bpy`` and does what ``blender --command extension build`` does: it checks
-``blender_manifest.toml``, then packs. Its result is looked through before it gets its name.
+``blender_ext.py`` is part of ``bpy`` and does the same as ``blender --command extension build``: it validates
+``blender_manifest.toml`` and writes the zip. The contents of the zip are checked before it gets its final name.
 
 example: python scripts/build_extension.py --out dist/gaussian_heritage.zip
 """
@@ -18,13 +18,13 @@ from pathlib import Path
 from places import PACKAGES, ROOT, python_of
 
 MAX_BYTES = 3_000_000
-"""The extension is code; whatever makes it larger than this does not belong in it."""
+"""Largest size of the zip. The extension is code only, so a larger zip contains a file that does not belong in it."""
 
-FILES = ("blender_manifest.toml", "__init__.py", "LICENSE")
+REQUIRED_FILES = ("blender_manifest.toml", "__init__.py", "LICENSE")
 
 
 def main() -> int:
-    """Build the zip and return 0, or say what is wrong with it and return 1."""
+    """Build the zip and return 0, or print its problems and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--out", type=Path, default=ROOT / "dist" / "gaussian_heritage.zip", help="(default: %(default)s)"
@@ -36,15 +36,15 @@ def main() -> int:
         return 1
     out.parent.mkdir(parents=True, exist_ok=True)
     unchecked = out.with_name(out.name + ".tmp.zip")
-    # `build` validates the manifest; `validate` on the zip then checks what a person would install.
+    # `build` validates the manifest, `validate` the zip that users install.
     build = ["build", "--source-dir", ROOT, "--output-filepath", unchecked]
     for step in (build, ["validate", unchecked]):
         command = [python_of("blender-4.5"), tool, *step]
-        done = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
-        if done.returncode:
-            print(f"Blender's tool refused to {step[0]} the extension:\n{done.stdout}{done.stderr}", file=sys.stderr)
+        result = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+        if result.returncode:
+            print(f"Blender's tool could not {step[0]} the extension:\n{result.stdout}{result.stderr}", file=sys.stderr)
             return 1
-    problems = look_through(unchecked)
+    problems = find_problems(unchecked)
     if problems:
         print("\n".join(problems), file=sys.stderr)
         unchecked.unlink()
@@ -60,18 +60,18 @@ def find_tool() -> Path | None:
     return next(library.glob("**/site-packages/bpy/*/scripts/addons_core/bl_pkg/cli/blender_ext.py"), None)
 
 
-def look_through(zip_file: Path) -> list[str]:
-    """Return what is in the zip and should not be, or should be and is not, as sentences."""
+def find_problems(zip_file: Path) -> list[str]:
+    """Return a sentence for each missing or unwanted file in the zip, and for its size when it is too large."""
     with zipfile.ZipFile(zip_file) as archive:
         names = archive.namelist()
-    problems = [f"{zip_file.name} lacks {name}." for name in FILES if name not in names]
+    problems = [f"{zip_file.name} lacks {name}." for name in REQUIRED_FILES if name not in names]
     problems += [
         f"{zip_file.name} lacks the package {name}." for name in PACKAGES if f"{name}/__init__.py" not in names
     ]
     problems += [
         f"{name} is in the extension and should not be; exclude it in blender_manifest.toml."
         for name in names
-        if not belongs(name)
+        if not is_allowed(name)
     ]
     size = zip_file.stat().st_size
     if size > MAX_BYTES:
@@ -79,12 +79,14 @@ def look_through(zip_file: Path) -> list[str]:
     return problems
 
 
-def belongs(name: str) -> bool:
-    """Return whether a path may be in the extension."""
+def is_allowed(name: str) -> bool:
+    """Return whether a file may be in the extension."""
     parts = name.split("/")
     if any(part.startswith(".") or part == "__pycache__" for part in parts):
         return False
-    return name in FILES or (parts[0] in PACKAGES and not name.endswith((".pyc", ".pyo", ".so", ".pyd", ".zip")))
+    return name in REQUIRED_FILES or (
+        parts[0] in PACKAGES and not name.endswith((".pyc", ".pyo", ".so", ".pyd", ".zip"))
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""The house rules that need to see the repository as one package: import contracts and types.
+"""Check the import contracts and the types of the repository: ``make contracts`` and ``make types``.
 
-Both tools look through a temporary link ``gaussian_heritage`` to the repository: with three separate roots, a
-relative import across them is invisible and a contract passes falsely.
+import-linter and mypy see the repository as one package through a temporary link ``gaussian_heritage``. With three
+separate root packages they would miss relative imports between them, and contracts would pass by mistake.
 
 example: python scripts/check_contracts.py imports types scripts
 """
@@ -23,9 +23,9 @@ _CODE = (*PACKAGES, "__init__.py")
 
 
 def link_repository(folder: Path, repository: Path = ROOT) -> Path:
-    """Make ``folder/gaussian_heritage`` hold the packages of `repository` and return it.
+    """Create and return ``folder/gaussian_heritage`` with the packages of `repository`.
 
-    Links where the system lets us make them, copies elsewhere (Windows without developer mode).
+    The packages are linked, or copied where links are not permitted (Windows without developer mode).
     """
     package = folder / "gaussian_heritage"
     package.mkdir()
@@ -38,7 +38,7 @@ def link_repository(folder: Path, repository: Path = ROOT) -> Path:
 
 
 def copy_code(source: Path, target: Path) -> None:
-    """Copy a package or a module, without what Python compiled from it."""
+    """Copy a package or a module without compiled files."""
     if source.is_dir():
         shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__"))
     else:
@@ -59,19 +59,19 @@ def check_types(folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def check_script_types(folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run mypy over scripts/, which are no package: each finds the others beside itself."""
+    """Run mypy over the modules in scripts/, which is not a package."""
     modules = [word for path in sorted((ROOT / "scripts").glob("*.py")) for word in ("-m", path.stem)]
     options = ["--config-file", ROOT / "pyproject.toml", "--cache-dir", ROOT / ".mypy_cache"]
     return _run([python_of("engine"), "-m", "mypy", *options, *modules], folder)
 
 
 def _run(command: list[object], folder: Path) -> subprocess.CompletedProcess[str]:
-    # The contract type of our own lies with the tests.
+    # tests/contracts contains the custom contract type.
     path = os.pathsep.join([str(folder), str(ROOT / "tests" / "contracts")])
     return subprocess.run(
         [str(part) for part in command],
         cwd=folder,
-        # UTF-8: lint-imports draws its name with box characters, which a Windows code page cannot hold.
+        # lint-imports prints box characters, which Windows code pages do not have.
         env={**os.environ, "PYTHONPATH": path, "PYTHONUTF8": "1", "COLUMNS": "160"},
         capture_output=True,
         encoding="utf-8",
@@ -80,17 +80,17 @@ def _run(command: list[object], folder: Path) -> subprocess.CompletedProcess[str
 
 
 def main() -> int:
-    """Run the checks that are named (all by default) and return 1 if one of them found something."""
+    """Run the named checks (all by default) and return 1 if one of them failed."""
     checks = {"imports": check_imports, "types": check_types, "scripts": check_script_types}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         link_repository(folder)
         failed = False
-        for wanted in sys.argv[1:] or list(checks):
-            done = checks[wanted](folder)
-            # Paths as a person can open them, not those below the link.
-            print((done.stdout + done.stderr).replace(f"gaussian_heritage{os.sep}", ""), end="", flush=True)
-            failed = failed or done.returncode != 0
+        for check in sys.argv[1:] or list(checks):
+            result = checks[check](folder)
+            # Print paths in the repository, not below the link.
+            print((result.stdout + result.stderr).replace(f"gaussian_heritage{os.sep}", ""), end="", flush=True)
+            failed = failed or result.returncode != 0
     return int(failed)
 
 

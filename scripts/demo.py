@@ -1,7 +1,7 @@
-"""The main job from photos to separate objects, as a curator would do it in Blender: ``make demo``.
+"""Run the whole workflow, from photos to separate objects, in Blender: ``make demo``.
 
-Builds the extension, installs it into a Blender of its own (bpy from PyPI, no window) and works through its
-operators: import the photo folder, isolate every prompt, export, save, render. Standard library only.
+Builds the extension, installs it into a separate Blender without a window (bpy from PyPI), and calls its operators:
+import the photo folder, isolate every prompt, export, save, render. Standard library only.
 
 example: python scripts/demo.py --photos my/photos --prompts "vase;teapot"
 """
@@ -24,17 +24,17 @@ def main() -> int:
     """Run the demo and return its exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "--photos", type=Path, default=DEFAULT_PHOTOS, help="folder with photos (default: our museum room)"
+        "--photos", type=Path, default=DEFAULT_PHOTOS, help="folder with photos (default: the museum room)"
     )
-    parser.add_argument("--prompts", help=f'what to isolate (default for our photos: "{DEFAULT_PROMPTS}")')
-    parser.add_argument("--preset", default="standard", help="how much work (default: %(default)s)")
+    parser.add_argument("--prompts", help=f'objects to isolate (default for the museum room: "{DEFAULT_PROMPTS}")')
+    parser.add_argument("--preset", default="standard", help="preset of the settings (default: %(default)s)")
     parser.add_argument("--out", type=Path, help="folder for the results (default: out/<name of the photos>)")
     options = parser.parse_args()
 
     photos = options.photos.resolve()
-    ours = photos == DEFAULT_PHOTOS
-    prompts = options.prompts if options.prompts is not None else (DEFAULT_PROMPTS if ours else "")
-    name = "museum_room" if ours else (photos.parent.name if photos.name == "photos" else photos.name)
+    is_default = photos == DEFAULT_PHOTOS
+    prompts = options.prompts if options.prompts is not None else (DEFAULT_PROMPTS if is_default else "")
+    name = "museum_room" if is_default else (photos.parent.name if photos.name == "photos" else photos.name)
     out = (options.out or ROOT / "out" / name).resolve()
 
     engine, blender = python_of("engine"), python_of("blender-4.5")
@@ -44,9 +44,9 @@ def main() -> int:
             return 1
     out.mkdir(parents=True, exist_ok=True)
     zip_file = out / "gaussian_heritage.zip"
-    built = subprocess.run([blender, ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=False)
-    if built.returncode:
-        return built.returncode
+    build = subprocess.run([blender, ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=False)
+    if build.returncode:
+        return build.returncode
     environment = {
         **os.environ,
         "BLENDER_USER_RESOURCES": str(out / ".blender"),

@@ -1,4 +1,4 @@
-"""The Blender half of the demo: everything through the extension's own operators. Started by scripts/demo.py.
+"""Run the operators of the extension inside Blender for the demo. Started by scripts/demo.py.
 
 Arguments: extension zip, photo folder, folder for the results, prompts separated by ``;``, preset.
 """
@@ -19,11 +19,11 @@ import bpy
 MODULE = "bl_ext.user_default.gaussian_heritage"
 
 _PICTURE_SIDE = 640
-"""Pixels. Cycles without a GPU takes 0.2 CPU ms a pixel: many Gaussians lie behind each."""
+"""Longest side of the rendered picture in pixels. Rays cross many Gaussians, so Cycles takes 0.2 ms of CPU a pixel."""
 
 
 def main() -> int:
-    """Photos in; .blend with collections, PLY, GLB, picture and report out."""
+    """Import photos, export objects as PLY and GLB, render a picture, save a .blend file; return the exit code."""
     zip_file, photos, out, prompts, preset = sys.argv[1:6]
     logging.basicConfig(level=logging.INFO, format="  %(message)s", stream=sys.stdout)
     folder = Path(out)
@@ -50,13 +50,13 @@ def main() -> int:
         print(f"  exported        {file}")
     print(f"  report          {project / 'report' / 'report.html'}")
     stages = json.loads((project / "project.json").read_text(encoding="utf-8"))["stages"]
-    for prompt, why in stages.get("objects", {}).get("figures", {}).get("refused", {}).items():
-        print(f"  not isolated    {prompt}: {why}")
+    for prompt, reason in stages.get("objects", {}).get("figures", {}).get("refused", {}).items():
+        print(f"  not isolated    {prompt}: {reason}")
     return 0
 
 
 def _export(folder: Path) -> list[Path]:
-    """Write the whole scene, and every object if there are any, as PLY and GLB."""
+    """Export the whole scene and every object as PLY and GLB, and return the files."""
     folder.mkdir(exist_ok=True)
     has_objects = any(obj.heritage.role == "OBJECT" for obj in bpy.context.scene.objects)
     for scope in ("SCENE", "ALL") if has_objects else ("SCENE",):
@@ -76,16 +76,16 @@ def _render(picture: Path) -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep Cycles' hundreds of lines, which it writes past Python, off the screen."""
+    """Discard the output of Cycles, which it writes to file descriptor 1 without Python."""
     sys.stdout.flush()
-    kept = os.dup(1)
-    with open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
+    stdout = os.dup(1)
+    with open(os.devnull, "wb") as null:
+        os.dup2(null.fileno(), 1)
     try:
         yield
     finally:
-        os.dup2(kept, 1)
-        os.close(kept)
+        os.dup2(stdout, 1)
+        os.close(stdout)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Run a module with the engine's Python, wherever this system puts it: for the hooks of .pre-commit-config.yaml.
+"""Run a module with the Python of the engine's environment, for the hooks of .pre-commit-config.yaml.
 
 example: python scripts/in_engine.py ruff check
 """

@@ -1,4 +1,4 @@
-"""Find a CPython of a given version on this computer: PATH, pyenv, the Windows launcher, uv. Standard library only."""
+"""Search for a CPython of a given version in PATH, pyenv, the Windows launcher and uv. Standard library only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ print(platform.python_implementation(), *sys.version_info[:2], 8 * struct.calcsi
 
 
 def find_python(version: tuple[int, int]) -> Path | None:
-    """Return a 64-bit CPython of the version that can make environments, or None."""
+    """Return a 64-bit CPython of the version that can create environments, None when there is none."""
     for candidate in _candidates(*version):
         found = _probe(candidate)
         if found and found[:4] == ["CPython", str(version[0]), str(version[1]), "64"]:
@@ -27,7 +27,7 @@ def find_python(version: tuple[int, int]) -> Path | None:
 
 
 def _candidates(major: int, minor: int) -> Iterator[list[str]]:
-    """Yield commands that may start the version, the surest first."""
+    """Yield commands that may start the version, the most likely first."""
     yield [sys.executable]
     name = f"python{major}.{minor}"
     for folder in os.environ.get("PATH", "").split(os.pathsep):
@@ -45,15 +45,13 @@ def _candidates(major: int, minor: int) -> Iterator[list[str]]:
         yield ["py", f"-{major}.{minor}"]
     uv = shutil.which("uv")
     if uv:
-        found_by_uv = subprocess.run(
-            [uv, "python", "find", f"{major}.{minor}"], capture_output=True, text=True, check=False
-        )
-        if found_by_uv.returncode == 0:
-            yield [found_by_uv.stdout.strip()]
+        answer = subprocess.run([uv, "python", "find", f"{major}.{minor}"], capture_output=True, text=True, check=False)
+        if answer.returncode == 0:
+            yield [answer.stdout.strip()]
 
 
 def _probe(command: list[str]) -> list[str] | None:
-    """Return implementation, major, minor, bits and path of a Python; None where it does not start or lacks venv."""
+    """Return implementation, major, minor, bits and path of a Python; None when it does not start or has no venv."""
     try:
         answer = subprocess.run(
             [*command, "-c", _PROBE], capture_output=True, text=True, check=False, timeout=30, stdin=subprocess.DEVNULL

@@ -1,4 +1,4 @@
-"""Run tests/blender inside each Blender at hand, against the installed zip, the repository not on ``sys.path``.
+"""Run tests/blender in each available Blender with the installed zip, without the repository in ``sys.path``.
 
 example: python scripts/run_blender_tests.py
 """
@@ -16,7 +16,7 @@ from places import ROOT, blender_environments, python_of
 
 
 def main() -> int:
-    """Return 1 if a Blender's tests failed or Blender 4.5 is missing."""
+    """Run the tests; return 1 if some failed or Blender 4.5 is missing."""
     blenders = [(name, python_of(name)) for name in blender_environments()]
     if not blenders[0][1].exists():
         print("Blender 4.5 is missing. Run `make setup`.", file=sys.stderr)
@@ -24,7 +24,7 @@ def main() -> int:
     failed = False
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        # The tests are copied out, so that nothing of the repository can be imported by accident.
+        # The tests are copied, so that they cannot import from the repository by mistake.
         shutil.copytree(ROOT / "tests" / "blender", folder / "tests", ignore=shutil.ignore_patterns("__pycache__"))
         zip_file = folder / "gaussian_heritage.zip"
         subprocess.run([blenders[0][1], ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
@@ -50,10 +50,10 @@ def main() -> int:
                 folder / "tests" / "pytest.ini",
                 *sys.argv[1:],
             ]
-            done = subprocess.run(
+            result = subprocess.run(
                 [str(part) for part in [*command, folder / "tests"]], cwd=folder, env=environment, check=False
             )
-            failed = failed or done.returncode != 0
+            failed = failed or result.returncode != 0
     return int(failed)
 
 

@@ -1,7 +1,7 @@
-"""Make the environments this house works in, then fetch the model files: ``make setup``.
+"""Create the Python environments of the repository and download the model files: ``make setup``.
 
-Runs on any Python from 3.9 on, standard library only. Makes ``.venv/engine`` and ``.venv/blender-4.5`` with
-CPython 3.11, and ``.venv/blender-5.2`` where a CPython 3.13 is found. What is done is not done again.
+Runs on Python 3.9 or newer with the standard library only. Creates ``.venv/engine`` and ``.venv/blender-4.5`` with
+CPython 3.11, and ``.venv/blender-5.2`` if a CPython 3.13 is found. Completed steps are not repeated.
 
 example: python scripts/setup_environments.py
 """
@@ -26,19 +26,20 @@ from pythons import find_python
 REQUIREMENTS = ROOT / "requirements"
 STAMP = "gaussian_heritage_setup.json"
 MIN_FREE_GB = {"cpu": 6.0, "cuda": 14.0}
-"""The three environments and the model files take 4.5 GB; CUDA builds of torch bring 5 GB more, and pip unpacks."""
+"""Free disk space required, by build of torch. Environments and model files take 4.5 GB, a CUDA build of torch takes
+5 GB more, and pip needs space to unpack."""
 
 PYTORCH_INDEX = "https://download.pytorch.org/whl/"
 BLENDER_INDEX = "https://download.blender.org/pypi/"
 
 
 class SetupProblem(Exception):
-    """What is missing on this computer, in one sentence."""
+    """A reason why the environments cannot be created, as a sentence."""
 
 
 @dataclass(frozen=True)
 class Environment:
-    """One environment: its folder below ``.venv``, its Python, and what must import once it is made."""
+    """Name of an environment (its folder in ``.venv``), its Python version, requirements and a check of its imports."""
 
     name: str
     python: tuple[int, int]
@@ -48,20 +49,20 @@ class Environment:
     required: bool
 
     def files(self) -> list[Path]:
-        """Return the files whose change makes the environment out of date."""
+        """Return the files that define the packages of the environment."""
         names = {self.requirements, self.constraints} | ({"engine.txt"} if self.name == "engine" else set())
         return [REQUIREMENTS / name for name in sorted(names)]
 
     def fingerprint(self, torch: str) -> str:
-        """Return the hash of everything the environment is made from."""
+        """Return the hash of everything that defines the environment."""
         digest = hashlib.sha256(repr((self.python, torch if self.name == "engine" else "")).encode())
         for file in self.files():
-            # Line ends differ between checkouts on Windows and elsewhere; the requirements do not.
+            # Read as text, because line ends differ between checkouts on Windows and elsewhere.
             digest.update(file.read_text(encoding="utf-8").encode())
         return digest.hexdigest()
 
     def is_ready(self, torch: str) -> bool:
-        """Return whether the environment was made from the requirement files as they are now."""
+        """Return whether the environment exists and was created from the current requirement files."""
         try:
             stamp = json.loads((environment_folder(self.name) / STAMP).read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -78,10 +79,12 @@ ENVIRONMENTS = (
 
 
 def main() -> int:
-    """Make what is missing and return 0, or say in one sentence what this computer lacks and return 1."""
+    """Create what is missing and return 0, or print the problem and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--torch", choices=("auto", "cpu", "cuda"), default="auto", help="which build of torch")
-    parser.add_argument("--no-models", action="store_true", help="leave the model files out")
+    parser.add_argument(
+        "--torch", choices=("auto", "cpu", "cuda"), default="auto", help="build of torch (default: auto)"
+    )
+    parser.add_argument("--no-models", action="store_true", help="do not download the model files")
     options = parser.parse_args()
     try:
         torch = ("cuda" if nvidia_driver() else "cpu") if options.torch == "auto" else options.torch
@@ -95,7 +98,7 @@ def main() -> int:
 
 
 def make_environments(torch: str) -> None:
-    """Make every environment that is not ready."""
+    """Create every environment that is not ready."""
     pythons = {}
     for environment in ENVIRONMENTS:
         if environment.is_ready(torch):
@@ -110,7 +113,7 @@ def make_environments(torch: str) -> None:
                 f"system's packages (Debian: python{wanted}-venv) and run `make setup` again."
             )
         elif not python_of(environment.name).exists():
-            print(f"{environment.name}: left out, since no CPython 3.13 was found; its tests will not run.")
+            print(f"{environment.name}: skipped, because no CPython 3.13 was found; its tests will not run.")
     if not pythons:
         print("The environments are ready.", flush=True)
         return
@@ -123,7 +126,7 @@ def make_environments(torch: str) -> None:
 
 
 def make(environment: Environment, python: Path, torch: str) -> None:
-    """Make one environment or bring it up to date; its stamp is written last, so a stopped run is taken up again."""
+    """Create or update an environment. Its stamp is written last, so that a stopped run is repeated."""
     folder = environment_folder(environment.name)
     log = folder.parent / f"{environment.name}.log"
     (folder / STAMP).unlink(missing_ok=True)
@@ -131,7 +134,7 @@ def make(environment: Environment, python: Path, torch: str) -> None:
         print(f"{environment.name}: a new environment from {python}", flush=True)
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        run([python, "-m", "venv", folder], log, f"the environment {folder} could not be made")
+        run([python, "-m", "venv", folder], log, f"the environment {folder} could not be created")
     constraints = ["--constraint", REQUIREMENTS / environment.constraints]
     if environment.name == "engine":
         drop_other_torch(torch, log)
@@ -146,17 +149,17 @@ def make(environment: Environment, python: Path, torch: str) -> None:
 
 
 def write_stamp(path: Path, stamp: dict[str, str]) -> None:
-    """Write the stamp in one step, so that a kill leaves none rather than half of one."""
+    """Write the stamp atomically, so that a killed process leaves no partial stamp."""
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps(stamp), encoding="utf-8")
     os.replace(temporary, path)
 
 
 def torch_index(torch: str, constraints: list[object]) -> list[object]:
-    """Return the pip options that give the wanted build of torch.
+    """Return the pip options that select the build of torch.
 
-    Linux wheels of torch on PyPI bring gigabytes of CUDA, those for Windows have none, so both may need PyTorch's
-    own index. The configured index goes first where it gives a CPU build already (macOS, Windows, a mirror).
+    On PyPI, Linux wheels of torch include CUDA and Windows wheels do not, so the other build comes from PyTorch's own
+    index. The configured index is preferred when it has a CPU build (macOS, Windows, a mirror).
     """
     if torch == "cuda":
         if sys.platform != "win32":
@@ -165,7 +168,7 @@ def torch_index(torch: str, constraints: list[object]) -> list[object]:
     planned = plan([*constraints, pinned("torch")])
     if planned is not None and not any(name.startswith(("nvidia-", "triton", "cuda-")) for name in planned):
         return []
-    # Without dependencies: PyTorch's index has other versions of them than those tested here.
+    # Without dependencies, because PyTorch's index does not have the tested versions.
     own: list[object] = ["--no-deps", "--index-url", PYTORCH_INDEX + "cpu"]
     if plan([*own, pinned("torch")]) is not None:
         return own
@@ -174,30 +177,30 @@ def torch_index(torch: str, constraints: list[object]) -> list[object]:
             f"neither pip's index nor {PYTORCH_INDEX}cpu offers {pinned('torch')}; check the network "
             "(proxy, firewall) and run `make setup` again."
         )
-    print(f"engine: {PYTORCH_INDEX}cpu cannot be reached, so the CUDA build is taken (about 5 GB more)", flush=True)
+    print(f"engine: {PYTORCH_INDEX}cpu cannot be reached; installing the CUDA build (about 5 GB more)", flush=True)
     check_disk("cuda")
     return []
 
 
 def drop_other_torch(torch: str, log: Path) -> None:
-    """Uninstall a torch of the other build: pip takes 2.13.0+cpu and 2.13.0+cu130 for the same version."""
-    ask = "import torch; print('cpu' if torch.version.cuda is None else 'cuda')"
+    """Uninstall the other build of torch, because pip takes 2.13.0+cpu and 2.13.0+cu130 for the same version."""
+    code = "import torch; print('cpu' if torch.version.cuda is None else 'cuda')"
     python = python_of("engine")
-    answer = subprocess.run([str(python), "-c", ask], capture_output=True, text=True, check=False)
+    answer = subprocess.run([str(python), "-c", code], capture_output=True, text=True, check=False)
     if answer.returncode == 0 and answer.stdout.strip() != torch:
         print(f"engine: torch is built for {answer.stdout.strip()}, {torch} is wanted", flush=True)
         run([python, "-m", "pip", "uninstall", "--yes", "torch"], log, "the other torch could not be removed")
 
 
 def bpy_index(environment: Environment, constraints: list[object]) -> list[object]:
-    """Return the pip options that find ``bpy``: none where the configured index has it, else Blender's own index."""
+    """Return the pip options to find ``bpy``: none if the configured index has it, else Blender's index."""
     bpy = next(line for line in lines_of(environment.requirements) if line.startswith("bpy=="))
     found = plan([*constraints, "--no-deps", bpy], python_of(environment.name)) is not None
     return [] if found else ["--extra-index-url", BLENDER_INDEX]
 
 
 def plan(arguments: list[object], python: Path | None = None) -> list[str] | None:
-    """Return the names that ``pip install`` would install, None where it finds no way. Asks once, with a short wait."""
+    """Return the names of the packages that ``pip install`` would install, None when it fails. The timeout is 20 s."""
     command = [python or python_of("engine"), "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["--report", "-", "--retries", "1", "--timeout", "20", *arguments]
     answer = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
@@ -207,14 +210,14 @@ def plan(arguments: list[object], python: Path | None = None) -> list[str] | Non
 
 
 def pip(environment: Environment, arguments: list[object], log: Path, what: str) -> None:
-    """Install into an environment, showing each download."""
+    """Install packages into an environment and print each download."""
     print(f"{environment.name}: installing {what} (details: {log})", flush=True)
     command = [python_of(environment.name), "-m", "pip", "install", "--no-input", "--progress-bar", "off", *arguments]
     run(command, log, "pip could not install the packages; check the network and the disk", show="Downloading ")
 
 
 def run(command: list[object], log: Path, problem: str, show: str = "\0") -> None:
-    """Run a command with its output in the log; raise `SetupProblem` with the last error line where it fails."""
+    """Run a command and log its output; raise `SetupProblem` with the last error line when it fails."""
     last = ""
     with log.open("a", encoding="utf-8") as record:
         process = subprocess.Popen(
@@ -233,18 +236,18 @@ def run(command: list[object], log: Path, problem: str, show: str = "\0") -> Non
             if "ERROR" in line or "Error" in line or not last:
                 last = line.strip()
     if process.wait():
-        raise SetupProblem(f"{problem}: {last} (all of it in {log}).")
+        raise SetupProblem(f"{problem}: {last} (details: {log}).")
 
 
 def fetch_models() -> None:
-    """Fetch the model files through the engine, which checks their hashes; done files are not fetched again."""
+    """Download the missing model files with the engine, which checks their hashes."""
     fetched = subprocess.run([python_of("engine"), "-m", "engine", "models", "fetch"], cwd=ROOT, check=False)
     if fetched.returncode:
-        raise SetupProblem("the model files could not be fetched (see above); run `make setup` again.")
+        raise SetupProblem("the model files could not be downloaded (see above); run `make setup` again.")
 
 
 def check_disk(torch: str) -> None:
-    """Raise `SetupProblem` where the disk is too full for what is to be installed."""
+    """Raise `SetupProblem` when the disk has too little free space."""
     folder = environment_folder("engine")
     while not folder.exists():
         folder = folder.parent
@@ -254,7 +257,7 @@ def check_disk(torch: str) -> None:
 
 
 def check_npm() -> None:
-    """Raise `SetupProblem` where Node is missing: npm carries the mask model, and node judges our glTF in the tests."""
+    """Raise `SetupProblem` when Node is missing: npm provides the mask model, and tests validate glTF with node."""
     for program in ("node", "npm"):
         if shutil.which(program) is None:
             raise SetupProblem(f"`{program}` was not found; install Node 18 or newer (nodejs.org) and try again.")
@@ -269,7 +272,7 @@ def nvidia_driver() -> bool:
 
 
 def works(python: Path, version: tuple[int, int]) -> bool:
-    """Return whether an environment's Python starts, has the version and has pip."""
+    """Return whether an environment's Python starts and has the version and pip."""
     if not python.exists():
         return False
     code = f"import sys, pip; sys.exit(sys.version_info[:2] != {version})"

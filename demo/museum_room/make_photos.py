@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Render the museum room: photos as from a phone, with true cameras and instance masks.
+"""Render the museum room: photos like those of a phone, with true cameras and instance masks.
 
-Run it with a Python that has bpy, opencv-python-headless and pillow. Photos already there are kept.
+Requires a Python with bpy, opencv-python-headless and pillow. Existing photos are kept.
 """
 
 import sys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The exhibits, each built around its own origin: standing on z = 0, or hanging on a wall behind y = 0."""
+"""Builders of the exhibits, in metres. Each has its own origin and stands on z = 0, or hangs on a wall behind y = 0."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def shield() -> Parts:
 
 
 def turned(parts: Parts) -> Parts:
-    """Stand a thing up that was made lying on its back: +Z becomes -Y, +Y becomes +Z."""
+    """Rotate parts about X by 90 degrees, so that +Z becomes -Y and +Y becomes +Z."""
     for part in parts:
         part.matrix_world = Matrix.Rotation(pi / 2, 4, "X") @ part.matrix_basis
     return parts
@@ -425,7 +425,7 @@ def drum() -> Parts:
         a, b = 2 * pi * k / count, 2 * pi * (k + 1) / count
         r, (low, high) = radius + 0.02, (0.045, tall - 0.05)
         ends = (low, high) if k % 2 else (high, low)
-        # A straight chord between two hoop points would cut into the shell.
+        # A straight line between two points of the hoops would cut into the shell.
         path = [
             (r * cos(a + (b - a) * t), r * sin(a + (b - a) * t), ends[0] + (ends[1] - ends[0]) * t)
             for t in np.linspace(0, 1, 5)

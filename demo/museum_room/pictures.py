@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Textures painted in code, from vase bands to parquet. All are (h, w, 3) uint8 sRGB."""
+"""Procedural textures of the museum room, as uint8 sRGB arrays of shape (h, w, 3)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from studio.textures import noise, shade
 
 
 def warrior(
-    draw: ImageDraw.ImageDraw, x: float, foot: float, h: float, way: int, fill: str, cut: str
+    draw: ImageDraw.ImageDraw, x: float, foot: float, h: float, direction: int, fill: str, cut: str
 ) -> None:
-    """Draw a black-figure hoplite of height h standing at x, walking to `way` (-1 or 1)."""
+    """Draw a black-figure hoplite of height h standing at x, walking in x `direction` (-1 or 1)."""
 
     def at(dx: float, dy: float) -> tuple[float, float]:
-        return x + way * dx * h, foot - dy * h
+        return x + direction * dx * h, foot - dy * h
 
     def limb(points: Sequence[tuple[float, float]], width: float, colour: str = fill) -> None:
         draw.line([at(*p) for p in points], fill=colour, width=max(2, int(width * h)), joint="curve")
@@ -133,7 +133,7 @@ def porcelain() -> np.ndarray:
 
 
 def hieroglyphs(width: int, height: int, seed: int) -> np.ndarray:
-    """Carve one face of an obelisk: a framed column of carved signs on sandstone."""
+    """Paint one face of an obelisk: a framed column of carved signs on sandstone."""
     rng = np.random.default_rng(seed)
     grain = noise(height, width, 8, 7, seed + 50)
     stone = np.array([201, 168, 122]) * (0.72 + 0.5 * grain[..., None])
@@ -230,7 +230,7 @@ def sunburst() -> np.ndarray:
 
 
 def face() -> np.ndarray:
-    """Paint a painted theatre mask seen from the front, in the square -1..1 of the relief."""
+    """Paint a theatre mask seen from the front, in the square -1..1 of the relief."""
     size = 1024
     grain = noise(size, size, 6, 7, 21)
     skin = np.array([222, 190, 148]) * (0.82 + 0.3 * grain[..., None])
@@ -294,7 +294,7 @@ def drum_shell() -> np.ndarray:
 
 
 def parquet(seed: int) -> np.ndarray:
-    """Lay oak planks, every one of its own tone, in staggered rows."""
+    """Paint oak planks of different tones in staggered rows."""
     size, rows = 2048, 26
     rng = np.random.default_rng(seed)
     grain = np.asarray(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The room: floor, walls, plinths, pictures, light, and where every exhibit stands."""
+"""The museum room: floor, walls, plinths, pictures, light and the places of the exhibits. World: Z up, metres."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BACK, SIDE, FRONT, HEIGHT = 1.6, 2.95, -3.6, 3.8
 SKY_STRENGTH = 0.85
 
 
-# Instance ids in the masks follow this order, from 1.
+# The instance ids in the masks count these places from 1.
 PLACES = (
     Place("vase", -0.62, 0.42, 0.82, 20, 1.12, "green"),
     Place("teapot", -0.28, -0.62, 0.86, -25, 1.1, "white"),
@@ -49,7 +49,7 @@ WALKS = (
 
 
 def build() -> None:
-    """Fill the empty scene."""
+    """Build the room in an empty scene."""
     surfaces()
     for identity, place in enumerate(PLACES, start=1):
         exhibit(place, identity, BUILDERS)
@@ -81,7 +81,7 @@ def plinth(place: Place, seed: int) -> None:
 
 
 def surfaces() -> None:
-    """Build the floor, three walls with a marble dado, and what hangs on them."""
+    """Build the floor, three walls with a marble dado, and the pictures on them."""
     floor = painted("Parquet", pictures.parquet(3), 0.5, wear=0.35, wear_scale=3)
     quad(
         "Floor", [(-SIDE, FRONT, 0), (SIDE, FRONT, 0), (SIDE, BACK, 0), (-SIDE, BACK, 0)], floor, (2.0, 1.76)
@@ -152,19 +152,19 @@ def hang(
 ) -> None:
     """Hang a framed picture; `along` is x on the back wall and y on the side walls."""
     canvas = upright(name, wide, tall, -0.02, painted(name, picture, 0.6, wear=0.2, wear_scale=30))
-    where, turn = {
+    location, degrees = {
         "back": ((along, BACK, z), 0),
         "left": ((-SIDE, along, z), 90),
         "right": ((SIDE, along, z), -90),
     }[wall]
-    turned_to([canvas, *frame(wide, tall, 0.06, edges)], where, turn)
+    turned_to([canvas, *frame(wide, tall, 0.06, edges)], location, degrees)
 
 
 def light() -> None:
-    """Let daylight in from above and from a tall window behind the visitor's left shoulder.
+    """Add daylight from above and from a tall window at the front left.
 
-    The room has no ceiling and no front wall, which no photo shows:
-    open sky converges much faster than bounced light.
+    The room has no ceiling and no front wall, which no photo shows, because open sky renders with much less noise than
+    reflected light.
     """
     sky("#e4ecf5", SKY_STRENGTH)
     lamp("Window", (-2.6, -3.2, 3.3), (0, 0.3, 1.0), 1.5, 2.0, 250, "#ffe9cc")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The exhibits in store, each built around its own origin: standing on z = 0, or hanging on a wall behind y = 0."""
+"""Builders of the exhibits, in metres. Each has its own origin and stands on z = 0, or hangs on a wall behind y = 0."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def pitcher() -> Parts:
          (0.07, 0.32), (0.06, 0.36), (0.08, 0.42), (0.084, 0.425), (0.074, 0.42), (0.054, 0.36), (0.04, 0.3)], 7,
     )  # fmt: skip
     body = lathe("Pitcher", profile, glaze, 96)
-    # The rim is drawn out to one side: that makes a pitcher of a vase.
+    # Extend the rim to one side to form the lip.
     for vertex in body.data.vertices:
         x, y, z = vertex.co
         rise, ahead = max(0.0, (z - 0.35) / 0.075), max(0.0, x) / 0.08
@@ -53,9 +53,9 @@ def crate() -> Parts:
     for _ in range(110):
         middle = np.array([rng.uniform(-0.24, 0.24), rng.uniform(-0.16, 0.16), rng.uniform(0.15, 0.185)])
         turn, half = rng.uniform(0, pi), rng.uniform(0.03, 0.07)
-        way = np.array([cos(turn), sin(turn), rng.normal(0, 0.25)]) * half
+        offset = np.array([cos(turn), sin(turn), rng.normal(0, 0.25)]) * half
         bend = np.array([0, 0, rng.uniform(-0.01, 0.02)])
-        parts.append(tube("Straw", [middle - way, middle + bend, middle + way], 0.0035, straw, 5))
+        parts.append(tube("Straw", [middle - offset, middle + bend, middle + offset], 0.0035, straw, 5))
     return parts
 
 
@@ -77,7 +77,7 @@ def ball() -> Parts:
     turns = np.linspace(-pi / 2, pi / 2, 49)
     profile = np.stack([0.11 * np.cos(turns) + 1e-5, 0.11 + 0.11 * np.sin(turns)], axis=1)
     made = lathe("Football", profile, leather, 80)
-    # v runs along the height; the picture wants the latitude.
+    # Convert v from the height to the latitude that the picture uses.
     flat = made.data.uv_layers[0].data
     uvs = np.empty(2 * len(flat), np.float32)
     flat.foreach_get("uv", uvs)
@@ -101,11 +101,11 @@ def candelabrum() -> Parts:
     candle = [(0.0005, 0.0), (0.0135, 0.0), (0.013, 0.15), (0.011, 0.158), (0.0005, 0.155)]
     parts = [lathe("Candelabrum", stem, brass, 48)]
     tops = [(0.0, 0.5)]
-    for way in (-1, 1):
+    for side in (-1, 1):
         for reach, low, high in ((0.11, 0.32, 0.45), (0.21, 0.26, 0.4)):
-            points = [(0, 0, low + 0.02), (way * reach * 0.45, 0, low - 0.03), (way * reach * 0.95, 0, low + 0.02)]
-            parts.append(tube("Arm", smooth([*points, (way * reach, 0, high)], 9), 0.007, brass, 10))
-            tops.append((way * reach, high))
+            points = [(0, 0, low + 0.02), (side * reach * 0.45, 0, low - 0.03), (side * reach * 0.95, 0, low + 0.02)]
+            parts.append(tube("Arm", smooth([*points, (side * reach, 0, high)], 9), 0.007, brass, 10))
+            tops.append((side * reach, high))
     for x, z in tops:
         for name, profile, stuff, lift in (("Cup", cup, brass, 0.0), ("Candle", candle, wax, 0.025)):
             made = lathe(name, profile, stuff, 28)
@@ -239,7 +239,7 @@ def chest() -> Parts:
 
 
 def looking_glass() -> Parts:
-    """Build a mirror in a carved gilded frame, hanging a little forward at the top."""
+    """Build a mirror in a carved gilded frame, tilted forward at the top."""
     gilt = mottled("Gilt", [(0.3, "#6d4a1a"), (0.5, "#b98c38"), (0.7, "#dcb65c")], 24, 0.45, 0.4, speckle=0.5, bump=0.5)
     wide, tall = 0.56, 0.8
     parts = [upright("Mirror", wide, tall, -0.025, mirror("Silvered glass", "#e8eceb"))]
@@ -296,7 +296,7 @@ def abacus() -> Parts:
 
 
 def vitrine(wide: float, tall: float) -> Parts:
-    """Build a glass case in a thin brass frame: around what stands on z = 0. No exhibit, and seen through."""
+    """Build a glass case with a thin brass frame around an exhibit on z = 0. It has no instance id."""
     brass = bronze("Case frame")
     glass = thin_glass("Case glass", "#cfe0dc", 0.03)
     half = wide / 2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The store room's own textures. All are (h, w, 3) uint8 sRGB."""
+"""Procedural textures of the store room, as uint8 sRGB arrays of shape (h, w, 3)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INK = "#2a1c12"
 
 
 def bricks(seed: int) -> np.ndarray:
-    """Lay bricks, every one of its own tone, with pale joints."""
+    """Paint bricks of different tones with pale joints."""
     size, rows, across = 1536, 24, 9
     rng = np.random.default_rng(seed)
     picture = Image.new("RGB", (size, size), "#a39a8c")
@@ -23,7 +23,7 @@ def bricks(seed: int) -> np.ndarray:
     for row in range(rows):
         for k in range(-1, across + 1):
             x = (k + 0.5 * (row % 2)) * wide
-            # The same brick on both sides of the seam, so that the wall repeats without a break.
+            # The same brick on both sides of the seam, so that the texture tiles seamlessly.
             tone = tones[(row * 7 + (k % across) * 5 + (row * k % across) ** 2) % len(tones)]
             fill = tuple(int(c) for c in np.clip(tone * (0.82 + 0.05 * ((row * 3 + k % across * 11) % 8)), 0, 255))
             x0, y0 = x + 5 + rng.uniform(-2, 2), row * tall + 5 + rng.uniform(-2, 2)
@@ -32,7 +32,7 @@ def bricks(seed: int) -> np.ndarray:
 
 
 def concrete(seed: int) -> np.ndarray:
-    """Pour a floor of stained slabs with painted marks."""
+    """Paint a floor of stained concrete slabs with painted marks."""
     size = 2048
     rng = np.random.default_rng(seed)
     grey = 92 + 95 * noise(size, size, 6, 9, seed)[..., None] + np.zeros(3) + np.array([6, 2, -6])
@@ -87,7 +87,7 @@ def nautilus() -> np.ndarray:
     width, height = 512, 2048
     u, v = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
     wobble = noise(height, width, 4, 5, 3) - 0.5
-    # Dark stripes that narrow from the outer side (u = 0 and 1) to the flanks.
+    # Dark stripes that become narrower from the outer side (u = 0 and 1) to the sides.
     outer = np.abs(u - 0.5) * 2
     flame = np.sin(2 * pi * (v * 26 + 1.6 * wobble + 0.9 * outer)) - 1.25 + 1.75 * outer
     flame -= 3.0 * np.clip(v - 0.8, 0, 1) * 3
@@ -112,7 +112,7 @@ def leather_ball() -> np.ndarray:
          if near[a, b] and near[b, c] and near[a, c]]
     )  # fmt: skip
     twenty /= np.linalg.norm(twenty, axis=1, keepdims=True)
-    # Faces of the polyhedron lie at these distances; the nearest plane is the patch.
+    # Distances of the polyhedron's faces; the nearest face determines the patch.
     reach_5, reach_6 = 0.9393, 0.9149
     around, up = np.meshgrid(np.linspace(0, 2 * pi, width), np.linspace(pi / 2, -pi / 2, height))
     points = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1)
@@ -125,7 +125,7 @@ def leather_ball() -> np.ndarray:
 
 
 def wine_label() -> np.ndarray:
-    """Print the side of a bottle: dark glass with a paper label around the lower half."""
+    """Paint the side of a bottle: dark glass with a paper label around the lower half."""
     width, height = 1024, 1024
     picture = Image.new("RGB", (width, height), "#16301c")
     draw = ImageDraw.Draw(picture)
@@ -160,7 +160,7 @@ def dial() -> np.ndarray:
 
 
 def carton(seed: int) -> np.ndarray:
-    """Print one side of a cardboard box: tape, signs and a number, no two alike."""
+    """Paint one side of a cardboard box with tape, words and a number that depend on `seed`."""
     width, height = 640, 480
     rng = np.random.default_rng(seed)
     tone = np.array([178, 136, 88]) * rng.uniform(0.78, 1.1) + rng.normal(0, 6, 3)
@@ -185,7 +185,7 @@ def carton(seed: int) -> np.ndarray:
 
 
 def poster(seed: int) -> np.ndarray:
-    """Print an old exhibition poster: a large word, a sign and lines of text."""
+    """Paint an old exhibition poster: a large word, a sign and lines of text."""
     width, height = 700, 1000
     rng = np.random.default_rng(seed)
     grounds = ("#2a4a66", "#b8452c", "#d9b45a", "#3c5a3a", "#5a3a5c")

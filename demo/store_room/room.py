@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The store: brick walls, a rack of boxes, furniture, light, and where every exhibit stands."""
+"""The store room: brick walls, a rack of boxes, furniture, light and places of the exhibits. World: Z up, metres."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ BACK, SIDE, FRONT, HEIGHT = 1.55, 2.8, -3.4, 3.4
 TABLE, BENCH, STOOL, PLINTH, PALLET = 0.74, 0.34, 0.66, 0.86, 0.2
 CASE = (0.98, 0.0)
 
-# Instance ids in the masks follow this order, from 1.
+# The instance ids in the masks count these places from 1.
 PLACES = (
     Place("left pitcher", -0.5, 0.02, TABLE, 150, 1.0, kind="pitcher", prompt="pitcher"),
     Place("right pitcher", 0.56, -0.66, STOOL, 35, 1.0, kind="pitcher", prompt="pitcher"),
@@ -44,7 +44,7 @@ WALKS = (
 
 
 def build() -> None:
-    """Fill the empty scene."""
+    """Build the room in an empty scene."""
     surfaces()
     furniture()
     rack()
@@ -56,7 +56,7 @@ def build() -> None:
 
 
 def surfaces() -> None:
-    """Build the floor and four walls; the front one is seen in the mirror."""
+    """Build the floor and four walls, of which the mirror shows the front one."""
     floor = painted("Concrete", pictures.concrete(5), 0.75, wear=0.35, wear_scale=3)
     quad("Floor", [(-SIDE, FRONT, 0), (SIDE, FRONT, 0), (SIDE, BACK, 0), (-SIDE, BACK, 0)], floor, (1.4, 1.24))
     for name, (a, b), seed in (
@@ -70,12 +70,12 @@ def surfaces() -> None:
         quad(name, [(*a, 0), (*b, 0), (*b, HEIGHT), (*a, HEIGHT)], stuff, (long / 2.1, HEIGHT / 2.1))
     for k, (x, z) in enumerate(((2.05, 1.9), (-0.28, 2.28))):
         turned_to([upright(f"Poster {k}", 0.62, 0.88, -0.01, paper(k))], (x, BACK, z), 0)
-    for k, (y, way) in enumerate(((0.3, -1), (-1.1, -1), (0.2, 1), (-1.2, 1))):
-        turned_to([upright(f"Side poster {k}", 0.7, 1.0, -0.01, paper(k + 2))], (way * SIDE, y, 1.75), -90 * way)
+    for k, (y, side) in enumerate(((0.3, -1), (-1.1, -1), (0.2, 1), (-1.2, 1))):
+        turned_to([upright(f"Side poster {k}", 0.7, 1.0, -0.01, paper(k + 2))], (side * SIDE, y, 1.75), -90 * side)
 
 
 def paper(seed: int) -> bpy.types.Material:
-    """Print a poster."""
+    """Return the material of a poster."""
     return painted(f"Poster {seed}", pictures.poster(seed), 0.7, wear=0.35, wear_scale=20)
 
 
@@ -120,7 +120,7 @@ def furniture() -> None:
 
 
 def cardboard(seed: int, size: Point3, where: Point3, turn: float) -> None:
-    """Stack one cardboard box; its printed sides differ from those of all others."""
+    """Build a cardboard box with printed sides that depend on `seed`."""
     x, y, z = size
     top = painted(f"Lid {seed}", pictures.carton(seed + 500), 0.9, wear=0.3)
     parts = [box("Carton", (x - 0.01, y - 0.01, z), (0, 0, z / 2), top, 0)]
@@ -159,7 +159,7 @@ def rack() -> None:
 
 
 def clutter() -> None:
-    """Stack boxes on the floor and stand rolled canvases in a corner."""
+    """Build boxes on the floor and rolled canvases in a corner."""
     for seed, size, where, turn in (
         (60, (0.6, 0.5, 0.5), (1.55, 0.98, 0.0), -12),
         (61, (0.5, 0.42, 0.4), (1.6, 1.0, 0.5), 9),
@@ -179,7 +179,7 @@ def clutter() -> None:
 
 
 def light() -> None:
-    """Let light in from above, where no photo shows that a ceiling is missing, and from a lamp on the left."""
+    """Add light from above, where the missing ceiling is not in any photo, and from a lamp on the left."""
     sky("#e8ecf2", 0.8)
     lamp("Work lamp", (-2.3, -2.9, 3.0), (0, 0.2, 0.9), 1.5, 1.6, 230, "#ffe6c4")
     lamp("Strip light", (0.7, -0.1, 3.6), (0.3, 0.2, 0.9), 2.2, 0.9, 70, "#f2f6ff")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Procedural materials: everything is a Principled surface whose colour varies in space.
+"""Procedural materials: Principled surfaces whose colour varies in space.
 
-Patterns follow the world position, not the object, so that no two plinths or stones carry the same veins:
-structure-from-motion would match them to each other.
+Patterns depend on the world position, not on the object, so that no two plinths or stones have the same pattern, which
+structure from motion would match.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def linear(colour: str) -> tuple[float, float, float, float]:
 
 
 class Graph:
-    """A material's node tree with as little ceremony as possible."""
+    """A material with a node tree, and short methods to add nodes to it."""
 
     def __init__(self, name: str, roughness: float, metallic: float) -> None:
         self.material = bpy.data.materials.new(name)
@@ -45,13 +45,13 @@ class Graph:
         return made
 
     def link(self, output: bpy.types.NodeSocket, name: str) -> None:
-        """Feed one input of the surface."""
+        """Link an output to an input of the surface."""
         self.tree.links.new(output, self.surface.inputs[name])
 
     def noise(
         self, scale: float, detail: float = 4, distortion: float = 0, stretch: Sequence[float] = (1, 1, 1)
     ) -> bpy.types.NodeSocket:
-        """Make fractal noise over the world position."""
+        """Add fractal noise over the world position."""
         position = self.node("ShaderNodeNewGeometry").outputs["Position"]
         if tuple(stretch) != (1, 1, 1):
             position = self.node("ShaderNodeMapping", Vector=position, Scale=stretch).outputs[0]
@@ -87,7 +87,7 @@ class Graph:
         return made.outputs[2]
 
     def bump(self, height: bpy.types.NodeSocket, strength: float, distance: float) -> None:
-        """Raise the surface by a height."""
+        """Add bump mapping with a height."""
         made = self.node("ShaderNodeBump", Height=height, Strength=strength, Distance=distance)
         self.link(made.outputs[0], "Normal")
 
@@ -105,7 +105,7 @@ def mottled(
     speckle_scale: float = 90.0,
     bump: float = 0.15,
 ) -> bpy.types.Material:
-    """Make stone, plaster, metal or wood: a large pattern, a fine speckle over it, and a little relief."""
+    """Create stone, plaster, metal or wood: a large pattern with a fine speckle and a slight relief."""
     graph = Graph(name, roughness, metallic)
     large = graph.noise(scale, detail, distortion, stretch)
     fine = graph.noise(speckle_scale, 1, 0, stretch)
@@ -124,7 +124,7 @@ def painted(
     wear_scale: float = 14.0,
     bump: float = 0.0,
 ) -> bpy.types.Material:
-    """Lay a picture on by texture coordinates, worn by noise; `bump` sinks its dark parts in."""
+    """Create a material with a picture as texture, stained by noise; `bump` lowers its dark parts."""
     graph = Graph(name, roughness, metallic)
     texture = graph.tree.nodes.new("ShaderNodeTexImage")
     texture.image = image(name, picture)
@@ -136,33 +136,33 @@ def painted(
 
 
 def plain(name: str, colour: str, roughness: float = 0.6, metallic: float = 0.0) -> bpy.types.Material:
-    """Make one colour, for small parts."""
+    """Create a material of one colour, for small parts."""
     graph = Graph(name, roughness, metallic)
     graph.surface.inputs["Base Color"].default_value = linear(colour)
     return graph.material
 
 
 def bronze(name: str) -> bpy.types.Material:
-    """Make brown bronze with traces of verdigris."""
+    """Create brown bronze with traces of verdigris."""
     stops = [(0.3, "#5f3d1c"), (0.5, "#9a6a32"), (0.6, "#a97b40"), (0.72, "#6c7a58")]
     return mottled(name, stops, 9, roughness=0.45, metallic=0.65, speckle=0.5, bump=0.25)
 
 
 def wood(name: str, dark: str, light: str) -> bpy.types.Material:
-    """Make turned wood with upright grain."""
+    """Create turned wood with upright grain."""
     stops = [(0.3, dark), (0.5, light), (0.58, dark), (0.75, light)]
     return mottled(name, stops, 7, 0.45, distortion=0.6, stretch=(5, 5, 0.8), speckle=0.45, bump=0.1)
 
 
 def thin_glass(name: str, tint: str, veil: float) -> bpy.types.Material:
-    """Make blown glass that does not bend light: cheap to trace, kind to reconstruction."""
+    """Create glass without refraction, which is cheap to render and can be reconstructed."""
     graph = Graph(name, 0.12, 0.0)
     graph.surface.inputs["Base Color"].default_value = linear(tint)
     clear = graph.node("ShaderNodeBsdfTransparent", Color=linear("#eef4f0"))
     facing = graph.node("ShaderNodeLayerWeight", Blend=0.15).outputs["Facing"]
     amount = graph.node("ShaderNodeMapRange", Value=facing)
     amount.inputs["To Min"].default_value, amount.inputs["To Max"].default_value = veil, 0.9
-    # Light passes unhindered, or what is inside would stand in the glass's shadow.
+    # The glass casts no shadow on its contents.
     lit = graph.node("ShaderNodeLightPath").outputs["Is Shadow Ray"]
     seen = graph.node("ShaderNodeMapRange", Value=lit, **{"To Min": amount.outputs[0], "To Max": 0.0})
     mixed = graph.tree.nodes.new("ShaderNodeMixShader")
@@ -178,12 +178,12 @@ def thin_glass(name: str, tint: str, veil: float) -> bpy.types.Material:
 
 
 def mirror(name: str, tint: str) -> bpy.types.Material:
-    """Make silvered glass: no picture of its own, only that of the room."""
+    """Create a mirror."""
     return plain(name, tint, 0.02, 1.0)
 
 
 def image(name: str, picture: np.ndarray) -> bpy.types.Image:
-    """Hand an (h, w, 3) uint8 sRGB picture, first row at the top, to Blender."""
+    """Return a Blender image of an (h, w, 3) uint8 sRGB picture, first row at the top."""
     height, width = picture.shape[:2]
     made = bpy.data.images.new(name, width, height)
     rgba = np.ones((height, width, 4), np.float32)
@@ -194,7 +194,7 @@ def image(name: str, picture: np.ndarray) -> bpy.types.Image:
 
 
 def instance_id() -> bpy.types.Material:
-    """Emit (object index / 255): replaces every material when masks are rendered."""
+    """Create a material that emits (object index / 255) and replaces all materials when masks are rendered."""
     graph = Graph("Instance id", 1.0, 0.0)
     index = graph.node("ShaderNodeObjectInfo").outputs["Object Index"]
     scaled = graph.tree.nodes.new("ShaderNodeMath")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shapes made in code: turned profiles, swept tubes, bevelled boxes and height fields."""
+"""Procedural meshes: turned profiles, swept tubes, bevelled boxes and height fields. Units: metres."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ def from_arrays(
     material: bpy.types.Material,
     crease: float = 40.0,
 ) -> bpy.types.Object:
-    """Make a smooth-shaded object; edges sharper than `crease` degrees stay sharp.
+    """Create a smooth-shaded object; edges with an angle above `crease` degrees stay sharp.
 
     Parameters
     ----------
     uvs
-        For each face the texture coordinates of its corners.
+        Texture coordinates of the corners of each face.
     """
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata([tuple(v) for v in vertices], [], [tuple(f) for f in faces])
@@ -61,7 +61,7 @@ def from_arrays(
 
 
 def link(name: str, mesh: bpy.types.Mesh) -> bpy.types.Object:
-    """Put a mesh into the scene."""
+    """Create an object of a mesh in the scene."""
     made = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(made)
     return made
@@ -74,12 +74,12 @@ def lathe(
     segments: int = 80,
     planar: bool = False,
 ) -> bpy.types.Object:
-    """Turn a profile of (radius, height) points around Z.
+    """Create a solid of revolution of a profile of (radius, height) points around Z.
 
     Parameters
     ----------
     planar
-        Texture from above (for discs) instead of around the side with v along the height.
+        Whether the texture is projected from above (for discs) instead of around the side with v along the height.
     """
     profile = np.asarray(profile, dtype=float)
     angles = np.linspace(0, 2 * pi, segments, endpoint=False)
@@ -116,7 +116,7 @@ def tube(
     sides: int = 16,
     flatten: float = 1.0,
 ) -> bpy.types.Object:
-    """Sweep a circle, or an ellipse with its binormal axis scaled by `flatten`, along a path, ends closed."""
+    """Sweep a circle, or an ellipse with its binormal axis scaled by `flatten`, along a path and close the ends."""
     path = np.asarray(path, dtype=float)
     radii = np.broadcast_to(np.asarray(radii, dtype=float), len(path))
     tangents = np.gradient(path, axis=0)
@@ -124,7 +124,7 @@ def tube(
     normal = np.cross(tangents[0], (0.0, 0.0, 1.0) if abs(tangents[0][2]) < 0.9 else (1.0, 0.0, 0.0))
     rings = []
     for centre, radius, tangent in zip(path, radii, tangents, strict=True):
-        # Carrying the previous normal along keeps the sweep from twisting where the path bends.
+        # The normal follows from the previous one, so that the tube does not twist where the path bends.
         normal = normal - tangent * normal.dot(tangent)
         normal /= np.linalg.norm(normal)
         binormal = np.cross(tangent, normal) * flatten
@@ -150,7 +150,7 @@ def tube(
 def box(
     name: str, size: Point3, centre: Point3, material: bpy.types.Material, bevel: float = 0.006
 ) -> bpy.types.Object:
-    """Make a box with softly bevelled edges."""
+    """Create a box with bevelled edges."""
     shape = bmesh.new()
     bmesh.ops.create_cube(shape, size=1.0)
     bmesh.ops.scale(shape, vec=size, verts=shape.verts)
@@ -170,7 +170,7 @@ def quad(
     material: bpy.types.Material,
     repeat: Point2 = (1.0, 1.0),
 ) -> bpy.types.Object:
-    """Make one textured rectangle; corners run from the texture's lower left, counter-clockwise."""
+    """Create a textured rectangle; the corners start at the texture's lower left, counter-clockwise."""
     u, v = repeat
     return from_arrays(name, np.array(corners), [(0, 1, 2, 3)], [[(0, 0), (u, 0), (u, v), (0, v)]], material)
 
@@ -185,7 +185,7 @@ def relief(
     material: bpy.types.Material,
     cells: int = 120,
 ) -> bpy.types.Object:
-    """Make a height field that faces -Y, cut to where `inside` holds, with a solid rim.
+    """Create a height field that faces -Y, restricted to where `inside` is true, with a solid rim.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def relief(
     shape = bmesh.new()
     shape.from_mesh(made.data)
     bmesh.ops.delete(shape, geom=[v for v in shape.verts if not v.link_faces], context="VERTS")
-    for _ in range(3):  # the cut follows the grid; relaxing its edge takes the stair steps away
+    for _ in range(3):  # smooth the boundary, which follows the grid in steps
         edge = [v for v in shape.verts if v.is_boundary]
         bmesh.ops.smooth_vert(shape, verts=edge, factor=0.5, use_axis_x=True, use_axis_z=True)
     shape.to_mesh(made.data)

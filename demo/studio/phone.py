@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The synthetic phone: its lens, its sensor and its JPEG files."""
+"""The synthetic phone: lens, sensor and JPEG files.
+
+Pixels are counted as in COLMAP, with the centre of the top left one at (0.5, 0.5), unless stated otherwise.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +15,19 @@ from PIL import Image
 
 WIDTH, HEIGHT = 800, 600
 EQUIVALENT_MM = 26
-# EXIF's 35 mm equivalent compares diagonals.
+# In pixels; the 35 mm equivalent of EXIF compares diagonals.
 FOCAL = EQUIVALENT_MM / float(np.hypot(36, 24)) * float(np.hypot(WIDTH, HEIGHT))
 CX, CY, K1 = WIDTH / 2, HEIGHT / 2, -0.03
-# The ideal picture must reach beyond the corners, which barrel distortion pulls in.
+# Pixels. The ideal picture must extend beyond the photo, whose corners barrel distortion moves inwards.
 MARGIN = 16
 IDEAL_WIDTH, IDEAL_HEIGHT = WIDTH + 2 * MARGIN, HEIGHT + 2 * MARGIN
 
 
 def ideal_positions() -> tuple[np.ndarray, np.ndarray]:
-    """Find, for each photo pixel, the pixel of the undistorted render that it shows.
+    """Return x and y [h, w] in the undistorted render for each pixel of the photo.
 
     Inverts COLMAP's SIMPLE_RADIAL model, distorted = ideal * (1 + k1 * r_ideal**2), by fixed-point iteration.
-    The result counts as OpenCV does, with pixel centres at integers.
+    The positions are those of OpenCV, with pixel centres at integers.
     """
     u, v = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
     x_photo, y_photo = (u - CX) / FOCAL, (v - CY) / FOCAL
@@ -38,8 +41,8 @@ def ideal_positions() -> tuple[np.ndarray, np.ndarray]:
 
 
 def expose(linear: np.ndarray, stops: float, rng: np.random.Generator) -> np.ndarray:
-    """Turn an undistorted linear render into the photo's 8-bit sRGB pixels."""
-    # Cubic resampling rings around burnt-out highlights unless they are clipped first.
+    """Return the photo's 8-bit sRGB pixels of an undistorted linear render."""
+    # Clipped, because cubic resampling causes ringing around overexposed highlights.
     seen = cv2.remap(np.clip(linear * 2.0**stops, 0, 1.5), *ideal_positions(), cv2.INTER_CUBIC)
     seen = np.clip(seen, 0, 1)
     seen = np.clip(seen + rng.normal(0, 1, seen.shape) * np.sqrt(1e-6 + 6e-5 * seen), 0, 1)
@@ -48,12 +51,12 @@ def expose(linear: np.ndarray, stops: float, rng: np.random.Generator) -> np.nda
 
 
 def remap_ids(ids: np.ndarray) -> np.ndarray:
-    """Give an id picture the lens's distortion without mixing ids."""
+    """Return an id picture with the distortion of the lens, without interpolation."""
     return cv2.remap(ids, *ideal_positions(), cv2.INTER_NEAREST)
 
 
 def save_photo(pixels: np.ndarray, path: Path, description: str) -> None:
-    """Write a JPEG with the phone's EXIF tags; a half-written file never has the final name."""
+    """Write a JPEG with the phone's EXIF tags atomically."""
     picture = Image.fromarray(pixels)
     exif = Image.Exif()
     exif[0x010E] = description  # ImageDescription
@@ -67,7 +70,7 @@ def save_photo(pixels: np.ndarray, path: Path, description: str) -> None:
 
 
 def save_ids(ids: np.ndarray, path: Path) -> None:
-    """Write an 8-bit PNG of instance ids."""
+    """Write an 8-bit PNG of instance ids atomically."""
     unfinished = path.with_suffix(".part")
     Image.fromarray(ids).save(unfinished, "PNG", optimize=True)
     os.replace(unfinished, path)

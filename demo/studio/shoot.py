@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Photographing a scene: the command line, the ground truth and the rendering."""
+"""Command line, ground truth and rendering of the photos of a scene."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-# Blender reads this when bpy is imported; the user's own settings must neither matter nor change.
+# Blender reads this when bpy is imported, so that the user's settings are neither used nor changed.
 _SETTINGS = tempfile.TemporaryDirectory(prefix="heritage-demo-")
 os.environ["BLENDER_USER_RESOURCES"] = _SETTINGS.name
 
@@ -26,18 +26,20 @@ from .views import View, plan, useful_order  # noqa: E402
 
 
 def main(folder: Path, description: str) -> None:
-    """Parse the command line and make whatever is missing of the scene that `room.py` in a folder describes."""
-    # Not before bpy has its settings.
+    """Parse the command line and create the missing photos and masks of the scene in `room.py` of a folder."""
+    # `room` imports bpy, which must have its settings before.
     scene: Scene = import_module("room").SCENE
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(
-        "--out", type=Path, default=folder, help="folder for photos/ and truth/ (default: beside this script)"
+        "--out", type=Path, default=folder, help="folder for photos/ and truth/ (default: the folder of this script)"
     )
     parser.add_argument("--views", type=int, default=scene.photos, help="number of photos (default: %(default)s)")
     parser.add_argument(
         "--samples", type=int, default=scene.samples, help="Cycles samples per pixel, denoised (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="varies the walk, the exposures and the noise (default: 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="random seed of camera path, exposures and noise (default: 0)"
+    )
     parser.add_argument("--only", type=int, nargs="+", help="render these photos only, by number")
     parser.add_argument("--masks-only", action="store_true", help="write the ground truth and stop")
     arguments = parser.parse_args()
@@ -88,12 +90,12 @@ def main(folder: Path, description: str) -> None:
 
 
 def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) -> None:
-    """Write the cameras and the names of the ids.
+    """Write ``cameras.json`` and ``names.json``.
 
     Raises
     ------
     FileExistsError
-        The folder holds the cameras of another walk: its photos and masks would be taken for this one's.
+        When the folder has other cameras, with which its photos and masks belong.
     """
     cameras = {
         "convention": (
@@ -129,7 +131,7 @@ def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) ->
 
 
 def camera() -> None:
-    """Add the camera: the photo's focal length over a slightly larger sensor, see `phone`."""
+    """Add the camera, with the photo's focal length and a slightly larger sensor (see `phone`)."""
     data = bpy.data.cameras.new("Phone")
     data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
     data.lens = 36.0 * phone.FOCAL / phone.IDEAL_WIDTH
@@ -142,13 +144,13 @@ def camera() -> None:
 
 
 def aim_camera(view: View) -> None:
-    """Put the camera where a view is; Blender's cameras look along -Z with +Y up."""
+    """Set the pose of the camera; Blender's cameras look along -Z with +Y up."""
     to_blender = np.diag([1.0, -1.0, -1.0, 1.0])
     bpy.context.scene.camera.matrix_world = Matrix((np.linalg.inv(view.world_to_camera) @ to_blender).tolist())
 
 
 def setup_masks() -> None:
-    """One unfiltered sample per pixel of the object index."""
+    """Configure rendering of the object index with one unfiltered sample per pixel."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.view_layers[0].material_override = materials.instance_id()
@@ -160,14 +162,14 @@ def setup_masks() -> None:
 
 
 def setup_photos(samples: int, bounces: int) -> None:
-    """Path tracing tuned for a few CPU cores."""
+    """Configure path tracing for a few CPU cores."""
     scene = bpy.context.scene
     scene.view_layers[0].material_override = None
     cycles = scene.cycles
     cycles.samples, cycles.use_adaptive_sampling, cycles.adaptive_threshold = samples, True, 0.03
     cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
     cycles.denoising_quality = "BALANCED"
-    # Past the first bounce the room is bright and even enough for the sky's light to stand in.
+    # After the first bounce, the light of the sky approximates the even light of the room.
     cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 2, 2, bounces
     cycles.use_fast_gi, cycles.fast_gi_method, cycles.ao_bounces_render = True, "REPLACE", 1
     cycles.use_light_tree = False
@@ -179,7 +181,7 @@ def setup_photos(samples: int, bounces: int) -> None:
 
 
 def render() -> np.ndarray:
-    """Render the scene to an (h, w, 3) linear float picture, first row at the top."""
+    """Return the rendered scene as a linear float picture (h, w, 3), first row at the top."""
     scene = bpy.context.scene
     settings = scene.render.image_settings
     settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGB"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a scene is, and what its room is furnished with: exhibits in their places, frames, a sky and lamps."""
+"""Description of a scene, and functions to add exhibits, frames, a sky and lamps. World: Z up, metres."""
 
 from __future__ import annotations
 
@@ -16,15 +16,14 @@ from .views import Walk
 
 Parts = list[bpy.types.Object]
 SEEN_THROUGH = "seen_through"
-"""A property of objects that masks are rendered without: panes, whose pixels are what is behind them."""
+"""Property of objects that are hidden in masks, such as panes: their pixels belong to the object behind them."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where an exhibit is: its base, its turn about Z in degrees, its size, and its plinth's stone.
+    """Place of an exhibit: position of its base, rotation about Z in degrees, scale, and the stone of its plinth.
 
-    `kind` is what builds it and `prompt` what it is asked for by, its name if they are empty; equal exhibits share
-    both.
+    `kind` selects its builder and `prompt` is its text prompt; both default to the name. Equal exhibits share both.
     """
 
     name: str
@@ -40,20 +39,22 @@ class Place:
 
 @dataclass(frozen=True)
 class Scene:
-    """What is photographed, and how.
+    """A scene and how it is photographed.
 
     Attributes
     ----------
     title
-        Of every photo.
+        Title of the photos, in their EXIF description.
     build
-        Fills the empty scene; `places` are its exhibits, whose instance ids count from 1.
-    centre
-        What the walks go around.
+        Function that builds the scene in an empty one.
+    places
+        Places of the exhibits, whose instance ids count from 1.
+    walks, centre
+        Camera paths, and the point on the floor that they go around.
     photos, samples
-        How many there are, and how many samples a pixel gets.
+        Number of photos, and of samples per pixel.
     bounces
-        Of light, from one mirror-like or glassy surface to the next.
+        Maximum number of glossy reflections of a light path.
     """
 
     title: str
@@ -67,14 +68,14 @@ class Scene:
 
 
 def exhibit(place: Place, identity: int, builders: Mapping[str, Callable[[], Parts]]) -> None:
-    """Build one exhibit where it belongs."""
+    """Build an exhibit at its place."""
     pose = (
         Matrix.Translation((place.x, place.y, place.z))
         @ Matrix.Rotation(radians(place.turn), 4, "Z")
         @ Matrix.Scale(place.scale, 4)
     )
     for part in builders[place.kind or place.name]():
-        # matrix_world of a new object is not evaluated yet, matrix_basis is.
+        # The matrix_world of a new object is not evaluated yet, so matrix_basis is used.
         part.matrix_world = pose @ part.matrix_basis
         part.pass_index = identity
 
@@ -89,19 +90,19 @@ def frame(wide: float, tall: float, edge: float, material: bpy.types.Material) -
 
 
 def upright(name: str, wide: float, tall: float, y: float, material: bpy.types.Material) -> bpy.types.Object:
-    """Make a textured rectangle that stands around the middle of a wall, facing -Y."""
+    """Build an upright textured rectangle around the middle of a wall, facing -Y."""
     corners = [(-wide / 2, y, -tall / 2), (wide / 2, y, -tall / 2), (wide / 2, y, tall / 2), (-wide / 2, y, tall / 2)]
     return quad(name, corners, material)
 
 
 def turned_to(parts: Parts, where: Point3, degrees: float) -> None:
-    """Turn things about Z and put them somewhere."""
+    """Rotate parts about Z and move them to `where`."""
     for part in parts:
         part.matrix_world = Matrix.Translation(where) @ Matrix.Rotation(radians(degrees), 4, "Z") @ part.matrix_basis
 
 
 def sky(colour: str, strength: float) -> None:
-    """Give the scene a world of one colour; what has no ceiling is lit by it."""
+    """Set a world background of one colour, which lights a room without a ceiling."""
     world = bpy.data.worlds.new("Sky")
     world.use_nodes = True
     inputs = world.node_tree.nodes["Background"].inputs
@@ -110,7 +111,7 @@ def sky(colour: str, strength: float) -> None:
 
 
 def lamp(name: str, where: Point3, aim: Point3, wide: float, tall: float, watts: float, colour: str) -> None:
-    """Add a rectangular area light that the camera does not see."""
+    """Add a rectangular area light that is invisible to the camera."""
     data = bpy.data.lights.new(name, "AREA")
     data.shape, data.size, data.size_y, data.energy, data.color = (
         "RECTANGLE",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Textures painted in code that every scene needs. All are (h, w, 3) uint8 sRGB."""
+"""Procedural textures and noise for all scenes. Textures are uint8 sRGB arrays of shape (h, w, 3)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw
 
 
 def noise(height: int, width: int, cells: int, octaves: int, seed: int, tile: bool = False) -> np.ndarray:
-    """Make fractal noise in about 0..1; `tile` makes the left edge meet the right one."""
+    """Return fractal noise in 0..1; with `tile` it repeats seamlessly in x."""
     rng = np.random.default_rng(seed)
     total = np.zeros((height, width), np.float32)
     for octave in range(octaves):
@@ -25,7 +25,7 @@ def noise(height: int, width: int, cells: int, octaves: int, seed: int, tile: bo
 
 
 def shade(picture: Image.Image, cells: int, strength: float, seed: int) -> np.ndarray:
-    """Darken and lighten a picture by fractal noise."""
+    """Return a picture darkened and lightened by fractal noise."""
     factor = 1 + strength * (noise(picture.height, picture.width, cells, 6, seed, tile=True) - 0.5)
     return np.clip(np.asarray(picture) * factor[..., None], 0, 255).astype(np.uint8)
 

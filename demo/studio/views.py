@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the photographer stands for every photo."""
+"""Camera poses of the photos. World: Z up, metres; camera axes: x right, y down, z forward."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .meshes import Point2
 
 @dataclass(frozen=True)
 class View:
-    """One hand-held photo: where from, 4x4 world-to-camera (OpenCV axes), and exposure in stops."""
+    """A hand-held photo: its name, 4x4 world-to-camera matrix and exposure in stops."""
 
     name: str
     world_to_camera: np.ndarray
@@ -23,16 +23,18 @@ class View:
 
 @dataclass(frozen=True)
 class Walk:
-    """One arc around the exhibits.
+    """An arc around the exhibits.
 
     Attributes
     ----------
     share
-        How many photos, beside those of the other walks.
+        Number of photos relative to the other arcs.
+    radius, eye, aim
+        Radius of the arc, and heights of the camera and of the point it looks at, in metres.
     spread
-        The arc runs from -spread to +spread degrees about the front.
+        The arc extends from -spread to +spread degrees about the front.
     follow
-        How far the aim slides sideways with the walker: 0 looks at the middle, 1 straight ahead.
+        Fraction by which the aim moves sideways with the camera: 0 looks at the centre, 1 straight ahead.
     """
 
     share: int
@@ -44,17 +46,17 @@ class Walk:
 
 
 def plan(walks: Sequence[Walk], centre: Point2, count: int, seed: int) -> list[View]:
-    """Spread `count` photos over walks around a place on the floor, with the unsteadiness of a hand."""
+    """Return `count` views on arcs around a point on the floor, with random offsets as of a hand-held camera."""
     rng = np.random.default_rng(seed)
     total = sum(walk.share for walk in walks)
     views: list[View] = []
-    done = 0
-    for way, walk in enumerate(walks):
-        done += walk.share
-        number = round(count * done / total) - len(views)
-        # Every second walk goes back the other way, as one does.
+    cumulative_share = 0
+    for index, walk in enumerate(walks):
+        cumulative_share += walk.share
+        number = round(count * cumulative_share / total) - len(views)
+        # Every second arc is walked in the opposite direction.
         angles = np.linspace(-walk.spread, walk.spread, number) if number > 1 else np.zeros(number)
-        for angle in angles[:: -1 if way % 2 else 1]:
+        for angle in angles[:: -1 if index % 2 else 1]:
             views.append(_view(len(views), walk, np.array(centre), radians(angle + rng.normal(0, 1.2)), rng))
     return views
 
@@ -71,7 +73,7 @@ def _view(index: int, walk: Walk, centre: np.ndarray, angle: float, rng: np.rand
 
 
 def look_at(eye: np.ndarray, aim: np.ndarray, roll: float) -> np.ndarray:
-    """World-to-camera matrix, camera axes x right, y down, z forward."""
+    """Return a world-to-camera matrix."""
     forward = (aim - eye) / np.linalg.norm(aim - eye)
     right = np.cross(forward, (0, 0, 1))
     right /= np.linalg.norm(right)
@@ -84,5 +86,5 @@ def look_at(eye: np.ndarray, aim: np.ndarray, roll: float) -> np.ndarray:
 
 
 def useful_order(count: int) -> list[int]:
-    """Order the photos so that any beginning of the list already covers the room evenly."""
+    """Return photo indices in an order of which every prefix covers the scene evenly."""
     return [i for stride in range(4) for i in range((0, 2, 1, 3)[stride], count, 4)]

@@ -1,4 +1,4 @@
-"""Structure from motion: the cameras of the photos, estimated with pycolmap or read from a file, and undistortion."""
+"""Cameras of the photos, estimated by structure from motion with pycolmap or read from a file, and undistortion."""
 
 from __future__ import annotations
 
@@ -7,18 +7,27 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .features import Workshop, match_features
+    from .features import SfmWorkspace, match_features
     from .given import has_points, read_cameras
     from .normalise import normalised_points, normalised_viewmat, original_from_world
     from .sfm import estimate_cameras
-    from .undistortion import covering_pinhole, distort, project, read_camera_json, shows, training_pinhole, undistort
+    from .undistortion import (
+        covering_pinhole,
+        distort,
+        is_point_visible,
+        project,
+        read_camera_json,
+        training_pinhole,
+        undistort,
+    )
 
 __all__ = [
-    "Workshop",
+    "SfmWorkspace",
     "covering_pinhole",
     "distort",
     "estimate_cameras",
     "has_points",
+    "is_point_visible",
     "match_features",
     "normalised_points",
     "normalised_viewmat",
@@ -26,7 +35,6 @@ __all__ = [
     "project",
     "read_camera_json",
     "read_cameras",
-    "shows",
     "training_pinhole",
     "undistort",
 ]

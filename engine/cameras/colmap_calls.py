@@ -1,4 +1,4 @@
-"""Long pycolmap calls with progress and Cancel, and without COLMAP's own chatter."""
+"""Long pycolmap calls with progress and cancellation, and without COLMAP's log messages."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["threads_for_colmap", "wait_for"]
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
 
-# COLMAP writes to stderr, past Python's logging. What matters comes back as an exception, in our words.
+# COLMAP logs to stderr, not to Python's logging. Its failures arrive as exceptions, which this module translates.
 pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
 
 Result = TypeVar("Result")
 
 
 def threads_for_colmap(threads: int) -> int:
-    """Return COLMAP's number for `threads`: -1 (all cores) for 0."""
+    """Return the number of threads as COLMAP expects it: -1 instead of 0 for all cores."""
     return threads if threads > 0 else -1
 
 
@@ -35,27 +35,25 @@ def wait_for(
     report: Callable[[], None],
     should_stop: StopCheck,
 ) -> Result:
-    """Return what `call` returns, while this thread reports progress and asks `should_stop` five times a second.
+    """Return the result of `call`, which runs in another thread; this thread reports progress and checks for a stop.
 
     Parameters
     ----------
     what : str
-        The work in a few words, for messages: "matching the photos".
+        Description of the work for messages, e.g. "matching the photos".
     call : callable
-        Runs in another thread (pycolmap lets go of the interpreter) and hands the token on to pycolmap.
-    report : callable
-        Called in this thread.
-    should_stop : StopCheck
-        Called in this thread.
+        Called in another thread (pycolmap releases the interpreter lock). It must pass the token to pycolmap.
+    report, should_stop : callable
+        Called in this thread five times a second.
 
     Raises
     ------
     Cancelled
-        When `should_stop` said so; pycolmap has then ended.
+        When `should_stop` returned True, after pycolmap has ended.
     CameraError
         When pycolmap fails.
     DiskError
-        When it fails for want of space.
+        When pycolmap fails because the disk is full or unreachable.
     """
     token = pycolmap.CancellationToken()
     results: list[Result] = []
@@ -64,7 +62,7 @@ def wait_for(
     def work() -> None:
         try:
             results.append(call(token))
-        except Exception as error:  # noqa: BLE001 handed on to the waiting thread below
+        except Exception as error:  # noqa: BLE001 raised in the waiting thread below
             failures.append(error)
 
     thread = threading.Thread(target=work, name=f"pycolmap: {what}", daemon=True)
@@ -78,23 +76,21 @@ def wait_for(
                 stopped = True
                 token.cancel()
     finally:
-        # An error in `report` must not leave COLMAP writing into the folder.
+        # After an error in `report`, COLMAP must not continue to write to the folder.
         token.cancel()
         thread.join()
     if stopped:
         raise Cancelled(f"Stopped while {what}. The next run continues from here.")
     if failures:
-        _raise_in_our_words(what, failures[0])
+        _raise_translated(what, failures[0])
     return results[0]
 
 
-def _raise_in_our_words(what: str, error: Exception) -> None:
+def _raise_translated(what: str, error: Exception) -> None:
     if not isinstance(error, RuntimeError | ValueError | IndexError | OSError):
         raise error
     text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
     _LOG.error("pycolmap failed while %s: %s", what, error)
     if "disk is full" in text or "No space left" in text or "disk I/O" in text:
-        raise DiskError(
-            f"The disk is full or unreachable: it failed while {what}. Free some space and run again."
-        ) from error
+        raise DiskError(f"The disk is full or unreachable while {what}. Free some space and run again.") from error
     raise CameraError(f"COLMAP failed while {what}: {text}") from error

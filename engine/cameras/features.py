@@ -1,4 +1,4 @@
-"""SIFT features and verified matches of a photo set in a COLMAP database that a killed run leaves usable."""
+"""SIFT features and verified matches of a photo set, in a COLMAP database from which a stopped run resumes."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from ..settings import to_dict
 from .colmap_calls import threads_for_colmap, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings
-from .working_copies import WorkingCopy, plan_copies, write_copies, write_whole_masks
+from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
 
-__all__ = ["Workshop", "match_features"]
+__all__ = ["SfmWorkspace", "match_features"]
 
 _Report = Callable[[float, str], None]
 
-# Shares of the time of this module's work, measured on 32 photos.
-_COPIED, _DETECTED, _CHOSEN = 0.03, 0.58, 0.64
+# Fractions of this module's run time after copying, detection and pair selection, measured on 32 photos.
+_COPIED, _DETECTED, _PAIRS_SELECTED = 0.03, 0.58, 0.64
 
-_PHOTOS_AT_ONCE = 4
-_PAIRS_AT_ONCE = 24
-_DESCRIPTOR = 128
-"""Numbers of a SIFT descriptor; a photo without features has none to count."""
+_PHOTOS_PER_BATCH = 4
+_PAIRS_PER_BATCH = 24
+_DESCRIPTOR_DIM = 128
+"""Length of a SIFT descriptor, needed to shape the empty array of a photo without features."""
 
 
-class Workshop:
-    """The folder a reconstruction is made in: copies of the photos, COLMAP's database, its models.
+class SfmWorkspace:
+    """Work folder of structure from motion: copies of the photos, COLMAP's database and its models.
 
     Parameters
     ----------
     folder : Path
-        Emptied when what lies there was made from other photos or with other settings; else continued.
+        The work resumes in this folder, which is emptied first when it belongs to other photos or settings.
     photo_set : PhotoSet
     settings : CameraSettings
     lenses : mapping of photo name to Camera, optional
-        Known lenses. By default photos of equal size and EXIF focal length share one that is yet to be found.
+        Known lenses. By default, photos of equal size and EXIF focal length share a lens, which is estimated.
     """
 
     def __init__(
@@ -75,23 +75,23 @@ class Workshop:
         return photo.width, photo.height, None if photo.focal_px is None else round(photo.focal_px, 1)
 
     def _prepare(self) -> None:
-        made_from = stage_key(
+        key = stage_key(
             [[copy.name, *copy.photo.hashes[1:], copy.width, copy.height] for copy in self.copies],
             [self._lens_of(copy.photo) for copy in self.copies],
             to_dict(self.settings),
             pycolmap.__version__,
         )
-        note = self._folder / "made_from.json"
+        key_file = self._folder / "made_from.json"
         try:
-            same = json.loads(note.read_text(encoding="utf-8")) == made_from
+            same = json.loads(key_file.read_text(encoding="utf-8")) == key
         except (OSError, ValueError):
             same = False
         if not same:
             self.clear()
-            write_json(note, made_from)
+            write_json(key_file, key)
 
     def clear(self) -> None:
-        """Remove what this class keeps in the folder, and nothing else."""
+        """Remove the files of this class, and no other files, from the folder."""
         (self._folder / "made_from.json").unlink(missing_ok=True)
         for path in (self.images, self.masks, self.sparse):
             shutil.rmtree(path, ignore_errors=True)
@@ -100,68 +100,68 @@ class Workshop:
         self.pairs.unlink(missing_ok=True)
 
     def copy_of(self, name: str) -> WorkingCopy:
-        """Return the copy that COLMAP knows under `name`."""
+        """Return the copy that has this `name` in COLMAP's database."""
         return self.copies[int(Path(name).stem)]
 
 
-def match_features(workshop: Workshop, *, report: _Report, should_stop: StopCheck) -> None:
-    """Fill the workshop's database with features and verified matches; what lies there already is kept.
+def match_features(workspace: SfmWorkspace, *, report: _Report, should_stop: StopCheck) -> None:
+    """Add features and verified matches to the workspace's database, except those it already has.
 
     Parameters
     ----------
-    workshop : Workshop
+    workspace : SfmWorkspace
     report : callable
-        Gets the fraction done of this function's work and a message.
+        Receives the completed fraction of this function's work and a message.
     should_stop : StopCheck
-        Asked five times a second.
+        Called five times a second.
 
     Raises
     ------
     CameraError
-        When there is nothing to match in the photos, or COLMAP fails.
+        When no two photos could be matched, or COLMAP fails.
     Cancelled, DiskError, PhotoError
         See `write_copies` and `wait_for`.
     """
     write_copies(
-        workshop.copies,
-        workshop.photo_set.folder,
-        workshop.images,
-        workshop.masks,
+        workspace.copies,
+        workspace.photo_set.folder,
+        workspace.images,
+        workspace.masks,
         report=lambda done: report(_COPIED * done, "copying the photos"),
         should_stop=should_stop,
     )
-    if not workshop.database.is_file():
-        _create_database(workshop)
-    _detect(workshop, report, should_stop)
-    pairs = _choose_pairs(workshop, report, should_stop)
-    _match(workshop, pairs, report, should_stop)
+    if not workspace.database.is_file():
+        _create_database(workspace)
+    _detect(workspace, report, should_stop)
+    pairs = _select_pairs(workspace, report, should_stop)
+    _match(workspace, pairs, report, should_stop)
 
 
-def _create_database(workshop: Workshop) -> None:
-    """Enter photos and lenses under a temporary name, so that a database is either whole or not there."""
-    unfinished = workshop.database.with_name("database.db.new")
-    for leftover in workshop.database.parent.glob(unfinished.name + "*"):
+def _create_database(workspace: SfmWorkspace) -> None:
+    """Write photos and lenses to a database, which is renamed at the end so that it is complete or missing."""
+    unfinished = workspace.database.with_name("database.db.new")
+    for leftover in workspace.database.parent.glob(unfinished.name + "*"):
         leftover.unlink()
     pycolmap.Database.open(unfinished).close()
     reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = workshop.settings.model
-    names = [copy.name for copy in workshop.copies]
-    # In the order of the photos and before anything runs on several threads: the ids must not depend on chance.
-    pycolmap.import_images(unfinished, workshop.images, pycolmap.CameraMode.PER_FOLDER, names, reader)
+    reader.camera_model = workspace.settings.model
+    names = [copy.name for copy in workspace.copies]
+    # In the order of the photos and on one thread, so that the ids do not depend on thread timing.
+    pycolmap.import_images(unfinished, workspace.images, pycolmap.CameraMode.PER_FOLDER, names, reader)
     first_of_group: dict[str, WorkingCopy] = {}
-    for copy in workshop.copies:
+    for copy in workspace.copies:
         first_of_group.setdefault(copy.name.split("/")[0], copy)
     with pycolmap.Database.open(unfinished) as database:
         for image in database.read_all_images():
             first = first_of_group.pop(image.name.split("/")[0], None)
             if first is not None:
-                database.update_camera(_lens(database.read_camera(image.camera_id), first, workshop))
-    os.replace(unfinished, workshop.database)
+                database.update_camera(_lens(database.read_camera(image.camera_id), first, workspace))
+    os.replace(unfinished, workspace.database)
 
 
-def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workshop: Workshop) -> pycolmap.Camera:
-    """Return the lens of a group for the database: the known one, or COLMAP's `guess` with the focal length of EXIF."""
-    known = workshop.lenses.get(copy.photo.name)
+def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workspace: SfmWorkspace) -> pycolmap.Camera:
+    """Return the lens of a group for the database: a known one, or COLMAP's `guess` with the focal length from EXIF."""
+    known = workspace.lenses.get(copy.photo.name)
     if known is not None:
         lens = pycolmap.Camera(model=known.model, width=known.width, height=known.height, params=list(known.params))
         lens.rescale(copy.width, copy.height)
@@ -176,8 +176,8 @@ def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workshop: Workshop) -> pyco
     return guess
 
 
-def _detect(workshop: Workshop, report: _Report, should_stop: StopCheck) -> None:
-    settings = workshop.settings
+def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) -> None:
+    settings = workspace.settings
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads = threads_for_colmap(settings.threads)
     options.use_gpu = False
@@ -185,38 +185,38 @@ def _detect(workshop: Workshop, report: _Report, should_stop: StopCheck) -> None
     options.sift.first_octave = settings.first_octave
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = settings.model
-    if workshop.masks.is_dir():
-        # COLMAP finds nothing in a photo whose mask is missing.
-        write_whole_masks(workshop.copies, workshop.masks)
-        reader.mask_path = workshop.masks
-    names = [copy.name for copy in workshop.copies]
+    if workspace.masks.is_dir():
+        # COLMAP detects no features in a photo whose mask is missing.
+        write_default_masks(workspace.copies, workspace.masks)
+        reader.mask_path = workspace.masks
+    names = [copy.name for copy in workspace.copies]
 
-    with pycolmap.Database.open(workshop.database) as database:
+    with pycolmap.Database.open(workspace.database) as database:
         detected = {image.name for image in database.read_all_images() if database.exists_descriptors(image.image_id)}
-    # In batches, for progress: a look into the database while COLMAP writes it would disturb its locks.
+    # In batches, to report progress: reading the database while COLMAP writes to it would conflict with its locks.
     missing = [name for name in names if name not in detected]
-    for start in range(0, len(missing), _PHOTOS_AT_ONCE):
-        batch = missing[start : start + _PHOTOS_AT_ONCE]
+    for start in range(0, len(missing), _PHOTOS_PER_BATCH):
+        batch = missing[start : start + _PHOTOS_PER_BATCH]
         done = len(names) - len(missing) + start
         report(_COPIED + (_DETECTED - _COPIED) * done / len(names), f"features in {done} of {len(names)} photos")
         wait_for(
-            "looking for features in the photos",
-            functools.partial(_extract, workshop, batch, reader, options),
-            report=_nothing,
+            "detecting features in the photos",
+            functools.partial(_extract, workspace, batch, reader, options),
+            report=_no_progress,
             should_stop=should_stop,
         )
 
 
 def _extract(
-    workshop: Workshop,
+    workspace: SfmWorkspace,
     names: list[str],
     reader: pycolmap.ImageReaderOptions,
     options: pycolmap.FeatureExtractionOptions,
     token: pycolmap.CancellationToken,
 ) -> None:
     pycolmap.extract_features(
-        workshop.database,
-        workshop.images,
+        workspace.database,
+        workspace.images,
         names,
         pycolmap.CameraMode.PER_FOLDER,
         reader,
@@ -226,61 +226,61 @@ def _extract(
     )
 
 
-def _nothing() -> None:
-    """Report nothing within a batch."""
+def _no_progress() -> None:
+    """Report no progress within a batch."""
 
 
-def _choose_pairs(workshop: Workshop, report: _Report, should_stop: StopCheck) -> list[Pair]:
-    """Return pairs of indices into ``workshop.copies``."""
-    count = len(workshop.copies)
-    if count <= workshop.settings.exhaustive_up_to:
+def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) -> list[Pair]:
+    """Return pairs of indices into ``workspace.copies``."""
+    count = len(workspace.copies)
+    if count <= workspace.settings.exhaustive_up_to:
         return all_pairs(count)
     descriptors = []
-    with pycolmap.Database.open(workshop.database) as database:
+    with pycolmap.Database.open(workspace.database) as database:
         ids = {image.name: image.image_id for image in database.read_all_images()}
-        for copy in workshop.copies:
+        for copy in workspace.copies:
             keypoints = database.read_keypoints(ids[copy.name])
             # Columns: x, y and the feature's affine shape [[a11, a12], [a21, a22]].
             scales = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
             data = np.asarray(database.read_descriptors(ids[copy.name]).data)
-            descriptors.append(largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR), photos=count))
+            descriptors.append(largest_descriptors(scales, data.reshape(-1, _DESCRIPTOR_DIM), photos=count))
     return promising_pairs(
         descriptors,
-        neighbours=workshop.settings.neighbours,
-        report=lambda done: report(_DETECTED + (_CHOSEN - _DETECTED) * done, "choosing pairs of photos"),
+        neighbours=workspace.settings.neighbours,
+        report=lambda done: report(_DETECTED + (_PAIRS_SELECTED - _DETECTED) * done, "selecting pairs of photos"),
         should_stop=should_stop,
     )
 
 
-def _match(workshop: Workshop, pairs: list[Pair], report: _Report, should_stop: StopCheck) -> None:
-    settings = workshop.settings
-    names = [copy.name for copy in workshop.copies]
+def _match(workspace: SfmWorkspace, pairs: list[Pair], report: _Report, should_stop: StopCheck) -> None:
+    settings = workspace.settings
+    names = [copy.name for copy in workspace.copies]
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads = threads_for_colmap(settings.threads)
     matching.use_gpu = False
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = settings.seed
     pairing = pycolmap.ImportedPairingOptions()
-    pairing.match_list_path = workshop.pairs
-    for start in range(0, len(pairs), _PAIRS_AT_ONCE):
-        batch = pairs[start : start + _PAIRS_AT_ONCE]
-        report(_CHOSEN + (1.0 - _CHOSEN) * start / len(pairs), f"{start} of {len(pairs)} pairs matched")
-        workshop.pairs.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in batch), encoding="ascii")
+    pairing.match_list_path = workspace.pairs
+    for start in range(0, len(pairs), _PAIRS_PER_BATCH):
+        batch = pairs[start : start + _PAIRS_PER_BATCH]
+        report(_PAIRS_SELECTED + (1.0 - _PAIRS_SELECTED) * start / len(pairs), f"{start} of {len(pairs)} pairs matched")
+        workspace.pairs.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in batch), encoding="ascii")
         pycolmap.set_random_seed(settings.seed)
-        # Pairs that a killed run matched already are passed over by COLMAP.
+        # COLMAP skips pairs that an earlier run has matched.
         wait_for(
             "matching the photos",
             lambda token: pycolmap.match_image_pairs(
-                workshop.database, matching, pairing, verification, pycolmap.Device.cpu, token
+                workspace.database, matching, pairing, verification, pycolmap.Device.cpu, token
             ),
-            report=_nothing,
+            report=_no_progress,
             should_stop=should_stop,
         )
-    with pycolmap.Database.open(workshop.database) as database:
+    with pycolmap.Database.open(workspace.database) as database:
         if database.num_inlier_matches() > 0:
             return
-        few = database.num_keypoints() < 100 * len(names)
-    if few:
+        has_few_features = database.num_keypoints() < 100 * len(names)
+    if has_few_features:
         raise CameraError(
             "No camera poses were found: the photos show too little texture or are blurred. Photograph the object with "
             "its surroundings, in focus."

@@ -1,4 +1,8 @@
-"""Camera poses that the user has already: a COLMAP model, or the ``transforms.json`` of nerfstudio and instant-ngp."""
+"""Camera poses supplied by the user: a COLMAP model, or a ``transforms.json`` of nerfstudio or instant-ngp.
+
+Conventions at input: COLMAP poses are world-to-camera with x right, y down, z forward; those of ``transforms.json`` are
+converted in `transforms_json`. Units and world axes of the model are arbitrary and are normalised.
+"""
 
 from __future__ import annotations
 
@@ -46,35 +50,34 @@ def read_cameras(
     Parameters
     ----------
     model : Path
-        A folder with a COLMAP model (``cameras``, ``images``, ``points3D`` as ``.bin`` or ``.txt``, there or in
-        ``sparse/0`` or ``sparse``), a ``transforms.json``, or a folder with one.
+        Folder of a COLMAP model (``cameras``, ``images``, ``points3D`` as ``.bin`` or ``.txt``, in this folder,
+        ``sparse/0``, ``sparse`` or ``0``), a ``transforms.json``, or a folder with one.
     photo_set : PhotoSet
-        Photos are found by their name relative to the photo folder, then by a file name that occurs once.
+        Photos of the model, identified by `match_photos`.
     settings : CameraSettings, optional
-        For matching the photos where the model has no points.
+        Settings of the matching that a model without points requires.
     folder : Path, optional
-        Work folder for that; by default a temporary one.
-    emit, should_stop
-        Used only where photos are matched.
+        Work folder for this matching; by default a temporary one.
+    emit, should_stop : callable
+        Used only for this matching.
 
     Returns
     -------
     CameraSet
-        ``original_from_world`` leads back to the frame of the model as it stands in the file, georeferenced or not.
-        Cameras of a COLMAP model made from smaller or larger copies are scaled to the photos.
+        ``original_from_world`` maps to the frame of the model in the file, which may be georeferenced. Cameras of a
+        COLMAP model of resized copies are scaled to the photos.
 
     Raises
     ------
     CameraError
-        When there is no model, it cannot be read, its pictures are not the photos, or are turned differently.
+        When the model is missing or cannot be read, or when its pictures are not the photos or are rotated differently.
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returned True.
 
     Notes
     -----
-    ``applied_transform`` and ``applied_scale`` of nerfstudio are not undone: the frame of the user is that of the
-    poses in the file. Where a ``transforms.json`` names no point cloud, points are triangulated from matched
-    features with the given poses held fixed.
+    ``applied_transform`` and ``applied_scale`` of nerfstudio are ignored: the original frame is that of the poses in
+    the file. When a model has no points, points are triangulated from matched features with the given poses fixed.
     """
     colmap = _colmap_folder(model)
     if colmap is not None:
@@ -82,7 +85,7 @@ def read_cameras(
     else:
         cameras, cloud = read_transforms(_transforms_file(model), photo_set, match_photos)
         points, colors, error = _cloud(cloud) if cloud is not None else (*_no_points(), math.nan)
-    _require_some(cameras, model)
+    _require_usable_cameras(cameras, model)
     if len(points) == 0 and len(cameras) >= 2:
         points, colors, error = _triangulated(
             cameras, photo_set, settings or CameraSettings(), folder, emit, should_stop
@@ -98,27 +101,27 @@ def read_cameras(
 
 
 def has_points(model: Path) -> bool:
-    """Return whether a model names sparse points, as far as a glance tells: without them they are triangulated.
+    """Return whether a model appears to have sparse points, without reading them.
 
     Raises
     ------
     CameraError
-        When there is no model.
+        When the model is missing.
     """
     if _colmap_folder(model) is not None:
         return True
     try:
         data = json.loads(_transforms_file(model).read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return False  # `read_cameras` says what is wrong with it.
+        return False  # `read_cameras` reports the error.
     return isinstance(data, dict) and bool(data.get("ply_file_path"))
 
 
 def match_photos(names: Iterable[str], photo_set: PhotoSet) -> dict[str, Photo]:
-    """Return which photo each of a model's picture names means: the same relative name, else the same unique file name.
+    """Return the photo of each picture name of a model: equal relative names first, then equal unique file names.
 
-    Names without an extension (as in the NeRF synthetic scenes) match a photo's name without its own. Two pictures
-    never get one photo; the one that matches better does.
+    Names without an extension, as in the NeRF synthetic scenes, match a photo's name without its extension. A photo is
+    assigned to one picture only, the one that matches better.
     """
     names = [name.replace("\\", "/").removeprefix("./") for name in names]
     steps = (
@@ -129,9 +132,9 @@ def match_photos(names: Iterable[str], photo_set: PhotoSet) -> dict[str, Photo]:
     )
     found: dict[str, Photo] = {}
     for of_picture, of_photo in steps:
-        taken = {photo.name for photo in found.values()}
+        assigned = {photo.name for photo in found.values()}
         pictures = _unique((of_picture(name), name) for name in names if name not in found)
-        photos = _unique((of_photo(photo.name), photo) for photo in photo_set.photos if photo.name not in taken)
+        photos = _unique((of_photo(photo.name), photo) for photo in photo_set.photos if photo.name not in assigned)
         for key, name in pictures.items():
             if key in photos:
                 found[name] = photos[key]
@@ -144,7 +147,7 @@ def _without_suffix(name: str) -> str:
 
 
 def _unique(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, Value]:
-    """Return the pairs whose key occurs once."""
+    """Return the pairs whose key occurs only once."""
     found: dict[Key, Value] = {}
     repeated: set[Key] = set()
     for key, value in pairs:
@@ -168,7 +171,7 @@ def _transforms_file(model: Path) -> Path:
     if not model.exists():
         raise CameraError(f"The camera model {model} does not exist. Choose a COLMAP model folder or transforms.json.")
     raise CameraError(
-        f"{model} holds no camera model. Choose a COLMAP model folder (cameras.bin, images.bin, points3D.bin) or a "
+        f"{model} contains no camera model. Choose a COLMAP model folder (cameras.bin, images.bin, points3D.bin) or a "
         "transforms.json."
     )
 
@@ -201,17 +204,17 @@ def _from_colmap(
         _require_same_frame(photo, lens.width, lens.height, folder)
         cameras.append(camera_in_photo(photo.name, lens, photo.width, photo.height, viewmat_of(images[name])))
     points, colors = points_of(model)
-    # A model from text may say -1 for errors that were never computed.
+    # A text model may state -1 for errors that were not computed.
     reprojection_error = model.compute_mean_reprojection_error() if len(points) else math.nan
     return cameras, points, colors, reprojection_error
 
 
 def _require_same_frame(photo: Photo, width: int, height: int, model: Path) -> None:
-    """Refuse a camera whose picture cannot be the photo at another size."""
+    """Raise `CameraError` when the picture of a camera cannot be the photo at another size."""
     if is_scaled((width, height), (photo.width, photo.height)):
         return
     if (width > height) != (photo.width > photo.height):
-        advice = "it was made without EXIF rotation. Turn the photos themselves, or let the cameras be estimated."
+        advice = "it was made without EXIF rotation. Rotate the photos themselves, or let the cameras be estimated."
     else:
         advice = "it was made from cropped or other pictures. Choose those pictures as the photo folder."
     raise CameraError(
@@ -229,14 +232,14 @@ def _cloud(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]:
     return (*points_of(cloud), math.nan)
 
 
-def _require_some(cameras: list[Camera], model: Path) -> None:
+def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:
     if not cameras:
         raise CameraError(
             f"None of the pictures in {model} is among the photos. Choose the photo folder the model was made from."
         )
     for camera in cameras:
         if not (np.isfinite(camera.viewmat).all() and np.isfinite(camera.params).all()):
-            raise CameraError(f"The camera of {camera.photo} in {model} holds numbers that are not finite.")
+            raise CameraError(f"The camera of {camera.photo} in {model} has numbers that are not finite.")
 
 
 def _triangulated(

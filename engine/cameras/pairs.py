@@ -1,4 +1,7 @@
-"""Which pairs of photos are worth matching in full: a quick look at the few largest features of each."""
+"""Selection of the photo pairs to match in full, by quick matching of the largest features of each photo.
+
+See docs/design_notes/cameras.md for the measurements behind the thresholds.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,14 @@ __all__ = ["all_pairs", "largest_descriptors", "promising_pairs"]
 Float32 = NDArray[np.float32]
 Pair = tuple[int, int]
 
-# Mutual best matches, with Lowe's ratio, among the largest features. Measured on 32 photos (496 pairs, 177 of them
-# verified): at 600 features, 12 matches keep 210 pairs and 99.5 % of all inliers.
-_ENOUGH_MATCHES = 12
+_MIN_QUICK_MATCHES = 12
+"""Mutual best matches among the largest features from which on a pair is matched in full."""
 _RATIO = 0.8
-_PARTNERS_AT_MOST = 40
-_ALWAYS_NEXT = 2
+"""Lowe's ratio: the distance of a match at most, relative to the second nearest descriptor."""
+_MAX_PARTNERS = 40
+"""Photos that a photo is matched with at most because of its quick matches."""
+_NEXT_PHOTOS = 2
+"""Photos after each one, in the order of names, that it is always matched with."""
 
 
 def all_pairs(count: int) -> list[Pair]:
@@ -29,20 +34,22 @@ def all_pairs(count: int) -> list[Pair]:
 
 
 def largest_descriptors(scales: Float32, descriptors: NDArray[np.uint8], *, photos: int) -> Float32:
-    """Return the descriptors [K, 128] of the largest features, each of length 1.
+    """Return the descriptors [K, 128] of the largest features, normalised to length 1.
 
     Parameters
     ----------
     scales : array of shape [N], float32
+        Sizes of the features in pixels.
     descriptors : array of shape [N, 128], uint8
+        SIFT descriptors.
     photos : int
-        In large sets, whose pairs grow with the square, fewer features are looked at.
+        Number of photos. Above 100, fewer features are returned, because the number of pairs grows with its square.
     """
-    at_most = 600 if photos <= 100 else 300
-    # A stable order, so that equal scales do not depend on the sorting method.
-    chosen = descriptors[np.argsort(-scales, kind="stable")[:at_most]].astype(np.float32)
-    length = np.linalg.norm(chosen, axis=1, keepdims=True)
-    unit: Float32 = (chosen / np.maximum(length, 1.0)).astype(np.float32)
+    max_features = 600 if photos <= 100 else 300
+    # A stable sort, so that the result for equal scales does not depend on the sorting method.
+    selected = descriptors[np.argsort(-scales, kind="stable")[:max_features]].astype(np.float32)
+    length = np.linalg.norm(selected, axis=1, keepdims=True)
+    unit: Float32 = (selected / np.maximum(length, 1.0)).astype(np.float32)
     return unit
 
 
@@ -53,23 +60,24 @@ def promising_pairs(
     report: Callable[[float], None],
     should_stop: StopCheck,
 ) -> list[Pair]:
-    """Return the pairs (i, j), i < j, that are worth matching in full.
+    """Return the pairs (i, j), i < j, to match in full.
 
     Parameters
     ----------
     descriptors : sequence of arrays of shape [K, 128], float32
-        From `largest_descriptors`, one per photo, in the order of their names.
+        Results of `largest_descriptors`, one per photo, in the order of the photo names.
     neighbours : int
-        Partners each photo gets at least, by number of quick matches.
+        Minimum number of partners of a photo, taken by number of quick matches.
     report : callable
-        Gets the part that is done, 0 to 1.
+        Receives the completed fraction, 0 to 1.
     should_stop : StopCheck
 
     Notes
     -----
-    A pair is kept when it has 12 quick matches (a photo's 40 best such partners at most), when either photo counts
-    the other among its `neighbours` likeliest, or when the photos follow each other within two places by name: people
-    walk around an object while they photograph it. About 5 ms of CPU a pair, where matching it in full takes 80 ms.
+    A quick match is a mutual best match of the given descriptors that passes Lowe's ratio test. A pair is selected
+    when it has 12 quick matches (for the 40 best partners of a photo), when one photo is among the `neighbours` best
+    partners of the other, or when the photos are at most two places apart in the order of names, because photos are
+    usually taken while walking around an object. A pair takes about 5 ms of CPU, matching it in full 80 ms.
 
     References
     ----------
@@ -82,14 +90,14 @@ def promising_pairs(
             quick[i, j] = quick[j, i] = _quick_matches(descriptors[i], descriptors[j])
         report((i + 1) * (2 * count - i - 1) / (count * count))
         if should_stop():
-            raise Cancelled("Stopped while choosing pairs of photos. The next run continues from here.")
+            raise Cancelled("Stopped while selecting pairs of photos. The next run continues from here.")
     kept: set[Pair] = set()
     for i in range(count):
         order = [int(j) for j in np.argsort(-quick[i], kind="stable") if j != i]
-        for rank, j in enumerate(order[:_PARTNERS_AT_MOST]):
-            if quick[i, j] >= _ENOUGH_MATCHES or rank < neighbours:
+        for rank, j in enumerate(order[:_MAX_PARTNERS]):
+            if quick[i, j] >= _MIN_QUICK_MATCHES or rank < neighbours:
                 kept.add((min(i, j), max(i, j)))
-        kept.update((i, j) for j in range(i + 1, min(count, i + 1 + _ALWAYS_NEXT)))
+        kept.update((i, j) for j in range(i + 1, min(count, i + 1 + _NEXT_PHOTOS)))
     return sorted(kept)
 
 
@@ -100,10 +108,10 @@ def _quick_matches(first: Float32, second: Float32) -> int:
     rows = np.arange(len(first))
     best = cosine.argmax(axis=1)
     nearest = cosine[rows, best]
-    # Equal to its column's maximum means mutual; an argmax down the columns takes five times as long.
+    # A match is mutual when it is the maximum of its column. An argmax over the columns takes five times as long.
     mutual = cosine.max(axis=0)[best] == nearest
     cosine[rows, best] = -1.0
     runner_up = cosine.max(axis=1)
-    # |a - b|^2 = 2 - 2 cosine for unit vectors, so Lowe's ratio of distances is squared here.
+    # For unit vectors |a - b|^2 = 2 - 2 cosine, so the ratio of distances is squared here.
     distinct = (1.0 - nearest) < _RATIO**2 * (1.0 - runner_up)
     return int(np.count_nonzero(mutual & distinct))

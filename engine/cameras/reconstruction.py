@@ -1,4 +1,4 @@
-"""A pycolmap reconstruction becomes a `CameraSet` in the normalised world."""
+"""Conversion of a pycolmap reconstruction to a `CameraSet` in the normalised world."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def viewmat_of(image: pycolmap.Image) -> Float64:
 
 
 def camera_in_photo(photo: str, lens: pycolmap.Camera, width: int, height: int, viewmat: Float64) -> Camera:
-    """Return a `Camera` with the parameters of `lens`, which is for a copy, in pixels of the photo itself."""
+    """Return a `Camera` with the parameters of `lens`, which belongs to a copy, scaled to pixels of the photo."""
     scaled = copy.deepcopy(lens)
     if (scaled.width, scaled.height) != (width, height):
         scaled.rescale(width, height)
@@ -35,13 +35,13 @@ def camera_in_photo(photo: str, lens: pycolmap.Camera, width: int, height: int, 
 
 
 def is_scaled(size: tuple[float, float], photo: tuple[float, float]) -> bool:
-    """Return whether a picture of `size` can be the `photo` (width, height) at another scale, its sides rounded."""
+    """Return whether `size` can be the size (width, height) of the `photo` at another scale, with rounded sides."""
     (w, h), (width, height) = size, photo
     return abs(w * height - h * width) <= 0.5 * (max(w, width) + max(h, height)) + 1.0
 
 
 def points_of(reconstruction: pycolmap.Reconstruction) -> tuple[Float64, NDArray[np.uint8]]:
-    """Return positions [P, 3] and colours [P, 3] of the finite sparse points, in the order of their ids."""
+    """Return positions [P, 3] and sRGB colours [P, 3] of the finite sparse points, in the order of their ids."""
     ids = sorted(reconstruction.points3D)
     points = np.array([reconstruction.points3D[k].xyz for k in ids], dtype=np.float64).reshape(-1, 3)
     colors = np.array([reconstruction.points3D[k].color for k in ids], dtype=np.uint8).reshape(-1, 3)
@@ -58,19 +58,22 @@ def camera_set(
     reprojection_error: float,
     poses_given: bool,
 ) -> CameraSet:
-    """Return the `CameraSet` of `cameras` (poses and `points` in their original frame), normalised.
+    """Return a normalised `CameraSet` of `cameras` and `points`, which are in the same original frame.
 
     Parameters
     ----------
     cameras : iterable of Camera
         At least one.
     photo_names : iterable of str
-        All photos; those without a camera are listed as unregistered.
+        Names of all photos; photos without a camera are listed as unregistered.
     points : array of shape [P, 3], float64
+        Sparse points.
     colors : array of shape [P, 3], uint8
+        Their sRGB colours.
     reprojection_error : float
-        Pixels; NaN when unknown.
+        Mean error in pixels; NaN or negative when unknown.
     poses_given : bool
+        Whether the user supplied the poses.
     """
     ordered = sorted(cameras, key=lambda camera: camera.photo)
     similarity = original_from_world([camera.viewmat for camera in ordered], points)

@@ -1,4 +1,4 @@
-"""How camera poses are estimated. Defaults are written here and nowhere else."""
+"""Settings of camera estimation and their defaults."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ CameraModel = Literal[
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """What structure from motion reads; every field is part of the stage's key.
+    """Settings of structure from motion. Every field is part of the stage key.
+
+    See docs/design_notes/cameras.md for the measurements behind the defaults.
 
     Attributes
     ----------
     max_side : int
-        Pixels. The photos are matched at this longest side.
+        Longest side of the photos for matching, in pixels. Larger photos are scaled down.
     max_features : int
-        SIFT features a photo. COLMAP stops after the octave that passes it and counts a second orientation extra, so
-        up to 1.6 times as many are found.
-    first_octave : int
-        -1 looks at twice the resolution: twice the points and half the pose error of 0, at 4 times the time to
-        detect. Against a 1,600-pixel reconstruction of 32 photos, mean camera position error relative to the
-        distance: 0.05 % with -1, 0.11 % with 0.
+        Target number of SIFT features per photo; COLMAP finds up to 1.6 times as many.
+    first_octave : {-1, 0, 1}
+        First octave of SIFT detection. -1 detects at twice the resolution: about twice the points and half the pose
+        error of 0, and 4 times the detection time.
     model : str
-        COLMAP lens model that is fitted, one lens for all photos of equal size and EXIF focal length.
+        COLMAP lens model to fit, with one lens for all photos of equal size and EXIF focal length.
     exhaustive_up_to : int
-        Photos. Up to this number every pair is matched; above it the pairs that a quick look at the largest features
-        finds promising.
+        Largest number of photos for which every pair is matched. For more photos, pairs are selected by quick matching
+        of their largest features.
     neighbours : int
-        Above `exhaustive_up_to`, the likeliest partners each photo is matched with at least.
+        Minimum number of partners of a photo when pairs are selected.
     min_registered : int
-        Photos that must find their place, at least 3.
+        Minimum number of photos that must be placed, at least 3.
     seed : int
-        Of every random choice.
+        Random seed.
     threads : int
-        0 takes all cores. Poses repeat exactly with 1, and to about 1e-6 of the scene's size with more.
+        Number of threads, 0 for all cores. With 1, poses repeat exactly; with more, to about 1e-6 of the scene's size.
     """
 
     max_side: int = 1000

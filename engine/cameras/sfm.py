@@ -1,10 +1,7 @@
-"""Camera poses from photos alone: structure from motion with COLMAP, in this process.
+"""Estimation of camera poses from photos: structure from motion with COLMAP, in this process.
 
-The folder holds copies of the photos, a COLMAP database and the models. A run that was killed or cancelled at any
-moment is continued: copies, features and matched pairs are kept, mapping starts again.
-
-Measured on `sakharov_statue32` (32 photos of 728 x 1092, default settings): 32 of 32 placed, 6,469 points, 0.28 px,
-61 s of CPU: 39 features, 2 choosing 201 of 496 pairs, 15 matching, 5 mapping (on one core); 34 s on two idle cores.
+The work folder contains copies of the photos, a COLMAP database and the models. A stopped run resumes: copies, features
+and matched pairs are kept, and mapping starts again. See docs/design_notes/cameras.md for run times.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ from ..errors import CameraError
 from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..scene import CameraSet, PhotoSet
 from .colmap_calls import threads_for_colmap, wait_for
-from .features import Workshop, match_features
+from .features import SfmWorkspace, match_features
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
 
@@ -27,6 +24,7 @@ __all__ = ["estimate_cameras"]
 
 _STAGE = "cameras"
 _MATCHED = 0.85
+"""Fraction of the run time after matching."""
 _HINT = (
     "Likely causes: too few photos, too little overlap between them, plain surfaces without texture, or blur. "
     "Take more sharp photos that overlap by two thirds, walking around the object."
@@ -41,41 +39,36 @@ def estimate_cameras(
     emit: Emit = ignore_events,
     should_stop: StopCheck = never_stop,
 ) -> CameraSet:
-    """Return a camera for every photo that could be placed, in an upright world near the origin.
+    """Return a camera for every photo that could be placed, in the normalised world.
 
     Parameters
     ----------
     photo_set : PhotoSet
         At least three photos.
     folder : Path
-        Work folder of this function alone; made when missing. After success it may be deleted.
+        Work folder for this function only, created when missing. It may be deleted after success.
     settings : CameraSettings, optional
-        How the poses are estimated.
     emit : Emit
-        Gets `Progress`, a `Warned` when the photos fall into groups without a link, and `Metric` values.
+        Receives `Progress`, `Metric` values, and a `Warned` when the photos form several unconnected models.
     should_stop : StopCheck
-        Asked five times a second; COLMAP ends within one or two seconds.
+        Called five times a second; COLMAP ends within one or two seconds after it returns True.
 
     Returns
     -------
     CameraSet
-        Lens parameters in original pixels. Of several models that do not connect the one with the most photos is
-        taken; the photos of the others are listed as unregistered.
+        With lens parameters in original pixels. Of several unconnected models, the one with the most photos is
+        returned; photos outside it are listed as unregistered.
 
     Raises
     ------
     CameraError
-        With fewer than three photos, or when fewer than ``settings.min_registered`` find their place.
+        With fewer than three photos, or when fewer than ``settings.min_registered`` could be placed.
     PhotoError
-        When a photo went away meanwhile.
+        When a photo was removed or changed in the meantime.
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returned True.
     DiskError
         When the folder cannot be written.
-
-    Notes
-    -----
-    Up to ``exhaustive_up_to`` photos every pair is matched, above it the promising ones (`pairs.promising_pairs`).
     """
     settings = settings or CameraSettings()
     count = len(photo_set.photos)
@@ -85,15 +78,15 @@ def estimate_cameras(
             "needed, and 20 to 60 around an object work well."
         )
     progress = _ProgressReporter(emit)
-    workshop = Workshop(folder, photo_set, settings)
-    match_features(workshop, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
-    models = _map(workshop, progress, should_stop)
+    workspace = SfmWorkspace(folder, photo_set, settings)
+    match_features(workspace, report=lambda done, message: progress(_MATCHED * done, message), should_stop=should_stop)
+    models = _map(workspace, progress, should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
     if largest is None or placed < settings.min_registered:
         raise CameraError(f"Only {placed} of {count} photos could be placed. {_HINT}")
-    _warn_of_other_models(workshop, models, largest, emit)
-    result = _as_camera_set(workshop, largest)
+    _warn_of_other_models(workspace, models, largest, emit)
+    result = _as_camera_set(workspace, largest)
     emit(Metric(_STAGE, "registered_photos", float(placed)))
     emit(Metric(_STAGE, "sparse_points", float(len(result.points))))
     emit(Metric(_STAGE, "reprojection_error_px", result.reprojection_error))
@@ -102,7 +95,7 @@ def estimate_cameras(
 
 
 class _ProgressReporter:
-    """Emits `Progress` when the fraction or message changes, with the time left extrapolated."""
+    """Emits `Progress` when the fraction or message changes, with an extrapolated remaining time."""
 
     def __init__(self, emit: Emit) -> None:
         self._emit = emit
@@ -110,7 +103,7 @@ class _ProgressReporter:
         self._last: tuple[float, str] | None = None
 
     def __call__(self, fraction: float, message: str) -> None:
-        # Counts come from a database that is being written and may be 0 for a moment.
+        # Counts come from a database during its writing and may be 0 for a moment.
         fraction = max(fraction, self._last[0] if self._last else 0.0)
         if self._last == (fraction, message):
             return
@@ -120,50 +113,49 @@ class _ProgressReporter:
         self._emit(Progress(_STAGE, fraction, left, message))
 
 
-def _map(workshop: Workshop, progress: _ProgressReporter, should_stop: StopCheck) -> list[pycolmap.Reconstruction]:
-    """Return COLMAP's models, in its order."""
-    settings = workshop.settings
+def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: StopCheck) -> list[pycolmap.Reconstruction]:
+    """Return the models that COLMAP maps, in its order."""
+    settings = workspace.settings
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
     options.num_threads = threads_for_colmap(settings.threads)
-    # The default drops models of fewer than 10 photos, which small sets never reach.
+    # COLMAP's default discards models of fewer than 10 photos.
     options.min_model_size = settings.min_registered
     options.max_num_models = 10
-    # COLMAP asks for 30 matches with known points to place a photo. 15, which a verified pair has too, place 64 of 66
-    # photos of a skull before a dark background (30) and 15 of 16 of bananas on a carpet (8).
+    # Matches with known points required to place a photo. COLMAP's 30 place far fewer photos of difficult scenes; a
+    # verified pair has at least 15. See docs/design_notes/cameras.md.
     options.mapper.abs_pose_min_num_inliers = 15
-    # All cameras are refined together whenever the model has grown by 30 % (COLMAP: 10 %), and at the end: a fifth of
-    # the time less for the same poses to 1e-6.
+    # Refine all cameras when the model has grown by 30 % (COLMAP: 10 %), and at the end: the same poses in less time.
     options.ba_global_frames_ratio = 1.3
     options.ba_global_points_ratio = 1.3
-    shutil.rmtree(workshop.sparse, ignore_errors=True)
-    workshop.sparse.mkdir(parents=True)
-    count = len(workshop.copies)
+    shutil.rmtree(workspace.sparse, ignore_errors=True)
+    workspace.sparse.mkdir(parents=True)
+    count = len(workspace.copies)
     placed = 0
 
-    def started() -> None:
+    def on_initial_pair() -> None:
         nonlocal placed
         placed = 2
 
-    def one_more() -> None:
+    def on_next_photo() -> None:
         nonlocal placed
         placed += 1
 
     def report() -> None:
-        done = min(placed, count)
-        progress(_MATCHED + 0.99 * (1.0 - _MATCHED) * done / count, f"{done} of {count} photos placed")
+        n_placed = min(placed, count)
+        progress(_MATCHED + 0.99 * (1.0 - _MATCHED) * n_placed / count, f"{n_placed} of {count} photos placed")
 
     pycolmap.set_random_seed(settings.seed)
     models = wait_for(
         "placing the photos",
         lambda token: pycolmap.incremental_mapping(
-            workshop.database,
-            workshop.images,
-            workshop.sparse,
+            workspace.database,
+            workspace.images,
+            workspace.sparse,
             options,
             "",
-            started,
-            one_more,
+            on_initial_pair,
+            on_next_photo,
             token,
         ),
         report=report,
@@ -173,10 +165,10 @@ def _map(workshop: Workshop, progress: _ProgressReporter, should_stop: StopCheck
 
 
 def _warn_of_other_models(
-    workshop: Workshop, models: list[pycolmap.Reconstruction], largest: pycolmap.Reconstruction, emit: Emit
+    workspace: SfmWorkspace, models: list[pycolmap.Reconstruction], largest: pycolmap.Reconstruction, emit: Emit
 ) -> None:
-    kept = set(_photo_names(workshop, largest))
-    others = [names for model in models if (names := sorted(set(_photo_names(workshop, model)) - kept))]
+    kept = set(_photo_names(workspace, largest))
+    others = [names for model in models if (names := sorted(set(_photo_names(workspace, model)) - kept))]
     if others:
         listed = "; ".join(", ".join(names) for names in others)
         emit(
@@ -187,22 +179,22 @@ def _warn_of_other_models(
         )
 
 
-def _photo_names(workshop: Workshop, model: pycolmap.Reconstruction) -> list[str]:
-    return [workshop.copy_of(model.image(image_id).name).photo.name for image_id in model.reg_image_ids()]
+def _photo_names(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> list[str]:
+    return [workspace.copy_of(model.image(image_id).name).photo.name for image_id in model.reg_image_ids()]
 
 
-def _as_camera_set(workshop: Workshop, model: pycolmap.Reconstruction) -> CameraSet:
+def _as_camera_set(workspace: SfmWorkspace, model: pycolmap.Reconstruction) -> CameraSet:
     cameras = []
     for image_id in model.reg_image_ids():
         image = model.image(image_id)
-        photo = workshop.copy_of(image.name).photo
+        photo = workspace.copy_of(image.name).photo
         cameras.append(
             camera_in_photo(photo.name, model.camera(image.camera_id), photo.width, photo.height, viewmat_of(image))
         )
     points, colors = points_of(model)
     return camera_set(
         cameras,
-        (photo.name for photo in workshop.photo_set.photos),
+        (photo.name for photo in workspace.photo_set.photos),
         points,
         colors,
         reprojection_error=model.compute_mean_reprojection_error(),

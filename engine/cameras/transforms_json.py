@@ -1,4 +1,8 @@
-"""``transforms.json`` of nerfstudio, instant-ngp and the NeRF synthetic scenes: OpenGL cameras, camera-to-world."""
+"""Reading of ``transforms.json`` as written by nerfstudio and instant-ngp and for the NeRF synthetic scenes.
+
+The file has camera-to-world matrices with OpenGL axes (x right, y up, z backward). They are converted here to
+world-to-camera matrices with x right, y down, z forward; the world frame and its unit stay those of the file.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,6 @@ from .reconstruction import is_scaled
 
 __all__ = ["read_transforms"]
 
-# OpenGL cameras look along -z with y up; ours look along z with y down.
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
@@ -25,29 +28,29 @@ _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"
 def read_transforms(
     file: Path, photo_set: PhotoSet, match: Callable[[Iterable[str], PhotoSet], dict[str, Photo]]
 ) -> tuple[list[Camera], Path | None]:
-    """Return the cameras in `file` in its own frame, and its point cloud's file if it names one that exists.
+    """Return the cameras in the frame of `file`, and the path of its point cloud, None without an existing one.
 
     Parameters
     ----------
     file : Path
-        Lens values (``fl_x``, ``fl_y`` or ``camera_angle_x``, ``cx``, ``cy``, ``w``, ``h``, ``k1`` to ``k4``, ``p1``,
-        ``p2``) may stand for all frames or in each.
+        Its lens values (``fl_x``, ``fl_y`` or ``camera_angle_x`` in radians, ``cx``, ``cy``, ``w``, ``h``, ``k1`` to
+        ``k4``, ``p1``, ``p2``) may be given for all frames or for each frame.
     photo_set : PhotoSet
     match : callable
-        Which photo each file path means.
+        Returns the photo of each file path, see `given.match_photos`.
 
     Raises
     ------
     CameraError
-        When the file cannot be read or a frame in it makes no sense.
+        When the file cannot be read or a frame in it is invalid.
     """
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
         frames = {str(frame["file_path"]).replace("\\", "/").removeprefix("./"): frame for frame in data["frames"]}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        why = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
         raise CameraError(
-            f"{file} is not a transforms.json: {why}. Choose one of nerfstudio or instant-ngp, or a COLMAP model."
+            f"{file} is not a transforms.json: {reason}. Choose one of nerfstudio or instant-ngp, or a COLMAP model."
         ) from error
     cameras = []
     for name, photo in match(frames, photo_set).items():
@@ -69,7 +72,7 @@ def _camera(values: dict[str, Any], photo: Photo) -> Camera:
     rotation, center = matrix[:3, :3] @ _OPENCV_FROM_OPENGL[:3, :3], matrix[:3, 3]
     if np.linalg.det(rotation) <= 0.0:
         raise ValueError("its rotation is mirrored")
-    # instant-ngp stores rotations with few digits: take the nearest true one.
+    # instant-ngp stores rotations with few digits: use the nearest orthogonal matrix.
     left, _, right = np.linalg.svd(rotation)
     if not np.allclose(left @ right, rotation, atol=1e-2):
         raise ValueError("its rotation is scaled or skewed")
@@ -87,7 +90,7 @@ def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]
     if not is_scaled((width, height), (photo.width, photo.height)):
         raise ValueError(
             f"its picture has {width:g} x {height:g} pixels, the photo {photo.width} x {photo.height}: it was made "
-            "from turned, cropped or other pictures"
+            "from rotated, cropped or other pictures"
         )
     sx, sy = photo.width / width, photo.height / height
     if "fl_x" in values:

@@ -1,4 +1,4 @@
-"""Sparse points for given poses: features are matched and triangulated, the poses stay as they are."""
+"""Triangulation of sparse points for given, fixed poses from matched features."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..errors import CameraError
 from ..events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap_calls import threads_for_colmap, wait_for
-from .features import Workshop, match_features
+from .features import SfmWorkspace, match_features
 from .normalise import normalised_viewmat, original_from_world
 from .reconstruction import points_of
 from .settings import CameraSettings
@@ -38,12 +38,12 @@ def triangulate(
     cameras : list of Camera
         At least two.
     photo_set : PhotoSet
-        Only the photos with a camera are matched.
+        Only photos with a camera are matched.
     folder : Path
         Work folder.
     settings : CameraSettings
     emit, should_stop
-        As in `sfm.estimate_cameras`.
+        As in `estimate_cameras`.
 
     Raises
     ------
@@ -51,24 +51,24 @@ def triangulate(
         When no point could be triangulated.
     """
     by_photo = {camera.photo: camera for camera in cameras}
-    with_camera = tuple(photo for photo in photo_set.photos if photo.name in by_photo)
-    workshop = Workshop(folder, PhotoSet(photo_set.folder, with_camera, ()), settings, by_photo)
+    posed_photos = tuple(photo for photo in photo_set.photos if photo.name in by_photo)
+    workspace = SfmWorkspace(folder, PhotoSet(photo_set.folder, posed_photos, ()), settings, by_photo)
     match_features(
-        workshop,
+        workspace,
         report=lambda done, message: emit(Progress("cameras", 0.9 * done, None, message)),
         should_stop=should_stop,
     )
-    # Near the origin and at unit size: COLMAP's thresholds and digits are made for that.
+    # Normalised, because COLMAP's thresholds and float precision suit unit sizes near the origin.
     similarity = original_from_world([camera.viewmat for camera in cameras], np.zeros((0, 3)))
-    model = _posed_model(workshop, by_photo, similarity)
+    model = _posed_model(workspace, by_photo, similarity)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
     options.num_threads = threads_for_colmap(settings.threads)
-    workshop.sparse.mkdir(parents=True, exist_ok=True)
+    workspace.sparse.mkdir(parents=True, exist_ok=True)
     model = wait_for(
         "triangulating points",
         lambda token: pycolmap.triangulate_points(
-            model, workshop.database, workshop.images, workshop.sparse, True, options, False, token
+            model, workspace.database, workspace.images, workspace.sparse, True, options, False, token
         ),
         report=lambda: None,
         should_stop=should_stop,
@@ -82,17 +82,17 @@ def triangulate(
     return points @ similarity[:3, :3].T + similarity[:3, 3], colors, model.compute_mean_reprojection_error()
 
 
-def _posed_model(workshop: Workshop, by_photo: dict[str, Camera], similarity: Float64) -> pycolmap.Reconstruction:
-    """Return a model with the given poses, and the database's lenses (which are the given ones) and ids."""
+def _posed_model(workspace: SfmWorkspace, by_photo: dict[str, Camera], similarity: Float64) -> pycolmap.Reconstruction:
+    """Return a model with the given poses, and with the lenses and ids of the database."""
     model = pycolmap.Reconstruction()
-    with pycolmap.Database.open(workshop.database) as database:
+    with pycolmap.Database.open(workspace.database) as database:
         for lens in database.read_all_cameras():
             model.add_camera_with_trivial_rig(lens)
         images = sorted(database.read_all_images(), key=lambda image: image.image_id)
     for image in images:
-        camera = by_photo[workshop.copy_of(image.name).photo.name]
+        camera = by_photo[workspace.copy_of(image.name).photo.name]
         viewmat = normalised_viewmat(camera.viewmat, similarity)
         rotation = pycolmap.Rotation3d(np.ascontiguousarray(viewmat[:3, :3]))
-        placed = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
-        model.add_image_with_trivial_frame(placed, pycolmap.Rigid3d(rotation, viewmat[:3, 3]))
+        posed_image = pycolmap.Image(name=image.name, camera_id=image.camera_id, image_id=image.image_id)
+        model.add_image_with_trivial_frame(posed_image, pycolmap.Rigid3d(rotation, viewmat[:3, 3]))
     return model

@@ -1,4 +1,4 @@
-"""The photos as COLMAP gets them: upright, at matching size, under plain names, grouped by lens."""
+"""Copies of the photos for COLMAP: upright (EXIF rotation applied), scaled down, with ASCII names, grouped by lens."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ..photos import load_with_valid
 from ..project_folder import atomic_write
 from ..scene import Photo, PhotoSet
 
-__all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_whole_masks"]
+__all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_default_masks"]
 
 
 @dataclass(frozen=True)
 class WorkingCopy:
-    """One photo's copy.
+    """A scaled copy of a photo.
 
     Attributes
     ----------
     photo : Photo
-        The original.
+        The original photo.
     name : str
-        ``GROUP/INDEX.jpg``, relative to the folder of copies; a group is one lens.
+        ``GROUP/INDEX.jpg``, relative to the folder of copies. The photos of a group share a lens.
     width, height : int
-        Pixels of the copy.
+        Size of the copy in pixels.
     """
 
     photo: Photo
@@ -41,7 +41,7 @@ class WorkingCopy:
 
     @property
     def focal_px(self) -> float | None:
-        """EXIF focal length in pixels of the copy."""
+        """Focal length from EXIF in pixels of the copy, None when unknown."""
         return None if self.photo.focal_px is None else self.photo.focal_px * self.width / self.photo.width
 
 
@@ -57,23 +57,23 @@ def plan_copies(photo_set: PhotoSet, max_side: int, lens_of: Callable[[Photo], H
 
 
 def _matching_size(width: int, height: int, max_side: int) -> tuple[int, int]:
-    """Return a size of at most `max_side` whose two scales agree best.
+    """Return a size of at most `max_side` whose horizontal and vertical scales agree best.
 
     Rounding the shorter side changes its scale by up to half a pixel, which a lens with one focal length cannot
-    follow. Among the sizes within 10 % of `max_side` one with (nearly) whole sides is taken: 728 x 1092 at 1,000
-    becomes 666 x 999, exactly.
+    represent. Of the sizes within 10 % below `max_side`, the one with the smallest rounding error is taken: for a
+    `max_side` of 1,000, 728 x 1092 becomes exactly 666 x 999.
     """
     longest, shortest = max(width, height), min(width, height)
     if longest <= max_side:
         return width, height
 
-    def misfit(side: int) -> tuple[float, int]:
+    def rounding_error(side: int) -> tuple[float, int]:
         exact = shortest * side / longest
         return round(abs(exact - round(exact)) / exact, 6), -side
 
-    side = min(range(max(1, max_side * 9 // 10), max_side + 1), key=misfit)
-    other = max(1, round(shortest * side / longest))
-    return (side, other) if width >= height else (other, side)
+    side = min(range(max(1, max_side * 9 // 10), max_side + 1), key=rounding_error)
+    shorter = max(1, round(shortest * side / longest))
+    return (side, shorter) if width >= height else (shorter, side)
 
 
 def write_copies(
@@ -85,16 +85,16 @@ def write_copies(
     report: Callable[[float], None],
     should_stop: StopCheck,
 ) -> None:
-    """Write the copies that are not in `folder` yet; in `masks`, named as COLMAP wants it, which pixels count.
+    """Write the missing copies to `folder`, and the masks of their photos to `masks` under the names COLMAP expects.
 
     Raises
     ------
     PhotoError
-        When a photo changed underneath and cannot be read any more.
+        When a photo has changed and cannot be read.
     DiskError
         When a copy cannot be written.
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returned True.
     """
     missing = [copy for copy in copies if not (folder / copy.name).is_file()]
     pool = ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1))
@@ -107,13 +107,13 @@ def write_copies(
         pool.shutdown(cancel_futures=True)
 
 
-def write_whole_masks(copies: list[WorkingCopy], masks: Path) -> None:
-    """Write a mask that leaves nothing out for each copy that has none in `masks`.
+def write_default_masks(copies: list[WorkingCopy], masks: Path) -> None:
+    """Write a mask that excludes no pixel for each copy without a mask in `masks`.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When a mask cannot be written.
     """
     for copy in copies:
         if not (file := masks / f"{copy.name}.png").is_file():
@@ -124,12 +124,12 @@ def _write_copy(copy: WorkingCopy, source: Path, folder: Path, masks: Path) -> N
     mask = None if copy.photo.mask is None else Path(copy.photo.mask)
     pixels, valid = load_with_valid(source / copy.photo.name, mask, max_side=max(copy.width, copy.height))
     if valid is not None:
-        # Before the copy: a copy that is there has its mask.
-        shown = Image.fromarray(valid).resize((copy.width, copy.height), Image.Resampling.NEAREST)
-        _write(masks / f"{copy.name}.png", shown, "PNG")
+        # Before the copy, so that an existing copy always has its mask.
+        mask_picture = Image.fromarray(valid).resize((copy.width, copy.height), Image.Resampling.NEAREST)
+        _write(masks / f"{copy.name}.png", mask_picture, "PNG")
     picture = Image.fromarray(pixels)
     if picture.size != (copy.width, copy.height):
-        # Sides that are half-way between two pixels may round the other way.
+        # A side half-way between two integers may have been rounded differently.
         picture = picture.resize((copy.width, copy.height), Image.Resampling.BICUBIC)
     _write(folder / copy.name, picture, "JPEG", quality=97, subsampling=0)
 

@@ -1,4 +1,4 @@
-"""Reading and writing Gaussians in the formats of other programs: 3DGS PLY and glTF (KHR_gaussian_splatting)."""
+"""Readers and writers of Gaussians as 3DGS PLY and glTF (KHR_gaussian_splatting), and transforms of Gaussians."""
 
 from __future__ import annotations
 

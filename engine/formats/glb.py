@@ -1,7 +1,11 @@
-"""Gaussians in a glTF 2.0 binary with the ratified extension KHR_gaussian_splatting.
+"""Gaussians as a glTF 2.0 binary with the ratified extension KHR_gaussian_splatting.
 
-glTF is Y up and the engine's world Z up: `y_up_from_z_up` is baked into positions, rotations and spherical
-harmonics, so that viewers which ignore node transforms on splats show the object upright too.
+Conventions of the file: metres by definition of glTF (the engine writes its world units), Y up, linear scales,
+quaternions xyzw, opacities in [0, 1], spherical harmonics of sRGB colours. The engine has Z up, log-scales, quaternions
+wxyz and opacity logits.
+
+The writer applies `y_up_from_z_up` to positions, rotations and spherical harmonics instead of writing a node rotation,
+because some viewers ignore node transforms on splats. The reader applies the inverse.
 """
 
 from __future__ import annotations
@@ -32,16 +36,17 @@ _OPACITY = f"{EXTENSION}:OPACITY"
 _MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _FLOAT, _USHORT, _ARRAY_BUFFER = 5126, 5123, 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-_LARGEST_FILE = 2**32 - 1
+_MAX_FILE_SIZE = 2**32 - 1
+"""Bytes; the header of a GLB states its size as a 32 bit number."""
 
 
 def y_up_from_z_up() -> NDArray[np.float64]:
-    """Return the 4x4 map from the engine's world (Z up) to glTF's (Y up): (x, y, z) -> (x, z, -y)."""
+    """Return the rotation [4, 4] from the engine's world (Z up) to glTF's (Y up): (x, y, z) becomes (x, z, -y)."""
     return np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
 def z_up_from_y_up() -> NDArray[np.float64]:
-    """Return the inverse of `y_up_from_z_up`."""
+    """Return the rotation [4, 4] from glTF's world to the engine's, the inverse of `y_up_from_z_up`."""
     return y_up_from_z_up().T
 
 
@@ -54,31 +59,30 @@ def write_glb(
     extras: Mapping[str, Any] | None = None,
     color_fallback: bool = True,
 ) -> None:
-    """Write `gaussians` as a GLB, atomically; an existing file is replaced.
+    """Write `gaussians` as a GLB atomically, replacing an existing file.
 
     Parameters
     ----------
     path : Path
-        The file.
     gaussians : Gaussians
-        In the Z-up world; features are left out.
+        In the engine's world (Z up). Features are not written.
     name : str
-        Of the node and the mesh.
+        Name of the node and the mesh.
     copyright : str, optional
         ``asset.copyright``: credit line or rights statement.
     extras : mapping, optional
-        JSON values for ``asset.extras``: the museum record and how the object was made.
+        JSON values for ``asset.extras``, e.g. the museum record.
     color_fallback : bool
-        Add ``COLOR_0``, so that viewers without the extension show a coloured point cloud.
+        Whether to add ``COLOR_0``, with which viewers without the extension show a coloured point cloud.
 
     Raises
     ------
     NumericalError
         When a value is not finite.
     FormatError
-        When the file would pass 4 GiB, which GLB cannot hold.
+        When the file would exceed 4 GiB, the limit of GLB.
     DiskError
-        When it cannot be written.
+        When the file cannot be written.
     """
     check_finite(gaussians)
     attributes = _attributes(transform_gaussians(gaussians, y_up_from_z_up()), color_fallback=color_fallback)
@@ -87,9 +91,9 @@ def write_glb(
     text += b" " * (-len(text) % 4)
     binary_length = sum(blob.nbytes for blob in blobs)
     total = 12 + 8 + len(text) + (8 + binary_length if blobs else 0)
-    if total > _LARGEST_FILE:
+    if total > _MAX_FILE_SIZE:
         raise FormatError(
-            f"{path} would take {total / 2**30:.1f} GiB and GLB ends at 4 GiB. Export fewer Gaussians or PLY."
+            f"{path} would take {total / 2**30:.1f} GiB; GLB is limited to 4 GiB. Export fewer Gaussians, or as PLY."
         )
     with atomic_write(path) as stream:
         stream.write(struct.pack("<III", _MAGIC, 2, total))
@@ -116,7 +120,7 @@ def _attributes(gaussians: Gaussians, *, color_fallback: bool) -> dict[str, NDAr
         srgb = np.clip(0.5 + SH_C0 * gaussians.sh[:, 0], 0, 1)
         linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
         color = np.concatenate([linear, gaussians.opacities[:, None]], axis=1)
-        # 16 bits: 8 would show bands in the shadows, since the colour is stored linear.
+        # With 8 bits a linear colour would show bands in dark areas.
         attributes["COLOR_0"] = np.round(color * 65535).astype(np.uint16)
     return attributes
 
@@ -128,7 +132,7 @@ def _sh_name(degree: int, order: int) -> str:
 def _document(
     attributes: dict[str, NDArray[Any]], *, name: str, copyright: str | None, extras: Mapping[str, Any] | None
 ) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Return the JSON part and the arrays that follow it. All of them have rows of a multiple of 4 bytes."""
+    """Return the JSON part and the arrays of the binary part, whose rows have a multiple of 4 bytes."""
     asset: dict[str, Any] = {"version": "2.0", "generator": f"Gaussian Heritage {__version__}"}
     if copyright:
         asset["copyright"] = copyright
@@ -143,21 +147,21 @@ def _document(
         "nodes": [node],
     }
     if len(attributes["POSITION"]) == 0:
-        # glTF allows no empty accessor: an empty object is a node without a mesh.
+        # glTF does not allow an empty accessor: an object without Gaussians is a node without a mesh.
         del document["extensionsUsed"]
         return document, []
     blobs, accessors, views, offset = [], [], [], 0
     for values in attributes.values():
         blob = np.ascontiguousarray(values)
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": blob.nbytes, "target": _ARRAY_BUFFER})
-        whole_number = blob.dtype == np.uint16
+        is_integer = blob.dtype == np.uint16
         accessor: dict[str, Any] = {
             "bufferView": len(views) - 1,
-            "componentType": _USHORT if whole_number else _FLOAT,
+            "componentType": _USHORT if is_integer else _FLOAT,
             "count": len(blob),
             "type": _TYPES[blob.shape[1]],
         }
-        if whole_number:
+        if is_integer:
             accessor["normalized"] = True
         accessors.append(accessor)
         blobs.append(blob)
@@ -183,15 +187,14 @@ def _document(
 
 
 def read_glb(path: Path) -> Gaussians:
-    """Return the Gaussians of a GLB laid out as `write_glb` does: one float primitive, no node transform.
+    """Return the Gaussians of a GLB with the layout of `write_glb`: one primitive of floats, no node transform.
 
     Raises
     ------
     FormatError
-        When the file is no GLB, has no KHR_gaussian_splatting primitive, or is laid out in a way not read
-        here.
+        When the file is not a GLB, has no KHR_gaussian_splatting primitive, or has another layout.
     DiskError
-        When it cannot be read.
+        When the file cannot be read.
     """
     document, binary = _read_chunks(path)
     try:
@@ -201,10 +204,10 @@ def read_glb(path: Path) -> Gaussians:
             return _no_gaussians()
         primitive = document["meshes"][0]["primitives"][0]
         if EXTENSION not in primitive.get("extensions", {}):
-            raise FormatError(f"{path} holds no Gaussians: its mesh does not use {EXTENSION}. Choose another file.")
+            raise FormatError(f"{path} contains no Gaussians: its mesh does not use {EXTENSION}. Choose another file.")
         if any(key in node for node in document["nodes"] for key in ("matrix", "rotation", "scale", "translation")):
             raise FormatError(
-                f"{path} moves its Gaussians with a node transform, which is not read. Export them untransformed."
+                f"{path} moves its Gaussians with a node transform, which is not supported. Export them untransformed."
             )
         arrays = {
             key: _read_accessor(document, binary, index, path)
@@ -245,7 +248,7 @@ def _read_chunks(path: Path) -> tuple[dict[str, Any], bytes]:
         if magic != _MAGIC or version != 2:
             raise FormatError(f"{path} is not a glTF 2.0 binary (.glb). Choose another file.")
         if total != len(data):
-            raise FormatError(f"{path} is cut short: {len(data)} of {total} bytes are there. Copy or export it again.")
+            raise FormatError(f"{path} is truncated: it has {len(data)} of {total} bytes. Copy or export it again.")
         length, kind = struct.unpack_from("<II", data, 12)
         if kind != _JSON_CHUNK:
             raise FormatError(f"{path} is not a readable GLB: it does not begin with its JSON part. Export it again.")
@@ -259,7 +262,9 @@ def _read_accessor(document: dict[str, Any], binary: bytes, index: int, path: Pa
     accessor = document["accessors"][index]
     view = document["bufferViews"][accessor["bufferView"]]
     if accessor["componentType"] != _FLOAT or "byteStride" in view or "sparse" in accessor:
-        raise FormatError(f"{path} keeps Gaussians quantised or interleaved, which is not read. Export plain floats.")
+        raise FormatError(
+            f"{path} has quantised or interleaved Gaussians, which is not supported. Export plain floats."
+        )
     width = {kind: number for number, kind in _TYPES.items()}[accessor["type"]]
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     values = np.frombuffer(binary, dtype="<f4", count=accessor["count"] * width, offset=start)

@@ -1,9 +1,9 @@
-"""The standard 3D Gaussian splatting PLY (Kerbl et al. 2023): written exactly, read tolerantly.
+"""Writer and tolerant reader of the standard 3D Gaussian splatting PLY (Kerbl et al. 2023).
 
-Per Gaussian, all float32: ``x y z nx ny nz f_dc_0..2 f_rest_0..(3 (n_sh - 1) - 1) opacity scale_0..2
-rot_0..3``, with
-``opacity`` a logit, ``scale`` a natural logarithm, ``rot`` wxyz and ``f_rest`` channel-major (all red,
-green, blue).
+A Gaussian has the float32 properties ``x y z nx ny nz f_dc_0..2 f_rest_0..(3 (n_sh - 1) - 1) opacity scale_0..2
+rot_0..3``. ``opacity`` is a logit, ``scale`` a natural logarithm, ``rot`` a quaternion wxyz, and ``f_rest`` is
+channel-major (all red coefficients, then green, then blue). The format defines neither unit nor axes: both are those of
+the given Gaussians.
 """
 
 from __future__ import annotations
@@ -33,8 +33,10 @@ _COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REST_COUNTS = (0, 9, 24, 45)
-_ROWS_AT_ONCE = 1 << 16
-_LONGEST_HEADER = 1 << 20
+_ROWS_PER_CHUNK = 1 << 16
+"""Gaussians written at once, to limit the memory of their table."""
+_MAX_HEADER = 1 << 20
+"""Bytes. A longer header is taken for damage."""
 
 
 @dataclass(frozen=True)
@@ -42,27 +44,26 @@ class _Element:
     name: str
     count: int
     dtype: np.dtype[np.void] | None
-    """None when the rows have no fixed size (a list property)."""
+    """Row type; None when the element has a list property, so that its rows have no fixed size."""
 
 
 def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ()) -> None:
-    """Write `gaussians` as a binary little-endian 3DGS PLY, atomically; an existing file is replaced.
+    """Write `gaussians` as a binary little-endian 3DGS PLY atomically, replacing an existing file.
 
     Parameters
     ----------
     path : Path
-        The file.
     gaussians : Gaussians
-        Features are not part of the format and are left out.
+        Features are not part of the format and are not written.
     comments : sequence of str
-        Header comments, e.g. ``"CatalogueNumber 1906.12"``; newlines become spaces.
+        Header comments, e.g. ``"catalogue_number 1906.12"``; newlines become spaces.
 
     Raises
     ------
     NumericalError
         When a value is not finite.
     DiskError
-        When it cannot be written.
+        When the file cannot be written.
     """
     check_finite(gaussians)
     rest = 3 * (gaussians.sh.shape[1] - 1)
@@ -87,8 +88,8 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
     ]
     with atomic_write(path) as stream:
         stream.write("\n".join(lines).encode())
-        for start in range(0, len(gaussians), _ROWS_AT_ONCE):
-            part = gaussians[slice(start, start + _ROWS_AT_ONCE)]
+        for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
+            part = gaussians[slice(start, start + _ROWS_PER_CHUNK)]
             rows = np.zeros((len(part), len(names)), dtype="<f4")
             rows[:, 0:3] = part.means
             rows[:, 6:9] = part.sh[:, 0]
@@ -100,31 +101,31 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
 
 
 def check_finite(gaussians: Gaussians) -> None:
-    """Raise `NumericalError` naming the first array of `gaussians` that holds a value that is not finite."""
+    """Raise `NumericalError` for the first array of `gaussians` with a value that is not finite."""
     for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
         values = getattr(gaussians, name)
-        bad = values.size - int(np.count_nonzero(np.isfinite(values)))
-        if bad:
-            raise NumericalError(f"{bad} of {values.size} values of `{name}` are not finite. Nothing was written.")
+        n_broken = values.size - int(np.count_nonzero(np.isfinite(values)))
+        if n_broken:
+            raise NumericalError(f"{n_broken} of {values.size} values of `{name}` are not finite. Nothing was written.")
 
 
 def read_ply(path: Path, *, skip_broken: bool = False) -> Gaussians:
-    """Return the Gaussians of a 3DGS PLY, in any property order, with any further properties left aside.
+    """Return the Gaussians of a 3DGS PLY, whose properties may be in any order; unknown properties are ignored.
 
     Parameters
     ----------
     path : Path
-        The file, binary of either byte order.
+        Binary file of either byte order.
     skip_broken : bool
-        Leave out Gaussians with a value that is not finite, instead of refusing the file.
+        Whether to skip Gaussians with a value that is not finite instead of refusing the file.
 
     Raises
     ------
     FormatError
-        When the file is no PLY, not a Gaussian one, truncated, ASCII, compressed, or holds values that are
-        not finite.
+        When the file is not a PLY or has no Gaussians, is truncated, ASCII or compressed, or has values that are not
+        finite.
     DiskError
-        When it cannot be read.
+        When the file cannot be read.
     """
     try:
         with path.open("rb") as stream:
@@ -139,7 +140,7 @@ def read_ply(path: Path, *, skip_broken: bool = False) -> Gaussians:
         ) from error
     if len(rows) < vertex.count:
         raise FormatError(
-            f"{path} is cut short: its header promises {vertex.count} Gaussians and {len(rows)} are there. "
+            f"{path} is truncated: its header states {vertex.count} Gaussians and it has {len(rows)}. "
             "Copy or export it again."
         )
     return _drop_or_refuse_broken(_gaussians_from_rows(rows), path, skip_broken=skip_broken)
@@ -150,8 +151,8 @@ def _read_header(stream: IO[bytes], path: Path) -> list[_Element]:
         raise FormatError(f"{path} is not a PLY file. Choose a Gaussian scene saved as .ply.")
     lines: list[str] = []
     while True:
-        raw = stream.readline(_LONGEST_HEADER)
-        if not raw or stream.tell() > _LONGEST_HEADER:
+        raw = stream.readline(_MAX_HEADER)
+        if not raw or stream.tell() > _MAX_HEADER:
             raise FormatError(f"{path} is not a readable PLY file: its header does not end. Copy or export it again.")
         line = raw.decode("utf-8", "replace").strip()
         if line == "end_header":
@@ -180,7 +181,7 @@ def _read_header(stream: IO[bytes], path: Path) -> list[_Element]:
 
 
 def _with_properties(element: _Element, properties: list[tuple[str, str]]) -> _Element:
-    """Return `element` with its row type; a repeated property name raises `ValueError`, as NumPy does."""
+    """Return `element` with its row type; NumPy raises `ValueError` for a repeated property name."""
     return element if element.dtype is None else _Element(element.name, element.count, np.dtype(properties))
 
 
@@ -209,7 +210,7 @@ def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path) -> 
         if element.dtype is None:
             break
         stream.seek(element.count * element.dtype.itemsize, 1)
-    raise FormatError(f"{path} holds no Gaussians: it has no plain `vertex` element. Choose a standard 3DGS PLY.")
+    raise FormatError(f"{path} contains no Gaussians: it has no plain `vertex` element. Choose a standard 3DGS PLY.")
 
 
 def _check_properties(vertex: _Element, path: Path) -> None:
@@ -242,10 +243,10 @@ def _gaussians_from_rows(rows: NDArray[np.void]) -> Gaussians:
 
     def columns(*wanted: str) -> NDArray[np.float32]:
         if table is not None:
-            picked = [names.index(name) for name in wanted]
-            first, last = picked[0], picked[-1] + 1
-            in_a_row = picked == list(range(first, last))
-            return np.ascontiguousarray(table[:, first:last] if in_a_row else table[:, picked], dtype=np.float32)
+            indices = [names.index(name) for name in wanted]
+            first, last = indices[0], indices[-1] + 1
+            contiguous = indices == list(range(first, last))
+            return np.ascontiguousarray(table[:, first:last] if contiguous else table[:, indices], dtype=np.float32)
         return np.stack([rows[name].astype(np.float32) for name in wanted], axis=1)
 
     rest = sum(name.startswith("f_rest_") for name in names)
@@ -264,14 +265,14 @@ def _gaussians_from_rows(rows: NDArray[np.void]) -> Gaussians:
 
 
 def _finite_logits(logits: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return `logits`; infinite ones, written by some for opaque and clear, become the nearest finite."""
-    clear, opaque = logits_of(np.array([0.0, 1.0]))
-    return np.nan_to_num(logits, nan=np.nan, posinf=opaque, neginf=clear)
+    """Return `logits` with the infinite values that some programs write for 0 and 1 replaced by finite ones."""
+    transparent, opaque = logits_of(np.array([0.0, 1.0]))
+    return np.nan_to_num(logits, nan=np.nan, posinf=opaque, neginf=transparent)
 
 
 def _drop_or_refuse_broken(gaussians: Gaussians, path: Path, *, skip_broken: bool) -> Gaussians:
     count = len(gaussians)
-    fine = np.ones(count, dtype=bool)
+    finite = np.ones(count, dtype=bool)
     for values in (
         gaussians.means,
         gaussians.log_scales,
@@ -280,11 +281,11 @@ def _drop_or_refuse_broken(gaussians: Gaussians, path: Path, *, skip_broken: boo
         gaussians.sh,
     ):
         if not np.isfinite(values).all():
-            fine &= np.isfinite(values).reshape(count, -1).all(axis=1)
-    broken = count - int(fine.sum())
+            finite &= np.isfinite(values).reshape(count, -1).all(axis=1)
+    broken = count - int(finite.sum())
     if broken and not skip_broken:
         raise FormatError(
             f"{path} has {broken} of {count} Gaussians with values that are not finite. "
             "Repair the file, or import it with broken Gaussians skipped."
         )
-    return gaussians[fine] if broken else gaussians
+    return gaussians[finite] if broken else gaussians

@@ -1,4 +1,4 @@
-"""The real spherical harmonics of 3D Gaussian splatting, and how their coefficients turn."""
+"""Real spherical harmonics of 3D Gaussian splatting, and the rotation of their coefficients."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ __all__ = ["SH_C0", "orthogonal_sh_matrix", "sh_basis"]
 Float64 = NDArray[np.float64]
 
 SH_C0 = 0.28209479177387814
+"""Value of the constant basis function, 1 / (2 sqrt(pi)). Colour = 0.5 + SH_C0 * sh[:, 0] for degree 0."""
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
 _C3 = (
@@ -36,7 +37,7 @@ def sh_basis(directions: Float64, degree: int) -> Float64:
     Returns
     -------
     array of shape [M, (degree + 1)^2], float64
-        Order m = -l..l in each band l, signs as in Kerbl et al. 2023.
+        Bands l in ascending order, with m = -l..l in each band, and the signs of Kerbl et al. 2023.
     """
     x, y, z = directions.T
     columns = [np.full_like(x, SH_C0)]
@@ -64,41 +65,39 @@ def sh_basis(directions: Float64, degree: int) -> Float64:
 
 
 def orthogonal_sh_matrix(orthogonal: Float64, degree: int) -> Float64:
-    """Return the matrix that turns SH coefficients along with their object.
+    """Return the matrix that transforms SH coefficients when their object is rotated or mirrored.
 
     Parameters
     ----------
     orthogonal : array of shape [3, 3], float64
-        Rotation, or rotation with a reflection.
+        A rotation, or a rotation with a reflection.
     degree : int
         0 to 3.
 
     Returns
     -------
     array of shape [n, n], float64, n = (degree + 1)^2
-        ``new = matrix @ old`` per colour channel, so that the new function at ``orthogonal @ d`` is the old
-        one at ``d``.
+        For each colour channel ``new = matrix @ old``, such that the new function has the value at ``orthogonal @ d``
+        that the old function has at ``d``.
 
     Notes
     -----
-    Each band is closed under orthogonal maps, so sampling more directions than coefficients and solving by
-    least
-    squares is exact. Over evenly spread directions the basis is nearly orthogonal: the condition number stays
-    below 1.5 and the error at a few units of rounding, for every rotation, with no special cases as in the
-    recurrences of Ivanic and Ruedenberg 1996.
+    Each band is closed under orthogonal maps, so a least-squares fit to more directions than coefficients is exact. On
+    evenly spread directions the basis is nearly orthogonal: for every rotation the condition number is below 1.5 and
+    the error a few units of rounding, without the special cases of the recurrences of Ivanic and Ruedenberg 1996.
     """
     directions = _evenly_spread_directions(64)
-    before = sh_basis(directions @ orthogonal, degree)
-    here = sh_basis(directions, degree)
-    matrix = np.zeros((here.shape[1],) * 2)
+    original = sh_basis(directions @ orthogonal, degree)
+    transformed = sh_basis(directions, degree)
+    matrix = np.zeros((transformed.shape[1],) * 2)
     for band in range(degree + 1):
         rows = slice(band * band, (band + 1) * (band + 1))
-        matrix[rows, rows] = np.linalg.lstsq(here[:, rows], before[:, rows], rcond=None)[0]
+        matrix[rows, rows] = np.linalg.lstsq(transformed[:, rows], original[:, rows], rcond=None)[0]
     return matrix
 
 
 def _evenly_spread_directions(count: int) -> Float64:
-    """Return a Fibonacci spiral of `count` unit vectors."""
+    """Return `count` unit vectors on a Fibonacci spiral."""
     index = np.arange(count) + 0.5
     z = 1 - 2 * index / count
     angle = np.pi * (1 + 5**0.5) * index

@@ -1,4 +1,7 @@
-"""Moving Gaussians: centres, rotations, sizes and view-dependent colour together."""
+"""Transforms of Gaussians (centres, rotations, sizes and view-dependent colour) and conversions of quaternions.
+
+Quaternions are wxyz; a rotation matrix R maps own axes to world axes (column vectors, ``x_world = R x_own``).
+"""
 
 from __future__ import annotations
 
@@ -16,31 +19,30 @@ __all__ = ["logits_of", "quats_from_rotations", "rotations_from_quats", "transfo
 Float64 = NDArray[np.float64]
 
 _SIMILARITY_TOLERANCE = 1e-5
-"""How far from rotation times uniform scale: Blender hands out float32 matrices (1e-7 per product)."""
+"""Relative difference of scales up to which a map counts as a similarity; Blender's matrices are float32."""
 
 
 def transform_gaussians(gaussians: Gaussians, matrix: Float64) -> Gaussians:
-    """Return the Gaussians moved by an affine map.
+    """Return the Gaussians transformed by an affine map.
 
     Parameters
     ----------
     gaussians : Gaussians
-        Left as they are.
+        Not modified.
     matrix : array of shape [4, 4], float64
-        Usually a similarity (rotation, uniform scale, translation). A stretched or mirrored map is taken
-        too: each
-        Gaussian's ellipsoid is mapped exactly; its view-dependent colour turns with the nearest orthogonal
-        map, since a stretch has no exact counterpart in spherical harmonics.
+        Usually a similarity (rotation, uniform scale, translation). Other affine maps transform the ellipsoids
+        exactly; view-dependent colours are then transformed by the nearest orthogonal map, because spherical harmonics
+        cannot represent a stretch exactly.
 
     Returns
     -------
     Gaussians
-        Features are carried along unchanged.
+        With unchanged features.
 
     Raises
     ------
     NumericalError
-        When `matrix` is not finite or flattens space.
+        When `matrix` is not finite or is singular.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     linear = matrix[:3, :3]
@@ -56,8 +58,8 @@ def transform_gaussians(gaussians: Gaussians, matrix: Float64) -> Gaussians:
     left, _, right = np.linalg.svd(linear)
     orthogonal = left @ right
     if singular[0] - singular[2] <= _SIMILARITY_TOLERANCE * singular[0] and np.linalg.det(linear) > 0:
-        turn = quats_from_rotations(orthogonal[None])[0]
-        quats = _multiply_quats(turn, gaussians.quats)
+        rotation = quats_from_rotations(orthogonal[None])[0]
+        quats = _multiply_quats(rotation, gaussians.quats)
         log_scales = gaussians.log_scales + np.float32(np.log(singular).mean())
     else:
         quats, log_scales = _map_ellipsoids(gaussians, linear)
@@ -76,23 +78,23 @@ def _map_sh(gaussians: Gaussians, orthogonal: Float64) -> NDArray[np.float32]:
     if bands == 1 or count == 0 or np.array_equal(orthogonal, np.eye(3)):
         return gaussians.sh
     matrix = orthogonal_sh_matrix(orthogonal, gaussians.sh_degree).astype(np.float32)
-    # One matrix product over all Gaussians: the colour channels are interleaved, hence the Kronecker product.
+    # The Kronecker product with the identity applies the matrix to the interleaved colour channels in one product.
     flat = gaussians.sh.reshape(count, bands * 3) @ np.kron(matrix, np.eye(3, dtype=np.float32)).T
     return flat.reshape(count, bands, 3)
 
 
 def _map_ellipsoids(gaussians: Gaussians, linear: Float64) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return quats and log-scales of ``A Sigma A^T`` from ``A R S``: its SVD keeps needles sharp."""
+    """Return quats and log-scales of ``A Sigma A^T``, from the SVD of ``A R S``, which keeps small axes precise."""
     axes = linear @ rotations_from_quats(gaussians.quats) * np.exp(gaussians.log_scales.astype(np.float64))[:, None, :]
     left, sizes, _ = np.linalg.svd(axes)
-    # A mirrored ellipsoid is the same ellipsoid: turning one own axis round makes a proper rotation.
+    # Flipping an axis does not change an ellipsoid, and makes an improper rotation proper.
     left[:, :, 2] *= np.linalg.det(left)[:, None]
     tiny = np.finfo(np.float32).tiny
     return quats_from_rotations(left).astype(np.float32), np.log(np.maximum(sizes, tiny)).astype(np.float32)
 
 
 def _multiply_quats(left: Float64, right: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the wxyz products ``left * right[n]``; lengths of `right` are kept."""
+    """Return the quaternion products ``left * right[n]`` (wxyz), which have the lengths of `right`."""
     w, x, y, z = left
     table = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     product: NDArray[np.float32] = (right.astype(np.float64) @ table.T).astype(np.float32)
@@ -100,7 +102,7 @@ def _multiply_quats(left: Float64, right: NDArray[np.float32]) -> NDArray[np.flo
 
 
 def rotations_from_quats(quats: NDArray[np.floating]) -> Float64:
-    """Return rotation matrices [N, 3, 3], float64, of wxyz quaternions [N, 4]; length 0 gives identity."""
+    """Return rotation matrices [N, 3, 3], float64, of wxyz quaternions [N, 4]; a zero quaternion gives the identity."""
     quats = quats.astype(np.float64)
     norms = np.linalg.norm(quats, axis=1, keepdims=True)
     w, x, y, z = np.where(norms > 0, quats / np.where(norms > 0, norms, 1), (1.0, 0.0, 0.0, 0.0)).T
@@ -117,8 +119,8 @@ def quats_from_rotations(rotations: Float64) -> Float64:
 
     Notes
     -----
-    The largest of the four components is taken from the diagonal and divides the rest, so nothing cancels at
-    half turns (Shepperd 1978).
+    The largest component is computed from the diagonal and the others by division, which avoids cancellation for
+    rotations by 180 degrees (Shepperd 1978).
     """
     r = np.asarray(rotations, dtype=np.float64)
     d0, d1, d2 = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
@@ -145,9 +147,8 @@ def logits_of(opacities: NDArray[np.floating]) -> NDArray[np.float32]:
 
     Notes
     -----
-    A float32 opacity of exactly 1 or 0 has an infinite logit. It is taken for the nearest float32 below 1
-    (logit 16.6) or the smallest normal number above 0 (logit -87.3): the opacity differs by less than its own
-    rounding.
+    Opacities of exactly 1 and 0 have infinite logits. They are replaced by the nearest float32 below 1 (logit 16.6) and
+    the smallest normal number above 0 (logit -87.3), a change below the rounding of float32.
     """
     clipped = np.clip(opacities.astype(np.float64), np.finfo(np.float32).tiny, 1 - 2.0**-24)
     return (np.log(clipped) - np.log1p(-clipped)).astype(np.float32)

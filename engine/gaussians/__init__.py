@@ -1,4 +1,4 @@
-"""The initial Gaussians of a scene, and the files of a trained one."""
+"""Initial Gaussians for training, and the files of a trained scene."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .initialise import gaussians_at, gaussians_from_points, initial_features
+    from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
     from .storage import load_gaussians, save_gaussians
 
-__all__ = ["gaussians_at", "gaussians_from_points", "initial_features", "load_gaussians", "save_gaussians"]
+__all__ = [
+    "InitialValues",
+    "gaussians_at",
+    "gaussians_from_points",
+    "initial_features",
+    "load_gaussians",
+    "save_gaussians",
+]
 
 __getattr__ = lazy_exports(__name__, __file__)

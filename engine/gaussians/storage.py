@@ -1,4 +1,4 @@
-"""A trained scene on disk: ``scene.ply`` (standard 3DGS) and ``features.npy``, row i for Gaussian i."""
+"""Files of a trained scene: ``scene.ply`` (standard 3DGS PLY) and ``features.npy`` (row i belongs to Gaussian i)."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ FEATURES_FILE = "features.npy"
 
 
 def save_gaussians(folder: Path, gaussians: Gaussians) -> None:
-    """Write `gaussians` into `folder`, each file atomically; features as float16.
+    """Write `gaussians` to `folder`, each file atomically, features as float16.
 
     Parameters
     ----------
     folder : Path
-        Made when missing.
+        Created when missing.
     gaussians : Gaussians
-        Without features, a ``features.npy`` of an earlier run is removed.
+        When it has no features, a ``features.npy`` of an earlier run is removed.
 
     Raises
     ------
     NumericalError
-        When a value is not finite, in float16 for the features.
+        When a value is not finite; features must be finite in float16.
     DiskError
         When the folder cannot be written.
     """
@@ -44,7 +44,7 @@ def save_gaussians(folder: Path, gaussians: Gaussians) -> None:
         half = gaussians.features.astype(np.float16)
     if not np.isfinite(half).all():
         raise NumericalError("`features` are not finite or too large for float16. Nothing was written; train again.")
-    # A run killed between the two renames leaves files whose row counts differ, which `load_gaussians` refuses.
+    # A run that is killed between the two writes leaves a scene without features, never with those of another scene.
     features.unlink(missing_ok=True)
     write_ply(folder / SCENE_FILE, gaussians)
     with atomic_write(features) as stream:
@@ -52,7 +52,7 @@ def save_gaussians(folder: Path, gaussians: Gaussians) -> None:
 
 
 def load_gaussians(folder: Path) -> Gaussians:
-    """Return the Gaussians that `save_gaussians` wrote into `folder`, features as float32 or None.
+    """Return the Gaussians that `save_gaussians` wrote to `folder`, with features as float32 or None.
 
     Parameters
     ----------
@@ -62,13 +62,13 @@ def load_gaussians(folder: Path) -> Gaussians:
     Raises
     ------
     FormatError
-        When the scene is missing, damaged, or the features belong to another scene.
+        When the scene is missing or damaged, or the features belong to another scene.
     DiskError
         When a file cannot be read.
     """
     scene = folder / SCENE_FILE
     if not scene.is_file():
-        raise FormatError(f"{scene} is not there. Run `reconstruct` first.")
+        raise FormatError(f"{scene} is missing. Run `reconstruct` first.")
     gaussians = read_ply(scene)
     path = folder / FEATURES_FILE
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""What a curator writes about an object in, its record on disk and in exported files out."""
+"""Museum records: what a curator enters about an object, on disk and in exported files."""
 
 from .museum_record import MuseumRecord, load_record, save_record
 

@@ -1,4 +1,4 @@
-"""The record of an object: catalogue number, title, rights and notes, in ``objects/<id>/record.json``."""
+"""Museum record of an object (catalogue number, title, rights, notes), stored in ``objects/<id>/record.json``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RECORD_VERSION = 1
 
 @dataclass(frozen=True)
 class MuseumRecord:
-    """What the museum says about an object; empty where nothing was said.
+    """Description of an object by the museum. Fields that were not filled in are empty.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class MuseumRecord:
     rights : str
         Credit line, licence or rights statement.
     notes : str
-        Anything else.
+        Free text.
     """
 
     catalogue_number: str = ""
@@ -36,34 +36,34 @@ class MuseumRecord:
     notes: str = ""
 
     def as_dict(self) -> dict[str, str]:
-        """Return the filled fields."""
+        """Return the fields that are not empty."""
         return {name: value for name, value in asdict(self).items() if value}
 
     def as_comments(self) -> list[str]:
-        """Return header comments for a PLY file, one for each filled field."""
+        """Return header comments for a PLY file, one for each field that is not empty."""
         return [f"{name} {value}" for name, value in self.as_dict().items()]
 
 
 def save_record(project: Path, object_id: str, record: MuseumRecord) -> None:
-    """Write the record of an object of the project folder `project`, atomically.
+    """Write the record of an object to the project folder `project` atomically.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When the file cannot be written.
     """
-    write_json(_file(project, object_id), {"version": RECORD_VERSION, **asdict(record)})
+    write_json(_record_file(project, object_id), {"version": RECORD_VERSION, **asdict(record)})
 
 
 def load_record(project: Path, object_id: str) -> MuseumRecord:
-    """Return the record of an object, an empty one when nothing was written yet.
+    """Return the record of an object, an empty one when it has no file.
 
     Raises
     ------
     FormatError
         When the file cannot be read.
     """
-    file = _file(project, object_id)
+    file = _record_file(project, object_id)
     if not file.exists():
         return MuseumRecord()
     try:
@@ -75,5 +75,5 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
         raise FormatError(f"{file} cannot be read: {error}. Repair it or move it away.") from error
 
 
-def _file(project: Path, object_id: str) -> Path:
+def _record_file(project: Path, object_id: str) -> Path:
     return project / "objects" / object_id / "record.json"

@@ -1,14 +1,14 @@
-"""The data that travels between packages: photos, cameras, lenses, Gaussians, and their files. NumPy only.
+"""The data that packages exchange, photos, cameras, lenses and Gaussians, and their files.
 
-Blender imports this package too.
+NumPy only, because the add-on imports this package into Blender.
 """
 
 from __future__ import annotations
 
-from .camera import Camera, CameraSet, PinholeCamera
+from .camera import Camera, CameraSet, Lens, PinholeCamera
 from .camera_storage import read_camera_set, write_camera_set
 from .gaussians import FEATURE_DIM, Gaussians
-from .lens import focal_and_center, photo_pixels
+from .lens import focal_and_center, lens_pixels, photo_pixels
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_storage import read_photo_set, write_photo_set
 from .polished import Polished, forget_polished, load_polished, save_polished
@@ -18,6 +18,7 @@ __all__ = [
     "Camera",
     "CameraSet",
     "Gaussians",
+    "Lens",
     "Photo",
     "PhotoSet",
     "PinholeCamera",
@@ -25,6 +26,7 @@ __all__ = [
     "RejectedPhoto",
     "focal_and_center",
     "forget_polished",
+    "lens_pixels",
     "load_polished",
     "photo_pixels",
     "read_camera_set",

@@ -1,24 +1,35 @@
-"""The camera types every later room reads. NumPy only.
+"""Cameras with and without lens distortion, as all packages exchange them. NumPy only.
 
-Conventions: COLMAP/OpenCV cameras (x right, y down, z forward); ``viewmat`` is world-to-camera; the centre of the
-top left pixel is (0.5, 0.5). The world is the normalised upright one: right-handed, Z up, about unit size around 0.
+Conventions: camera axes are COLMAP's and OpenCV's (x right, y down, z forward); ``viewmat`` is world-to-camera; the
+centre of the top left pixel is (0.5, 0.5). The world is the normalised one: right-handed, Z up, near the origin, with
+cameras about one unit from it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Camera", "CameraSet", "PinholeCamera"]
+__all__ = ["Camera", "CameraSet", "Lens", "PinholeCamera"]
 
 Float64 = NDArray[np.float64]
 
 
+class Lens(NamedTuple):
+    """The lens of a `Camera` without its photo and pose, which can be hashed. The fields are those of `Camera`."""
+
+    model: str
+    width: int
+    height: int
+    params: tuple[float, ...]
+
+
 @dataclass(frozen=True)
 class Camera:
-    """One registered photo: its lens (distorted) and pose, in pixels of the original photo after EXIF rotation.
+    """Lens, with distortion, and pose of a photo, in pixels of the original photo after EXIF rotation.
 
     Attributes
     ----------
@@ -42,6 +53,11 @@ class Camera:
     viewmat: Float64
 
     @property
+    def lens(self) -> Lens:
+        """Lens of the camera."""
+        return Lens(self.model, self.width, self.height, self.params)
+
+    @property
     def center(self) -> Float64:
         """Position of the camera in the world, shape [3]."""
         return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
@@ -49,7 +65,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """An ideal camera without distortion, which is what the rasterizer renders.
+    """An ideal camera without distortion, as the rasterizer needs it.
 
     Attributes
     ----------
@@ -74,14 +90,14 @@ class PinholeCamera:
 
 @dataclass(frozen=True)
 class CameraSet:
-    """What the cameras room hands on.
+    """The cameras of a photo set and the sparse points found with them.
 
     Attributes
     ----------
     cameras : tuple of Camera
         Registered photos, ordered by photo name.
     unregistered : tuple of str
-        Photos that could not be placed.
+        Photos without a camera.
     points : array of shape [P, 3], float32
         Sparse points in the normalised world.
     point_colors : array of shape [P, 3], uint8, sRGB

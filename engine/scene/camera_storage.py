@@ -1,4 +1,7 @@
-"""A `CameraSet` as ``cameras.json`` and ``points.npz`` in a folder, and back."""
+"""Files of a `CameraSet`: ``cameras.json`` and ``points.npz`` in a folder.
+
+Units and axes are those of `engine.scene.camera`: lens parameters in pixels of the photos, world-to-camera matrices.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +22,12 @@ _CAMERAS, _POINTS = "cameras.json", "points.npz"
 
 
 def write_camera_set(path: Path, camera_set: CameraSet) -> None:
-    """Write `camera_set` into the folder `path`; each file atomically, ``cameras.json`` last.
+    """Write `camera_set` to the folder `path`, each file atomically, ``cameras.json`` last.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When a file cannot be written.
     """
     with atomic_write(path / _POINTS) as stream:
         np.savez(stream, points=camera_set.points, colors=camera_set.point_colors)
@@ -55,15 +58,15 @@ def write_camera_set(path: Path, camera_set: CameraSet) -> None:
 
 
 def read_camera_set(path: Path) -> CameraSet:
-    """Return the `CameraSet` that `write_camera_set` left in the folder `path`; floats come back bit for bit.
+    """Return the `CameraSet` that `write_camera_set` wrote to the folder `path`, floats bit for bit.
 
     Raises
     ------
     FormatError
-        When a file is missing, damaged or from another version.
+        When a file is missing, damaged or written by another version.
     """
     if not (path / _CAMERAS).is_file():
-        raise FormatError(f"{path / _CAMERAS} is not there. Run `reconstruct` first.")
+        raise FormatError(f"{path / _CAMERAS} is missing. Run `reconstruct` first.")
     try:
         data = json.loads((path / _CAMERAS).read_text(encoding="utf-8"))
         if data["version"] != _VERSION:
@@ -94,5 +97,5 @@ def read_camera_set(path: Path) -> CameraSet:
         )
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         raise FormatError(
-            f"{path} holds no cameras of ours: {error}. Delete it and run `reconstruct` again."
+            f"The cameras in {path} cannot be read: {error}. Delete the folder and run `reconstruct` again."
         ) from error

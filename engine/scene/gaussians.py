@@ -1,4 +1,4 @@
-"""The Gaussians themselves, as plain arrays. NumPy only, so that formats, objects and Blender can share them."""
+"""Gaussians as plain arrays. NumPy only, because the add-on uses them in Blender."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ class Gaussians:
     Attributes
     ----------
     means : array of shape [N, 3], float32
-        Centres, world units.
+        Centres, in world units.
     log_scales : array of shape [N, 3], float32
-        Natural logarithm of the standard deviations along the three own axes.
+        Natural logarithm of the standard deviations along the own axes, world units.
     quats : array of shape [N, 4], float32
-        Rotations from own axes to the world, wxyz, need not be unit length.
+        Rotations from own axes to world axes as quaternions wxyz, which need not have unit length.
     opacity_logits : array of shape [N], float32
         Opacity is ``1 / (1 + exp(-logit))``.
     sh : array of shape [N, n_sh, 3], float32
-        Spherical harmonics of the sRGB colour, n_sh = (degree + 1)^2, real 3DGS basis; colour = 0.5 + sum.
+        Spherical harmonics of the sRGB colour in the real basis of 3DGS, n_sh = (degree + 1)^2. The colour is 0.5 plus
+        their sum.
     features : array of shape [N, 16], float32, or None
-        Segmentation feature; None when the scene was trained without.
+        Segmentation features; None when the scene was trained without them.
     """
 
     means: Float32
@@ -52,7 +53,7 @@ class Gaussians:
 
     @property
     def scales(self) -> Float32:
-        """Standard deviations along the own axes, shape [N, 3], world units."""
+        """Standard deviations along the own axes, shape [N, 3], in world units."""
         return np.exp(self.log_scales)
 
     @property
@@ -61,15 +62,15 @@ class Gaussians:
         return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
 
     def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.integer] | slice) -> Gaussians:
-        """Return the Gaussians picked by a mask, an index array or a slice."""
+        """Return the Gaussians selected by a mask, an index array or a slice."""
         features = None if self.features is None else self.features[index]
-        picked = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "features"}
-        return Gaussians(**picked, features=features)
+        selected = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "features"}
+        return Gaussians(**selected, features=features)
 
     def joined(self, other: Gaussians) -> Gaussians:
-        """Return these and, after them, the `other` ones, which have the same degree and kind of features."""
-        both = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name != "features"}
+        """Return these Gaussians followed by `other`, which must have the same degree and feature length."""
+        pairs = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name != "features"}
         features = None
         if self.features is not None and other.features is not None:
             features = np.concatenate([self.features, other.features])
-        return Gaussians(**{name: np.concatenate(pair) for name, pair in both.items()}, features=features)
+        return Gaussians(**{name: np.concatenate(pair) for name, pair in pairs.items()}, features=features)

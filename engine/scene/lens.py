@@ -1,34 +1,47 @@
-"""From a direction to the pixel of a photo, lens distortion included: COLMAP's camera models in NumPy. No bpy.
+"""Projection of directions to photo pixels, lens distortion included, for every COLMAP camera model. NumPy only.
 
-A direction is (x, y) with the point (x, y, 1) in the camera's frame: x right, y down, z forward.
+The add-on and `engine.cameras.undistortion` share this projection. The inverse (pixel to direction) and the validation
+of parameters are pycolmap's, in `engine.cameras.undistortion`.
+
+Conventions: a direction is (x, y) for the point (x, y, 1) in the camera's frame (x right, y down, z forward).
+Pixels are those of the photo after EXIF rotation; the top left corner is (0, 0), the centre of the first pixel
+(0.5, 0.5). Parameters are in COLMAP's order, focal lengths and principal point first.
+
+The formulas evaluate in the order of COLMAP's source (``src/colmap/sensor/models.h``): the pinhole, radial and
+OpenCV models (without fisheye) give its pixels bit for bit, the others within 1e-12 pixels. See
+docs/design_notes/cameras.md.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CameraError
-from .camera import Camera
+from .camera import Camera, Lens
 
-__all__ = ["focal_and_center", "photo_pixels"]
+__all__ = ["focal_and_center", "lens_pixels", "photo_pixels"]
 
 Float64 = NDArray[np.float64]
-_Distortion = Callable[[Float64, Sequence[float]], Float64]
-_STEPS = 200
-"""Along the way from the optical axis, where the lens model must lead outwards."""
+_Distortion = Callable[[Float64, Float64, Sequence[float]], tuple[Float64, Float64]]
+
+_TURNING_POINT_ANGLES = 65
+"""Angles around the optical axis at which the turning point is searched; it is interpolated between them."""
+_TURNING_POINT_STEPS = np.linspace(0.0, 89.0, 891)
+"""Degrees off the optical axis at which the search tests the lens model."""
 
 
-def focal_and_center(camera: Camera) -> tuple[float, float, float, float]:
-    """Return fx, fy, cx, cy in pixels of the photo: what is left of the lens without its distortion."""
+def focal_and_center(camera: Camera | Lens) -> tuple[float, float, float, float]:
+    """Return fx, fy, cx, cy in pixels of the photo: the lens without its distortion."""
     p = camera.params
     return (p[0], p[0], p[1], p[2]) if _has_one_focal(camera.model) else (p[0], p[1], p[2], p[3])
 
 
 def photo_pixels(camera: Camera, directions: Float64) -> Float64:
-    """Return where directions appear in the photo, as `engine.cameras.undistortion.project` does.
+    """Return where directions appear in the photo.
 
     Parameters
     ----------
@@ -38,126 +51,167 @@ def photo_pixels(camera: Camera, directions: Float64) -> Float64:
     Returns
     -------
     array of shape [N, 2], float64
-        x and y in pixels of the photo after EXIF rotation, the top left corner being (0, 0), also outside of it; NaN
-        beyond the point where the lens model turns back inwards.
+        x and y in pixels of the photo, also outside the photo; NaN beyond the turning point of the lens model, where
+        distant directions would appear inside the photo again.
 
     Raises
     ------
     CameraError
-        When the lens model is not known here.
+        When the lens model is unknown.
     """
-    fx, fy, cx, cy = focal_and_center(camera)
-    outwards = _is_outwards(camera, directions)
-    pixels = _distorted(camera, directions) * (fx, fy) + (cx, cy)
-    pixels[~outwards] = np.nan
+    if camera.model not in _DISTORTIONS:
+        raise CameraError(f"The lens model {camera.model} of {camera.photo} is not known here. Type the pixel instead.")
+    return lens_pixels(camera.lens, directions)
+
+
+def lens_pixels(lens: Lens, directions: Float64) -> Float64:
+    """Return what `photo_pixels` returns, for a lens without a photo; its model must be known."""
+    pixels = _project(lens, directions)
+    angles, reaches = _turning_points(lens)
+    reach = np.interp(np.arctan2(directions[:, 1], directions[:, 0]), angles, reaches)
+    pixels[np.linalg.norm(directions, axis=1) > reach] = np.nan
     return pixels
+
+
+def _project(lens: Lens, directions: Float64) -> Float64:
+    """Return pixels of directions of shape [..., 2], without regard to the turning point."""
+    fx, fy, cx, cy = focal_and_center(lens)
+    distortion = lens.params[3 if _has_one_focal(lens.model) else 4 :]
+    directions = np.asarray(directions, np.float64)
+    # Far outside the photo a model may divide by zero or have no real root.
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        x, y = _DISTORTIONS[lens.model](directions[..., 0], directions[..., 1], distortion)
+    return np.stack([fx * x + cx, fy * y + cy], axis=-1)
 
 
 def _has_one_focal(model: str) -> bool:
     return model.startswith("SIMPLE_") or model in ("RADIAL", "RADIAL_FISHEYE")
 
 
-def _distorted(camera: Camera, directions: Float64) -> Float64:
-    distortion = _DISTORTIONS.get(camera.model)
-    if distortion is None:
-        raise CameraError(f"The lens model {camera.model} of {camera.photo} is not known here. Type the pixel instead.")
-    return distortion(np.asarray(directions, np.float64), camera.params[3 if _has_one_focal(camera.model) else 4 :])
+@functools.lru_cache(maxsize=256)
+def _turning_points(lens: Lens) -> tuple[Float64, Float64]:
+    """Return angles [A] around the optical axis and, for each, the largest direction before the turning point [A].
 
-
-def _is_outwards(camera: Camera, directions: Float64) -> NDArray[np.bool_]:
-    """Return [N]: on the straight way from the axis to the direction the distorted distance only grows."""
-    steps = np.linspace(0.0, 1.0, _STEPS + 1)[:, None, None] * directions[None]
+    A distortion polynomial turns back at some distance from the axis. The search goes outwards in steps of 0.1
+    degrees, up to 89 degrees off the axis, as long as the pixels move away from the principal point.
+    """
+    angles = np.linspace(-np.pi, np.pi, _TURNING_POINT_ANGLES)
+    distances = np.tan(np.radians(_TURNING_POINT_STEPS))
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None] * distances[:, None]
+    pixels = _project(lens, directions)
+    off_axis = np.linalg.norm(pixels - pixels[:, :1], axis=2)
     with np.errstate(invalid="ignore"):
-        distorted = _distorted(camera, steps.reshape(-1, 2)).reshape(steps.shape)
-        reach = np.linalg.norm(distorted - distorted[:1], axis=2)
-        grows: NDArray[np.bool_] = (np.diff(reach, axis=0) >= 0.0).all(axis=0)
-    return grows
+        outwards = np.diff(off_axis, axis=1) > 0.0
+    steps = np.where(outwards.all(axis=1), outwards.shape[1], np.argmin(outwards, axis=1))
+    return angles, distances[steps]
 
 
-# ---- the models, in COLMAP's order of parameters after focal lengths and centre
+# ---- the distortion of each model; k are the parameters after focal lengths and principal point
 
 
-def _series(square: Float64, coefficients: Sequence[float]) -> Float64:
-    """Return ``1 + c1 s + c2 s^2 + ...`` with ``s = square``."""
-    return np.asarray(np.polynomial.polynomial.polyval(square, [1.0, *coefficients]))
+def _without_distortion(u: Float64, v: Float64, _: Sequence[float]) -> tuple[Float64, Float64]:
+    return u, v
 
 
-def _square(uv: Float64) -> Float64:
-    return np.sum(uv * uv, axis=-1, keepdims=True)
+def _simple_radial(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    radial = k[0] * (u * u + v * v)
+    return u + u * radial, v + v * radial
 
 
-def _tangential(uv: Float64, p1: float, p2: float) -> Float64:
-    """Brown's decentring, OpenCV's order: p1 acts on v, p2 on u."""
-    u, v, square = uv[..., :1], uv[..., 1:], _square(uv)
-    du = 2.0 * p1 * u * v + p2 * (square + 2.0 * u * u)
-    dv = 2.0 * p2 * u * v + p1 * (square + 2.0 * v * v)
-    return np.concatenate([du, dv], axis=-1)
+def _radial(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    r2 = u * u + v * v
+    radial = k[0] * r2 + k[1] * r2 * r2
+    return u + u * radial, v + v * radial
 
 
-def _none(uv: Float64, _: Sequence[float]) -> Float64:
-    return uv
+def _opencv(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    r2 = u * u + v * v
+    du, dv = _add_tangential(u, v, k[0] * r2 + k[1] * r2 * r2, k[2], k[3])
+    return u + du, v + dv
 
 
-def _radial(uv: Float64, k: Sequence[float]) -> Float64:
-    return uv * _series(_square(uv), k)
+def _full_opencv(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    r2 = u * u + v * v
+    r4 = r2 * r2
+    r6 = r4 * r2
+    radial = (1.0 + k[0] * r2 + k[1] * r4 + k[4] * r6) / (1.0 + k[5] * r2 + k[6] * r4 + k[7] * r6)
+    du, dv = _add_tangential(u, v, radial, k[2], k[3])
+    return u + (du - u), v + (dv - v)
 
 
-def _opencv(uv: Float64, k: Sequence[float]) -> Float64:
-    return _radial(uv, k[:2]) + _tangential(uv, k[2], k[3])
+def _add_tangential(u: Float64, v: Float64, radial: Float64, p1: float, p2: float) -> tuple[Float64, Float64]:
+    """Return ``radial`` times (u, v) plus Brown's tangential distortion in OpenCV's order: p1 acts on v, p2 on u."""
+    uv, r2 = u * v, u * u + v * v
+    du = u * radial + 2.0 * p1 * uv + p2 * (r2 + 2.0 * (u * u))
+    dv = v * radial + 2.0 * p2 * uv + p1 * (r2 + 2.0 * (v * v))
+    return du, dv
 
 
-def _full_opencv(uv: Float64, k: Sequence[float]) -> Float64:
-    square = _square(uv)
-    ratio = _series(square, (k[0], k[1], k[4])) / _series(square, k[5:8])
-    return uv * ratio + _tangential(uv, k[2], k[3])
+def _angular(u: Float64, v: Float64) -> tuple[Float64, Float64]:
+    """Return (u, v) with its length, the tangent of an angle, replaced by the angle."""
+    r = np.sqrt(u * u + v * v)
+    factor = np.where(r > 1e-12, np.arctan(r) / np.maximum(r, 1e-12), 1.0)
+    return u * factor, v * factor
 
 
-def _angular(uv: Float64) -> Float64:
-    """Return `uv` with its length, a tangent, replaced by the angle."""
-    length = np.sqrt(_square(uv))
-    return uv * np.where(length > 1e-12, np.arctan(length) / np.maximum(length, 1e-12), 1.0)
+def _fisheye(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    u, v = _angular(u, v)
+    radial = _even_polynomial(u * u + v * v, k)
+    return u + u * radial, v + v * radial
 
 
-def _fisheye(uv: Float64, k: Sequence[float]) -> Float64:
-    return _radial(_angular(uv), k)
+def _even_polynomial(square: Float64, coefficients: Sequence[float]) -> Float64:
+    """Return ``c1 s + c2 s^2 + ...`` with ``s = square``."""
+    total, power = np.zeros_like(square), np.ones_like(square)
+    for coefficient in coefficients:
+        power = power * square
+        total = total + coefficient * power
+    return total
 
 
-def _thin_prism_fisheye(uv: Float64, k: Sequence[float]) -> Float64:
-    bent = _angular(uv)
-    prism = _square(bent) * np.array(k[6:8])
-    return _radial(bent, (k[0], k[1], k[4], k[5])) + _tangential(bent, k[2], k[3]) + prism
+def _thin_prism_fisheye(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    u, v = _angular(u, v)
+    r2 = u * u + v * v
+    du, dv = _add_tangential(u, v, _even_polynomial(r2, (k[0], k[1], k[4], k[5])), k[2], k[3])
+    return u + (du + k[6] * r2), v + (dv + k[7] * r2)
 
 
-def _rad_tan_thin_prism_fisheye(uv: Float64, k: Sequence[float]) -> Float64:
-    bent = _radial(_angular(uv), k[:6])
-    square = _square(bent)
-    prism = square * (np.array([k[8], k[10]]) + square * np.array([k[9], k[11]]))
-    # Here the first coefficient acts on u.
-    return bent + _tangential(bent, k[7], k[6]) + prism
+def _rad_tan_thin_prism_fisheye(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    u, v = _fisheye(u, v, k[:6])
+    r2 = u * u + v * v
+    # In this model the first tangential coefficient acts on u.
+    du, dv = _add_tangential(u, v, np.zeros_like(r2), k[7], k[6])
+    return u + du + r2 * (k[8] + r2 * k[9]), v + dv + r2 * (k[10] + r2 * k[11])
 
 
-def _fov(uv: Float64, k: Sequence[float]) -> Float64:
-    length, omega = np.sqrt(_square(uv)), k[0]
-    if abs(omega) < 1e-6:
-        return uv
-    factor = np.arctan(length * 2.0 * np.tan(omega / 2.0)) / (np.maximum(length, 1e-12) * omega)
-    return uv * np.where(length > 1e-12, factor, 2.0 * np.tan(omega / 2.0) / omega)
+def _fov(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    omega, r2 = k[0], u * u + v * v
+    if omega * omega < 1e-4:
+        factor = omega * omega * r2 / 3.0 - omega * omega / 12.0 + 1.0
+        return u * factor, v * factor
+    tangent = np.tan(omega / 2.0)
+    r = np.sqrt(np.maximum(r2, 1e-4))
+    near_axis = -2.0 * tangent * (4.0 * r2 * tangent * tangent - 3.0) / (3.0 * omega)
+    factor = np.where(r2 < 1e-4, near_axis, np.arctan(r * 2.0 * tangent) / (r * omega))
+    return u * factor, v * factor
 
 
-def _division(uv: Float64, k: Sequence[float]) -> Float64:
-    """``undistorted = distorted / (1 + k |distorted|^2)``, solved for the distorted one."""
-    return uv * 2.0 / (1.0 + np.sqrt(1.0 - 4.0 * k[0] * _square(uv)))
+def _division(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    """Solve ``undistorted = distorted / (1 + k |distorted|^2)`` for the distorted direction."""
+    divisor = 1.0 + np.sqrt(1.0 - 4.0 * (u * u + v * v) * k[0])
+    return 2.0 * u / divisor, 2.0 * v / divisor
 
 
-def _eucm(uv: Float64, k: Sequence[float]) -> Float64:
-    """Enhanced unified camera model, Khomutenko et al. 2016."""
-    return uv / (k[0] * np.sqrt(k[1] * _square(uv) + 1.0) + 1.0 - k[0])
+def _eucm(u: Float64, v: Float64, k: Sequence[float]) -> tuple[Float64, Float64]:
+    """Apply the enhanced unified camera model, Khomutenko et al. 2016."""
+    denominator = k[0] * np.sqrt(k[1] * (u * u + v * v) + 1.0) + (1.0 - k[0])
+    return u / denominator, v / denominator
 
 
 _DISTORTIONS: dict[str, _Distortion] = {
-    "SIMPLE_PINHOLE": _none,
-    "PINHOLE": _none,
-    "SIMPLE_RADIAL": _radial,
+    "SIMPLE_PINHOLE": _without_distortion,
+    "PINHOLE": _without_distortion,
+    "SIMPLE_RADIAL": _simple_radial,
     "RADIAL": _radial,
     "OPENCV": _opencv,
     "FULL_OPENCV": _full_opencv,

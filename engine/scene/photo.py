@@ -1,4 +1,4 @@
-"""The photo types every later room reads. Standard library only."""
+"""Photos and photo sets, as all packages exchange them. Standard library only."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ __all__ = ["Photo", "PhotoSet", "RejectedPhoto"]
 
 @dataclass(frozen=True)
 class Photo:
-    """One readable photo.
+    """A readable photo.
 
     Attributes
     ----------
     name : str
-        Path relative to the photo folder, with forward slashes: the photo's identity in every room and file.
+        Path relative to the photo folder, with forward slashes. It identifies the photo in all packages and files.
     width, height : int
-        Pixels after EXIF rotation: the frame of every click, box, mask and rendered picture that a user sees.
+        Size in pixels after EXIF rotation. Clicks, boxes, masks and rendered pictures refer to this frame.
     focal_px : float or None
-        Focal length in those pixels from EXIF, None when the file does not say.
+        Focal length in these pixels from EXIF, None when the file does not state it.
     sha256 : str
-        Of the file as it lies on disk.
+        Hash of the file.
     mask, mask_sha256 : str or None
-        Picture that says which of its pixels count (see `photo_masks`), as a path, and its hash; None for none.
+        Path of a picture that excludes pixels of the photo (see `engine.photos`), and its hash; None without a mask.
     """
 
     name: str
@@ -36,13 +36,13 @@ class Photo:
 
     @property
     def hashes(self) -> list[str]:
-        """Name and hash of the photo, and its mask's hash where it has one: what results depend on."""
+        """Name and hash of the photo, and the hash of its mask if any. Results depend on these."""
         return [self.name, self.sha256, *([self.mask_sha256] if self.mask_sha256 else [])]
 
 
 @dataclass(frozen=True)
 class RejectedPhoto:
-    """A file that is not used, with the reason in one sentence."""
+    """A file that is not used, with the reason as a sentence."""
 
     name: str
     reason: str
@@ -50,7 +50,7 @@ class RejectedPhoto:
 
 @dataclass(frozen=True)
 class PhotoSet:
-    """What the photos room hands on: `photos` ordered by name, all inside `folder`, and what was `rejected`."""
+    """The photos of a folder ordered by name, and the files of the folder that are not used."""
 
     folder: Path
     photos: tuple[Photo, ...]
@@ -58,5 +58,5 @@ class PhotoSet:
 
     @property
     def mask_files(self) -> dict[str, Path]:
-        """Files of the photos' masks by the photos' names; photos without one are left out."""
+        """Mask files by photo name, for the photos that have a mask."""
         return {photo.name: Path(photo.mask) for photo in self.photos if photo.mask is not None}

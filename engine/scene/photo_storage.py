@@ -1,4 +1,4 @@
-"""A `PhotoSet` as a JSON file and back."""
+"""File of a `PhotoSet` (JSON)."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _VERSION = 1
 
 
 def write_photo_set(path: Path, photo_set: PhotoSet) -> None:
-    """Write `photo_set` to the JSON file `path`, atomically.
+    """Write `photo_set` to the JSON file `path` atomically.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When the file cannot be written.
     """
     write_json(
         path,
@@ -35,12 +35,12 @@ def write_photo_set(path: Path, photo_set: PhotoSet) -> None:
 
 
 def read_photo_set(path: Path) -> PhotoSet:
-    """Return the `PhotoSet` that `write_photo_set` left at `path`.
+    """Return the `PhotoSet` that `write_photo_set` wrote to `path`.
 
     Raises
     ------
     FormatError
-        When the file is missing, damaged or from another version.
+        When the file is missing, damaged or written by another version.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -55,5 +55,5 @@ def read_photo_set(path: Path) -> PhotoSet:
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FormatError(
-            f"{path} is not a photo list of ours: {error}. Delete it and run `reconstruct` again."
+            f"The photo list {path} cannot be read: {error}. Delete it and run `reconstruct` again."
         ) from error

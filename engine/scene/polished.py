@@ -1,4 +1,4 @@
-"""What polishing made of an object's Gaussians, on disk beside its membership. NumPy only: Blender reads it too."""
+"""Polished Gaussians of an object and their file in the object's folder. NumPy only, because the add-on reads them."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Polished:
     Attributes
     ----------
     rows : array of shape [M], int32
-        Of the scene's Gaussians, ascending.
+        Indices of the object's Gaussians in the scene, ascending.
     trained_means : array of shape [M, 3], float32
-        Where they were before, as in the scene.
+        Their centres before polishing, in world units.
     gaussians : Gaussians
-        M, without features.
+        The M polished Gaussians, without features.
     """
 
     rows: NDArray[np.int32]
@@ -40,24 +40,24 @@ class Polished:
     gaussians: Gaussians
 
     def with_polished(self, gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
-        """Return `gaussians`, which are `rows` [K] of the scene, with the polished ones in their place.
+        """Return `gaussians`, which are `rows` [K] of the scene, with the polished ones replaced.
 
-        What a person has moved since stays as it is; colours, sizes and opacities are the polished ones.
+        A Gaussian whose centre differs from its trained one was moved by the user and is not replaced.
         """
         if len(self.rows) == 0:
             return gaussians
         place = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
-        still = (self.rows[place] == rows) & (self.trained_means[place] == gaussians.means).all(axis=1)
+        unmoved = (self.rows[place] == rows) & (self.trained_means[place] == gaussians.means).all(axis=1)
         replaced = {}
         for name in _VALUES:
             values = getattr(gaussians, name).copy()
-            values[still] = getattr(self.gaussians, name)[place[still]]
+            values[unmoved] = getattr(self.gaussians, name)[place[unmoved]]
             replaced[name] = values
         return replace(gaussians, **replaced)
 
 
 def save_polished(folder: Path, polished: Polished) -> None:
-    """Write to an object's folder.
+    """Write `polished` to an object's folder.
 
     Raises
     ------
@@ -71,17 +71,17 @@ def save_polished(folder: Path, polished: Polished) -> None:
 
 
 def forget_polished(folder: Path) -> None:
-    """Remove what polishing made, if anything, from an object's folder."""
+    """Remove the polished Gaussians from an object's folder, if it has any."""
     (folder / _POLISHED).unlink(missing_ok=True)
 
 
 def load_polished(project: Path, object_id: str) -> Polished | None:
-    """Return what polishing made of an object; None of one that was not polished.
+    """Return the polished Gaussians of an object, None when it was not polished.
 
     Raises
     ------
     FormatError
-        When its file is damaged.
+        When the file is damaged.
     """
     file = project / "objects" / object_id / _POLISHED
     if not file.is_file():
@@ -97,8 +97,8 @@ def load_polished(project: Path, object_id: str) -> Polished | None:
         expected = {**shapes, _TRAINED_MEANS: (3,), _ROWS: ()}
         wrong = [name for name, array in arrays.items() if array.shape != (count, *expected[name])]
         if wrong:
-            raise ValueError(f"{', '.join(wrong)} has another shape")
-    # A broken header of a zip file ends in RuntimeError, and what is no archive at all in TypeError.
+            raise ValueError(f"{', '.join(wrong)} has an unexpected shape")
+    # NumPy raises RuntimeError for a broken zip header and TypeError for a file that is no archive.
     except (OSError, ValueError, KeyError, IndexError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile) as error:
         raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
     return Polished(rows, trained_means, Gaussians(**values))

@@ -1,4 +1,4 @@
-"""`make demo` finds the environments where the person keeps them."""
+"""`make demo` finds the environments in the folder that the user configured."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_environments_are_looked_for_where_the_variable_says(tmp_path: Path) -> None:
+def test_environments_are_searched_in_the_folder_of_the_variable(tmp_path: Path) -> None:
     command = [sys.executable, ROOT / "scripts" / "demo.py", "--out", tmp_path / "out"]
     environment = {**os.environ, "GAUSSIAN_HERITAGE_VENVS": str(tmp_path / "elsewhere")}
     answer = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

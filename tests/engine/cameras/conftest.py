@@ -1,4 +1,4 @@
-"""A small generated scene: three textured walls and a floor, seen by cameras that are known exactly."""
+"""A small generated scene: a textured floor and two walls, photographed by known cameras."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ LENS = (380.0, 200.0, 150.0, -0.08)
 
 @dataclass(frozen=True)
 class Scene:
-    """Photos on disk and the truth about them."""
+    """Photos on disk and their true cameras."""
 
     photo_set: PhotoSet
     cameras: tuple[Camera, ...]
 
 
 def looking_at(center: NDArray[np.float64], target: NDArray[np.float64], roll: float = 0.0) -> NDArray[np.float64]:
-    """World-to-camera of a level camera (Z up), rolled by `roll` radians."""
+    """Return world-to-camera of a level camera (Z up), rolled by `roll` radians."""
     z = (target - center) / np.linalg.norm(target - center)
     x = np.cross(z, (0.0, 0.0, 1.0))
     x /= np.linalg.norm(x)
@@ -51,7 +51,7 @@ def _texture(seed: int) -> NDArray[np.float64]:
 
 
 def render(camera: Camera, seed: int = 0) -> NDArray[np.uint8]:
-    """What `camera` sees of the room's corner: floor z = 0, walls x = 2 and y = 2, each with its own texture."""
+    """Return the photo of `camera` of a room's corner: floor z = 0, walls x = 2 and y = 2, with different textures."""
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=list(camera.params))
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     directions = lens.cam_from_img(np.stack([x.ravel(), y.ravel()], axis=1))
@@ -64,7 +64,7 @@ def render(camera: Camera, seed: int = 0) -> NDArray[np.uint8]:
             hit = camera.center + distance[:, None] * rays
         uv = np.nan_to_num(np.delete(hit, axis, axis=1), nan=0.0, posinf=0.0, neginf=0.0)
         texture = _texture(10 * seed + plane)
-        # Bilinear, so that the corners of the texture's squares stay where they are in every view.
+        # Bilinear, so that the corners of the texture's squares have the same position in every view.
         at = np.clip((uv + 2.5) / 5.0, 0.0, 0.999) * 511
         low = np.floor(at).astype(int)
         part = at - low
@@ -82,7 +82,7 @@ def render(camera: Camera, seed: int = 0) -> NDArray[np.uint8]:
 
 
 def room_cameras(count: int = 8) -> tuple[Camera, ...]:
-    """Level cameras on an arc in front of the corner."""
+    """Return level cameras on an arc in front of the corner."""
     cameras = []
     for index, angle in enumerate(np.radians(np.linspace(190.0, 260.0, count))):
         center = np.array([1.6, 1.6, 0.0]) + np.array(
@@ -103,5 +103,5 @@ def make_scene(folder: Path, cameras: tuple[Camera, ...]) -> Scene:
 
 @pytest.fixture(scope="session")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    """Eight photos of the corner of a room, in a folder with spaces and letters that COLMAP never sees."""
+    """Eight photos of the corner of a room, in a folder whose name has spaces and non-ASCII letters."""
     return make_scene(tmp_path_factory.mktemp("room") / "Fotos Müller 彫刻", room_cameras())

@@ -1,4 +1,4 @@
-"""Poses the user has already are taken as they are: COLMAP models and transforms.json."""
+"""Camera poses supplied by the user are used as given: COLMAP models and transforms.json."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write_colmap(
 
 
 def transforms(scene: Scene, shift: Float64) -> dict[str, Any]:
-    """The scene as nerfstudio writes it: OpenGL axes, camera-to-world."""
+    """Return the scene as nerfstudio writes it: OpenGL axes, camera-to-world."""
     frames = []
     for camera in scene.cameras:
         matrix = np.eye(4)
@@ -72,7 +72,7 @@ def write_transforms(folder: Path, data: dict[str, Any]) -> Path:
 
 
 def assert_true(camera_set: CameraSet, scene: Scene, shift: Float64) -> None:
-    """The cameras see true points where the true cameras do, and lead back to the frame of the file."""
+    """Check that the cameras project points like the true cameras, and that the frame of the file is restored."""
     similarity = camera_set.original_from_world
     scale = np.cbrt(np.linalg.det(similarity[:3, :3]))
     assert np.median([np.linalg.norm(camera.center) for camera in camera_set.cameras]) == pytest.approx(1.0)
@@ -87,7 +87,7 @@ def assert_true(camera_set: CameraSet, scene: Scene, shift: Float64) -> None:
         true_pixels, true_depth = project(true, POINTS)
         assert np.abs(pixels - true_pixels).max() < 0.01
         assert np.allclose(depth * scale, true_depth, atol=1e-6)
-    # The scene is Z up, and the photos say so.
+    # The scene is Z up, which the photos show.
     up = similarity[:3, 2] / np.linalg.norm(similarity[:3, 2])
     assert up[2] > np.cos(np.radians(2.0))
 
@@ -166,7 +166,7 @@ def test_a_point_cloud_beside_transforms_json_is_used(room: Scene, tmp_path: Pat
     ],
 )
 @pytest.mark.parametrize("per_frame", [False, True])
-def test_lens_values_stand_for_all_frames_or_for_each(
+def test_lens_values_may_be_given_for_all_frames_or_for_each(
     room: Scene, tmp_path: Path, values: dict[str, Any], expected: tuple[str, tuple[float, ...]], per_frame: bool
 ) -> None:
     frames = transforms(room, ORIGIN)["frames"][:1]
@@ -191,11 +191,13 @@ def test_photos_without_a_camera_are_listed(room: Scene, tmp_path: Path) -> None
         ({"transform_matrix": np.diag([2.0, 2.0, 2.0, 1.0]).tolist()}, "scaled or skewed"),
         ({"transform_matrix": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "mirrored"),
         ({"fl_x": 0.0}, "must be positive"),
-        ({"w": HEIGHT, "h": WIDTH}, "turned, cropped or other pictures"),
+        ({"w": HEIGHT, "h": WIDTH}, "rotated, cropped or other pictures"),
         ({"camera_model": "EQUIRECTANGULAR"}, "is not supported"),
     ],
 )
-def test_a_frame_that_is_no_camera_is_named(room: Scene, tmp_path: Path, change: dict[str, Any], sentence: str) -> None:
+def test_the_error_for_an_invalid_frame_names_it(
+    room: Scene, tmp_path: Path, change: dict[str, Any], sentence: str
+) -> None:
     data = transforms(room, ORIGIN)
     data["frames"][3].update(change)
     with pytest.raises(CameraError, match=rf"03\.png.*{sentence}"):
@@ -203,7 +205,7 @@ def test_a_frame_that_is_no_camera_is_named(room: Scene, tmp_path: Path, change:
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"frames": [1]}', '{"frames": [{}]}'])
-def test_a_file_that_is_no_transforms_json_is_refused(room: Scene, tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_a_transforms_json_is_refused(room: Scene, tmp_path: Path, text: str) -> None:
     (tmp_path / "transforms.json").write_text(text)
     with pytest.raises(CameraError, match=r"is not a transforms\.json"):
         read_cameras(tmp_path, room.photo_set)
@@ -212,7 +214,7 @@ def test_a_file_that_is_no_transforms_json_is_refused(room: Scene, tmp_path: Pat
 def test_missing_damaged_and_foreign_models_are_refused(room: Scene, tmp_path: Path) -> None:
     with pytest.raises(CameraError, match="does not exist"):
         read_cameras(tmp_path / "missing", room.photo_set)
-    with pytest.raises(CameraError, match="holds no camera model"):
+    with pytest.raises(CameraError, match="contains no camera model"):
         read_cameras(tmp_path, room.photo_set)
     model = write_colmap(room, tmp_path / "model", ORIGIN)
     foreign = PhotoSet(tmp_path, (Photo("other.jpg", WIDTH, HEIGHT, None, ""),), ())
@@ -228,7 +230,7 @@ def test_missing_damaged_and_foreign_models_are_refused(room: Scene, tmp_path: P
         read_cameras(damaged, room.photo_set)
 
 
-def test_pictures_find_their_photos_by_relative_then_by_unique_file_name() -> None:
+def test_pictures_are_matched_to_photos_by_relative_name_then_by_unique_file_name() -> None:
     photos = tuple(Photo(name, 4, 3, None, "") for name in ("a/1.jpg", "b/1.jpg", "b/2.jpg", "3.png", "r_4.png"))
     found = match_photos(
         ["a/1.jpg", "images/2.jpg", "x/3.png", "c/1.jpg", "./r_4", "no.jpg"], PhotoSet(Path(), photos, ())
@@ -243,7 +245,7 @@ def test_pictures_find_their_photos_by_relative_then_by_unique_file_name() -> No
 
 
 def test_a_camera_is_not_mirrored(room: Scene, tmp_path: Path) -> None:
-    """An asymmetric truth: a point to the right of the axis and above it is seen to the right and above."""
+    """A point to the right of the axis and above it appears to the right and above."""
     camera: Camera = read_cameras(write_colmap(room, tmp_path / "m", ORIGIN), room.photo_set).cameras[2]
     right, down, forward = camera.viewmat[:3, :3]
     point = camera.center + forward + 0.2 * right - 0.1 * down

@@ -1,4 +1,4 @@
-"""The world stands upright whatever way the photos were taken, and loses no digits far from the origin."""
+"""The normalised world is upright for photos taken in any orientation, and precise far from the origin."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Float64 = NDArray[np.float64]
 
 
 def orbit(elevation: float, *, degrees: float = 360.0, count: int = 24, rolls: Float64 | None = None) -> list[Float64]:
-    """Cameras around (1, 2, 3) at distance 4."""
+    """Return cameras around (1, 2, 3) at distance 4."""
     target = np.array([1.0, 2.0, 3.0])
     rolls = np.zeros(count) if rolls is None else rolls
     e = np.radians(elevation)
@@ -25,7 +25,7 @@ def orbit(elevation: float, *, degrees: float = 360.0, count: int = 24, rolls: F
 
 
 def moved(viewmats: list[Float64], scale: float, rotation: Float64, shift: Float64) -> list[Float64]:
-    """The same cameras in a world that was scaled, turned and shifted."""
+    """Return the same cameras in a world that was scaled, rotated and shifted."""
     result = []
     for viewmat in viewmats:
         center = scale * rotation @ (-viewmat[:3, :3].T @ viewmat[:3, 3]) + shift
@@ -43,7 +43,7 @@ def turn(seed: int) -> Float64:
 
 
 def tilt(similarity: Float64, up: Float64) -> float:
-    """Degrees between the world's Z and the true `up`."""
+    """Return the angle in degrees between the world's Z and the true `up`."""
     z = similarity[:3, 2] / np.linalg.norm(similarity[:3, 2])
     return float(np.degrees(np.arccos(np.clip(z @ up, -1.0, 1.0))))
 
@@ -51,7 +51,7 @@ def tilt(similarity: Float64, up: Float64) -> float:
 @pytest.mark.parametrize("elevation", [-30.0, 0.0, 20.0, 60.0])
 @pytest.mark.parametrize("degrees", [360.0, 120.0])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_level_photos_stand_upright_exactly(elevation: float, degrees: float, seed: int) -> None:
+def test_the_world_of_level_photos_is_exactly_upright(elevation: float, degrees: float, seed: int) -> None:
     rotation = turn(seed)
     viewmats = moved(orbit(elevation, degrees=degrees), 7.0, rotation, np.array([5.0, -3.0, 2.0]))
     similarity = original_from_world(viewmats, np.zeros((0, 3)))
@@ -84,7 +84,7 @@ def test_photos_taken_straight_down_look_down() -> None:
     points = np.random.default_rng(0).uniform((0, 0, -0.1), (3, 3, 0.1), (500, 3))
     similarity = original_from_world(viewmats, points)
     assert tilt(similarity, np.array([0.0, 0.0, 1.0])) < 1.0
-    # Parallel axes cross nowhere: the middle of the points is the centre.
+    # Parallel axes do not cross: the median of the points is the origin.
     assert np.allclose(similarity[:3, 3], np.median(points, axis=0))
 
 
@@ -96,7 +96,7 @@ def test_one_camera_is_enough(with_point: bool) -> None:
     assert np.linalg.det(similarity[:3, :3]) > 0
 
 
-def test_a_panorama_is_centred_on_what_it_shows() -> None:
+def test_a_panorama_is_centred_on_its_points() -> None:
     viewmats = [looking_at(np.zeros(3), np.array([np.cos(a), np.sin(a), 0.0])) for a in np.linspace(0, 6, 12)]
     points = np.random.default_rng(0).normal(0.0, 3.0, (300, 3))
     similarity = original_from_world(viewmats, points)
@@ -104,7 +104,7 @@ def test_a_panorama_is_centred_on_what_it_shows() -> None:
     assert 0.1 < np.median(np.linalg.norm(normalised_points(points, similarity), axis=1)) < 100.0
 
 
-def test_georeferenced_origins_lose_no_digits() -> None:
+def test_georeferenced_origins_keep_their_precision() -> None:
     rotation, shift = turn(5), np.array([5e5, 4.5e6, 120.0])
     local = orbit(20.0)
     viewmats = moved(local, 1.0, rotation, shift)
@@ -117,7 +117,7 @@ def test_georeferenced_origins_lose_no_digits() -> None:
         a, b = normalised_viewmat(far_view, similarity), normalised_viewmat(near_view, near)
         seen_far = there @ a[:3, :3].T + a[:3, 3]
         seen_near = here @ b[:3, :3].T + b[:3, 3]
-        # float64 keeps 1e-9 m at 4.5e6 m; what is left is the points' float32.
+        # float64 resolves 1e-9 m at 4.5e6 m; the remaining error is the float32 of the points.
         assert np.abs(seen_far - seen_near).max() < 1e-6
 
 

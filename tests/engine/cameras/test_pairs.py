@@ -1,4 +1,4 @@
-"""A quick look keeps the pairs of photos that show the same things."""
+"""Quick matching selects the pairs of photos that show the same features."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from engine.errors import Cancelled
 
 
 def around(count: int, *, seen: int = 80, step: int = 20) -> list[NDArray[np.float32]]:
-    """Descriptors of photos around an object: each sees `seen` of the features on a ring, moved on by `step`."""
+    """Return descriptors of photos around an object: each shows `seen` features of a ring, `step` after the last."""
     rng = np.random.default_rng(0)
     ring = rng.uniform(0, 1, (count * step, 128))
     photos = []
@@ -21,7 +21,7 @@ def around(count: int, *, seen: int = 80, step: int = 20) -> list[NDArray[np.flo
     return photos
 
 
-def test_photos_that_overlap_are_paired_and_far_ones_are_not() -> None:
+def test_overlapping_photos_are_paired_and_distant_ones_are_not() -> None:
     pairs = promising_pairs(around(40), neighbours=2, report=lambda done: None, should_stop=lambda: False)
     assert all(i < j for i, j in pairs)
     apart = [min(j - i, 40 - (j - i)) for i, j in pairs]
@@ -30,14 +30,14 @@ def test_photos_that_overlap_are_paired_and_far_ones_are_not() -> None:
     assert len(pairs) < len(all_pairs(40)) / 4
 
 
-def test_photos_without_features_still_get_their_successors() -> None:
+def test_photos_without_features_are_paired_with_the_next_ones() -> None:
     photos = around(6)
     photos[3] = np.zeros((0, 128), np.float32)
     pairs = promising_pairs(photos, neighbours=2, report=lambda done: None, should_stop=lambda: False)
     assert {(3, 4), (3, 5), (2, 3)} <= set(pairs)
 
 
-def test_progress_reaches_one_and_cancel_is_asked() -> None:
+def test_progress_reaches_one_and_a_stop_is_respected() -> None:
     reported: list[float] = []
     promising_pairs(around(5), neighbours=2, report=reported.append, should_stop=lambda: False)
     assert reported == sorted(reported)
@@ -46,7 +46,7 @@ def test_progress_reaches_one_and_cancel_is_asked() -> None:
         promising_pairs(around(5), neighbours=2, report=lambda done: None, should_stop=lambda: True)
 
 
-def test_the_largest_features_are_taken() -> None:
+def test_the_largest_features_are_selected() -> None:
     scales = np.arange(1000, dtype=np.float32)
     descriptors = np.zeros((1000, 128), np.uint8)
     descriptors[:, 0] = 200

@@ -1,4 +1,4 @@
-"""Photos alone become cameras, in a world that stands upright."""
+"""Cameras are estimated from photos alone, in an upright world."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def found(room: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Camera
 
 
 def similarity_to_truth(camera_set: CameraSet, scene: Scene) -> tuple[np.ndarray, float]:
-    """The similarity that takes the found camera positions to the true ones, and the worst distance left."""
+    """Return the similarity from the estimated to the true camera positions, and the largest remaining distance."""
     truth = {camera.photo: camera.center for camera in scene.cameras}
     a = np.array([camera.center for camera in camera_set.cameras])
     b = np.array([truth[camera.photo] for camera in camera_set.cameras])
@@ -59,7 +59,7 @@ def test_every_photo_is_placed_where_it_was_taken(found: tuple[CameraSet, list[E
     assert not camera_set.poses_given
     assert camera_set.reprojection_error < 0.7
     _, worst = similarity_to_truth(camera_set, room)
-    assert worst < 0.03  # of an arc of radius 3.2; worst seen 0.008
+    assert worst < 0.03  # for an arc of radius 3.2; largest seen 0.008
     focal = camera_set.cameras[0].params[0]
     assert focal == pytest.approx(380.0, rel=0.02)
 
@@ -112,7 +112,7 @@ def test_one_or_two_photos_are_refused_at_once(room: Scene, tmp_path: Path, coun
     assert list(tmp_path.iterdir()) == []
 
 
-def test_photos_that_do_not_overlap_name_the_likely_causes(tmp_path: Path) -> None:
+def test_the_error_for_photos_that_do_not_overlap_names_the_likely_causes(tmp_path: Path) -> None:
     camera = room_cameras(1)[0]
     (tmp_path / "photos").mkdir()
     for seed in range(1, 4):
@@ -121,7 +121,7 @@ def test_photos_that_do_not_overlap_name_the_likely_causes(tmp_path: Path) -> No
         estimate_cameras(read_photos(tmp_path / "photos"), tmp_path / "sfm", QUICK)
 
 
-def test_photos_without_texture_say_so(tmp_path: Path) -> None:
+def test_the_error_for_photos_without_texture_says_so(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     for index in range(3):
         ramp = np.linspace(60, 180 + index, 400)[None, :, None].repeat(300, 0).repeat(3, 2)
@@ -144,18 +144,18 @@ def test_a_photo_without_any_feature_in_a_large_set_is_listed_as_unregistered(ro
     shutil.copytree(room.photo_set.folder, folder)
     ramp = np.linspace(60, 180, 400)[None, :, None].repeat(300, 0).repeat(3, 2)
     Image.fromarray(ramp.astype(np.uint8)).save(folder / "wall.png")
-    # Eight and more count as many here: pairs are chosen by their features instead of matching all.
+    # A set of eight or more counts as large here: pairs are selected by features instead of matching all.
     photo_set = read_photos(folder, PhotoSettings(blur_ratio=0.0))
     camera_set = estimate_cameras(photo_set, tmp_path / "sfm", replace(QUICK, exhaustive_up_to=4))
     assert camera_set.unregistered == ("wall.png",)
 
 
-def test_mixed_sizes_turns_and_lenses_each_get_their_own_camera(tmp_path: Path) -> None:
+def test_photos_of_other_sizes_orientations_and_lenses_get_their_own_lens(tmp_path: Path) -> None:
     folder = tmp_path / "photos"
     cameras = room_cameras(9)
     make_scene(folder, cameras)
     for index in (1, 4, 7):
-        # Another camera: a longer lens with fewer pixels, held upright and stored lying with an EXIF tag.
+        # Another camera: a longer lens with fewer pixels, in portrait orientation with an EXIF tag.
         name = folder / cameras[index].photo
         picture = Image.open(name).crop((80, 30, 320, 270)).resize((216, 216), Image.Resampling.LANCZOS)
         exif = picture.getexif()
@@ -170,7 +170,7 @@ def test_mixed_sizes_turns_and_lenses_each_get_their_own_camera(tmp_path: Path) 
     assert next(iter(square))[0] == pytest.approx(380.0 * 0.9, rel=0.05)
 
 
-def test_cancel_stops_soon_and_the_next_run_continues(room: Scene, tmp_path: Path) -> None:
+def test_cancel_stops_soon_and_the_next_run_resumes(room: Scene, tmp_path: Path) -> None:
     events: list[Event] = []
 
     def stop() -> bool:
@@ -180,11 +180,11 @@ def test_cancel_stops_soon_and_the_next_run_continues(room: Scene, tmp_path: Pat
         estimate_cameras(room.photo_set, tmp_path, QUICK, emit=events.append, should_stop=stop)
     events.clear()
     assert len(estimate_cameras(room.photo_set, tmp_path, QUICK, emit=events.append).cameras) == 8
-    # Features were kept: nothing is reported as being detected again.
+    # Features were kept: no detection is reported.
     assert not any("features in" in event.message for event in events if isinstance(event, Progress))
 
 
-def test_a_failing_listener_does_not_leave_colmap_running(room: Scene, tmp_path: Path) -> None:
+def test_colmap_ends_when_the_event_receiver_fails(room: Scene, tmp_path: Path) -> None:
     def emit(event: Event) -> None:
         if isinstance(event, Progress) and "placed" in event.message:
             raise BrokenPipeError
@@ -196,7 +196,7 @@ def test_a_failing_listener_does_not_leave_colmap_running(room: Scene, tmp_path:
 
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 @pytest.mark.parametrize("seconds", [0.2, 0.7])
-def test_a_killed_run_is_continued(room: Scene, tmp_path: Path, seconds: float) -> None:
+def test_a_killed_run_is_resumed(room: Scene, tmp_path: Path, seconds: float) -> None:
     script = textwrap.dedent(
         f"""
         from pathlib import Path
@@ -221,7 +221,7 @@ def test_a_killed_run_is_continued(room: Scene, tmp_path: Path, seconds: float) 
     assert len(estimate_cameras(room.photo_set, tmp_path, QUICK).cameras) == 8
 
 
-def test_other_photos_or_settings_start_afresh(room: Scene, tmp_path: Path) -> None:
+def test_other_photos_or_settings_start_a_new_run(room: Scene, tmp_path: Path) -> None:
     fewer = PhotoSet(room.photo_set.folder, room.photo_set.photos[:4], ())
     assert len(estimate_cameras(fewer, tmp_path, QUICK).cameras) == 4
     other = PhotoSet(room.photo_set.folder, room.photo_set.photos[3:7], ())
@@ -254,7 +254,7 @@ def test_all_photos_of_the_real_statue_are_placed(data_folder: Path, tmp_path: P
     assert camera_set.reprojection_error < 0.5
     assert len(camera_set.points) > 3000
     assert warnings == []
-    # The statue was photographed standing: the pictures' upper edges point up.
+    # The photos of the statue were taken upright: the upper edges of the pictures point up.
     ups = -np.array([camera.viewmat[1, :3] for camera in camera_set.cameras])
     assert (ups[:, 2] > 0.9).all()
 
@@ -278,7 +278,7 @@ def test_photos_with_an_exif_focal_length_are_placed(data_folder: Path, tmp_path
     photo_set = read_photos(data_folder / "banana16" / "photos")
     assert photo_set.photos[0].focal_px is not None
     camera_set = estimate_cameras(photo_set, tmp_path)
-    # Two photos share little with the others; 14 and 15 were seen placed, and which ones varies.
+    # Two photos overlap little with the others; 14 or 15 photos are placed, which ones varies.
     assert len(camera_set.cameras) >= 13
-    # The lens that was found is near what EXIF says.
+    # The estimated focal length is close to that of EXIF.
     assert camera_set.cameras[0].params[0] == pytest.approx(photo_set.photos[0].focal_px, rel=0.1)

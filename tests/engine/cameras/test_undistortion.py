@@ -1,4 +1,4 @@
-"""Between the photo as the lens drew it and an ideal picture, and back to the same pixels."""
+"""A photo is undistorted to an ideal picture, and distorted back to the same pixels."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from engine.cameras.undistortion import (
     covering_pinhole,
     distort,
+    is_point_visible,
     project,
     read_camera_json,
-    shows,
     training_pinhole,
     undistort,
 )
@@ -44,7 +44,7 @@ def camera(lens: str) -> Camera:
 
 
 def pixel_positions(width: int = W, height: int = H) -> NDArray[np.float32]:
-    """A picture that says in each pixel where its centre is."""
+    """Return a picture whose pixels contain the positions of their centres."""
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     return np.stack([x, y], axis=-1).astype(np.float32)
 
@@ -55,7 +55,7 @@ def project_pinhole(pinhole: PinholeCamera, points: NDArray[np.float64]) -> NDAr
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_undistorting_and_distorting_again_comes_back_to_the_same_pixel(lens: str) -> None:
+def test_distortion_is_the_inverse_of_undistortion(lens: str) -> None:
     photo = camera(lens)
     frame = covering_pinhole(photo)
     positions = pixel_positions()
@@ -78,7 +78,7 @@ def test_a_point_is_seen_at_the_same_place_in_the_photo_and_in_the_undistorted_p
     frame = covering_pinhole(photo)
     where = undistort(pixel_positions(), photo, frame)
     ideal = project_pinhole(frame, points)
-    # The undistorted picture says at each place which pixel of the photo it shows.
+    # The undistorted picture contains at each place the position of the photo's pixel.
     shown = np.stack(
         [
             cv2.remap(
@@ -105,13 +105,13 @@ def test_without_distortion_the_training_frame_is_the_photo() -> None:
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("max_side", [10_000, 333])
-def test_the_training_frame_has_no_blank_border_and_wastes_little(lens: str, max_side: int) -> None:
+def test_the_training_frame_has_no_blank_border_and_touches_the_photos_border(lens: str, max_side: int) -> None:
     photo = camera(lens)
     frame = training_pinhole(photo, max_side=max_side)
     assert max(frame.width, frame.height) <= max_side
     assert (undistort(np.full((H, W), 255, np.uint8), photo, frame) == 255).all()
     assert (frame.viewmat == ASYMMETRIC).all()
-    # Its corners lie in the photo; its sides touch the photo's border.
+    # Its corners lie in the photo.
     ends = np.array([[0, 0, 1], [frame.width, frame.height, 1]]) @ np.linalg.inv(frame.K).T
     corners = np.array([[x, y, 1.0] for x in ends[:, 0] for y in ends[:, 1]])
     world = (corners - ASYMMETRIC[:3, 3]) @ ASYMMETRIC[:3, :3]
@@ -128,7 +128,7 @@ def test_the_covering_frame_shows_every_pixel_of_the_photo(lens: str) -> None:
     assert (covered == 255).all()
 
 
-def test_labels_and_booleans_are_not_blended() -> None:
+def test_labels_and_booleans_are_not_interpolated() -> None:
     photo = camera("barrel")
     frame = training_pinhole(photo, max_side=200)
     labels = np.random.default_rng(0).integers(0, 2**31 - 1, (H // 2, W // 2), dtype=np.int32)
@@ -155,7 +155,7 @@ def test_any_number_of_channels_keeps_its_shape_and_type(dtype: type, channels: 
     assert out.dtype == dtype
 
 
-def test_a_resized_photo_is_the_same_frame() -> None:
+def test_a_resized_photo_has_the_same_frame() -> None:
     photo = camera("tangential")
     frame = training_pinhole(photo, max_side=250)
     smooth = pixel_positions()
@@ -171,7 +171,7 @@ def test_shrinking_does_not_alias() -> None:
     assert abs(small.mean() - 127.5) < 2
 
 
-def test_points_behind_the_camera_or_beyond_the_lens_have_no_pixel() -> None:
+def test_points_behind_the_camera_or_beyond_the_turning_point_have_no_pixel() -> None:
     photo = Camera("a.jpg", W, H, "SIMPLE_RADIAL", (480.0, 250.0, 200.0, -0.3), np.eye(4))
     points = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.1, 0.1, 0.0], [1.5, 0.0, 1.0], [0.9, 0.0, 1.0]])
     pixels, depth = project(photo, points)
@@ -180,10 +180,10 @@ def test_points_behind_the_camera_or_beyond_the_lens_have_no_pixel() -> None:
     assert project(photo, np.zeros((0, 3)))[0].shape == (0, 2)
 
 
-def test_a_camera_shows_what_lies_before_it_within_its_picture() -> None:
+def test_points_in_front_of_a_camera_and_within_its_picture_are_visible() -> None:
     photo = Camera("a.jpg", W, H, *LENSES["none"], np.eye(4))
     places = ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.5, 0.0, 1.0], [0.6, 0.0, 1.0])
-    assert [shows(photo, np.array(place)) for place in places] == [True, False, True, False]
+    assert [is_point_visible(photo, np.array(place)) for place in places] == [True, False, True, False]
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_a_camera_shows_what_lies_before_it_within_its_picture() -> None:
         ("EQUIRECTANGULAR", (500.0, 400.0)),
     ],
 )
-def test_a_lens_that_makes_no_sense_is_refused(model: str, params: tuple[float, ...]) -> None:
+def test_an_invalid_lens_is_refused(model: str, params: tuple[float, ...]) -> None:
     with pytest.raises(CameraError):
         training_pinhole(Camera("a.jpg", W, H, model, params, np.eye(4)), max_side=100)
 
@@ -226,7 +226,7 @@ def test_a_camera_file_is_read(tmp_path: Path) -> None:
         ({"viewmat": None}, "is not a camera"),
     ],
 )
-def test_a_bad_camera_file_is_refused_with_what_is_wrong(
+def test_an_invalid_camera_file_is_refused_with_the_reason(
     tmp_path: Path, change: dict[str, object], sentence: str
 ) -> None:
     (tmp_path / "c.json").write_text(json.dumps({**GOOD, **change}))
@@ -235,7 +235,7 @@ def test_a_bad_camera_file_is_refused_with_what_is_wrong(
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense"])
-def test_a_file_that_is_no_camera_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_a_camera_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text(text)
     with pytest.raises(CameraError, match=r"c\.json"):
         read_camera_json(tmp_path / "c.json")

@@ -1,4 +1,4 @@
-"""Seeded Gaussians and their comparison, as fixtures."""
+"""Fixtures: random Gaussians from a seed, and their comparison."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def _assert_same_gaussians(actual: Gaussians, expected: Gaussians) -> None:
 
 @pytest.fixture
 def random_gaussians() -> Callable[..., Gaussians]:
-    """``random_gaussians(count, degree=3, seed=0)``: quats of any length, opacities near 0 and 1 too."""
+    """Return ``random_gaussians(count, degree=3, seed=0)``: quats of any length, opacities up to near 0 and 1."""
     return _random_gaussians
 
 
 @pytest.fixture
 def assert_same_gaussians() -> Callable[[Gaussians, Gaussians], None]:
-    """Compares bit for bit, shapes and types too."""
+    """Return a function that compares Gaussians bit for bit, including shapes and types."""
     return _assert_same_gaussians

@@ -1,4 +1,4 @@
-"""GLB: round trip, the rules of glTF and KHR_gaussian_splatting, and the Khronos validator's opinion."""
+"""GLB files are read as written, follow glTF and KHR_gaussian_splatting, and pass the Khronos validator."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_up_is_up_in_gltf(tmp_path: Path, random_gaussians: RandomGaussians) -> 
     np.testing.assert_array_equal(y_up_from_z_up() @ z_up_from_y_up(), np.eye(4))
 
 
-def test_colour_from_a_turned_direction_is_unchanged(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+def test_colour_from_a_rotated_direction_is_unchanged(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
     gaussians = random_gaussians(4)
     path = tmp_path / "object.glb"
     write_glb(path, gaussians)
@@ -101,7 +101,7 @@ def test_json_part_follows_the_extension(tmp_path: Path, random_gaussians: Rando
     assert path.stat().st_size % 4 == 0
 
 
-def test_fallback_colour_is_linear_and_can_be_left_out(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+def test_fallback_colour_is_linear_and_optional(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
     gaussians = random_gaussians(1, degree=0)
     gaussians.sh[:] = 0.0  # mid-grey in sRGB, 0.2140 linear
     path = tmp_path / "object.glb"
@@ -125,7 +125,7 @@ def test_empty_object_is_written_and_read(tmp_path: Path, random_gaussians: Rand
         (b"ply\nformat", "is not a glTF 2.0 binary"),
         (b"", "is not a readable GLB"),
         (struct.pack("<IIIII", 0x46546C67, 2, 24, 4, 0x4E4F534A) + b"{}  ", "is not a GLB with Gaussians"),
-        (struct.pack("<IIIII", 0x46546C67, 2, 99, 4, 0x4E4F534A) + b"{}  ", "is cut short"),
+        (struct.pack("<IIIII", 0x46546C67, 2, 99, 4, 0x4E4F534A) + b"{}  ", "is truncated"),
         (struct.pack("<IIIII", 0x46546C67, 2, 24, 4, 0x4E4F534A) + b"{]  ", "is not a readable GLB"),
     ],
 )
@@ -136,7 +136,7 @@ def test_other_files_are_refused_with_a_reason(tmp_path: Path, content: bytes, s
         read_glb(path)
 
 
-def test_missing_file_is_a_sentence(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(DiskError, match=r"nowhere\.glb"):
         read_glb(tmp_path / "nowhere.glb")
 
@@ -151,7 +151,7 @@ def test_values_that_are_not_finite_are_never_written(tmp_path: Path, random_gau
 
 @pytest.fixture(scope="module")
 def validator(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Khronos glTF validator in a folder of its own; kept between runs where XDG_CACHE_HOME says so."""
+    """Folder with the Khronos glTF validator; GAUSSIAN_HERITAGE_NPM_CACHE names one that is kept between runs."""
     cache = os.environ.get("GAUSSIAN_HERITAGE_NPM_CACHE")
     folder = Path(cache) if cache else tmp_path_factory.mktemp("validator")
     if shutil.which("npm") is None:
@@ -176,7 +176,7 @@ def test_khronos_validator_accepts_all_but_the_new_attribute_names(
     result = subprocess.run(["node", "-e", script], capture_output=True, text=True, check=True, timeout=60)
     known = 4 + (degree + 1) ** 2 - 1
     errors = [message for message in json.loads(result.stdout) if message["severity"] <= 1]
-    # The validator does not know the extension yet: exactly one complaint per KHR attribute name and nothing
-    # else. assert {error["code"] for error in errors} == {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
+    # The validator does not know the extension: it reports exactly one error per KHR attribute name.
+    assert {error["code"] for error in errors} == {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
     assert all("/attributes/KHR_gaussian_splatting:" in error["pointer"] for error in errors)
     assert len(errors) == known

@@ -1,4 +1,4 @@
-"""PLY: round trip, the byte layout others rely on, and sentences for files that are something else."""
+"""PLY files are read as written, have the standard byte layout, and other files are refused with a sentence."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from engine.scene.gaussians import Gaussians
 RandomGaussians = Callable[..., Gaussians]
 
 
-# The sizes around a chunk are tried with one degree.
+# Sizes around the chunk size are tested with one degree.
 @pytest.mark.parametrize(
     ("count", "degree"), [(0, 3), (1, 0), (1, 1), (1, 2), (1, 3), (65_535, 1), (65_536, 1), (65_537, 1)]
 )
@@ -32,7 +32,7 @@ def test_written_gaussians_are_read_back_bit_for_bit(
 
 
 def test_layout_is_the_standard_one(tmp_path: Path) -> None:
-    # Each value encodes where it belongs: a mix-up of channels and coefficients cannot cancel.
+    # Each value encodes its position, so that exchanged channels or coefficients are detected.
     sh = np.array([[[100 * channel + k for channel in range(3)] for k in range(4)]], dtype=np.float32)
     one = Gaussians(
         means=np.array([[1, 2, 3]], np.float32),
@@ -136,11 +136,13 @@ def test_other_files_are_refused_with_a_reason(tmp_path: Path, content: bytes, s
     assert str(path) in str(caught.value)
 
 
-def test_truncated_file_says_how_much_is_missing(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+def test_the_error_for_a_truncated_file_states_how_much_is_missing(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
     path = tmp_path / "scene.ply"
     write_ply(path, random_gaussians(10, degree=0))
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(FormatError, match="cut short: its header promises 10 Gaussians and 9 are there"):
+    with pytest.raises(FormatError, match="truncated: its header states 10 Gaussians and it has 9"):
         read_ply(path)
 
 
@@ -152,7 +154,7 @@ def test_incomplete_spherical_harmonics_are_refused(tmp_path: Path, random_gauss
         read_ply(path)
 
 
-def test_missing_file_is_a_sentence(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(DiskError, match=r"nowhere\.ply"):
         read_ply(tmp_path / "nowhere.ply")
 
@@ -179,7 +181,7 @@ def test_values_that_are_not_finite_are_never_written(tmp_path: Path, random_gau
     assert list(tmp_path.iterdir()) == []
 
 
-def test_infinite_opacity_logits_mean_opaque_and_clear(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+def test_infinite_opacity_logits_mean_opaque_and_transparent(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
     path = tmp_path / "scene.ply"
     gaussians = random_gaussians(2, degree=0)
     gaussians.opacity_logits[:] = 123.0, -123.0

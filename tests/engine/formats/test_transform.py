@@ -1,4 +1,4 @@
-"""Moving Gaussians: laws that hold for every rotation, and ellipsoid and colour judged by definition."""
+"""Transformed Gaussians obey the laws of rotations and have the ellipsoids and colours of the definition."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def directions(count: int, seed: int = 1) -> np.ndarray:
 
 
 def test_basis_is_orthonormal_over_the_sphere() -> None:
-    # Gauss-Legendre in z times equal angles integrates degree 6 exactly: 4e-16 of rounding seen.
+    # Gauss-Legendre in z times equal angles integrates degree 6 exactly; largest rounding error seen 4e-16.
     z, weights = np.polynomial.legendre.leggauss(8)
     angle = np.arange(16) * np.pi / 8
     zz, aa = np.meshgrid(z, angle, indexing="ij")
@@ -54,7 +54,7 @@ def test_basis_is_orthonormal_over_the_sphere() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("mirror", [1, -1])
-def test_turned_colour_is_seen_from_turned_directions(seed: int, mirror: int) -> None:
+def test_a_rotated_colour_is_seen_from_rotated_directions(seed: int, mirror: int) -> None:
     turn = rotation(seed) * mirror
     coefficients = np.random.default_rng(seed).standard_normal((16, 3))
     d = directions(100, seed)
@@ -101,11 +101,11 @@ def test_needles_stay_needles_when_stretched(random_gaussians: RandomGaussians) 
     gaussians.log_scales[:] = np.log([1e-5, 1.0, 1e-5])
     moved = transform_gaussians(gaussians, affine(rotation(1) @ np.diag([1.0, 1.5, 0.5])))
     sizes = np.sort(moved.scales, axis=1)
-    # Aspect 1e5: the SVD of R S keeps the small axes; forming the covariance in float32 would lose them all.
+    # Aspect ratio 1e5: the SVD of R S keeps the small axes, a float32 covariance would lose them.
     assert (sizes[:, :2] < 2e-5).all() and (sizes[:, :2] > 4e-6).all()
 
 
-def test_identity_changes_nothing_and_the_input_is_left_alone(
+def test_identity_changes_nothing_and_the_input_is_not_modified(
     random_gaussians: RandomGaussians, assert_same_gaussians: Callable[..., None]
 ) -> None:
     gaussians, untouched = random_gaussians(20), random_gaussians(20)
@@ -114,7 +114,7 @@ def test_identity_changes_nothing_and_the_input_is_left_alone(
     assert_same_gaussians(gaussians, untouched)
 
 
-def test_two_moves_equal_their_product(random_gaussians: RandomGaussians) -> None:
+def test_two_transforms_equal_their_product(random_gaussians: RandomGaussians) -> None:
     gaussians = random_gaussians(30)
     first, second = affine(2 * rotation(1), (1, 2, 3)), affine(0.5 * rotation(2), (-1, 0, 1))
     once = transform_gaussians(gaussians, second @ first)
@@ -129,13 +129,13 @@ def test_two_moves_equal_their_product(random_gaussians: RandomGaussians) -> Non
 def test_georeferenced_origin_keeps_its_float32_precision(random_gaussians: RandomGaussians) -> None:
     gaussians = random_gaussians(10, degree=0)
     moved = transform_gaussians(gaussians, affine(np.eye(3), (5e5, 4.5e6, 100.0)))
-    # One rounding at the end only: half a unit in the last place at 4.5e6 is 0.25.
+    # Rounded once, at the end: half a unit in the last place at 4.5e6 is 0.25.
     exact = gaussians.means.astype(np.float64) + (5e5, 4.5e6, 100.0)
     assert np.abs(moved.means - exact).max() <= 0.25
 
 
 @pytest.mark.parametrize("matrix", [np.diag([1.0, 1.0, 0.0, 1.0]), np.full((4, 4), np.nan)])
-def test_a_map_that_flattens_space_is_refused(matrix: np.ndarray, random_gaussians: RandomGaussians) -> None:
+def test_a_singular_map_is_refused(matrix: np.ndarray, random_gaussians: RandomGaussians) -> None:
     with pytest.raises(NumericalError, match="transform `matrix`"):
         transform_gaussians(random_gaussians(3), matrix)
 
@@ -149,7 +149,7 @@ def test_quaternions_and_matrices_agree_at_half_turns() -> None:
     np.testing.assert_allclose(np.abs((again * unit).sum(axis=1)), 1, atol=1e-15)
 
 
-def test_logits_of_certain_opacities_are_finite_and_exact_in_float32() -> None:
+def test_logits_of_opacities_0_and_1_are_finite_and_exact_in_float32() -> None:
     opacities = np.array([0, 1e-38, 0.25, 0.5, 1 - 2.0**-24, 1], np.float32)
     logits = logits_of(opacities)
     assert np.isfinite(logits).all()

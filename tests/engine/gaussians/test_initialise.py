@@ -1,4 +1,4 @@
-"""Gaussians to start from: sensible for many points, few, none, doubled ones."""
+"""Initial Gaussians are usable for many, few, no and duplicate sparse points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from engine.errors import TrainingError
 from engine.events import Event, Warned
-from engine.gaussians.initialise import gaussians_from_points, points_in_view
+from engine.gaussians.initialise import InitialValues, gaussians_from_points, points_in_view
 from engine.scene.camera import PinholeCamera
 from engine.scene.gaussians import Gaussians
 
@@ -20,10 +20,12 @@ def camera(center: tuple[float, float, float]) -> PinholeCamera:
     return PinholeCamera(viewmat, np.array([[30.0, 0, 18], [0, 32, 16], [0, 0, 1]]), 40, 30)
 
 
-def start(points: np.ndarray, **options: object) -> Gaussians:
-    rng = np.random.default_rng(1)
-    values = {"sh_degree": 1, "feature_dim": 16, "seed": 0, "max_gaussians": 5000, **options}
-    return gaussians_from_points(points, rng.integers(0, 256, (len(points), 3)), **values)  # type: ignore[arg-type]
+VALUES = InitialValues(sh_degree=1, feature_dim=16)
+
+
+def start(points: np.ndarray, values: InitialValues = VALUES, **options: object) -> Gaussians:
+    colors = np.random.default_rng(1).integers(0, 256, (len(points), 3))
+    return gaussians_from_points(points, colors, values, **{"seed": 0, "max_gaussians": 5000, **options})  # type: ignore[arg-type]
 
 
 def cloud(n: int, seed: int = 0) -> np.ndarray:
@@ -42,7 +44,8 @@ def test_a_gaussian_is_as_large_as_the_distance_to_its_three_neighbours() -> Non
 
 def test_colours_of_points_are_the_colours_of_gaussians() -> None:
     colors = np.random.default_rng(2).integers(0, 256, (600, 3))
-    gaussians = gaussians_from_points(cloud(600), colors, sh_degree=2, feature_dim=None, seed=0, max_gaussians=600)
+    values = InitialValues(sh_degree=2, feature_dim=None)
+    gaussians = gaussians_from_points(cloud(600), colors, values, seed=0, max_gaussians=600)
     assert np.allclose(0.5 + 0.28209479 * gaussians.sh[:, 0], colors / 255, atol=1e-6)
     assert gaussians.sh.shape == (600, 9, 3)
     assert not gaussians.sh[:, 1:].any()
@@ -51,11 +54,11 @@ def test_colours_of_points_are_the_colours_of_gaussians() -> None:
 
 def test_features_start_on_the_unit_sphere_or_as_in_the_paper() -> None:
     assert np.allclose(np.linalg.norm(start(cloud(700)).features, axis=1), 1, atol=1e-6)
-    paper = start(cloud(700), feature_init="paper").features
+    paper = start(cloud(700), InitialValues(sh_degree=1, feature_dim=16, feature_init="paper")).features
     assert 1.7 < np.abs(paper).max() <= 0.5 / 0.28209479
 
 
-def test_doubled_points_and_points_that_are_not_finite_are_left_out() -> None:
+def test_duplicate_points_and_points_that_are_not_finite_are_ignored() -> None:
     points = cloud(600)
     broken = np.concatenate([points, points[:50], [[np.nan, 0, 0], [np.inf, 0, 0]]])
     gaussians = start(broken)
@@ -63,14 +66,14 @@ def test_doubled_points_and_points_that_are_not_finite_are_left_out() -> None:
     assert all_finite(gaussians)
 
 
-def test_more_points_than_the_budget_are_thinned_and_the_same_each_time() -> None:
+def test_of_more_points_than_the_maximum_the_same_subset_is_taken_each_time() -> None:
     first, second = (start(cloud(3000), max_gaussians=1000) for _ in range(2))
     assert len(first) == 1000
     assert np.array_equal(first.means, second.means)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 40])
-def test_few_points_are_thickened_and_the_person_is_told(n: int) -> None:
+def test_random_points_are_added_to_few_points_with_a_warning(n: int) -> None:
     events: list[Event] = []
     gaussians = start(cloud(n), emit=events.append, cameras=[camera((0, -4, 0))])
     assert len(gaussians) == 500
@@ -78,7 +81,7 @@ def test_few_points_are_thickened_and_the_person_is_told(n: int) -> None:
     assert [type(event) for event in events] == [Warned]
 
 
-def test_without_points_gaussians_are_scattered_where_cameras_look() -> None:
+def test_without_points_gaussians_are_placed_at_random_in_the_cameras_view() -> None:
     cameras = [camera((-1, -4, 0)), camera((1, -4, 0.5))]
     gaussians = start(np.empty((0, 3)), cameras=cameras)
     assert len(gaussians) == 5000
@@ -100,7 +103,7 @@ def test_points_in_view_are_in_the_picture_of_their_camera() -> None:
     assert (pixels <= (view.width, view.height)).all()
 
 
-def test_coincident_and_far_points_give_bounded_scales() -> None:
+def test_coincident_and_distant_points_give_bounded_scales() -> None:
     points = np.concatenate([cloud(600) * 0.1, cloud(5, seed=3) * 1e-9, [[1e4, 0, 0]]])
     scales = start(points).scales
     assert scales.min() > 1e-4

@@ -1,4 +1,4 @@
-"""The scene on disk: what is written is read back, and files that do not belong together are refused."""
+"""A trained scene is read as it was written, and files that do not belong together are refused."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make(n: int, features: bool = True) -> Gaussians:
 
 
 @pytest.mark.parametrize("n", [0, 1, 100])
-def test_scene_and_features_come_back(tmp_path: Path, n: int) -> None:
+def test_scene_and_features_are_read_as_written(tmp_path: Path, n: int) -> None:
     scene = make(n)
     save_gaussians(tmp_path, scene)
     loaded = load_gaussians(tmp_path)
@@ -46,7 +46,7 @@ def test_features_of_another_scene_are_refused(tmp_path: Path) -> None:
         load_gaussians(tmp_path)
 
 
-def test_damaged_features_and_a_missing_scene_are_named(tmp_path: Path) -> None:
+def test_errors_name_damaged_features_and_a_missing_scene(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match="Run `reconstruct` first"):
         load_gaussians(tmp_path)
     save_gaussians(tmp_path, make(20))

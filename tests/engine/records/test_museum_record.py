@@ -1,4 +1,4 @@
-"""The record of an object survives the disk, and a damaged one is a sentence."""
+"""The record of an object is read as it was written, and a damaged one is reported in a sentence."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from engine.errors import FormatError
 from engine.records import MuseumRecord, load_record, save_record
 
 
-def test_record_is_read_back_in_every_script(tmp_path: Path) -> None:
+def test_a_record_in_any_writing_system_is_read_as_written(tmp_path: Path) -> None:
     record = MuseumRecord("1906.12", "Vāsē – 花瓶", "CC BY 4.0, Musée", "line one\nline two")
     save_record(tmp_path, "vase", record)
     assert load_record(tmp_path, "vase") == record
@@ -21,12 +21,12 @@ def test_object_without_a_record_has_an_empty_one(tmp_path: Path) -> None:
     assert MuseumRecord().as_comments() == []
 
 
-def test_comments_hold_the_filled_fields() -> None:
+def test_comments_contain_the_fields_that_are_not_empty() -> None:
     assert MuseumRecord(title="Vase", rights="CC0").as_comments() == ["title Vase", "rights CC0"]
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"version": 99}', "{}"])
-def test_damaged_record_is_a_sentence(tmp_path: Path, text: str) -> None:
+def test_a_damaged_record_is_reported_in_a_sentence(tmp_path: Path, text: str) -> None:
     file = tmp_path / "objects" / "vase" / "record.json"
     file.parent.mkdir(parents=True)
     file.write_text(text)

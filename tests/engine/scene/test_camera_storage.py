@@ -1,4 +1,4 @@
-"""Cameras come back from their files bit for bit."""
+"""Cameras are read from their files bit for bit as written."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def camera_set(points: int = 7) -> CameraSet:
 
 @pytest.mark.parametrize("points", [0, 7])
 @pytest.mark.parametrize("error", [0.30000000000000004, math.nan])
-def test_a_camera_set_survives_the_round_trip(tmp_path: Path, points: int, error: float) -> None:
+def test_a_camera_set_is_read_as_written(tmp_path: Path, points: int, error: float) -> None:
     written = dataclasses.replace(camera_set(points), reprojection_error=error)
     write_camera_set(tmp_path / "cameras", written)
     read = read_camera_set(tmp_path / "cameras")
