@@ -1,4 +1,4 @@
-"""Trains presets on the same cameras and masks, each in a project of its own, and gathers what they reached."""
+"""Training of presets on the same cameras and masks, each in its own project, and a row of results for each."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from statistics import mean, stdev
 from typing import Any
 
 from ..cameras.settings import CameraSettings
-from ..errors import Cancelled, EnvironmentProblem, ProjectError
+from ..errors import Cancelled, EnvironmentProblem
 from ..events import Emit, Event, Metric, Preview, Progress, StageFinished, StageStarted, StopCheck
 from ..gaussians import load_gaussians
 from ..machine import describe_machine
-from ..masks import label_map_path
-from ..photos import look_at_photos
-from ..pipeline import PipelineSettings, Prepared, prepare, prepare_masks, train_prepared
+from ..pipeline import PipelineSettings
 from ..planning import (
     Calibration,
     PlanSettings,
@@ -26,47 +24,49 @@ from ..planning import (
     forecast_work,
     plan_scene,
     plan_work,
-    require_fit,
+    require_enough_memory,
     training_settings,
 )
 from ..project_folder import PROJECT_FILE, ProjectFolder
-from ..scene import Gaussians, read_camera_set, read_photo_set
+from ..scene import Gaussians
 from ..settings import to_dict
-from ..training import gaussians_so_far, judge, latest_run, read_progress
+from ..training import gaussians_so_far, latest_run, measure_quality, read_progress
 from ..training.settings import PRESETS, TrainingSettings
+from .prepared import PreparedScene, prepare, prepare_masks, read_prepared, train_prepared
 from .settings import EVERYTHING, BenchSettings
 
 __all__ = ["Row", "compare", "pareto_front", "savings"]
 
-_STOPPED = "stopped_at_limit"
+STOPPED_KEY = "stopped_at_limit"
+"""Key in a project of the time limit at which its training was stopped."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one preset reached.
+    """Results of one preset.
 
     Attributes
     ----------
     name : str
-        The preset, with `EVERYTHING` behind it when leaving-out was switched off.
+        Name of the preset, with the ending `EVERYTHING` when nothing was left out.
     seed : int
     steps, planned_steps : int
     n_gaussians : int
     psnr, ssim, l1, flip : float or None
-        Of what it ended with, on held-out photos at the largest preset's picture size, the same for all rows; None
-        when there is nothing to measure.
+        Errors of the final Gaussians on held-out photos, at the picture size of the largest preset for all rows; None
+        without Gaussians.
     wall_seconds, cpu_seconds : float
-        Of training, without the measurements.
+        Time of training without the measurements.
     peak_memory : int or None
-        Bytes of the process while it trained; None where the system cannot tell, or the row was trained earlier.
+        Memory of the process during training, bytes; None when the system does not report it, or for an earlier run.
     mask_cpu_seconds, mask_wall_seconds : float or None
-        Of making its label maps; None when they were there already.
+        Time for making its label maps; None when they existed before.
     measured_on : str
-        Which photos.
+        Kind of the photos that were measured.
     remark : str
-        Why it ended before its last step, or was refused; empty when it did not.
+        Reason why training ended before its last step or was refused, else empty.
     curve : tuple of dict
-        Points of `training.held_out.CurvePoint`, measured while it trained, at its own picture size.
+        Points of `training.held_out.CurvePoint`, measured during training at the picture size of the preset.
     """
 
     name: str
@@ -94,9 +94,9 @@ def compare(scene: Path, out: Path, settings: BenchSettings, *, emit: Emit, shou
     Parameters
     ----------
     scene : Path
-        Folder with photos, or a project folder, whose cameras and masks are used as they are and which is not changed.
+        Folder with photos, or a project folder, whose cameras and masks are used and which is only read.
     out : Path
-        Here lie the cameras and masks (``scene/``) and a project for each preset. Rows that are done are kept.
+        Folder for the cameras and masks (``scene/``) and a project for each preset. Finished rows are kept.
     settings : BenchSettings
     emit, should_stop
         See `engine.events`.
@@ -104,19 +104,19 @@ def compare(scene: Path, out: Path, settings: BenchSettings, *, emit: Emit, shou
     Raises
     ------
     HeritageError
-        One of its kinds, with a sentence for the person; a preset that does not fit in memory costs only its row.
+        When the photos, cameras or masks cannot be used. A preset that needs too much memory fails only its own row.
     """
     calibration = calibrate(describe_machine(), emit=emit)
-    scenes = _Scenes(scene, out, settings, emit, should_stop)
+    compared = _ComparedScene(scene, out, settings, emit, should_stop)
     rows = []
     for preset in settings.presets:
         for leave_out in (True, False) if settings.everything else (True,):
-            rows += [_row(scenes, preset, leave_out, seed, calibration) for seed in settings.seeds]
+            rows += [_row(compared, preset, leave_out, seed, calibration) for seed in settings.random_seeds]
     return rows
 
 
-class _Scenes:
-    """The scene that is trained on, with the masks each kind of run needs; everything is made once.
+class _ComparedScene:
+    """The scene of a comparison, with the masks that each kind of run needs; everything is made once.
 
     Parameters
     ----------
@@ -130,52 +130,57 @@ class _Scenes:
         self.out, self.settings, self.emit, self.should_stop = out, settings, emit, should_stop
         self._pipeline = PipelineSettings(camera_model=settings.camera_model, photo_masks=settings.photo_masks)
         if (scene / PROJECT_FILE).is_file():
-            self._base = _of_project(scene, should_stop)
+            self._base = read_prepared(scene, should_stop)
             self._mask_record = ProjectFolder.open_existing(scene).stage_record("masks") or {}
         else:
             self._base = prepare(scene, out / "scene", self._pipeline, emit=emit, should_stop=should_stop)
             self._mask_record = {}
-        self._masked: dict[bool, tuple[Prepared, dict[str, Any]]] = {}
+        self._masked: dict[bool, tuple[PreparedScene, dict[str, Any]]] = {}
 
     def plan(self, preset: str, leave_out: bool) -> WorkPlan:
-        """Return what a preset does on this scene."""
-        wishes = PlanSettings(preset=preset, wants_objects=self.settings.wants_objects, leave_out=leave_out)
+        """Return the work plan of a preset for this scene."""
+        plan_settings = PlanSettings(preset=preset, wants_objects=self.settings.wants_objects, leave_out=leave_out)
         base = self._base
         given = base.camera_set.poses_given
         plan = plan_work(
-            base.photo_set, base.looks, wishes, cameras=CameraSettings(), poses_given=given, points_given=given
+            base.photo_set,
+            base.statistics,
+            plan_settings,
+            cameras=CameraSettings(),
+            poses_given=given,
+            points_given=given,
         )
         # Label maps are made of registered photos only.
         return replace(plan, n_mask_photos=min(plan.n_mask_photos, len(base.camera_set.cameras)))
 
-    def judged(self, row: Row, work: WorkPlan, gaussians: Gaussians | None) -> Row:
+    def with_errors(self, row: Row, work: WorkPlan, gaussians: Gaussians | None) -> Row:
         """Return the row with the errors of `gaussians`, at one size for all presets."""
         if gaussians is None:
             return row
         held_out = plan_scene(work, self._base.camera_set).held_out
         names = held_out or tuple(camera.photo for camera in self._base.camera_set.cameras)
-        judged = judge(
+        measured = measure_quality(
             gaussians,
             self._base.photo_set.folder,
             self._base.camera_set,
             names,
-            max_side=max(PRESETS[preset].max_side for preset in self.settings.presets),
+            max_side=max(PRESETS[preset].schedule.max_side for preset in self.settings.presets),
             photo_masks=self._base.photo_set.mask_files,
             should_stop=self.should_stop,
         )
         measured_on = "held-out photos" if held_out else "training photos"
-        quality = judged.quality
+        quality = measured.quality
         return replace(
-            row, n_gaussians=len(gaussians), psnr=quality.psnr, ssim=quality.ssim, l1=quality.l1, flip=judged.flip,
+            row, n_gaussians=len(gaussians), psnr=quality.psnr, ssim=quality.ssim, l1=quality.l1, flip=measured.flip,
             measured_on=measured_on,
         )  # fmt: skip
 
-    def with_masks(self, work: WorkPlan, leave_out: bool) -> tuple[Prepared, dict[str, Any]]:
-        """Return what training needs, and the stored record of making its masks, empty where none were made."""
+    def with_masks(self, work: WorkPlan, leave_out: bool) -> tuple[PreparedScene, dict[str, Any]]:
+        """Return the input of training, and the stage record of its masks, empty when no masks were made."""
         if leave_out not in self._masked:
             if not work.n_mask_photos:
-                self._masked[leave_out] = replace(self._base, masks={}), {}
-            elif leave_out and self._base.masks:
+                self._masked[leave_out] = replace(self._base, label_maps={}), {}
+            elif leave_out and self._base.label_maps:
                 self._masked[leave_out] = self._base, self._mask_record
             else:
                 folder = self.out / ("scene" if leave_out else f"scene{EVERYTHING}")
@@ -186,45 +191,22 @@ class _Scenes:
         return self._masked[leave_out]
 
 
-def _of_project(scene: Path, should_stop: StopCheck) -> Prepared:
-    """Return the photos, cameras and masks of a finished project, which is only read."""
-    project = ProjectFolder.open_existing(scene)
-    record = project.stage_record("cameras")
-    if record is None:
-        raise ProjectError(f"{scene} has no cameras yet. Run reconstruct on its photos first, or name the photos.")
-    folder = Path(str(project.get("photo_folder")))
-    if not folder.is_dir():
-        raise ProjectError(f"The photos of {scene} are no longer in {folder}. Put them back.")
-    photo_set = replace(read_photo_set(scene / "photos" / "photos.json"), folder=folder)
-    camera_set = read_camera_set(scene / "cameras")
-    paths = {camera.photo: label_map_path(scene / "masks", camera.photo) for camera in camera_set.cameras}
-    masks = {name: path for name, path in paths.items() if path.is_file()}
-    of_masks = project.stage_record("masks") if masks else record
-    return Prepared(
-        photo_set,
-        look_at_photos(photo_set, should_stop=should_stop),
-        camera_set,
-        masks,
-        [record["key"], (of_masks or record)["key"]],
-    )
-
-
-def _row(scenes: _Scenes, preset: str, leave_out: bool, seed: int, calibration: Calibration) -> Row:
-    """Train one preset by one seed, or return what it reached before."""
-    settings, out = scenes.settings, scenes.out
+def _row(compared: _ComparedScene, preset: str, leave_out: bool, seed: int, calibration: Calibration) -> Row:
+    """Train one preset with one seed, or return its earlier result."""
+    settings, out = compared.settings, compared.out
     name = preset if leave_out else preset + EVERYTHING
     run = name if seed == PRESETS[preset].seed else f"{name} {seed}"
-    work = scenes.plan(preset, leave_out)
-    training = replace(training_settings(work), seed=seed)
+    work = compared.plan(preset, leave_out)
+    training = training_settings(work).changed(seed=seed)
     refused = ""
     forecast = forecast_work(work, training, describe_machine(), calibration)
     try:
-        require_fit(forecast, work, calibration)
+        require_enough_memory(forecast, work, calibration)
     except EnvironmentProblem as error:
         refused = str(error)
-    prepared, masks = scenes.with_masks(work, leave_out) if not refused else (None, {})
+    prepared, masks = compared.with_masks(work, leave_out) if not refused else (None, {})
     row = Row(
-        name, seed, 0, training.steps, 0, None, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
+        name, seed, 0, training.schedule.steps, 0, None, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
         masks.get("wall_seconds"), "", refused, (),
     )  # fmt: skip
     if prepared is None:
@@ -232,32 +214,34 @@ def _row(scenes: _Scenes, preset: str, leave_out: bool, seed: int, calibration: 
     folder = out / run.replace(" ", "-")
     earlier = _stopped_earlier(folder, training)
     if earlier is not None and settings.limit_minutes is not None and earlier >= settings.limit_minutes:
-        return scenes.judged(_stopped(row, _so_far(folder), earlier), work, _gaussians_so_far(folder))
-    spent = (_so_far(folder) or {"wall_seconds": 0.0})["wall_seconds"] if earlier is not None else 0.0
-    limit = _Limit(settings.limit_minutes, spent, scenes.should_stop)
+        return compared.with_errors(_stopped(row, _progress_in(folder), earlier), work, _gaussians_so_far(folder))
+    spent = (_progress_in(folder) or {"wall_seconds": 0.0})["wall_seconds"] if earlier is not None else 0.0
+    limit = _TimeLimit(settings.limit_minutes, spent, compared.should_stop)
     try:
-        project = train_prepared(prepared, folder, work, training, emit=_named(scenes.emit, run), should_stop=limit)
+        project = train_prepared(
+            prepared, folder, work, training, emit=_emit_for(compared.emit, run), should_stop=limit
+        )
     except Cancelled:
-        if scenes.should_stop() or settings.limit_minutes is None:
+        if compared.should_stop() or settings.limit_minutes is None:
             raise
         with ProjectFolder.create(folder) as project:
-            project.put(_STOPPED, {"minutes": settings.limit_minutes, "training": to_dict(training)})
-        stopped = _stopped(row, _so_far(folder), settings.limit_minutes)
-        return scenes.judged(stopped, work, _gaussians_so_far(folder))
-    done = _done(row, project.stage_record("training") or {})
-    return scenes.judged(done, work, load_gaussians(folder / "gaussians"))
+            project.put(STOPPED_KEY, {"minutes": settings.limit_minutes, "training": to_dict(training)})
+        stopped = _stopped(row, _progress_in(folder), settings.limit_minutes)
+        return compared.with_errors(stopped, work, _gaussians_so_far(folder))
+    finished = _finished(row, project.stage_record("training") or {})
+    return compared.with_errors(finished, work, load_gaussians(folder / "gaussians"))
 
 
 def _stopped_earlier(folder: Path, training: TrainingSettings) -> float | None:
-    """Return the limit in minutes at which an earlier run of the same settings was stopped."""
+    """Return the time limit in minutes at which an earlier run with the same settings was stopped."""
     if not (folder / PROJECT_FILE).is_file():
         return None
-    stopped = ProjectFolder.open_existing(folder).get(_STOPPED)
+    stopped = ProjectFolder.open_existing(folder).get(STOPPED_KEY)
     return float(stopped["minutes"]) if stopped and stopped["training"] == to_dict(training) else None
 
 
-class _Limit:
-    """A `StopCheck` that also says stop when training has taken as long as it may, with what it `spent` before."""
+class _TimeLimit:
+    """A `StopCheck` that is also true when training, with the seconds it `spent` before, has reached its time limit."""
 
     def __init__(self, minutes: float | None, spent: float, should_stop: StopCheck) -> None:
         self._until = None if minutes is None else time.monotonic() + 60.0 * minutes - spent
@@ -267,19 +251,19 @@ class _Limit:
         return self._should_stop() or (self._until is not None and time.monotonic() >= self._until)
 
 
-def _named(emit: Emit, name: str) -> Emit:
-    """Return `emit` for the run of one preset: its stage is called after it."""
+def _emit_for(emit: Emit, name: str) -> Emit:
+    """Return `emit` for the run of one preset, whose name is appended to the names of stages."""
 
-    def tell(event: Event) -> None:
+    def emit_named(event: Event) -> None:
         if isinstance(event, StageStarted | StageFinished | Progress | Metric | Preview):
             event = replace(event, stage=f"{event.stage} {name}")
         emit(event)
 
-    return tell
+    return emit_named
 
 
-def _so_far(folder: Path) -> dict[str, Any] | None:
-    """Return how far an unfinished training in a project came."""
+def _progress_in(folder: Path) -> dict[str, Any] | None:
+    """Return the progress of an unfinished training in a project."""
     run = latest_run(folder / "checkpoints")
     return None if run is None else read_progress(run)
 
@@ -299,7 +283,7 @@ def _stopped(row: Row, so_far: dict[str, Any] | None, minutes: float) -> Row:
     )  # fmt: skip
 
 
-def _done(row: Row, record: dict[str, Any]) -> Row:
+def _finished(row: Row, record: dict[str, Any]) -> Row:
     figures = record["figures"]
     remark = ""
     if figures.get("stopped_early"):
@@ -311,39 +295,39 @@ def _done(row: Row, record: dict[str, Any]) -> Row:
 
 
 def pareto_front(rows: Sequence[Row]) -> list[bool]:
-    """Return for each row whether no other one is as good in less CPU time, or better in as much; False without PSNR.
+    """Return for each row whether it is on the Pareto front of PSNR and CPU seconds; False without PSNR.
 
-    CPU seconds, since wall seconds also say what else the machine did.
+    CPU seconds are used because wall seconds also depend on other programs.
     """
 
-    def beats(one: Row, other: Row) -> bool:
-        if one.psnr is None or other.psnr is None:
+    def dominates(first: Row, second: Row) -> bool:
+        if first.psnr is None or second.psnr is None:
             return False
-        no_worse = one.psnr >= other.psnr and one.cpu_seconds <= other.cpu_seconds
-        return no_worse and (one.psnr > other.psnr or one.cpu_seconds < other.cpu_seconds)
+        no_worse = first.psnr >= second.psnr and first.cpu_seconds <= second.cpu_seconds
+        return no_worse and (first.psnr > second.psnr or first.cpu_seconds < second.cpu_seconds)
 
-    return [row.psnr is not None and not any(beats(other, row) for other in rows) for row in rows]
+    return [row.psnr is not None and not any(dominates(other, row) for other in rows) for row in rows]
 
 
 def savings(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """Return for each preset trained both ways what leaving out saved and cost.
+    """Return the savings and the cost of leaving out, for each preset that was trained with it and without.
 
     Returns
     -------
     dict
         Preset to ``training_cpu_seconds``, ``training_share``, ``mask_cpu_seconds`` (where both were measured),
-        ``share`` (of training and masks together) and ``psnr_lost`` in dB, all means over the seeds that were trained
-        both ways; ``psnr_lost_error`` is the standard error of that mean, there with two seeds or more.
+        ``share`` (of training and masks together) and ``psnr_lost`` in dB, all means over the seeds of both kinds of
+        runs; ``psnr_lost_error``, for two seeds or more, is the standard error of that mean.
     """
     by_run = {(row.name, row.seed): row for row in rows}
-    both: dict[str, list[tuple[Row, Row, float]]] = {}
+    pairs: dict[str, list[tuple[Row, Row, float]]] = {}
     for row in rows:
         full = by_run.get((row.name + EVERYTHING, row.seed))
         if full is None or row.psnr is None or full.psnr is None or "limit" in row.remark + full.remark:
             continue
-        both.setdefault(row.name, []).append((row, full, full.psnr - row.psnr))
+        pairs.setdefault(row.name, []).append((row, full, full.psnr - row.psnr))
     found = {}
-    for name, runs in both.items():
+    for name, runs in pairs.items():
         own, whole = mean(row.cpu_seconds for row, _, _ in runs), mean(full.cpu_seconds for _, full, _ in runs)
         lost = [psnr for _, _, psnr in runs]
         saved = {"training_cpu_seconds": whole - own, "training_share": 1.0 - own / whole, "psnr_lost": mean(lost)}

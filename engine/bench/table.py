@@ -1,4 +1,4 @@
-"""The comparison on disk and on the screen: a Markdown table with its command, JSON with the curves, a picture."""
+"""Output of a comparison: a Markdown table with its command, JSON with the curves, and a picture."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ __all__ = ["markdown", "write_comparison"]
 
 _EXPLANATION = """## What the columns mean
 
-Errors are told for all rows at the picture size of the largest preset; the curves were measured while training, each at
-its own preset's size. FLIP is the mean difference a person sees (Andersson et al. 2020), lower is better; LPIPS is not
-measured: no weights for it can be had here. Seconds are of training alone, without the measurements; cameras and masks
-are shared. A row is on the Pareto front when no other is at least as good in less CPU time; CPU seconds, because wall
-seconds also say what else the machine did. Memory is that of the whole process while it trained, in the order of the
-rows."""
+Errors of all rows are measured at the picture size of the largest preset. The curves were measured during training,
+each at the picture size of its preset. FLIP is the mean visible difference (Andersson et al. 2020), lower is better.
+LPIPS is not measured, because its weights are not available here. Seconds are those of training without the
+measurements; cameras and masks are shared. A row is on the Pareto front when no other row is at least as good in
+less CPU time. CPU seconds are compared, because wall seconds also depend on other programs. The peak memory is that
+of the whole process during training, in the order of the rows."""
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """Return the table, and what leaving out saved where that was measured."""
+    """Return the table, and the savings of leaving out where they were measured."""
     lines = [
         "| preset | steps | Gaussians | PSNR dB | SSIM | L1 | FLIP | wall s | CPU s | peak memory "
         "| on the Pareto front |",
@@ -37,16 +37,17 @@ def markdown(rows: Sequence[Row]) -> str:
     for row, on_front in zip(rows, pareto_front(rows), strict=True):
         memory = f"{row.peak_memory / 1e9:.2f} GB" if row.peak_memory else "not known"
         cells = [
-            f"`{row.name}`{_seed(row, rows)}", f"{row.steps:,}", f"{row.n_gaussians:,}", _number(row.psnr, ".2f"),
+            f"`{row.name}`{_seed_suffix(row, rows)}", f"{row.steps:,}", f"{row.n_gaussians:,}",
+            _number(row.psnr, ".2f"),
             _number(row.ssim, ".3f"), _number(row.l1, ".4f"), _number(row.flip, ".4f"), f"{row.wall_seconds:.0f}",
             f"{row.cpu_seconds:.0f}", memory, "yes" if on_front else "no",
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
-    remarks = [f"- `{row.name}`{_seed(row, rows)}: {row.remark}" for row in rows if row.remark]
-    return "\n".join([*lines, *([""] + remarks if remarks else []), *_savings_in_words(rows)])
+    remarks = [f"- `{row.name}`{_seed_suffix(row, rows)}: {row.remark}" for row in rows if row.remark]
+    return "\n".join([*lines, *([""] + remarks if remarks else []), *_savings_lines(rows)])
 
 
-def _savings_in_words(rows: Sequence[Row]) -> list[str]:
+def _savings_lines(rows: Sequence[Row]) -> list[str]:
     lines = []
     for name, saved in savings(rows).items():
         text = (
@@ -55,14 +56,14 @@ def _savings_in_words(rows: Sequence[Row]) -> list[str]:
         )
         if "mask_cpu_seconds" in saved:
             text += f" and {saved['mask_cpu_seconds']:.0f} CPU s of masks; together {saved['share']:.0%}"
-        chance = saved.get("psnr_lost_error")
-        each = f" ± {chance:.2f} dB on average over seeds" if chance is not None else " dB"
-        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f}{each} on held-out photos (measured)")
+        error = saved.get("psnr_lost_error")
+        unit = f" ± {error:.2f} dB on average over seeds" if error is not None else " dB"
+        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f}{unit} on held-out photos (measured)")
     return ["", *lines] if lines else []
 
 
-def _seed(row: Row, rows: Sequence[Row]) -> str:
-    """Return what tells `row` from others of its name."""
+def _seed_suffix(row: Row, rows: Sequence[Row]) -> str:
+    """Return the seed of `row` when rows differ in it, else nothing."""
     return f", seed {row.seed}" if len({other.seed for other in rows}) > 1 else ""
 
 
@@ -71,18 +72,19 @@ def _number(value: float | None, form: str) -> str:
 
 
 def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str, doc: Path | None = None) -> Path:
-    """Write ``bench.md``, ``bench.json`` and ``bench.png`` into `out`; the text and the picture also as `doc` says.
+    """Write ``bench.md``, ``bench.json`` and ``bench.png`` into `out`, and the text and picture to `doc` as well.
 
     Parameters
     ----------
     out : Path
     rows : sequence of Row
     title : str
-        Of the scene.
+        Title of the scene.
     command : str
-        That made the table, stands above it.
+        Command that made the table; it is printed above it.
     doc : Path, optional
-        Another Markdown file, which gets or keeps a section for each scene; the picture lies beside it.
+        Another Markdown file with one section per scene, which is added or replaced. The picture is written beside
+        it.
 
     Returns
     -------
@@ -95,11 +97,13 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
     body = _body(rows, command=command)
     _write_picture(out / "bench.png", picture)
     with atomic_write(out / "bench.md", "w") as stream:
-        stream.write(f"# {title}: error against run time\n\n{body}\n\n{_shown('bench.png', picture)}{_EXPLANATION}\n")
+        stream.write(
+            f"# {title}: error against run time\n\n{body}\n\n{_picture_link('bench.png', picture)}{_EXPLANATION}\n"
+        )
     if doc:
         image = doc.with_name(f"{doc.stem}_{title}.png".replace(" ", "_"))
         _write_picture(image, picture)
-        text = f"{body}\n\n{_shown(image.name, picture)}"
+        text = f"{body}\n\n{_picture_link(image.name, picture)}"
         write_section(doc, introduction="# Error against run time", title=title, body=text, closing=_EXPLANATION)
     return out / "bench.md"
 
@@ -110,7 +114,7 @@ def _write_picture(path: Path, picture: bytes | None) -> None:
             stream.write(picture)
 
 
-def _shown(name: str, picture: bytes | None) -> str:
+def _picture_link(name: str, picture: bytes | None) -> str:
     return f"![Error against run time, all presets]({name})\n\n" if picture else ""
 
 

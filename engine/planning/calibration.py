@@ -1,7 +1,7 @@
-"""How fast this machine is: a short benchmark on first use, corrected by what every later run really took.
+"""Calibration of the forecasts for this machine: a short benchmark on first use, corrected by every later run.
 
-One JSON file in the user's cache folder, keyed by machine and package versions. A damaged or foreign file is set aside
-with a log line and made anew.
+It is one JSON file in the user's cache folder, keyed by machine and package versions. A file that is damaged or has
+another version is ignored with a log line and replaced.
 """
 
 from __future__ import annotations
@@ -20,21 +20,24 @@ from ..errors import DiskError
 from ..machine import Machine
 from ..project_folder import stage_key, write_json
 
-__all__ = ["CALIBRATION_VARIABLE", "Benchmark", "Calibration", "Learned", "calibration_file", "load_calibration"]
+__all__ = ["CALIBRATION_VARIABLE", "Benchmark", "Calibration", "Correction", "calibration_file", "load_calibration"]
 
 _log = logging.getLogger(__name__)
 
 CALIBRATION_VARIABLE = "GAUSSIAN_HERITAGE_CALIBRATION"
-"""Names another file than that in the user's cache folder."""
+"""Environment variable with the path of the calibration file, for another place than the user's cache folder."""
 
 _VERSION = 2
+"""Version of the file's format."""
 _PACKAGES = ("torch", "numba", "numpy", "pycolmap", "onnxruntime")
-_NEWEST = 0.4
-"""Weight of a run's outcome in the mean; the first ones weigh more, see `Learned.after`."""
-_LARGEST_RATIO = math.log(8.0)
-"""An outcome further off than this is no matter of speed: part of the stage was kept from before, or it was paused."""
-_LEAST_SECONDS = 2.0
-"""Shorter stages say more about starting up than about the formula."""
+"""Packages whose versions are part of the key."""
+_NEW_OUTCOME_WEIGHT = 0.4
+"""Weight of a new outcome in the mean. The first outcomes weigh more, see `Correction.updated`."""
+_MAX_LOG_RATIO = math.log(8.0)
+"""Largest |log(actual / formula)| that is used. Beyond it the cause is not the machine's speed: the run was paused, or
+part of the stage was reused from an earlier run."""
+_MIN_SECONDS = 2.0
+"""Shortest stage that is used, in seconds. In shorter ones the start-up dominates."""
 
 PRIOR_DEVIATION = {
     "photos": {"cpu": 0.4, "wall": 0.3, "memory": 0.3},
@@ -44,48 +47,49 @@ PRIOR_DEVIATION = {
     "objects": {"cpu": 0.5, "wall": 0.2, "memory": 0.25},
     "report": {"cpu": 0.4, "wall": 0.2, "memory": 0.25},
 }
-"""Standard deviations of log(actual / formula) before any run on a machine was seen."""
+"""Standard deviations of log(actual / formula) per stage, before any run on a machine is known."""
 
 
 @dataclass(frozen=True)
-class Learned:
+class Correction:
     """Exponentially weighted mean and variance of log(actual / formula) over `n` runs."""
 
     mean: float
     variance: float
     n: int = 0
 
-    def after(self, ratio: float) -> Learned:
-        """Return what one more outcome `ratio` = log(actual / formula) makes of it.
+    def updated(self, ratio: float) -> Correction:
+        """Return the correction with one more outcome, `ratio` = log(actual / formula).
 
         Notes
         -----
-        With weight a = max(0.4, 1 / (n + 1.4)): 0.71 for the first, 0.42 for the second, 0.4 from then on. Mean m and
+        The weight is a = max(0.4, 1 / (n + 1.4)): 0.71 for the first, 0.42 for the second, then 0.4. Mean m and
         variance v become m + a d and (1 - a) (v + a d^2) for d = ratio - m (Finch 2009, section 4).
         """
-        weight = max(_NEWEST, 1.0 / (self.n + 1.4))
+        weight = max(_NEW_OUTCOME_WEIGHT, 1.0 / (self.n + 1.4))
         difference = ratio - self.mean
-        return Learned(
+        return Correction(
             self.mean + weight * difference, (1.0 - weight) * (self.variance + weight * difference**2), self.n + 1
         )
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What the benchmark measured, CPU seconds; see `benchmark.measure_speed`.
+    """Results of `benchmark.measure_speed`; times in CPU seconds.
 
     Attributes
     ----------
     training_step : float
+        One training step.
     features : float
-        SIFT on two pictures, and matching them.
+        Detecting SIFT features in two pictures and matching them.
     sam_encode : float or None
-        None where the model is not there.
+        Encoding a picture with SAM; None if the model is missing.
     libraries : int or None
-        Bytes of a process that has only loaded them (torch built for CUDA holds a GB more than for the CPU); None where
-        the system cannot tell.
+        Bytes of memory of a process that has only loaded the libraries; None if the system does not state it. Torch
+        built for CUDA takes a GB more than torch for the CPU.
     rasterizer : str
-        Which version of our rasterizer was measured; another one is measured anew.
+        Version of the rasterizer that was measured. The benchmark is repeated for another version.
     """
 
     training_step: float
@@ -96,34 +100,35 @@ class Benchmark:
 
 
 REFERENCE = Benchmark(training_step=0.030, features=2.1, sam_encode=1.85, libraries=404_000_000, rasterizer="")
-"""The same figures on the machine that the formulas were fitted on."""
+"""The results on the reference machine, on which the formulas were fitted."""
 
 
 @dataclass
 class Calibration:
-    """What is known of this machine.
+    """Benchmark and corrections of one machine.
 
     Attributes
     ----------
     file : Path
+        Where the calibration is stored.
     key : str
-        Of machine and package versions.
+        Hash of the machine and the package versions.
     benchmark : Benchmark or None
-        None when none was made yet.
+        None before the first benchmark.
     outcomes : dict
-        Stage, then ``cpu``, ``wall`` or ``memory``, to `Learned`.
+        Corrections by stage and quantity: ``cpu``, ``wall`` or ``memory``.
     n_runs : int
-        Runs that were learned from.
+        Number of runs in the corrections.
     """
 
     file: Path
     key: str
     benchmark: Benchmark | None = None
-    outcomes: dict[str, dict[str, Learned]] = field(default_factory=dict)
+    outcomes: dict[str, dict[str, Correction]] = field(default_factory=dict)
     n_runs: int = 0
 
-    def slowness(self, stage: str) -> float:
-        """Return how many times slower than the reference machine this one is at a stage's kind of work."""
+    def slowdown(self, stage: str) -> float:
+        """Return the CPU time of a stage's kind of work on this machine, divided by that on the reference machine."""
         measured = self.benchmark
         if measured is None:
             return 1.0
@@ -135,49 +140,54 @@ class Calibration:
         return measured.features / REFERENCE.features
 
     @property
-    def more_memory(self) -> int:
-        """Bytes that the libraries hold here beyond what they hold on the reference machine."""
+    def extra_library_memory(self) -> int:
+        """Bytes of memory that the libraries take on this machine beyond those on the reference machine."""
         if self.benchmark is None or self.benchmark.libraries is None:
             return 0
         assert REFERENCE.libraries is not None
         return self.benchmark.libraries - REFERENCE.libraries
 
-    def learned(self, stage: str, what: str) -> Learned:
+    def correction(self, stage: str, quantity: str) -> Correction:
         """Return the correction of a stage's formula for ``cpu``, ``wall`` or ``memory``."""
-        known = self.outcomes.get(stage, {}).get(what)
-        return known or Learned(0.0, PRIOR_DEVIATION[stage][what] ** 2)
+        known = self.outcomes.get(stage, {}).get(quantity)
+        return known or Correction(0.0, PRIOR_DEVIATION[stage][quantity] ** 2)
 
-    def learn(self, stage: str, what: str, *, formula: float, actual: float | None) -> None:
-        """Take in one outcome; it is passed over where it says nothing about the formula."""
+    def add_outcome(self, stage: str, quantity: str, *, formula: float, actual: float | None) -> None:
+        """Add one outcome to the corrections. An outcome that says nothing about the formula is ignored."""
         if actual is None or not (formula > 0.0 and actual > 0.0):
             return
-        if what != "memory" and max(formula, actual) < _LEAST_SECONDS:
+        if quantity != "memory" and max(formula, actual) < _MIN_SECONDS:
             return
         ratio = math.log(actual / formula)
-        if abs(ratio) > _LARGEST_RATIO:
-            _log.info("%s took %.3g times the expected %s: not learned from", stage, math.exp(ratio), what)
+        if abs(ratio) > _MAX_LOG_RATIO:
+            _log.info(
+                "%s took %.3g times the expected %s; this run does not correct it", stage, math.exp(ratio), quantity
+            )
             return
-        self.outcomes.setdefault(stage, {})[what] = self.learned(stage, what).after(ratio)
+        self.outcomes.setdefault(stage, {})[quantity] = self.correction(stage, quantity).updated(ratio)
 
     def save(self) -> None:
-        """Write the file; a disk that refuses costs only the next forecast some accuracy and is logged."""
+        """Write the file. A disk error is only logged: the next forecast is then less accurate."""
         machines = _read(self.file)
         machines[self.key] = {
             "benchmark": asdict(self.benchmark) if self.benchmark else None,
-            "outcomes": {s: {w: asdict(known) for w, known in of.items()} for s, of in self.outcomes.items()},
+            "outcomes": {
+                stage: {quantity: asdict(correction) for quantity, correction in corrections.items()}
+                for stage, corrections in self.outcomes.items()
+            },
             "n_runs": self.n_runs,
         }
         try:
             write_json(self.file, {"version": _VERSION, "machines": machines})
         except DiskError as error:
-            _log.warning("What this run took is not kept for the next forecast: %s", error)
+            _log.warning("The time and memory of this run cannot be kept for the next forecast: %s", error)
 
 
 def calibration_file() -> Path:
-    """Return where the calibration lies: `CALIBRATION_VARIABLE`, else beside the models in the user's cache."""
-    named = os.environ.get(CALIBRATION_VARIABLE)
-    if named:
-        return Path(named)
+    """Return the calibration file: `CALIBRATION_VARIABLE` if set, else a file beside the models in the user's cache."""
+    path = os.environ.get(CALIBRATION_VARIABLE)
+    if path:
+        return Path(path)
     from ..models import models_folder
 
     return models_folder().parent / "calibration.json"
@@ -190,17 +200,17 @@ def load_calibration(
     measure: Callable[[], Benchmark],
     file: Path | None = None,
 ) -> Calibration:
-    """Return what is known of this machine; a benchmark is made on first use and for a new rasterizer.
+    """Return the calibration of this machine. The benchmark is run on first use and for a new rasterizer.
 
     Parameters
     ----------
     machine : Machine
     rasterizer : str
-        Version of the rasterizer that is there.
+        Version of the installed rasterizer.
     measure : callable
-        Makes the benchmark.
+        Runs the benchmark.
     file : Path, optional
-        `calibration_file` by default.
+        Default: `calibration_file`.
     """
     file = file or calibration_file()
     key = stage_key(machine.name, {name: _version(name) for name in _PACKAGES})[:16]
@@ -223,41 +233,47 @@ def _version(package: str) -> str:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Return the machines in the file; none when it is missing, damaged or of another version."""
+    """Return the machines in the file, or none if it is missing, damaged or of another version."""
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
-        _log.warning("%s cannot be read (%s); this machine is measured anew", file, error)
+        _log.warning("%s cannot be read (%s); this machine is measured again", file, error)
         return {}
     if not isinstance(data, dict) or data.get("version") != _VERSION or not isinstance(data.get("machines"), dict):
-        _log.warning("%s is of another version; this machine is measured anew", file)
+        _log.warning("%s has another version; this machine is measured again", file)
         return {}
     machines: dict[str, Any] = data["machines"]
     return machines
 
 
 def _parse(empty: Calibration, stored: Any) -> Calibration:
-    """Return the stored calibration, or `empty` when its values are not what they should be."""
+    """Return the stored calibration, or `empty` if its values are invalid."""
     try:
         benchmark = Benchmark(**stored["benchmark"]) if stored["benchmark"] else None
         outcomes = {
-            stage: {what: _learned(known) for what, known in of.items() if what in PRIOR_DEVIATION[stage]}
-            for stage, of in stored["outcomes"].items()
+            stage: {
+                quantity: _parse_correction(values)
+                for quantity, values in corrections.items()
+                if quantity in PRIOR_DEVIATION[stage]
+            }
+            for stage, corrections in stored["outcomes"].items()
             if stage in PRIOR_DEVIATION
         }
         times = (benchmark.training_step, benchmark.features) if benchmark else ()
         if not all(math.isfinite(seconds) and seconds > 0 for seconds in times):
-            raise ValueError("a time that is none")
+            raise ValueError("a time is not a positive number")
         return replace(empty, benchmark=benchmark, outcomes=outcomes, n_runs=int(stored["n_runs"]))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        _log.warning("%s holds something unreadable (%r); this machine is measured anew", empty.file, error)
+        _log.warning("%s contains unreadable values (%r); this machine is measured again", empty.file, error)
         return empty
 
 
-def _learned(known: Mapping[str, Any]) -> Learned:
-    learned = Learned(float(known["mean"]), float(known["variance"]), int(known["n"]))
-    if not (math.isfinite(learned.mean) and abs(learned.mean) <= _LARGEST_RATIO and 0 <= learned.variance < 100):
-        raise ValueError("a correction that is none")
-    return learned
+def _parse_correction(values: Mapping[str, Any]) -> Correction:
+    correction = Correction(float(values["mean"]), float(values["variance"]), int(values["n"]))
+    if not (
+        math.isfinite(correction.mean) and abs(correction.mean) <= _MAX_LOG_RATIO and 0 <= correction.variance < 100
+    ):
+        raise ValueError("a correction is out of range")
+    return correction

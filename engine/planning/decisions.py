@@ -1,73 +1,81 @@
-"""What this scene needs: decided from the photos, the cameras and what the person wants, before the work.
+"""The decisions of a run, made before the work: what the scene needs, what is left out, and why.
 
-`plan_work` decides what the photos alone tell; `plan_scene` adds the names once the cameras are known. What is left out
-is listed with the reason; the report repeats it. This is the only place that decides.
+`plan_work` decides from the photos and the user's settings. `plan_scene` adds the names of the held-out photos and of
+the photos that get masks, once the cameras are known. The plan and the report list what was left out with the reasons.
+No other module makes these decisions. Measurements behind the constants: docs/design_notes/planning.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
 
 from ..cameras.settings import CameraSettings
-from ..photos import PhotoLook
+from ..photos import PhotoStatistics
 from ..scene import CameraSet, PhotoSet
 from ..settings import require
 from ..training.settings import PRESETS, TrainingSettings
 
-__all__ = ["LeftOut", "PlanSettings", "ScenePlan", "WorkPlan", "plan_scene", "plan_work", "spread", "training_settings"]
+__all__ = [
+    "LeftOut",
+    "PlanSettings",
+    "ScenePlan",
+    "WorkPlan",
+    "evenly_spaced",
+    "plan_scene",
+    "plan_work",
+    "training_settings",
+    "work_plan_as_dict",
+]
 
 Pairs = Literal["none", "all", "promising"]
 
-EXIF_RANGE = 0.5
-"""Stops between the extreme exposures of a set above which its camera was on automatic. Three real sets: 0.0 twice
-(manual), 1.0 once (a statue). There the correction lowered the held-out L1 error of two runs by 2.5 and 1.2 %, and
-PSNR rose by 0.12 dB in one (preview) and fell by 0.13 dB in the other (half of standard): no clear gain yet."""
-BRIGHTNESS_SPREAD = 0.75
-"""Standard deviation of the brightness in stops above which exposures are taken to differ where EXIF does not say.
-What the photos show makes up to 0.47 at one exposure (a skull before black, measured), so this must be well above.
-Only where no trial can tell: a room whose photos differ by a tenth of a stop ended at 29.69 dB with the correction, at
-29.30 without."""
-MOST_FOR_A_TRIAL = 0.1
-"""Part of the steps that a trial may take, with and without; in `preview` it would take a quarter."""
-LITTLE_TEXTURE = 0.04
-"""Median share of textured pixels below which cameras may not be found. A skull before a black cloth, whose photos
-can be placed, stands at 0.11; other real sets at 0.5."""
-FEW_PHOTOS = 12
-FEWEST_STEPS = 1500
-"""Steps in which Gaussians come to their number and place, however few the photos. 14 photos of a fruit bowl in `best`:
-23.7 dB after at most 900 steps, 24.9 of 1,500, and 23.1 of 6,000, by then true of the photos trained on only."""
-EXPECTED_PAIRS_A_PHOTO = 11.0
-"""Geometric mean of two measured sets: 201 promising pairs of 32 photos of a statue (6.3 a photo), 908 of 48 photos of
-a room, which see each other's walls (18.9)."""
+MAX_EXPOSURE_RANGE = 0.5
+"""Largest difference of exposure in EXIF, in stops, at which all photos count as taken with one exposure. Above it the
+camera was on automatic."""
+MAX_BRIGHTNESS_DEVIATION = 0.75
+"""Largest standard deviation of the photos' brightness, in stops, at which they count as taken with one exposure. Used
+only where EXIF does not give every exposure and no trial can decide. Content alone causes up to 0.47 stops at one
+exposure, so the limit must be well above that."""
+MAX_TRIAL_SHARE = 0.1
+"""Largest share of the steps that one trial may take, the steps with and without the tried setting counted together."""
+MIN_TEXTURE_SHARE = 0.04
+"""Median share of textured pixels below which structure from motion may fail."""
+RECOMMENDED_PHOTOS = 12
+"""Number of photos below which the plan says that they are few."""
+MIN_STEPS = 1500
+"""Training steps that are done however few the photos: the Gaussians need them to reach their number and positions."""
+PAIRS_PER_PHOTO = 11.0
+"""Expected number of promising pairs per photo: the geometric mean of two measured photo sets."""
 
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What the person wants of this run.
+    """The user's settings for the plan of a run.
 
     Attributes
     ----------
     preset : str
         Name of a training preset.
     wants_objects : bool
-        Whether objects are to be isolated; without, no masks are made and no features trained.
+        Whether objects are to be isolated. Without objects, no masks are made and no features are trained.
     n_mask_photos : int
-        Photos that get SAM masks, at most; neighbouring photos show nearly the same segments.
-    passers_by : bool
-        Whether people walk through some of the photos: what stands in one photo only is left out then.
+        Largest number of photos that get SAM masks. Neighbouring photos show nearly the same segments.
+    exclude_transients : bool
+        Whether content that appears in one photo only, such as people who walk by, is excluded from training.
     leave_out : bool
-        False does everything, to measure what leaving out saves and costs: masks of all photos, features and in every
-        step, exposure correction and all bands of colour without a trial, every step.
+        Whether unnecessary work is left out. False is for measuring what leaving out saves and costs: masks for all
+        photos, features with their loss in every step, exposure correction and all bands of colour without a trial,
+        and no early stop.
     """
 
     preset: str = "standard"
     wants_objects: bool = True
     n_mask_photos: int = 28
-    passers_by: bool = False
+    exclude_transients: bool = False
     leave_out: bool = True
 
     def __post_init__(self) -> None:
@@ -77,7 +85,15 @@ class PlanSettings:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something this scene does not need."""
+    """Work that this scene does not need.
+
+    Attributes
+    ----------
+    what : str
+        Name of the work, a noun phrase.
+    why : str
+        The reason, a clause without a full stop: it is shown behind `what` and a colon.
+    """
 
     what: str
     why: str
@@ -85,31 +101,30 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class WorkPlan:
-    """Decisions before any work.
+    """Decisions that need only the photos and the settings; ``project.json`` stores them as `work_plan_as_dict` does.
 
     Attributes
     ----------
     preset : str
+        Name of the training preset.
     n_photos : int
-        Usable ones.
+        Number of usable photos.
     photo_width, photo_height : int
-        Of the largest photo, pixels.
+        Size of the largest photo in pixels.
     width, height : int
-        Of the training pictures of that photo, pixels.
+        Size in pixels at which the largest photo is trained on.
     poses_given : bool
-        Then cameras are read; features are matched only where the model has no points.
+        Whether cameras are read instead of estimated. Features are then matched only if the model has no points.
     texture : float
-        Median share of the photos' pixels that show texture, see `PhotoLook`.
+        Median share of textured pixels in the photos, see `PhotoStatistics`.
     pairs : {"none", "all", "promising"}
         Which pairs of photos are matched.
     n_pairs : int
-        How many that is; for ``promising`` an expectation.
+        Number of these pairs; an estimate for ``promising``.
     n_held_out, n_mask_photos : int
-        Numbers of photos; their names are known once the cameras are.
+        Numbers of held-out photos and of photos with masks. `ScenePlan` names them.
     features, exposure : bool
         Whether segmentation features, and a brightness factor per photo, are trained.
-    passers_by : bool
-        Whether what stands in one photo only is left out of it.
     sh_degree, max_gaussians, steps : int
         See `TrainingSettings`.
     stop_when_flat, trial : float
@@ -117,8 +132,11 @@ class WorkPlan:
     clustering_interval : int
         See `TrainingSettings`.
     left_out : tuple of LeftOut
+        Work that is left out, with the reasons.
     notes : tuple of str
-        What the person should know before starting.
+        Advice to the user before the work starts, as sentences.
+    exclude_transients : bool
+        See `PlanSettings`.
     """
 
     preset: str
@@ -143,22 +161,23 @@ class WorkPlan:
     notes: tuple[str, ...]
     trial: float
     clustering_interval: int
-    passers_by: bool = False
+    exclude_transients: bool = False
 
 
 @dataclass(frozen=True)
 class ScenePlan:
-    """Decisions for the stages after the cameras.
+    """Decisions that need the cameras.
 
     Attributes
     ----------
     held_out : tuple of str
         Photos that measure the error and are never trained on.
     mask_photos : tuple of str
-        Photos that get a SAM label map; some of them held out, to judge the features.
+        Photos that get a SAM label map. Some of them are held out, to evaluate the features.
     features : bool
-        Whether the 16-d segmentation feature is trained.
+        Whether the segmentation features are trained.
     left_out : tuple of LeftOut
+        Work that is left out, with the reasons.
     """
 
     held_out: tuple[str, ...]
@@ -167,8 +186,8 @@ class ScenePlan:
     left_out: tuple[LeftOut, ...]
 
 
-def spread(names: Sequence[str], count: int) -> tuple[str, ...]:
-    """Return `count` of `names`, evenly spread over their order; all of them when there are fewer."""
+def evenly_spaced(names: Sequence[str], count: int) -> tuple[str, ...]:
+    """Return `count` of `names`, evenly spaced in their order, or all of them if there are fewer."""
     if len(names) <= count:
         return tuple(names)
     return tuple(names[(2 * i + 1) * len(names) // (2 * count)] for i in range(count))
@@ -176,59 +195,61 @@ def spread(names: Sequence[str], count: int) -> tuple[str, ...]:
 
 def plan_work(
     photo_set: PhotoSet,
-    looks: Sequence[PhotoLook],
+    statistics: Sequence[PhotoStatistics],
     settings: PlanSettings,
     *,
     cameras: CameraSettings,
     poses_given: bool,
     points_given: bool = False,
 ) -> WorkPlan:
-    """Decide what can be decided from the photos.
+    """Make the decisions that need only the photos and the settings.
 
     Parameters
     ----------
     photo_set : PhotoSet
         The usable photos.
-    looks : sequence of PhotoLook
+    statistics : sequence of PhotoStatistics
         Of the same photos.
     settings : PlanSettings
     cameras : CameraSettings
-        Says from how many photos on pairs are chosen.
+        States up to how many photos every pair is matched.
     poses_given, points_given : bool
-        Whether the person gave camera poses, and sparse points with them.
+        Whether the user gave camera poses, and sparse points with them.
     """
     preset, count = PRESETS[settings.preset], len(photo_set.photos)
     largest = max(photo_set.photos, key=lambda photo: photo.width * photo.height)
-    scale = min(1.0, preset.max_side / max(largest.width, largest.height))
+    scale = min(1.0, preset.schedule.max_side / max(largest.width, largest.height))
     left_out: list[LeftOut] = []
     pairs, n_pairs = _pairs(count, cameras, points_given, left_out)
     if poses_given:
         left_out.append(LeftOut("structure from motion", "camera poses were given"))
     _lens(photo_set, poses_given, left_out)
-    n_held_out = len(range(preset.held_out_every // 2, count, preset.held_out_every)) if preset.held_out_every else 0
+    every = preset.measurement.held_out_every
+    n_held_out = len(range(every // 2, count, every)) if every else 0
     if not n_held_out:
-        left_out.append(LeftOut("held-out photos", f"{count} photos are too few to spare one"))
+        left_out.append(LeftOut("held-out photos", f"{count} photos are too few to exclude one from training"))
     features = settings.wants_objects or not settings.leave_out
     n_masks = _n_masks(count, settings, left_out)
-    if preset.sh_degree < 3:
+    if preset.appearance.sh_degree < 3:
         left_out.append(
             LeftOut(
-                f"bands of view-dependent colour above {preset.sh_degree}",
-                f"the preset {settings.preset} has none: each band makes every Gaussian larger and every step slower",
+                f"bands of view-dependent colour above {preset.appearance.sh_degree}",
+                f"the preset {settings.preset} does not use them; "
+                "each band enlarges every Gaussian and slows every step",
             )
         )
     if scale < 1.0:
         left_out.append(
             LeftOut(
-                f"pixels beyond {preset.max_side} on the longest side",
-                f"the preset {settings.preset} trains on smaller pictures; "
-                f"the photos have {max(largest.width, largest.height)}",
+                f"pictures larger than {preset.schedule.max_side} pixels",
+                f"the preset {settings.preset} trains on reduced photos; "
+                f"their longest side has {max(largest.width, largest.height)} pixels",
             )
         )
-    texture = float(np.median([look.texture for look in looks])) if looks else 1.0
+    texture = float(np.median([photo.texture for photo in statistics])) if statistics else 1.0
     steps = _steps(count - n_held_out, preset, settings, left_out)
-    flat = preset.stop_when_flat if settings.leave_out and n_held_out else 0.0
-    exposure = _exposure(looks, settings, _can_try(replace(preset, steps=steps), count, n_held_out), left_out)
+    flat = preset.measurement.stop_when_flat if settings.leave_out and n_held_out else 0.0
+    exposure = _exposure(statistics, settings, _can_try(preset.changed(steps=steps), count, n_held_out), left_out)
     interval = _clustering_interval(preset, settings, left_out)
     return WorkPlan(
         preset=settings.preset,
@@ -245,177 +266,191 @@ def plan_work(
         n_mask_photos=n_masks,
         features=features,
         exposure=exposure,
-        sh_degree=preset.sh_degree,
-        max_gaussians=preset.max_gaussians,
+        sh_degree=preset.appearance.sh_degree,
+        max_gaussians=preset.growth.max_gaussians,
         steps=steps,
         stop_when_flat=flat,
         left_out=tuple(left_out),
         notes=_notes(photo_set, texture, poses_given),
-        trial=preset.trial if settings.leave_out else 0.0,
+        trial=preset.appearance.trial_fraction if settings.leave_out else 0.0,
         clustering_interval=interval,
-        passers_by=settings.passers_by,
+        exclude_transients=settings.exclude_transients,
     )
 
 
 def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
-    """Return the steps worth doing: `TrainingSettings.rounds` through the photos, at least `FEWEST_STEPS`."""
-    if not preset.rounds or not settings.leave_out:
-        return preset.steps
-    steps = min(preset.steps, max(FEWEST_STEPS, preset.rounds * n_trained))
-    if steps < preset.steps:
+    """Return the number of steps: `TrainingSettings.rounds` through the photos, but at least `MIN_STEPS`."""
+    if not preset.schedule.rounds or not settings.leave_out:
+        return preset.schedule.steps
+    steps = min(preset.schedule.steps, max(MIN_STEPS, preset.schedule.rounds * n_trained))
+    if steps < preset.schedule.steps:
         left_out.append(
             LeftOut(
-                f"{preset.steps - steps:,} of {preset.steps:,} training steps",
-                f"{n_trained} photos hold no more: each is trained on {steps / max(1, n_trained):.0f} times",
+                f"{preset.schedule.steps - steps:,} of {preset.schedule.steps:,} training steps",
+                f"more steps would overfit {n_trained} photos; "
+                f"each is already used {steps / max(1, n_trained):.0f} times",
             )
         )
     return steps
 
 
 def _clustering_interval(preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
+    """Return the number of steps between two evaluations of the segmentation loss."""
     if not settings.leave_out:
         return 1
-    interval = preset.clustering_interval
+    interval = preset.features.clustering_interval
     if settings.wants_objects and interval > 1:
         left_out.append(
             LeftOut(
-                f"segmentation features in {interval - 1} of {interval} steps",
-                "they settle with fewer: their share of the loss is taken every so many steps instead of in each",
+                f"the loss of the segmentation features in {interval - 1} of {interval} steps",
+                "the features converge with fewer evaluations of their loss",
             )
         )
     return interval
 
 
 def _pairs(count: int, cameras: CameraSettings, points_given: bool, left_out: list[LeftOut]) -> tuple[Pairs, int]:
+    """Return which pairs of photos are matched, and how many."""
     every = count * (count - 1) // 2
     if points_given:
         return "none", 0
     if count <= cameras.exhaustive_up_to:
         return "all", every
-    expected = min(every, round(EXPECTED_PAIRS_A_PHOTO * count))
+    expected = min(every, round(PAIRS_PER_PHOTO * count))
     if expected < every:
         left_out.append(
             LeftOut(
-                f"matching about {every - expected} of {every} pairs of photos in full",
-                "a quick look at their largest features finds the pairs that show the same place",
+                f"full matching of about {every - expected} of {every} pairs of photos",
+                "a quick comparison of their largest features selects the pairs that show the same place",
             )
         )
     return "promising", expected
 
 
 def _lens(photo_set: PhotoSet, poses_given: bool, left_out: list[LeftOut]) -> None:
-    one = len({(photo.width, photo.height, photo.focal_px) for photo in photo_set.photos}) == 1
-    if one and not poses_given:
+    """Add the lens model per photo to `left_out` if all photos were taken with one lens."""
+    shared = len({(photo.width, photo.height, photo.focal_px) for photo in photo_set.photos}) == 1
+    if shared and not poses_given:
         left_out.append(
-            LeftOut("a lens model per photo", "all photos have one size and focal length: one lens is shared")
+            LeftOut("a lens model per photo", "all photos have the same size and focal length and share one lens model")
         )
 
 
 def _n_masks(count: int, settings: PlanSettings, left_out: list[LeftOut]) -> int:
+    """Return the number of photos that get masks."""
     if not settings.leave_out:
         return count
     if not settings.wants_objects:
-        left_out.append(LeftOut("masks and segmentation features", "no objects were asked for (--no-objects)"))
+        left_out.append(LeftOut("masks and segmentation features", "no objects were requested (--no-objects)"))
         return 0
     wanted = min(count, settings.n_mask_photos)
     if wanted < count:
         left_out.append(
             LeftOut(
-                f"masks of {count - wanted} of {count} photos",
-                f"{wanted} evenly spread photos show every segment several times; "
-                "each further one costs seconds and shows it again",
+                f"masks for {count - wanted} of {count} photos",
+                f"{wanted} evenly spaced photos show every segment several times; "
+                "each additional photo takes seconds and shows nothing new",
             )
         )
     return wanted
 
 
 def _can_try(training: TrainingSettings, count: int, n_held_out: int) -> bool:
-    """Whether a trial can tell what pays, and takes little of the time."""
+    """Return whether there are held-out photos for a trial and it takes at most `MAX_TRIAL_SHARE` of the steps."""
     n_steps = training.trial_steps(count - n_held_out) if n_held_out else 0
-    return 0 < 2 * n_steps <= MOST_FOR_A_TRIAL * training.steps
+    return 0 < 2 * n_steps <= MAX_TRIAL_SHARE * training.schedule.steps
 
 
-def _exposure(looks: Sequence[PhotoLook], settings: PlanSettings, can_try: bool, left_out: list[LeftOut]) -> bool:
-    """Whether the photos' exposures differ by more than `EXIF_RANGE`.
+def _exposure(
+    statistics: Sequence[PhotoStatistics], settings: PlanSettings, can_try: bool, left_out: list[LeftOut]
+) -> bool:
+    """Return whether a brightness factor per photo is trained.
 
-    Where EXIF does not say, a trial will; and where there is none, whether their brightness by `BRIGHTNESS_SPREAD`.
+    EXIF decides where it gives the exposure of every photo, with the limit `MAX_EXPOSURE_RANGE`. Otherwise a trial
+    during training decides if one is possible, else the photos' brightness, with the limit `MAX_BRIGHTNESS_DEVIATION`.
     """
     if not settings.leave_out:
         return True
-    values = [look.exposure_value for look in looks if look.exposure_value is not None]
-    if values and len(values) == len(looks):
+    values = [photo.exposure_value for photo in statistics if photo.exposure_value is not None]
+    if values and len(values) == len(statistics):
         difference = max(values) - min(values)
-        on, why = difference > EXIF_RANGE, f"EXIF says that exposures differ by {difference:.2f} stops at most"
-        why += f", the limit is {EXIF_RANGE}"
+        differs = difference > MAX_EXPOSURE_RANGE
+        why = f"the exposures in EXIF differ by {difference:.2f} stops at most; the limit is {MAX_EXPOSURE_RANGE}"
     elif can_try:
         return True
     else:
-        deviation = float(np.std([look.brightness for look in looks])) if looks else 0.0
-        on, why = deviation > BRIGHTNESS_SPREAD, f"the photos' brightness varies by {deviation:.2f} stops"
-        why += f" (standard deviation), the limit is {BRIGHTNESS_SPREAD}; EXIF does not say all exposures"
-    if not on:
+        deviation = float(np.std([photo.brightness for photo in statistics])) if statistics else 0.0
+        differs = deviation > MAX_BRIGHTNESS_DEVIATION
+        why = f"the standard deviation of the photos' brightness is {deviation:.2f} stops; "
+        why += f"the limit is {MAX_BRIGHTNESS_DEVIATION} where EXIF does not give every exposure"
+    if not differs:
         left_out.append(LeftOut("a brightness correction per photo", why))
-    return on
+    return differs
 
 
 def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str, ...]:
+    """Return advice to the user about the photos, as sentences."""
     notes = []
     count = len(photo_set.photos)
     if photo_set.rejected:
-        notes.append(f"{len(photo_set.rejected)} files are not used; the report says which and why.")
-    if count < FEW_PHOTOS:
-        notes.append(f"{count} photos are few: 20 to 60 around an object work well.")
-    if texture < LITTLE_TEXTURE and not poses_given:
+        notes.append(f"{len(photo_set.rejected)} files are not used; the report lists them with the reasons.")
+    if count < RECOMMENDED_PHOTOS:
+        notes.append(f"{count} photos are few; 20 to 60 around an object work well.")
+    if texture < MIN_TEXTURE_SHARE and not poses_given:
         notes.append(
-            f"The photos show little texture ({texture:.0%} of their pixels): cameras may not be found. "
+            f"The photos show little texture ({texture:.0%} of their pixels), so their cameras may not be found. "
             "Photograph the object with its surroundings."
         )
     without = sum(photo.focal_px is None for photo in photo_set.photos)
     if without and not poses_given:
-        notes.append(f"{without} photos do not say their focal length: it is estimated.")
+        notes.append(f"{without} photos do not state their focal length; it is estimated.")
     return tuple(notes)
 
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
-    """Return the preset with what the plan decided about it."""
+    """Return the settings of the plan's preset, changed by the plan's decisions."""
     preset = PRESETS[work.preset]
-    # Taken more often, the same loss weighs less each time.
-    share = work.clustering_interval / preset.clustering_interval
-    return replace(
-        preset,
+    # A loss that is evaluated more often has a smaller weight in each evaluation.
+    share = work.clustering_interval / preset.features.clustering_interval
+    return preset.changed(
         steps=work.steps,
         clustering_interval=work.clustering_interval,
-        lambda_clustering=preset.lambda_clustering * share,
-        lambda_ray=preset.lambda_ray * share,
-        sh_interval=max(1, preset.sh_interval * work.steps // preset.steps),
-        features=work.features,
+        lambda_clustering=preset.features.lambda_clustering * share,
+        lambda_ray=preset.features.lambda_ray * share,
+        sh_interval=max(1, preset.appearance.sh_interval * work.steps // preset.schedule.steps),
+        train_features=work.features,
         exposure=work.exposure,
-        passers_by=work.passers_by,
+        transients=work.exclude_transients,
         stop_when_flat=work.stop_when_flat,
-        trial=work.trial,
+        trial_fraction=work.trial,
     )
 
 
-def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:
-    """Name the held-out and mask photos among those that were placed.
+def work_plan_as_dict(work: WorkPlan) -> dict[str, Any]:
+    """Return the plan as JSON values, under the names that ``project.json`` and events have for them."""
+    values = asdict(work)
+    values["passers_by"] = values.pop("exclude_transients")
+    return values
 
-    Parameters
-    ----------
-    work : WorkPlan
-    camera_set : CameraSet
-    """
+
+def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:
+    """Name the held-out photos and the photos that get masks, among the photos with a camera."""
     names = [camera.photo for camera in camera_set.cameras]
-    every = PRESETS[work.preset].held_out_every
+    every = PRESETS[work.preset].measurement.held_out_every
     held_out = tuple(names[every // 2 :: every]) if every else ()
     wanted = min(work.n_mask_photos, len(names))
     mask_photos: tuple[str, ...] = ()
     if wanted == len(names):
         mask_photos = tuple(sorted(names))
     elif wanted:
-        judged = spread(held_out, max(1, wanted // 6)) if held_out else ()
-        trained = spread([name for name in names if name not in held_out], wanted - len(judged))
-        mask_photos = tuple(sorted({*judged, *trained}))
+        evaluated = evenly_spaced(held_out, max(1, wanted // 6)) if held_out else ()
+        trained = evenly_spaced([name for name in names if name not in held_out], wanted - len(evaluated))
+        mask_photos = tuple(sorted({*evaluated, *trained}))
     left_out = work.left_out
     if work.n_held_out and not held_out:
-        left_out += (LeftOut("held-out photos", f"only {len(names)} photos could be placed: too few to spare one"),)
+        left_out += (
+            LeftOut(
+                "held-out photos", f"only {len(names)} photos could be placed, too few to exclude one from training"
+            ),
+        )
     return ScenePlan(held_out, mask_photos, work.features, left_out)

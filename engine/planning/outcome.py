@@ -1,4 +1,4 @@
-"""What a run really took, taken into the calibration for the next forecast."""
+"""Update of the calibration with the time and memory that a run took."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from .calibration import Calibration
 from .decisions import WorkPlan
 from .forecast import Forecast, training_cpu_seconds, wall_share
 
-__all__ = ["learn_from"]
+__all__ = ["update_calibration"]
 
 
-def learn_from(
+def update_calibration(
     project: ProjectFolder,
     computed: Sequence[str],
     work: WorkPlan,
@@ -21,29 +21,29 @@ def learn_from(
     forecast: Forecast,
     calibration: Calibration,
 ) -> None:
-    """Compare the stages of this run with the formulas and store the calibration.
+    """Compare the stages of this run with the formulas, and correct and save the calibration.
 
     Parameters
     ----------
     project : ProjectFolder
     computed : sequence of str
-        Stages that this run computed; one that an earlier run had begun is passed over.
+        Stages that this run computed. Stages that an earlier run had begun are skipped.
     work : WorkPlan
     training : TrainingSettings
     forecast : Forecast
         Made before the work.
     calibration : Calibration
-        The one it was made with; changed and saved.
+        The one that the forecast was made with. It is changed and saved.
 
     Notes
     -----
-    Where less was done than planned, the formula is asked about what was done: pairs are compared as planned, but a
-    training that stopped early with the steps it took.
+    A training that stopped early is compared with the formula for the steps that it took. The number of matched pairs
+    is taken from the plan.
     """
     if work.preset == "test":
-        return  # Seconds of start-up around nothing: no outcome to learn from.
+        return  # Its seconds are start-up time, which says nothing about the formulas.
     expected = {stage.stage: stage for stage in forecast.stages}
-    learned = False
+    updated = False
     for stage in computed:
         record = project.stage_record(stage)
         if record is None or record["continued"] or stage not in expected:
@@ -55,10 +55,10 @@ def learn_from(
                 work, training
             )
         cpu, wall = record["cpu_seconds"], record["wall_seconds"]
-        calibration.learn(stage, "cpu", formula=formula, actual=cpu)
-        calibration.learn(stage, "wall", formula=cpu * wall_share(stage, forecast.cores), actual=wall)
-        calibration.learn(stage, "memory", formula=expected[stage].model_memory, actual=record["peak_memory"])
-        learned = True
-    if learned:
+        calibration.add_outcome(stage, "cpu", formula=formula, actual=cpu)
+        calibration.add_outcome(stage, "wall", formula=cpu * wall_share(stage, forecast.cores), actual=wall)
+        calibration.add_outcome(stage, "memory", formula=expected[stage].model_memory, actual=record["peak_memory"])
+        updated = True
+    if updated:
         calibration.n_runs += 1
         calibration.save()

@@ -1,4 +1,4 @@
-"""Numerical stability: float32 against float64 and whole trainings, in stiff and extreme cases."""
+"""Numerical stability in stiff and extreme cases: float32 compared with float64, and whole training runs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .table import markdown, run_cases, select, write_table
+    from .table import run_cases, select_cases, suite_markdown, write_table
 
-__all__ = ["markdown", "run_cases", "select", "write_table"]
+__all__ = ["run_cases", "select_cases", "suite_markdown", "write_table"]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -1,4 +1,4 @@
-"""The cases of the numerical suite. Each says what is expected of it before anything is computed."""
+"""The cases of the numerical suite, each with the outcome that is expected of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import torch
 from ..rasterizer.settings import ALPHA_MAX, DET_MIN, RasterSettings
 from . import loss, optimiser, rules
 from .bounds import Bounds
-from .georeferenced import drawn_raw, normalised_scene
+from .georeferenced import normalised_scene, unnormalised_case
 from .measure import Finding, Outcome, Reason, measure_scene
 from .scenes import NAMES, Scene, facing_camera, ordinary_scene
 
@@ -28,10 +28,10 @@ class Case:
     ----------
     name : str
     what : str
-        In words.
+        Description.
     expected : {"bounded", "culled", "refused"}
     run : callable
-        From the case's bounds to what was found.
+        Function from the bounds of the case to its result.
     """
 
     name: str
@@ -40,25 +40,24 @@ class Case:
     run: Callable[[Bounds], Finding]
 
 
-def _drawn(name: str, what: str, scene: Callable[[], Scene], suspects: slice | None = None) -> Case:
-    """Return a case of a scene whose `suspects` are drawn, within the bounds of float64."""
-    return Case(name, what, "bounded", lambda bounds: measure_scene(scene(), bounds, suspects=suspects))
+def _rendered(name: str, what: str, scene: Callable[[], Scene], tested: slice | None = None) -> Case:
+    """Return a case of a scene whose Gaussians under test are rendered within the bounds."""
+    return Case(name, what, "bounded", lambda bounds: measure_scene(scene(), bounds, tested=tested))
 
 
-def _culled(name: str, what: str, reason: Reason, scene: Callable[[], Scene], suspects: slice) -> Case:
-    """Return a case of a scene whose `suspects` are culled and counted under `reason`; the others are drawn rightly."""
+def _culled(name: str, what: str, reason: Reason, scene: Callable[[], Scene], tested: slice) -> Case:
+    """Return a case of a scene whose Gaussians under test are culled and counted under `reason`."""
     what = f"{what} ({reason})"
-    return Case(
-        name, what, "culled", lambda bounds: measure_scene(scene(), bounds, suspects=suspects, culled_as=reason)
-    )
+    return Case(name, what, "culled", lambda bounds: measure_scene(scene(), bounds, tested=tested, culled_as=reason))
 
 
 ALL = slice(None)
 FIRST = slice(0, 6)
-"""The Gaussians in question, among others that are ordinary."""
+"""The Gaussians under test, in front of others that are ordinary."""
 
 
 def _scaled(factors: list[float], **arrays: Any) -> Scene:
+    """Return an ordinary scene with the three scales of each Gaussian multiplied by `factors`."""
     scene = ordinary_scene()
     return scene.with_arrays(scales=scene.scales * torch.tensor(factors, dtype=torch.float64), **arrays)
 
@@ -68,38 +67,70 @@ def _needles() -> list[Case]:
     for power in (2, 3, 4, 5, 6):
         aspect = 10.0**power
         cases += [
-            _drawn(f"needle_1e{power}", f"needles 1:1e{power}, a pixel or two thin, up to far beyond the picture",
-                   partial(_scaled, [aspect, 1.0, 1.0]), ALL),
-            _drawn(f"needle_thin_1e{power}", f"needles 1:1e{power}, thinner than a pixel",
-                   partial(_scaled, [aspect**0.5, aspect**-0.5, aspect**-0.5]), ALL),
-        ]  # fmt: skip
+            _rendered(
+                f"needle_1e{power}",
+                f"needles 1:1e{power}, one or two pixels wide, longer than the picture",
+                partial(_scaled, [aspect, 1.0, 1.0]),
+                ALL,
+            ),
+            _rendered(
+                f"needle_thin_1e{power}",
+                f"needles 1:1e{power}, narrower than a pixel",
+                partial(_scaled, [aspect**0.5, aspect**-0.5, aspect**-0.5]),
+                ALL,
+            ),
+        ]
     return cases
 
 
 def _sizes() -> list[Case]:
     cases = [
-        _drawn(f"scale_1e{power:+d}", f"Gaussians of 1e{power:+d} times the scene's size",
-               partial(_scaled, [10.0**power] * 3))
+        _rendered(
+            f"scale_1e{power:+d}",
+            f"Gaussians of 1e{power:+d} times the scene's size",
+            partial(_scaled, [10.0**power] * 3),
+        )
         for power in (-7, -5, -3, -1, 1, 3, 5, 7)
-    ]  # fmt: skip
+    ]
     for power in (-1, 3, 7):
-        cases.append(_drawn(f"world_1e{power:+d}", f"the whole scene, camera and near plane times 1e{power:+d}",
-                            partial(_world, 10.0**power), ALL))  # fmt: skip
-    cases.append(_culled("world_1e-7", "the whole scene times 1e-7, nearer than any near plane allowed", "near",
-                         lambda: _world(1e-7), ALL))  # fmt: skip
-    cases.append(_culled("scale_1e+20", "6 Gaussians of 1e20: no edge in float32", "degenerate",
-                         lambda: _with_rows(scales=np.full((6, 3), 1e20)), FIRST))  # fmt: skip
+        cases.append(
+            _rendered(
+                f"world_1e{power:+d}",
+                f"the whole scene, camera and near plane times 1e{power:+d}",
+                partial(_world, 10.0**power),
+                ALL,
+            )
+        )
+    cases.append(
+        _culled(
+            "world_1e-7",
+            "the whole scene times 1e-7, closer than any near plane may be",
+            "near",
+            lambda: _world(1e-7),
+            ALL,
+        )
+    )
+    cases.append(
+        _culled(
+            "scale_1e+20",
+            "6 Gaussians of size 1e20, whose extent overflows in float32",
+            "degenerate",
+            lambda: _with_rows(scales=np.full((6, 3), 1e20)),
+            FIRST,
+        )
+    )
     return cases
 
 
 def _world(factor: float) -> Scene:
+    """Return an ordinary scene multiplied by `factor`."""
     scene = ordinary_scene(camera=facing_camera())
     settings = RasterSettings(near=max(1e-4, 0.02 * factor), threads=1)
     return replace(scene.with_arrays(means=scene.means * factor, scales=scene.scales * factor), settings=settings)
 
 
 def _with_rows(**rows: Any) -> Scene:
-    """Return an ordinary scene whose first six Gaussians have other values."""
+    """Return an ordinary scene with other values for its first six Gaussians."""
     scene = ordinary_scene(camera=facing_camera())
     arrays = {name: scene.tensors()[name].clone() for name in rows}
     for name, values in rows.items():
@@ -108,7 +139,7 @@ def _with_rows(**rows: Any) -> Scene:
 
 
 def _near_plane(z: float) -> Scene:
-    """Return six Gaussians at depth `z`, of about 10 pixels on the screen, in front of ordinary ones."""
+    """Return six Gaussians at depth `z`, about 10 pixels large in the picture, in front of ordinary ones."""
     across = np.linspace(-0.2, 0.2, 6)
     size = max(abs(z), 1e-3)
     means = np.stack([across * size, -across * size, np.full(6, z)], axis=1)
@@ -118,9 +149,9 @@ def _near_plane(z: float) -> Scene:
 def _near_cases() -> list[Case]:
     near = RasterSettings().near
     behind = [
-        ("near_before_1e-6", "1e-6 before the near plane", near - 1e-6),
+        ("near_before_1e-6", "1e-6 in front of the near plane", near - 1e-6),
         ("near_exactly", "on the near plane", float(np.float32(near))),
-        ("near_at_camera", "at the camera's own depth", 0.0),
+        ("near_at_camera", "at the depth of the camera", 0.0),
         ("near_behind", "behind the camera", -1.0),
     ]
     beyond = [
@@ -128,15 +159,20 @@ def _near_cases() -> list[Case]:
         ("near_beyond_1e-3", "1e-3 beyond the near plane", near + 1e-3),
     ]
     cases = [_culled(name, what, "near", partial(_near_plane, z), FIRST) for name, what, z in behind]
-    cases += [_drawn(name, what, partial(_near_plane, z), FIRST) for name, what, z in beyond]
-    cases.append(_drawn("near_beyond_large", "1e-6 beyond the near plane and as large as the scene",
-                        lambda: _near_plane(near + 1e-6).with_arrays(scales=ordinary_scene().scales),
-                        FIRST))  # fmt: skip
+    cases += [_rendered(name, what, partial(_near_plane, z), FIRST) for name, what, z in beyond]
+    cases.append(
+        _rendered(
+            "near_beyond_large",
+            "1e-6 beyond the near plane and as large as the scene",
+            lambda: _near_plane(near + 1e-6).with_arrays(scales=ordinary_scene().scales),
+            FIRST,
+        )
+    )
     return cases
 
 
 def _far_off(distance: float, *, needles: bool = False) -> Scene:
-    """Return six Gaussians with their centres `distance` sideways, so large or long that they reach the picture."""
+    """Return six Gaussians with centres `distance` to the side that are large or long enough to reach the picture."""
     angle = 0.3 + np.arange(6)
     means = np.stack([np.cos(angle) * distance, np.sin(angle) * distance, np.full(6, 3.0)], axis=1)
     scales = np.full((6, 3), 0.8 * distance)
@@ -149,37 +185,72 @@ def _far_off(distance: float, *, needles: bool = False) -> Scene:
 
 def _positions() -> list[Case]:
     return [
-        _drawn("centre_10_off", "centres 10 units (4 widths) off screen", lambda: _far_off(10.0), FIRST),
-        _drawn("centre_40_widths_off", "centres 100 units off screen, as large", lambda: _far_off(100.0), FIRST),
-        _drawn("centre_300_widths_off", "centres 1000 units off screen, as large", lambda: _far_off(1000.0), FIRST),
-        _drawn("needle_centre_off", "needles from 160,000 pixels off screen",
-               lambda: _far_off(1e4, needles=True), FIRST),
-        _culled("centre_off_small", "small Gaussians 1000 units off screen", "outside",
-                lambda: _far_off(1000.0).with_arrays(scales=ordinary_scene().scales), FIRST),
-        _drawn("coincident_10000", "10,000 Gaussians in one place", _coincident),
-        _drawn("equal_depths", "64 Gaussians of one depth: drawn by index", lambda: _equal_depths(False)),
-        _drawn("equal_depths_reversed", "the same from last to first: again by index", lambda: _equal_depths(True)),
-        Case("order_of_arrays", "different depths, arrays shuffled: the same bits", "bounded",
-             rules.order_of_arrays_is_free),
+        _rendered("centre_10_off", "centres 10 units (4 widths) off screen", lambda: _far_off(10.0), FIRST),
+        _rendered(
+            "centre_40_widths_off", "centres 100 units off screen, with sizes to match", lambda: _far_off(100.0), FIRST
+        ),
+        _rendered(
+            "centre_300_widths_off",
+            "centres 1000 units off screen, with sizes to match",
+            lambda: _far_off(1000.0),
+            FIRST,
+        ),
+        _rendered(
+            "needle_centre_off",
+            "needles whose centres are 160,000 pixels off screen",
+            lambda: _far_off(1e4, needles=True),
+            FIRST,
+        ),
+        _culled(
+            "centre_off_small",
+            "small Gaussians 1000 units off screen",
+            "outside",
+            lambda: _far_off(1000.0).with_arrays(scales=ordinary_scene().scales),
+            FIRST,
+        ),
+        _rendered("coincident_10000", "10,000 Gaussians at the same position", _coincident),
+        _rendered(
+            "equal_depths",
+            "64 Gaussians of equal depth: rendered in the order of their indices",
+            lambda: _equal_depths(False),
+        ),
+        _rendered(
+            "equal_depths_reversed",
+            "the same with the arrays reversed: again in the order of their indices",
+            lambda: _equal_depths(True),
+        ),
+        Case(
+            "order_of_arrays",
+            "different depths, arrays shuffled: exactly the same result",
+            "bounded",
+            rules.array_order_does_not_matter,
+        ),
         *[
             case
             for name, origin in (("500_km", 5e5), ("4500_km", 4.5e6))
             for case in (
-                Case(f"origin_{name}_raw", f"origin {origin:g} m away, float32 without normalising", "bounded",
-                     drawn_raw(origin)),
-                _drawn(f"origin_{name}_normalised", f"origin {origin:g} m away, normalised first",
-                       partial(normalised_scene, origin)),
+                Case(
+                    f"origin_{name}_raw",
+                    f"origin {origin:g} m away, float32 without normalisation",
+                    "bounded",
+                    unnormalised_case(origin),
+                ),
+                _rendered(
+                    f"origin_{name}_normalised",
+                    f"origin {origin:g} m away, normalised first",
+                    partial(normalised_scene, origin),
+                ),
             )
         ],
-    ]  # fmt: skip
+    ]
 
 
 def _coincident() -> Scene:
     n = 10_000
     channels = np.random.default_rng(0).normal(size=(n, 2))
-    one = ordinary_scene(1, camera=facing_camera(12, 9)).rows(torch.zeros(n, dtype=torch.long))
+    scene = ordinary_scene(1, camera=facing_camera(12, 9)).rows(torch.zeros(n, dtype=torch.long))
     scales = np.tile([0.3, 0.15, 0.2], (n, 1))
-    return one.with_arrays(
+    return scene.with_arrays(
         means=np.tile([0.0, 0.0, 3.0], (n, 1)), scales=scales, opacities=np.full(n, 0.006), channels=channels
     )
 
@@ -196,15 +267,30 @@ def _opacities() -> list[Case]:
         return ordinary_scene().with_arrays(opacities=torch.sigmoid(values.float()))
 
     cases = [
-        _drawn(f"opacity_logit_{value:+g}", f"opacity sigmoid({value:g}) in float32",
-               partial(logits, torch.full((24,), value)))
+        _rendered(
+            f"opacity_logit_{value:+g}",
+            f"opacity sigmoid({value:g}) in float32",
+            partial(logits, torch.full((24,), value)),
+        )
         for value in (-5.5, 0.0, 5.0, 20.0, 40.0)
-    ]  # fmt: skip
+    ]
     for value in (-40.0, -20.0, -5.6):
-        cases.append(_culled(f"opacity_logit_{value:+g}", f"opacity sigmoid({value:g}), below 1/255", "transparent",
-                             partial(logits, torch.full((24,), value)), ALL))  # fmt: skip
-    cases.append(_drawn("opacity_logits_mixed", "opacity logits from -40 to 40 in one scene",
-                        lambda: logits(torch.linspace(-40.0, 40.0, 24))))  # fmt: skip
+        cases.append(
+            _culled(
+                f"opacity_logit_{value:+g}",
+                f"opacity sigmoid({value:g}), below 1/255",
+                "transparent",
+                partial(logits, torch.full((24,), value)),
+                ALL,
+            )
+        )
+    cases.append(
+        _rendered(
+            "opacity_logits_mixed",
+            "opacity logits from -40 to 40 in one scene",
+            lambda: logits(torch.linspace(-40.0, 40.0, 24)),
+        )
+    )
     return cases
 
 
@@ -212,28 +298,42 @@ def _rotations() -> list[Case]:
     scene = ordinary_scene(camera=facing_camera())
     unit = np.asarray(scene.quats / scene.quats.norm(dim=1, keepdim=True))
     cases = [
-        _drawn(f"quats_{length:g}", f"quaternions of length {length:g}",
-               partial(scene.with_arrays, quats=unit * length), ALL)
+        _rendered(
+            f"quats_{length:g}",
+            f"quaternions of length {length:g}",
+            partial(scene.with_arrays, quats=unit * length),
+            ALL,
+        )
         for length in (1e-7, 1e-3, 1e3, 1e20)
-    ]  # fmt: skip
-    cases.append(_culled("quats_zero", "6 quaternions of zeros", "degenerate",
-                         lambda: _with_rows(quats=np.zeros((6, 4))), FIRST))  # fmt: skip
+    ]
+    cases.append(
+        _culled("quats_zero", "6 quaternions of zeros", "degenerate", lambda: _with_rows(quats=np.zeros((6, 4))), FIRST)
+    )
     return cases
 
 
 def _determinants() -> list[Case]:
     sharp = RasterSettings(low_pass=1e-3, threads=1)
     cases = [
-        _drawn("flat_disc", "one scale 0", lambda: _scaled([1.0, 1.0, 0.0]), ALL),
-        _drawn("flat_line", "two scales 0", lambda: _scaled([1.0, 0.0, 0.0]), ALL),
-        _drawn("flat_point", "all scales 0", lambda: _scaled([0.0, 0.0, 0.0]), ALL),
+        _rendered("flat_disc", "one scale 0", lambda: _scaled([1.0, 1.0, 0.0]), ALL),
+        _rendered("flat_line", "two scales 0", lambda: _scaled([1.0, 0.0, 0.0]), ALL),
+        _rendered("flat_point", "all scales 0", lambda: _scaled([0.0, 0.0, 0.0]), ALL),
     ]
     for factor in (1.0, 1e-2, 1e-4):
-        cases.append(_drawn(f"det_low_pass_{factor:g}", f"needles times {factor:g} with the least low-pass, 0.001",
-                            partial(replace, _scaled([factor, 1e-4 * factor, 1e-4 * factor]),
-                                                          settings=sharp)))  # fmt: skip
-    cases.append(_drawn("det_at_least", f"scales 0 with low-pass 0.001: det = {DET_MIN:g}, the least that is drawn",
-                        lambda: replace(_scaled([0.0] * 3), settings=sharp)))  # fmt: skip
+        cases.append(
+            _rendered(
+                f"det_low_pass_{factor:g}",
+                f"needles times {factor:g} with the smallest low-pass filter, 0.001",
+                partial(replace, _scaled([factor, 1e-4 * factor, 1e-4 * factor]), settings=sharp),
+            )
+        )
+    cases.append(
+        _rendered(
+            "det_at_least",
+            f"scales 0 with low-pass filter 0.001: det = {DET_MIN:g}, the smallest that is rendered",
+            lambda: replace(_scaled([0.0] * 3), settings=sharp),
+        )
+    )
     return cases
 
 
@@ -250,11 +350,11 @@ def _pictures() -> list[Case]:
         return scene.with_arrays(means=scene.means * torch.tensor([1.0, 1.0, -1.0], dtype=torch.float64))
 
     cases = [
-        _drawn(f"picture_{w}x{h}", f"a picture of {w}x{h} pixels", partial(spread, w, h))
+        _rendered(f"picture_{w}x{h}", f"a picture of {w}x{h} pixels", partial(spread, w, h))
         for w, h in ((1, 1), (1, 4096), (4097, 3))
     ]
     cases.append(_culled("nothing_visible", "all Gaussians behind the camera", "near", behind, ALL))
-    cases.append(_drawn("no_gaussians", "no Gaussians at all", lambda: ordinary_scene(4).rows(slice(0, 0))))
+    cases.append(_rendered("no_gaussians", "no Gaussians", lambda: ordinary_scene(4).rows(slice(0, 0))))
     return cases
 
 
@@ -262,35 +362,54 @@ def _thresholds() -> list[Case]:
     def clamped() -> Scene:
         at = np.float32(ALPHA_MAX)
         opacities = at + np.arange(-12, 12) * np.spacing(at)
-        # In the middle of every fifth pixel or so: there alpha is the opacity.
+        # Gaussians are centred on pixels, where alpha equals the opacity.
         x, y = np.meshgrid(np.arange(4, 40, 6) + 0.5, np.arange(4, 30, 7) + 0.5)
-        middle = np.stack([(x.ravel() - 20.0) * 3.0 / 50.0, (y.ravel() - 15.0) * 3.0 / 50.0, np.full(24, 3.0)], axis=1)
-        return ordinary_scene(24, camera=facing_camera()).with_arrays(means=middle, opacities=opacities)
+        means = np.stack([(x.ravel() - 20.0) * 3.0 / 50.0, (y.ravel() - 15.0) * 3.0 / 50.0, np.full(24, 3.0)], axis=1)
+        return ordinary_scene(24, camera=facing_camera()).with_arrays(means=means, opacities=opacities)
 
     return [
-        Case("passes_agree", "weights next to each threshold: forward = backward, to the bit", "bounded",
-             rules.passes_agree),
-        _drawn("transmittance_at_cut_off", "two alphas of 0.99 leave 1e-4 exactly, a third behind them",
-               lambda: rules.stack_on_one_pixel(np.array([0.99, 0.99, 0.5]))),
-        _drawn("alpha_at_clamp", "opacities float32 steps around 0.99", clamped),
-        Case("clamp_gradient", "alpha above 0.99: gradient exactly zero in both backends", "bounded",
-             rules.clamp_has_no_gradient),
-    ]  # fmt: skip
+        Case(
+            "passes_agree",
+            "weights next to each threshold: exactly equal in forward and backward pass",
+            "bounded",
+            rules.passes_agree,
+        ),
+        _rendered(
+            "transmittance_at_cut_off",
+            "two alphas of 0.99 leave a transmittance of exactly 1e-4 for a third Gaussian",
+            lambda: rules.stack_on_one_pixel(np.array([0.99, 0.99, 0.5])),
+        ),
+        _rendered("alpha_at_clamp", "opacities a few float32 steps from 0.99", clamped),
+        Case(
+            "clamp_gradient",
+            "alpha above 0.99: gradient exactly zero in both backends",
+            "bounded",
+            rules.clamp_has_no_gradient,
+        ),
+    ]
 
 
 def _refusals() -> list[Case]:
     cases = [
-        Case(f"not_finite_{name}", f"NaN, inf or -inf in {name}: refused by name", "refused", rules.refuses_input(name))
+        Case(
+            f"not_finite_{name}",
+            f"NaN, inf or -inf in {name}: the error names the array",
+            "refused",
+            rules.refuses_input(name),
+        )
         for name in NAMES
     ]
     return [
         *cases,
         Case("not_finite_camera", "NaN, inf or -inf in the camera", "refused", rules.refuses_bad_camera),
         Case(
-            "not_finite_upstream", "NaN, inf or -inf in the picture's gradient", "refused", rules.refuses_bad_gradient
+            "not_finite_upstream",
+            "NaN, inf or -inf in the gradient of the picture",
+            "refused",
+            rules.refuses_bad_gradient,
         ),
         Case("not_finite_pictures", "NaN, inf or -inf in picture or photo", "refused", loss.refuses_picture),
-        Case("huge_photo", "a photo in other units than [0, 1]", "refused", loss.refuses_huge_photo),
+        Case("huge_photo", "a photo with values outside of [0, 1]", "refused", loss.refuses_huge_photo),
         Case("not_finite_adam", "NaN, inf or -inf in a gradient for Adam", "refused", optimiser.refuses_gradient),
     ]
 
@@ -305,17 +424,26 @@ def _losses() -> list[Case]:
 def _optimisers() -> list[Case]:
     same, valley = optimiser.same_gradients, optimiser.valley
     return [
-        Case("adam_same_gradients", "10,000 steps at 0.01, gradients 1e-12 to 1e6", "bounded",
-             optimiser.drifts(same, 1e-2)),
-        Case("adam_valley", "10,000 steps at 0.01 in a valley of curvatures 1e-6 to 1e6", "bounded",
-             optimiser.drifts(valley, 1e-2)),
-        Case("adam_small_steps", "10,000 steps at 1.6e-6 down that valley", "bounded",
-             optimiser.drifts(valley, 1.6e-6)),
-    ]  # fmt: skip
+        Case(
+            "adam_same_gradients",
+            "10,000 steps at 0.01, gradients 1e-12 to 1e6",
+            "bounded",
+            optimiser.drifts(same, 1e-2),
+        ),
+        Case(
+            "adam_valley",
+            "10,000 steps at 0.01 in a quadratic valley with curvatures 1e-6 to 1e6",
+            "bounded",
+            optimiser.drifts(valley, 1e-2),
+        ),
+        Case(
+            "adam_small_steps", "10,000 steps at 1.6e-6 in the same valley", "bounded", optimiser.drifts(valley, 1.6e-6)
+        ),
+    ]
 
 
 CASES: tuple[Case, ...] = (
-    Case("ordinary", "24 unspectacular Gaussians", "bounded", lambda bounds: measure_scene(ordinary_scene(), bounds)),
+    Case("ordinary", "24 ordinary Gaussians", "bounded", lambda bounds: measure_scene(ordinary_scene(), bounds)),
     *_needles(),
     *_sizes(),
     *_near_cases(),
@@ -329,4 +457,4 @@ CASES: tuple[Case, ...] = (
     *_losses(),
     *_optimisers(),
 )
-"""All rows, in the order of the table. Cases of a further room get a function of their own above and a line here."""
+"""All cases in the order of the table. Cases of another package get a function above and a line here."""

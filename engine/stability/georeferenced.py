@@ -1,4 +1,4 @@
-"""Scenes whose origin lies hundreds of kilometres away, raw in float32 and normalised as the house does it."""
+"""Scenes whose origin is hundreds of kilometres away: in float32 as they are, and normalised as in the pipeline."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .bounds import Bounds
 from .measure import Finding
 from .scenes import Scene, facing_camera, ordinary_scene
 
-__all__ = ["drawn_raw", "normalised_scene"]
+__all__ = ["unnormalised_case", "normalised_scene"]
 
 Float64 = NDArray[np.float64]
 
 
 def _offset(origin: float) -> Float64:
-    """Return where the scene lies: `origin` metres east, more or less, not on a round float32 number."""
+    """Return the position of the scene, about `origin` metres east and north, not on a round float32 number."""
     return origin * np.array([1.0, 0.9, 0.01]) + np.array([0.137, 0.271, 0.052])
 
 
@@ -31,11 +31,11 @@ def _moved_camera(offset: Float64, camera: PinholeCamera) -> PinholeCamera:
     return replace(camera, viewmat=viewmat)
 
 
-def drawn_raw(origin: float) -> Callable[[Bounds], Finding]:
-    """Return a case: how far sideways, in metres, Gaussians are drawn from where they are.
+def unnormalised_case(origin: float) -> Callable[[Bounds], Finding]:
+    """Return a case that measures how far, in metres, Gaussians are rendered from their true positions.
 
-    Twelve Gaussians 10 m in front of the camera, one picture each: the centre of what is drawn in float32 against that
-    in float64, where the means keep all digits.
+    Twelve Gaussians 10 m in front of the camera are rendered one by one. The centre of each in float32 is compared with
+    that in float64, where the means keep all digits.
     """
 
     def run(bounds: Bounds) -> Finding:
@@ -45,14 +45,14 @@ def drawn_raw(origin: float) -> Callable[[Bounds], Finding]:
         worst = 0.0
         for _ in range(12):
             local = rng.uniform([-0.5, -0.5, 9.9], [0.5, 0.5, 10.1])
-            ball = replace(ordinary_scene(1, camera=camera), sh=torch.zeros(1, 1, 3, dtype=torch.float64)).with_arrays(
-                scales=np.full((1, 3), 0.3), opacities=[0.9], channels=np.ones((1, 1))
-            )
-            placed = replace(ball, means=torch.tensor(local + offset)[None])
-            ours, truth = placed.cast(torch.float32).render("cpu"), placed.cast(torch.float64).render("reference")
+            gaussian = replace(
+                ordinary_scene(1, camera=camera), sh=torch.zeros(1, 1, 3, dtype=torch.float64)
+            ).with_arrays(scales=np.full((1, 3), 0.3), opacities=[0.9], channels=np.ones((1, 1)))
+            moved = replace(gaussian, means=torch.tensor(local + offset)[None])
+            ours, truth = moved.cast(torch.float32).render("cpu"), moved.cast(torch.float64).render("reference")
             pixels = _centroid(ours.image) - _centroid(truth.image)
             worst = max(worst, float(np.hypot(*pixels)) * local[2] / camera.K[0, 0])
-        problems = [] if worst <= bounds.forward else [f"a Gaussian is drawn {worst:.2g} m from where it is"]
+        problems = [] if worst <= bounds.forward else [f"a Gaussian is rendered {worst:.2g} m from its true position"]
         return Finding("bounded", forward=worst, problems=tuple(problems))
 
     return run
@@ -66,17 +66,17 @@ def _centroid(image: torch.Tensor) -> Float64:
 
 
 def normalised_scene(origin: float) -> Scene:
-    """Return an ordinary scene that came from `origin` metres away through `cameras.normalise`, five cameras around it.
+    """Return an ordinary scene with five cameras, moved by `origin` metres and then normalised by `cameras.normalise`.
 
-    Its means and scales keep the digits that float64 has left of them: the picture's error includes their rounding to
-    float32, after normalising.
+    Its means and scales keep the digits that they have in float64: the error of the picture includes their rounding to
+    float32 after normalising.
     """
     offset = _offset(origin)
     scene = ordinary_scene()
     angles = np.linspace(-0.6, 0.6, 5)
     viewmats = []
     for angle in angles:
-        # 3 m from the middle of the scene; the first one renders.
+        # 3 m from the middle of the scene. The first camera renders.
         viewmat = np.eye(4)
         c, s = np.cos(angle), np.sin(angle)
         viewmat[:3, :3] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]

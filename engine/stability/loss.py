@@ -1,4 +1,4 @@
-"""`photometric_loss` in float32 against SSIM and L1 in float64, written as convolutions."""
+"""`photometric_loss` in float32 compared with SSIM and L1 in float64, written as convolutions."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ PICTURES: dict[str, tuple[str, Callable[[], Pair]]] = {
     "loss_huge": ("noise of size 1e4 against a photo", lambda: (1e4 * _noise(0), _noise(1))),
     "loss_huge_constant": ("constant 1e4 against a photo", lambda: (_flat(1e4), _noise(1))),
 }
-"""What they are in words, and the rendered picture and the photo, float32 [H, W, 3]."""
+"""Cases by name: a description, and a function that returns rendered picture and photo, float32 [H, W, 3]."""
 
 
 def exact_loss(image: torch.Tensor, target: torch.Tensor, lambda_dssim: float) -> torch.Tensor:
     """Return (1 - lambda) mean |x - y| + lambda (1 - mean SSIM) of float64 pictures [H, W, 3].
 
-    Variances are blurred squares around each pixel's own blurred value, sum_k w_k (x_k - a)^2 over the window (zeros
-    outside of the picture): no cancellation, whatever the pictures' size. Wang et al. 2004, 11x11 window, sigma 1.5.
+    Variances are weighted squares around each pixel's weighted mean a, sum_k w_k (x_k - a)^2 over the window (zeros
+    outside of the picture), so nothing cancels for large values. Wang et al. 2004, 11x11 window, sigma 1.5.
     """
     offsets = torch.arange(11, dtype=torch.float64) - 5.0
     window = torch.exp(-(offsets**2) / (2.0 * 1.5**2))
@@ -68,10 +68,10 @@ def exact_loss(image: torch.Tensor, target: torch.Tensor, lambda_dssim: float) -
 
 
 def compares_pictures(make: Callable[[], Pair]) -> Callable[[Bounds], Finding]:
-    """Return a case: value and gradient of the loss of two pictures against float64.
+    """Return a case that compares value and gradient of the loss of two pictures with float64.
 
-    The value is the one of training (lambda 0.2), its error relative where it is above 1. The gradient is that of
-    1 - SSIM, pixel by pixel; L1's is a sign, tested exactly.
+    The value is that of training (lambda 0.2); its error is relative if the value is above 1. The gradient is that of
+    1 - SSIM per pixel. The gradient of L1 is a sign and is tested exactly elsewhere.
     """
 
     def run(bounds: Bounds) -> Finding:
@@ -112,22 +112,22 @@ def _gradient_of(image: torch.Tensor, target: torch.Tensor, lambda_dssim: float)
 
 
 def refuses_picture(bounds: Bounds) -> Finding:
-    """Return whether NaN and infinities in the rendered picture or the photo are refused."""
+    """Check that NaN and infinities in the rendered picture or the photo are refused."""
     problems = []
     for bad in (math.nan, math.inf, -math.inf):
-        for which in (0, 1):
+        for index in (0, 1):
             pair = [_noise(0), _noise(1)]
-            pair[which][5, 6, 1] = bad
+            pair[index][5, 6, 1] = bad
             try:
                 photometric_loss(*pair, threads=1)
-                problems.append(f"{bad} in the {('picture', 'photo')[which]} is not refused")
+                problems.append(f"{bad} in the {('picture', 'photo')[index]} is not refused")
             except NumericalError:
                 continue
     return Finding("refused", problems=tuple(problems))
 
 
 def refuses_huge_photo(bounds: Bounds) -> Finding:
-    """Return whether a photo in other units than [0, 1] is refused: 0 to 255, or 1e4 with a relief of 1."""
+    """Check that a photo with values outside of [0, 1] is refused: 0 to 255, or 1e4 with variations of 1."""
     problems = []
     for image, target in ((_noise(0), 255.0 * _noise(1)), (1e4 + _noise(0), 1e4 + _noise(1))):
         try:

@@ -1,4 +1,4 @@
-"""One scene through both backends: float32 ``cpu`` against float64 ``reference``, forward and backward."""
+"""Comparison of the float32 ``cpu`` backend with the float64 ``reference`` on one scene, forward and backward."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..rasterizer import CulledCounts, Raster
 from .bounds import EPS32, FLIP, Bounds
 from .condition import row_norms, sensitivities
 from .scenes import NAMES, Scene
-from .thresholds import hanging_pixels
+from .thresholds import pixels_near_thresholds
 
 __all__ = ["Finding", "GradientError", "Outcome", "Reason", "largest_error", "measure_scene", "worst_gradient"]
 
@@ -25,16 +25,16 @@ _UPSTREAM = ("by_image", "by_transmittance")
 
 @dataclass(frozen=True)
 class GradientError:
-    """The Gaussian whose gradient is worst, in units of ``EPS32`` times its condition number.
+    """Error of the Gaussian with the worst gradient, in units of ``EPS32`` times its condition number.
 
     Attributes
     ----------
     ratio : float
-        error / (EPS32 condition): what `Bounds.gradient` bounds.
+        error / (EPS32 condition), which `Bounds.gradient` bounds.
     error : float
-        |ours - truth| / |truth|, Euclidean norms of the Gaussian's row of the array.
+        |ours - truth| / |truth|, with Euclidean norms of the Gaussian's row of the array.
     condition : float
-        As `engine.stability.condition.sensitivities` defines it.
+        Condition number as defined in `engine.stability.condition.sensitivities`.
     array : str
         Name of the array.
     """
@@ -47,19 +47,19 @@ class GradientError:
 
 @dataclass(frozen=True)
 class Finding:
-    """What one case came to.
+    """Result of one case.
 
     Attributes
     ----------
     outcome : {"bounded", "culled", "refused"}
     forward : float or None
-        Largest error of the picture away from flips; None when the case has none.
+        Largest error of the picture without the pixels that flipped; None if the case has no picture.
     flips, near : int
-        Pixels that decided a threshold otherwise than float64, and pixels that hang on one.
+        Number of pixels that decided a threshold differently from float64, and of pixels near a threshold.
     gradient : GradientError or None
-        None when the case has none.
+        None if the case has no gradient.
     problems : tuple of str
-        Everything that is out of bounds, as sentences.
+        Everything that is out of bounds, one clause each.
     """
 
     outcome: Outcome
@@ -71,70 +71,77 @@ class Finding:
 
 
 def measure_scene(
-    scene: Scene, bounds: Bounds, *, suspects: slice | None = None, culled_as: Reason | None = None, seed: int = 5
+    scene: Scene, bounds: Bounds, *, tested: slice | None = None, culled_as: Reason | None = None, seed: int = 5
 ) -> Finding:
-    """Return how far the ``cpu`` backend is from float64 on this scene.
+    """Compare the ``cpu`` backend with float64 on this scene.
 
-    The gradients are those of a random linear function (standard normal) of picture and transmittance that leaves out
-    the pixels that hang on a threshold; these are judged by the picture alone.
+    The gradients are those of a random linear function (standard normal) of picture and transmittance without the
+    pixels near a threshold, for which only the picture is compared.
 
     Parameters
     ----------
     scene : Scene
     bounds : Bounds
-    suspects : slice, optional
-        The Gaussians that the case is about: all of them must be drawn, or all be culled.
+    tested : slice, optional
+        The Gaussians under test: either all of them must be rendered, or all must be culled.
     culled_as : {"near", "degenerate", "transparent", "outside"}, optional
-        The count in `CulledCounts` that must have exactly the suspects.
+        The count in `CulledCounts` that must equal the number of Gaussians under test.
     seed : int
-        Of the linear function.
+        Seed of the linear function.
     """
-    blend_hangs, gradient_hangs = hanging_pixels(scene, bounds.near)
-    upstream = _upstream(scene, gradient_hangs, seed)
+    blend_near, gradient_near = pixels_near_thresholds(scene, bounds.near)
+    upstream = _upstream(scene, gradient_near, seed)
     exact = {**scene.tensors(), **upstream}
     ours, our_gradients = _render_and_differentiate(scene, exact, torch.float32)
     truth, true_gradients = _render_and_differentiate(scene, exact, torch.float64)
 
-    problems = _culling_problems(ours, truth, our_gradients, suspects, culled_as)
-    forward, flips, flip_problems = _forward_error(scene, ours, truth, blend_hangs)
+    problems = _culling_problems(ours, truth, our_gradients, tested, culled_as)
+    forward, flips, flip_problems = _forward_error(scene, ours, truth, blend_near)
     problems += flip_problems
     if not forward <= bounds.forward:
         problems.append(f"the picture is wrong by {forward:.1e}, more than {bounds.forward:.0e}")
-    near = int(gradient_hangs.sum())
-    if near > bounds.near_share * gradient_hangs.numel():
-        problems.append(f"{near} of {gradient_hangs.numel()} pixels hang on a threshold")
-    moved = sensitivities(lambda arrays: _render_and_differentiate(scene, arrays, torch.float64)[1], exact)
-    worst = worst_gradient(our_gradients, true_gradients, moved)
+    near = int(gradient_near.sum())
+    if near > bounds.near_share * gradient_near.numel():
+        problems.append(f"{near} of {gradient_near.numel()} pixels are near a threshold")
+    sensitivity = sensitivities(lambda arrays: _render_and_differentiate(scene, arrays, torch.float64)[1], exact)
+    worst = worst_gradient(our_gradients, true_gradients, sensitivity)
     if not worst.ratio <= bounds.gradient:
         problems.append(
             f"the gradient of {worst.array} is wrong by {worst.error:.1e}, {worst.ratio:.1e} times its rounding error"
         )
-    drawn = suspects is None or bool(ours.visible[suspects].all())
+    drawn = tested is None or bool(ours.visible[tested].all())
     outcome: Outcome = "bounded" if drawn and culled_as is None else "culled"
     return Finding(outcome, forward, flips, near, worst, tuple(problems))
 
 
 def largest_error(difference: torch.Tensor) -> float:
-    """Return the largest absolute value, infinity when one is not a number, 0 of nothing."""
+    """Return the largest absolute value: infinity if one is NaN, 0 for an empty tensor."""
     if difference.numel() == 0:
         return 0.0
     return float(difference.abs().nan_to_num(nan=math.inf, posinf=math.inf).max())
 
 
 def worst_gradient(
-    ours: Mapping[str, torch.Tensor], truth: Mapping[str, torch.Tensor], moved: Mapping[str, torch.Tensor]
+    ours: Mapping[str, torch.Tensor], truth: Mapping[str, torch.Tensor], sensitivity: Mapping[str, torch.Tensor]
 ) -> GradientError:
-    """Return the row of all arrays [N, ...] with the largest error in units of its rounding error.
+    """Return the error of the row, of all arrays [N, ...], that is largest in units of its rounding error.
 
-    The condition is at least 1 (the result is stored in float32), and what is below the smallest normal float32 may be
-    lost. A gradient that is zero however the inputs are rounded must be zero exactly.
+    The condition is at least 1, because the result is stored in float32. Values below the smallest normal float32 may
+    be lost. A gradient that is zero for all roundings of the inputs must be exactly zero.
+
+    Parameters
+    ----------
+    ours, truth : mapping of str to tensor
+        Gradients in float32 and in float64.
+    sensitivity : mapping of str to tensor
+        Result of `sensitivities` for the same arrays.
     """
     worst = GradientError()
     tiny = float(torch.finfo(torch.float32).tiny)
     for name, gradient in ours.items():
         size = row_norms(truth[name])
         error = row_norms(gradient.double() - truth[name]).nan_to_num(nan=math.inf)
-        scale = torch.maximum(moved[name], size)
+        scale = torch.maximum(sensitivity[name], size)
         ratio = torch.where(error == 0, 0.0, error / (EPS32 * scale + tiny))
         if len(ratio) and float(ratio.max()) > worst.ratio:
             i = int(ratio.argmax())
@@ -143,13 +150,13 @@ def worst_gradient(
     return worst
 
 
-def _upstream(scene: Scene, left_out: torch.Tensor, seed: int) -> dict[str, torch.Tensor]:
-    """Return the gradients of the linear function with respect to picture and transmittance, float32 values."""
+def _upstream(scene: Scene, excluded: torch.Tensor, seed: int) -> dict[str, torch.Tensor]:
+    """Return the coefficients of the linear function for picture and transmittance, float32 values, 0 if `excluded`."""
     generator = torch.Generator().manual_seed(seed)
     shape = (scene.camera.height, scene.camera.width)
     n_channels = 3 + scene.channels.shape[1]
-    by_image = torch.randn(*shape, n_channels, generator=generator) * ~left_out[..., None]
-    by_transmittance = torch.randn(*shape, generator=generator) * ~left_out
+    by_image = torch.randn(*shape, n_channels, generator=generator) * ~excluded[..., None]
+    by_transmittance = torch.randn(*shape, generator=generator) * ~excluded
     return {"by_image": by_image.double(), "by_transmittance": by_transmittance.double()}
 
 
@@ -159,7 +166,7 @@ def _render_and_differentiate(
     """Return the raster of `arrays` (float32: cpu, float64: reference) and the gradients of the linear function."""
     leaves = replace(scene, **{name: arrays[name] for name in NAMES}).cast(dtype)
     raster = leaves.render("cpu" if dtype == torch.float32 else "reference")
-    if raster.image.requires_grad:  # nothing in front of the camera leaves the reference without a graph
+    if raster.image.requires_grad:  # false if no Gaussian is in front of the camera: the reference then has no graph
         torch.autograd.backward(
             [raster.image, raster.transmittance][: 2 if raster.transmittance.requires_grad else 1],
             [arrays[name].to(dtype) for name in _UPSTREAM][: 2 if raster.transmittance.requires_grad else 1],
@@ -174,34 +181,37 @@ def _culling_problems(
     ours: Raster,
     truth: Raster,
     our_gradients: Mapping[str, torch.Tensor],
-    suspects: slice | None,
+    tested: slice | None,
     culled_as: Reason | None,
 ) -> list[str]:
-    """Return what is wrong with who is drawn: both backends agree, and who is not drawn has gradient zero."""
+    """Check that both backends cull the same Gaussians and that culled Gaussians have gradient zero."""
     problems = []
     if ours.culled != truth.culled or not torch.equal(ours.visible, truth.visible):
-        problems.append(f"cpu culls {_told(ours.culled)}, float64 {_told(truth.culled)}")
+        problems.append(f"cpu culls {_format_counts(ours.culled)}; float64 culls {_format_counts(truth.culled)}")
     for name, gradient in our_gradients.items():
         if bool(gradient[~ours.visible].any()):
             problems.append(f"a culled Gaussian has a gradient of {name}")
-    if suspects is not None:
-        n, n_drawn = len(ours.visible[suspects]), int(ours.visible[suspects].sum())
+    if tested is not None:
+        n, n_drawn = len(ours.visible[tested]), int(ours.visible[tested].sum())
         if 0 < n_drawn < n:
-            problems.append(f"{n_drawn} of the {n} Gaussians in question are drawn, not all or none")
+            problems.append(f"{n_drawn} of the {n} Gaussians under test are rendered, not all or none")
         if culled_as is not None and getattr(ours.culled, culled_as) != n:
-            problems.append(f"{n} Gaussians should count as culled ({culled_as}), counted are {_told(ours.culled)}")
+            problems.append(
+                f"{n} Gaussians must be counted as culled ({culled_as}); the counts are {_format_counts(ours.culled)}"
+            )
     return problems
 
 
-def _told(culled: CulledCounts) -> str:
+def _format_counts(culled: CulledCounts) -> str:
     counts = {"near": culled.near, "degenerate": culled.degenerate, "transparent": culled.transparent}
     return ", ".join(f"{reason} {count}" for reason, count in {**counts, "outside": culled.outside}.items())
 
 
-def _forward_error(scene: Scene, ours: Raster, truth: Raster, hangs: torch.Tensor) -> tuple[float, int, list[str]]:
-    """Return the largest error of picture and transmittance, the flips, and flips too large to be one.
+def _forward_error(scene: Scene, ours: Raster, truth: Raster, near: torch.Tensor) -> tuple[float, int, list[str]]:
+    """Return the largest error of picture and transmittance, the number of flips, and problems with flips.
 
-    A pixel is a flip only if it hangs on a threshold in float64 and differs by more than rounding would explain.
+    A pixel flips if it is near a threshold in float64 and its error is larger than rounding explains. The error of a
+    flip has an upper limit.
     """
     drawn = truth.visible
     colors = 0.5 + row_norms(scene.sh[drawn].transpose(1, 2).reshape(-1, scene.sh.shape[1])).reshape(-1, 3)
@@ -209,8 +219,10 @@ def _forward_error(scene: Scene, ours: Raster, truth: Raster, hangs: torch.Tenso
     by_image = (ours.image.double() - truth.image).abs().amax(dim=2) / scale
     error = torch.maximum(by_image, (ours.transmittance.double() - truth.transmittance).abs())
     error = error.nan_to_num(nan=math.inf)
-    flipped = hangs & (error > 1e-6)
+    flipped = near & (error > 1e-6)
     problems = []
     if bool((error[flipped] > 2.0 * FLIP).any()):
-        problems.append(f"a pixel at a threshold jumps by {float(error[flipped].max()):.1e}, no flip can")
+        problems.append(
+            f"a pixel near a threshold is wrong by {float(error[flipped].max()):.1e}, more than a flip can cause"
+        )
     return largest_error(error[~flipped]), int(flipped.sum()), problems

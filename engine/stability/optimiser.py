@@ -1,4 +1,4 @@
-"""Adam in float32 against Adam in float64, over ten thousand steps."""
+"""Adam in float32 compared with Adam in float64 over 10,000 steps."""
 
 from __future__ import annotations
 
@@ -19,35 +19,36 @@ Float64 = NDArray[np.float64]
 Gradient = Callable[[Float64, int], Float64]
 
 STEPS = 10_000
-_N = 64
+"""Number of optimiser steps."""
+_N_PARAMETERS = 64
 _NOISE: Float64 = (
-    (np.geomspace(1e-12, 1e6, _N) * (0.3 + np.random.default_rng(0).normal(size=(256, _N))))
+    (np.geomspace(1e-12, 1e6, _N_PARAMETERS) * (0.3 + np.random.default_rng(0).normal(size=(256, _N_PARAMETERS))))
     .astype(np.float32)
     .astype(np.float64)
 )
 
 
 def same_gradients(parameter: Float64, step: int) -> Float64:
-    """Return noise of sizes 1e-12 to 1e6 around a steady pull, float32 values, the same for both precisions."""
+    """Return a constant gradient with noise, of sizes 1e-12 to 1e6: float32 values, the same for both precisions."""
     return _NOISE[step % len(_NOISE)]
 
 
 def valley(parameter: Float64, step: int) -> Float64:
-    """Return the gradient of sum_k c_k (p_k - 1)^2 / 2 with c from 1e-6 to 1e6, at the precision's own parameters."""
+    """Return the gradient of sum_k c_k (p_k - 1)^2 / 2 with c from 1e-6 to 1e6, at the given parameters."""
     return np.geomspace(1e-6, 1e6, len(parameter)) * (parameter - 1.0)
 
 
 def drifts(gradient: Gradient, rate: float) -> Callable[[Bounds], Finding]:
-    """Return a case: the largest difference of a parameter after `STEPS` steps at learning rate `rate`.
+    """Return a case that measures the largest difference of a parameter after `STEPS` steps at learning rate `rate`.
 
-    Relative to the largest value that the parameter had (it starts at 0.5 to 1.5).
+    The difference is relative to the largest value that the parameter had. Parameters start at 0.5 to 1.5.
     """
 
     def run(bounds: Bounds) -> Finding:
-        start = np.linspace(0.5, 1.5, _N).astype(np.float32)
+        start = np.linspace(0.5, 1.5, _N_PARAMETERS).astype(np.float32)
         ours = torch.tensor(start)
         state = AdamState.zeros_like(ours)
-        exact, mean, square = start.astype(np.float64), np.zeros(_N), np.zeros(_N)
+        exact, mean, square = start.astype(np.float64), np.zeros(_N_PARAMETERS), np.zeros(_N_PARAMETERS)
         largest = np.abs(exact)
         for step in range(1, STEPS + 1):
             current = ours.numpy().astype(np.float64)
@@ -60,14 +61,14 @@ def drifts(gradient: Gradient, rate: float) -> Callable[[Bounds], Finding]:
             exact = exact - rate * (mean / (1.0 - 0.9**step)) / corrected
             largest = np.maximum(largest, np.abs(exact))
         drift = float((np.abs(ours.numpy() - exact) / largest).max())
-        problems = [] if drift <= bounds.forward else [f"after {STEPS} steps a parameter is off by {drift:.1e}"]
+        problems = [] if drift <= bounds.forward else [f"after {STEPS} steps a parameter is wrong by {drift:.1e}"]
         return Finding("bounded", forward=drift, problems=tuple(problems))
 
     return run
 
 
 def refuses_gradient(bounds: Bounds) -> Finding:
-    """Return whether Adam refuses a gradient that is not finite, and leaves the parameters as they were."""
+    """Check that Adam refuses a gradient that is not finite and leaves the parameters unchanged."""
     problems = []
     for bad in (np.nan, np.inf, -np.inf):
         parameter, gradient = torch.ones(5, 3), torch.ones(5, 3)
@@ -78,5 +79,5 @@ def refuses_gradient(bounds: Bounds) -> Finding:
             problems.append(f"{bad} is not refused")
         except NumericalError:
             if not bool((parameter == 1.0).all()) or state.step:
-                problems.append(f"{bad} is refused after the step was begun")
+                problems.append(f"{bad} is refused only after parameters were changed")
     return Finding("refused", problems=tuple(problems))

@@ -1,4 +1,4 @@
-"""Rules that hold to the last bit, not within a bound: thresholds, the clamp, order, and what is refused."""
+"""Rules that hold exactly, not within a bound: thresholds, clamping, order of the arrays, and refused input."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .scenes import Scene, facing_camera, ordinary_scene
 
 __all__ = [
     "clamp_has_no_gradient",
-    "order_of_arrays_is_free",
+    "array_order_does_not_matter",
     "passes_agree",
     "refuses_bad_camera",
     "refuses_bad_gradient",
@@ -35,10 +35,10 @@ DTYPES = {"cpu": torch.float32, "reference": torch.float64}
 
 
 def stack_on_one_pixel(opacities: np.ndarray, offsets: np.ndarray | None = None) -> Scene:
-    """Return Gaussians one behind the other over a picture of one pixel, each with a channel of its own.
+    """Return Gaussians one behind the other in a picture of one pixel, each with its own channel.
 
-    `opacities` [n], and `offsets` [n] sideways in world units, are rounded to float32. With no offset, the alpha of a
-    Gaussian on the pixel is its opacity (times 2^0, which the kernels have within 3e-7). Channel i of the picture is
+    `opacities` [n] and the lateral `offsets` [n] in world units are rounded to float32. Without an offset, the alpha of
+    a Gaussian on the pixel is its opacity (the kernels' exponential of 0 is 1 within 3e-7). Channel i of the picture is
     the weight alpha_i T_i of Gaussian i.
     """
     n = len(opacities)
@@ -46,20 +46,20 @@ def stack_on_one_pixel(opacities: np.ndarray, offsets: np.ndarray | None = None)
     means[:, 2] = 2.0 + 0.01 * np.arange(n)
     if offsets is not None:
         means[:, 0] = offsets
-    ball = ordinary_scene(n, camera=facing_camera(1, 1))
+    template = ordinary_scene(n, camera=facing_camera(1, 1))
     quats = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    dark = torch.zeros_like(ball.sh[:, :1])
-    return replace(ball, sh=dark).with_arrays(
+    dark = torch.zeros_like(template.sh[:, :1])
+    return replace(template, sh=dark).with_arrays(
         means=means, quats=quats, scales=np.full((n, 3), 0.1), opacities=opacities, channels=np.eye(n)
     )
 
 
 def threshold_stacks() -> list[Scene]:
-    """Return stacks whose alphas or transmittances lie on both sides of each threshold, some a float32 step away."""
+    """Return stacks whose alphas or transmittances are on both sides of each threshold, some one float32 step away."""
     steps = np.arange(-20, 21)
     far = 1.0 + np.linspace(-0.2, 0.2, 41)
     alpha_min, alpha_max = np.float32(ALPHA_MIN), np.float32(ALPHA_MAX)
-    # Offset so that the exponential makes alpha = ALPHA_MIN (2 = depth, 50 = focal length, 0.3 = low-pass).
+    # At this offset alpha is ALPHA_MIN (2 = depth, 50 = focal length, 0.3 = low-pass filter).
     variance = (50.0 * 0.1 / 2.0) ** 2 + 0.3
     offset = math.sqrt(2.0 * variance * math.log(0.5 / ALPHA_MIN)) * 2.0 / 50.0
     stacks = [
@@ -79,17 +79,17 @@ def threshold_stacks() -> list[Scene]:
 
 
 def passes_agree(bounds: Bounds) -> Finding:
-    """Return whether forward and backward pass of ``cpu`` decide every threshold alike, bit by bit.
+    """Check that forward and backward pass of ``cpu`` decide every threshold identically.
 
     The weight of a Gaussian is read twice: from its own channel in the picture, and as the gradient of that channel's
-    value. Both must be the same float32, and who has weight zero must have no gradient at all.
+    value. Both must be the same float32 number, and a Gaussian with weight zero must have no gradient at all.
     """
     problems: list[str] = []
     worst = 0.0
     for stack in threshold_stacks():
         leaves = stack.cast(torch.float32)
         image = leaves.render("cpu").image
-        # Powers of two: a product with them is exact, and the gradients of opacities do not cancel to zero.
+        # Products with powers of two are exact, and with them the gradients of opacities do not cancel to zero.
         upstream = 2.0 ** (torch.arange(image.shape[2]) % 3)
         (image * upstream).sum().backward()
         gradients = leaves.tensors()
@@ -103,22 +103,22 @@ def passes_agree(bounds: Bounds) -> Finding:
         unseen = forward == 0
         for name, leaf in gradients.items():
             if leaf.grad is not None and bool(leaf.grad[unseen].any()):
-                problems.append(f"a Gaussian that the picture leaves out has a gradient of {name}")
+                problems.append(f"a Gaussian with weight zero has a gradient of {name}")
         unclamped = stack.opacities < ALPHA_MAX * (1.0 - 1e-6)
         if stack.means[:, 0].any():
             continue  # off the pixel, alpha is less than the opacity
         if bool((leaves.opacities.grad[~unseen & unclamped] == 0).any()):
-            problems.append("a Gaussian that is seen and not clamped has no gradient of opacities")
+            problems.append("a visible Gaussian that is not clamped has no gradient of opacities")
     return Finding("bounded", forward=worst, problems=tuple(dict.fromkeys(problems)))
 
 
 def clamp_has_no_gradient(bounds: Bounds) -> Finding:
-    """Return whether both backends give exactly zero gradient through an alpha above the clamp, and some below it."""
+    """Check that in both backends an alpha above the clamp has a gradient of exactly zero, and one below it has not."""
     problems = []
     geometry = ("means", "quats", "scales", "opacities")
     cases = ((0.985, False), (0.99 - 1e-6, False), (0.99 + 1e-6, True), (0.995, True), (1.0, True))
     for opacity, clamped in cases:
-        # Off the middle of the pixel by 1e-4 of a standard deviation, so that the centre has a gradient to lose.
+        # 1e-4 standard deviations off the centre of the pixel, so that the mean has a gradient.
         stack = stack_on_one_pixel(np.array([opacity, 0.4]), np.array([1e-5, 0.0]))
         for backend in BACKENDS:
             leaves = stack.cast(DTYPES[backend])
@@ -134,8 +134,8 @@ def clamp_has_no_gradient(bounds: Bounds) -> Finding:
     return Finding("bounded", problems=tuple(problems))
 
 
-def order_of_arrays_is_free(bounds: Bounds) -> Finding:
-    """Return whether a shuffled scene of different depths gives the same picture and gradients, bit by bit."""
+def array_order_does_not_matter(bounds: Bounds) -> Finding:
+    """Check that a shuffled scene of different depths has exactly the same picture and gradients."""
     scene = ordinary_scene(40)
     order = torch.randperm(40, generator=torch.Generator().manual_seed(3))
     plain, shuffled = scene.cast(torch.float32), scene.rows(order).cast(torch.float32)
@@ -146,15 +146,15 @@ def order_of_arrays_is_free(bounds: Bounds) -> Finding:
         pictures.append(raster.image.detach())
     problems = [] if torch.equal(*pictures) else ["the picture depends on the order of the arrays"]
     for name, leaf in plain.tensors().items():
-        other = shuffled.tensors()[name].grad
-        assert leaf.grad is not None and other is not None
-        if not torch.equal(leaf.grad[order], other):
+        shuffled_gradient = shuffled.tensors()[name].grad
+        assert leaf.grad is not None and shuffled_gradient is not None
+        if not torch.equal(leaf.grad[order], shuffled_gradient):
             problems.append(f"the gradient of {name} depends on the order of the arrays")
     return Finding("bounded", forward=largest_error(pictures[0] - pictures[1]), problems=tuple(problems))
 
 
 def refuses_input(name: str) -> Callable[[Bounds], Finding]:
-    """Return a case: NaN and both infinities in one row of the array `name` are refused by both backends, by name."""
+    """Return a case: both backends refuse NaN and infinities in the array `name` with an error that names the array."""
 
     def run(bounds: Bounds) -> Finding:
         problems = []
@@ -170,24 +170,24 @@ def refuses_input(name: str) -> Callable[[Bounds], Finding]:
                     f"`{name}`",
                     f"{backend} with {bad}",
                 )
-        return _refusal(problems)
+        return _refusal_finding(problems)
 
     return run
 
 
 def refuses_bad_gradient(bounds: Bounds) -> Finding:
-    """Return whether a loss whose gradient is not finite is refused in the backward pass."""
+    """Check that the backward pass refuses an incoming gradient that is not finite."""
     problems = []
     for bad in BAD_VALUES:
         image = ordinary_scene(5).cast(torch.float32).render("cpu").image
         upstream = torch.zeros_like(image)
         upstream[-1, -1, -1] = bad
         problems += _refusal_problems(partial(image.backward, upstream), NumericalError, "gradient", f"{bad}")
-    return _refusal(problems)
+    return _refusal_finding(problems)
 
 
 def refuses_bad_camera(bounds: Bounds) -> Finding:
-    """Return whether a camera whose pose or intrinsics are not finite is refused."""
+    """Check that a camera whose pose or intrinsics are not finite is refused."""
     problems = []
     for bad in BAD_VALUES:
         for name in ("viewmat", "K"):
@@ -195,21 +195,21 @@ def refuses_bad_camera(bounds: Bounds) -> Finding:
             getattr(camera, name)[0, 2] = bad
             scene = ordinary_scene(5, camera=camera)
             problems += _refusal_problems(partial(_render, scene, "cpu"), CameraError, "finite", f"{name} with {bad}")
-    return _refusal(problems)
+    return _refusal_finding(problems)
 
 
 def _render(scene: Scene, backend: Backend) -> Raster:
     return scene.cast(DTYPES[backend]).render(backend)
 
 
-def _refusal_problems(work: Callable[[], object], error: type[Exception], word: str, what: str) -> list[str]:
-    """Return what is wrong when `work` does not raise `error` with `word` in its sentence."""
+def _refusal_problems(compute: Callable[[], object], error: type[Exception], word: str, what: str) -> list[str]:
+    """Return the problem if `compute` does not raise `error` with `word` in its message, else nothing."""
     try:
-        work()
+        compute()
     except error as refusal:
         return [] if word in str(refusal) else [f"{what} is refused without naming {word}: {refusal}"]
     return [f"{what} is not refused"]
 
 
-def _refusal(problems: list[str]) -> Finding:
+def _refusal_finding(problems: list[str]) -> Finding:
     return Finding("refused", problems=tuple(problems))

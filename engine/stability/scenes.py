@@ -1,4 +1,4 @@
-"""Tiny scenes: Gaussians in float64 whose values are float32 ones, and the camera that sees them."""
+"""Tiny scenes: Gaussians in float64 with float32 values, and a camera."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ __all__ = ["NAMES", "ONE_THREAD", "Scene", "facing_camera", "ordinary_scene", "s
 NAMES = ("means", "quats", "scales", "opacities", "sh", "channels")
 
 ONE_THREAD = RasterSettings(threads=1)
+"""Settings of the rasterizer in all scenes that need no others."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """N Gaussians and a camera.
+    """N Gaussians, a camera, and settings of the rasterizer.
 
     Attributes
     ----------
     means, quats, scales, opacities, sh, channels : float64 tensors
-        As `engine.rasterizer.api.rasterize` takes them. A case that is about the rounding of the inputs themselves
-        leaves them unrounded; in all others they are float32 values, so that both backends see the same numbers.
+        Inputs of `engine.rasterizer.rasterize`. They are float32 values, so that both backends get the same numbers,
+        except in cases that test the rounding of the inputs.
     camera : PinholeCamera
     settings : RasterSettings
     """
@@ -47,16 +48,16 @@ class Scene:
         return {name: getattr(self, name) for name in NAMES}
 
     def with_arrays(self, **arrays: Any) -> Scene:
-        """Return the scene with some arrays replaced, rounded to float32 values."""
+        """Return the scene with some arrays replaced by values that are rounded to float32."""
         rounded = {name: _float32_values(value) for name, value in arrays.items()}
         return replace(self, **rounded)
 
     def rows(self, index: torch.Tensor | slice) -> Scene:
-        """Return the scene of the Gaussians that `index` picks, in its order."""
+        """Return the scene with the Gaussians that `index` selects, in its order."""
         return replace(self, **{name: value[index] for name, value in self.tensors().items()})
 
     def cast(self, dtype: torch.dtype) -> Scene:
-        """Return copies of `dtype` that collect gradients."""
+        """Return the scene with its arrays copied to `dtype` as leaves that collect gradients."""
         return replace(
             self, **{name: value.detach().to(dtype).requires_grad_() for name, value in self.tensors().items()}
         )
@@ -81,13 +82,13 @@ def _float32_values(values: Any) -> torch.Tensor:
 
 
 def facing_camera(width: int = 40, height: int = 30, *, focal: float = 50.0) -> PinholeCamera:
-    """Return a camera at the origin that looks along z; its depths are the Gaussians' z exactly."""
+    """Return a camera at the origin that looks along z, so that the depth of a Gaussian is exactly its z."""
     k = np.array([[focal, 0.0, 0.5 * width], [0.0, focal, 0.5 * height], [0.0, 0.0, 1.0]])
     return PinholeCamera(np.eye(4), k, width, height)
 
 
 def slanted_camera(width: int = 40, height: int = 30, *, focal: float = 50.0) -> PinholeCamera:
-    """Return a camera near the origin, turned by 0.1 radians, with an off-centre principal point."""
+    """Return a camera near the origin, rotated by 0.1 radians, with an off-centre principal point."""
     c, s = np.cos(0.1), np.sin(0.1)
     viewmat = np.eye(4)
     viewmat[:3, :3] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
@@ -97,7 +98,7 @@ def slanted_camera(width: int = 40, height: int = 30, *, focal: float = 50.0) ->
 
 
 def ordinary_scene(n: int = 24, *, seed: int = 0, size: float = 0.12, camera: PinholeCamera | None = None) -> Scene:
-    """Return `n` unspectacular Gaussians 3 units in front of the camera: harmonics of band 1 and two channels."""
+    """Return `n` ordinary Gaussians 3 units in front of the camera, with harmonics up to band 1 and two channels."""
     rng = np.random.default_rng(seed)
     arrays: dict[str, NDArray[np.float64]] = {
         "means": rng.uniform(-1.0, 1.0, (n, 3)) * [0.7, 0.5, 0.6] + [0.0, 0.0, 3.0],

@@ -1,4 +1,4 @@
-"""Runs cases and lays them out as Markdown tables with a verdict for each, and the reasons of unusual bounds below."""
+"""Running of cases, and Markdown tables with a verdict for each case and the reasons of unusual bounds."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .bounds import BOUNDS, DEFAULT, bounds_of
 from .cases import CASES, Case
 from .measure import Finding
 from .training_cases import TRAINING_CASES, TrainingCase
-from .training_table import TrainingRow, judge_training, training_markdown
+from .training_table import TrainingRow, run_training_case, training_markdown
 
-__all__ = ["COMMAND", "Row", "judge", "markdown", "run_cases", "select", "write_table"]
+__all__ = ["COMMAND", "Row", "run_case", "suite_markdown", "run_cases", "select_cases", "write_table"]
 
 COMMAND = "python -m engine stability --out docs/stability.md"
 
@@ -27,7 +27,7 @@ _HEAD = ("case", "what", "expected", "found", "forward", "flips", "gradient", "c
 
 @dataclass(frozen=True)
 class Row:
-    """A case, what it came to, and the verdict.
+    """A case with its result and verdict.
 
     Attributes
     ----------
@@ -45,27 +45,27 @@ AnyCase = Case | TrainingCase
 AnyRow = Row | TrainingRow
 
 
-def select(name: str | None) -> tuple[AnyCase, ...]:
-    """Return the case of this name, or all of them for None, those of training last.
+def select_cases(name: str | None) -> tuple[AnyCase, ...]:
+    """Return the case of this name, or for None all cases, with those of training at the end.
 
     Raises
     ------
     SettingsError
-        When there is no such case.
+        When no case has this name.
     """
     cases: tuple[AnyCase, ...] = (*CASES, *TRAINING_CASES)
-    chosen = tuple(case for case in cases if name is None or case.name == name)
-    if not chosen:
-        raise SettingsError(f"There is no case {name!r}; the cases are {', '.join(case.name for case in cases)}.")
-    return chosen
+    selected = tuple(case for case in cases if name is None or case.name == name)
+    if not selected:
+        raise SettingsError(f"There is no case {name!r}. The cases are {', '.join(case.name for case in cases)}.")
+    return selected
 
 
-def judge(case: AnyCase) -> AnyRow:
-    """Run one case on one thread of torch. Green: the expected outcome, and nothing out of bounds."""
+def run_case(case: AnyCase) -> AnyRow:
+    """Run one case with one thread of torch. A row is green if the outcome is as expected and no bound is exceeded."""
     if isinstance(case, TrainingCase):
-        return judge_training(case)
+        return run_training_case(case)
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # its threads change the order of sums, and spin
+    torch.set_num_threads(1)  # More threads change the order of sums and spin while they wait.
     try:
         finding = case.run(bounds_of(case.name))
     finally:
@@ -79,19 +79,19 @@ def run_cases(cases: Sequence[AnyCase], *, emit: Emit, should_stop: StopCheck) -
     Raises
     ------
     Cancelled
-        When `should_stop` says so between two cases.
+        When `should_stop` returns true between two cases.
     """
     rows = []
     for i, case in enumerate(cases):
         if should_stop():
             raise Cancelled("The numerical suite was stopped; nothing was written.")
-        rows.append(judge(case))
+        rows.append(run_case(case))
         emit(Progress("stability", (i + 1) / len(cases), message=case.name))
     return rows
 
 
-def markdown(rows: Sequence[AnyRow]) -> str:
-    """Return the tables of float32's errors and of training as Markdown, each if it has rows."""
+def suite_markdown(rows: Sequence[AnyRow]) -> str:
+    """Return the tables of float32 errors and of training as Markdown, without a table that has no rows."""
     errors = [row for row in rows if isinstance(row, Row)]
     training = [row for row in rows if isinstance(row, TrainingRow)]
     tables = ([_errors_markdown(errors)] if errors else []) + ([training_markdown(training)] if training else [])
@@ -99,20 +99,21 @@ def markdown(rows: Sequence[AnyRow]) -> str:
 
 
 def _errors_markdown(rows: Sequence[Row]) -> str:
-    """Return the first table: figures rounded to one digit, so that only a change of substance changes a row."""
+    """Return the first table. Figures are rounded to one digit, so that only a substantial change alters a row."""
     n_red = sum(not row.green for row in rows)
     lines = [
         "# Numerical suite",
         "",
         f"`{COMMAND}`",
         "",
-        f"{len(rows)} cases, {n_red} red. The float32 `cpu` backend against float64 (`reference`). "
-        f"Bounds: forward <= {DEFAULT.forward:g} (of the largest value blended, or 1) away from flips; gradient error "
-        f"<= {DEFAULT.gradient:g} roundings, where a rounding is 2^-23 times the condition number. "
-        "A flip is a pixel that lies within 1e-5 of a threshold in float64 and decided otherwise; `flips` counts them "
-        "and, behind the stroke, the pixels that lie so. `gradient` is |error| / |gradient| of the worst Gaussian, "
-        "normwise, with the array it belongs to and its condition number (`engine/stability/condition.py`). "
-        "A bound marked * is not the default; its reason stands below.",
+        f"{len(rows)} cases, {n_red} red. The float32 `cpu` backend is compared with float64 (`reference`). "
+        f"Bounds: forward <= {DEFAULT.forward:g} (of the largest blended value, at least 1) without flips; gradient "
+        f"error <= {DEFAULT.gradient:g} roundings, where a rounding is 2^-23 times the condition number. "
+        "A flip is a pixel that is within 1e-5 of a threshold in float64 and decides it differently in float32; "
+        "`flips` counts them and, after the slash, all pixels so near to a threshold. `gradient` is |error| / "
+        "|gradient| (norms of rows) of the worst Gaussian, with the name of the array and the condition number "
+        "(`engine/stability/condition.py`). Cases marked * have a bound that is not the default, with the reason below "
+        "the table.",
         "",
         "| " + " | ".join(_HEAD) + " |",
         "|" + " --- |" * len(_HEAD),
@@ -125,28 +126,28 @@ def _errors_markdown(rows: Sequence[Row]) -> str:
     red = [row for row in rows if not row.green]
     if red:
         lines += ["", "## Red", ""]
-        lines += [f"- `{row.case.name}`: {'; '.join(row.finding.problems) or 'another outcome'}" for row in red]
+        lines += [f"- `{row.case.name}`: {'; '.join(row.finding.problems) or 'unexpected outcome'}" for row in red]
     return "\n".join(lines) + "\n"
 
 
 def write_table(path: Path, rows: Sequence[AnyRow]) -> None:
-    """Write `markdown` of the rows to `path`, atomically."""
+    """Write `suite_markdown` of the rows to `path`, atomically."""
     with atomic_write(path, "w") as file:
-        file.write(markdown(rows))
+        file.write(suite_markdown(rows))
 
 
 def _cells(row: Row) -> list[str]:
     case, finding = row.case, row.finding
     star = "*" if case.name in BOUNDS else ""
     gradient = finding.gradient
-    shown = ["", "", ""]
+    cells = ["", "", ""]
     if gradient is not None and not gradient.array:
-        shown = ["exact", "", "0"]
+        cells = ["exact", "", "0"]
     elif gradient is not None and gradient.condition > 1e12:
-        # The true gradient is nothing but float64's rounding: there is no relative error.
-        shown = [f"of 0 ({gradient.array})", "", _short(gradient.ratio)]
+        # The true gradient consists of float64 rounding only, so there is no relative error.
+        cells = [f"of 0 ({gradient.array})", "", _short(gradient.ratio)]
     elif gradient is not None:
-        shown = [f"{_short(gradient.error)} ({gradient.array})", _short(gradient.condition), _short(gradient.ratio)]
+        cells = [f"{_short(gradient.error)} ({gradient.array})", _short(gradient.condition), _short(gradient.ratio)]
     flips = f"{finding.flips}/{finding.near}" if finding.near else ("0" if gradient is not None else "")
     return [
         f"`{case.name}`{star}",
@@ -155,7 +156,7 @@ def _cells(row: Row) -> list[str]:
         finding.outcome,
         "" if finding.forward is None else _short(finding.forward),
         flips,
-        *shown,
+        *cells,
         "green" if row.green else "**red**",
     ]
 

@@ -1,4 +1,4 @@
-"""Which pixels hang on a threshold: there float32 may honestly decide otherwise than float64, and nowhere else."""
+"""Pixels near a threshold: only there may float32 decide differently from float64."""
 
 from __future__ import annotations
 
@@ -8,30 +8,31 @@ from ..rasterizer import project_centres, project_covariances
 from ..rasterizer.settings import ALPHA_MAX, ALPHA_MIN, COV_MAX, DET_MIN, QUAT_NORM2_MIN, T_MIN
 from .scenes import Scene
 
-__all__ = ["hanging_pixels"]
+__all__ = ["pixels_near_thresholds"]
 
 PIXELS_AT_ONCE = 2**21
-"""Pairs of a pixel and a Gaussian that are looked at together, to bound memory."""
+"""Number of pairs of a pixel and a Gaussian that are processed at once, to limit memory."""
 
 
-def hanging_pixels(scene: Scene, near: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the pixels whose picture, and those whose gradient, may jump; two bool tensors [H, W].
+def pixels_near_thresholds(scene: Scene, near: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the pixels near a threshold of the picture, and those near one of the gradient; bool tensors [H, W].
 
-    Everything is float64 and independent of the ``cpu`` backend. Front to back over the pairs that are still reached
-    (transmittance before them at least T_MIN, less `near`), a picture may jump where alpha lies within `near`
-    (relative) of ALPHA_MIN, or the transmittance behind a pair within `near` of T_MIN. The gradient may jump there
-    and where the alpha before clamping lies within `near` of ALPHA_MAX; the picture does not: clamping is continuous.
+    The computation is in float64 and independent of the ``cpu`` backend. It goes front to back over the Gaussians that
+    a pixel's ray still reaches (transmittance before them at least T_MIN, less `near`). The picture may change
+    discontinuously where alpha is within the relative distance `near` of ALPHA_MIN, or the transmittance behind a
+    Gaussian within `near` of T_MIN. The gradient may do so at these pixels and where the alpha before clamping is
+    within `near` of ALPHA_MAX, where the picture is continuous.
     """
     height, width = scene.camera.height, scene.camera.width
     pixels, conics, opacities = _in_depth_order(scene)
     ys, xs = torch.meshgrid(
         torch.arange(height, dtype=torch.float64) + 0.5, torch.arange(width, dtype=torch.float64) + 0.5, indexing="ij"
     )
-    places = torch.stack([xs.reshape(-1), ys.reshape(-1)], dim=1)
+    positions = torch.stack([xs.reshape(-1), ys.reshape(-1)], dim=1)
     blend = torch.zeros(height * width, dtype=torch.bool)
     gradient = torch.zeros(height * width, dtype=torch.bool)
     for part in torch.arange(height * width).split(max(1, PIXELS_AT_ONCE // max(1, len(pixels)))):
-        d = places[part, None] - pixels
+        d = positions[part, None] - pixels
         square = (
             conics[:, 0] * d[..., 0] ** 2 + 2 * conics[:, 1] * d[..., 0] * d[..., 1] + conics[:, 2] * d[..., 1] ** 2
         )
@@ -52,7 +53,7 @@ def _close(value: torch.Tensor, threshold: float, near: float) -> torch.Tensor:
 
 
 def _in_depth_order(scene: Scene) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Return centres [M, 2], inverse covariances xx, xy, yy [M, 3] and opacities [M] of what has an ellipse."""
+    """Return centres [M, 2], inverse covariances xx, xy, yy [M, 3] and opacities [M] of the projected Gaussians."""
     viewmat = torch.tensor(scene.camera.viewmat, dtype=torch.float64)
     in_camera = scene.means @ viewmat[:3, :3].T + viewmat[:3, 3]
     kept = (in_camera[:, 2] > scene.settings.near) & ((scene.quats**2).sum(dim=1) >= QUAT_NORM2_MIN)

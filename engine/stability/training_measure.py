@@ -1,4 +1,4 @@
-"""One training run of the suite: whether it finishes, how well, which guards fired, and what it left on disk."""
+"""Measurement of one training run: ending, PSNR, guards that acted, and values on disk that are not finite."""
 
 from __future__ import annotations
 
@@ -20,45 +20,53 @@ from ..training import CHECKPOINT_FILE, TrainingResult, train
 from ..training.settings import TrainingSettings
 from .training_scenes import TrainingInput
 
-__all__ = ["TrainingFinding", "Watch", "measured_run", "problems_of_files", "refused_by", "same_gaussians", "trained"]
+__all__ = [
+    "TrainingFinding",
+    "CheckpointMonitor",
+    "measure_training",
+    "non_finite_values",
+    "refusal_finding",
+    "same_gaussians",
+    "run_training",
+]
 
 Ending = Literal["finishes", "warns", "refused"]
 
 
 @dataclass(frozen=True)
 class TrainingFinding:
-    """What one case of training came to.
+    """Result of one case of training.
 
     Attributes
     ----------
     ending : {"finishes", "warns", "refused"}
-        ``warns``: it finishes and says that the result is poor.
+        ``warns``: training finishes with a warning that the result is poor.
     psnr : float or None
-        Of the result on the held-out photos, dB; None when there is no result.
-    said : str
-        The error's or warning's sentence, an error's with its type before it.
+        PSNR of the result on the held-out photos in dB; None if there is no result.
+    message : str
+        Message of the error or warning. An error's type comes first, with a colon.
     guards : mapping of str to int
-        How often each guard and each limit kept values in bounds.
+        Number of values that each guard and each limit clamped.
     problems : tuple of str
-        Everything that is wrong whatever the case expects, as sentences.
+        Problems of any case, whatever it expects, one clause each.
     """
 
     ending: Ending
     psnr: float | None = None
-    said: str = ""
+    message: str = ""
     guards: Mapping[str, int] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
 
 
-class Watch:
-    """A stop check that reads every checkpoint as it is written, and keeps what is wrong with any.
+class CheckpointMonitor:
+    """Stop check that reads every checkpoint when it is written and collects its problems.
 
     Parameters
     ----------
     folder : Path
-        Of the checkpoints.
+        Folder of the checkpoints.
     should_stop : StopCheck
-        Asked too.
+        Decides whether the run stops.
 
     Attributes
     ----------
@@ -68,49 +76,51 @@ class Watch:
     def __init__(self, folder: Path, should_stop: StopCheck = never_stop) -> None:
         self.problems: list[str] = []
         self._file, self._should_stop = folder / CHECKPOINT_FILE, should_stop
-        self._seen: int | None = None
+        self._last_read: int | None = None
 
     def __call__(self) -> bool:
-        """Look at the checkpoint if it is another one, then ask whether to stop."""
-        if self._file.is_file() and (now := self._file.stat().st_mtime_ns) != self._seen:
-            self._seen = now
-            self.problems += problems_of_files(self._file.parent)
+        """Read the checkpoint if it has changed, then return whether to stop."""
+        if self._file.is_file() and (modified := self._file.stat().st_mtime_ns) != self._last_read:
+            self._last_read = modified
+            self.problems += non_finite_values(self._file.parent)
         return self._should_stop()
 
 
-def trained(given: TrainingInput, settings: TrainingSettings, folder: Path, should_stop: StopCheck) -> TrainingResult:
-    """Return the result of training, its checkpoints in `folder`."""
+def run_training(
+    inputs: TrainingInput, settings: TrainingSettings, folder: Path, should_stop: StopCheck
+) -> TrainingResult:
+    """Train with checkpoints in `folder` and return the result."""
     return train(
-        given.start, given.views, settings, checkpoints=folder, emit=lambda event: None, should_stop=should_stop
+        inputs.start, inputs.views, settings, checkpoints=folder, emit=lambda event: None, should_stop=should_stop
     )
 
 
-def measured_run(
+def measure_training(
     make: Callable[[], tuple[TrainingInput, TrainingSettings]],
-    more: Callable[[TrainingResult, TrainingSettings], list[str]] = lambda result, settings: [],
+    check: Callable[[TrainingResult, TrainingSettings], list[str]] = lambda result, settings: [],
 ) -> TrainingFinding:
-    """Train once and return what came of it.
+    """Train once and measure the run.
 
     Parameters
     ----------
     make : callable
-        Gives the input, which may itself be refused, and the settings.
-    more : callable
-        Further problems of a result.
+        Returns input and settings. Making the input may itself be refused.
+    check : callable
+        Returns further problems of a result.
     """
     events: list[Event] = []
     with tempfile.TemporaryDirectory() as name:
-        watch = Watch(folder := Path(name))
+        monitor = CheckpointMonitor(folder := Path(name))
         try:
-            given, settings = make()
+            inputs, settings = make()
             result = train(
-                given.start, given.views, settings, checkpoints=folder, emit=events.append, should_stop=watch
+                inputs.start, inputs.views, settings, checkpoints=folder, emit=events.append, should_stop=monitor
             )
             save_gaussians(folder, result.gaussians)
         except HeritageError as error:
-            return replace(refused_by(error), problems=tuple(watch.problems + problems_of_files(folder)))
+            return replace(refusal_finding(error), problems=tuple(monitor.problems + non_finite_values(folder)))
         problems = (
-            watch.problems + problems_of_files(folder) + _count_problems(result, settings) + more(result, settings)
+            monitor.problems + non_finite_values(folder) + _count_problems(result, settings) + check(result, settings)
         )
     poor = [event.message for event in events if isinstance(event, Warned) and "flat colour" in event.message]
     return TrainingFinding(
@@ -122,22 +132,22 @@ def measured_run(
     )
 
 
-def refused_by(error: HeritageError) -> TrainingFinding:
-    """Return the finding of a run that ended with `error`: one sentence or two, and an exit code that is not 0."""
+def refusal_finding(error: HeritageError) -> TrainingFinding:
+    """Return the finding of a run that ended with `error`, whose message must be sentences on one line."""
     problems = [] if error.exit_code != 0 else ["the exit code is 0"]
     if "\n" in str(error) or not str(error).endswith("."):
         problems.append(f"the error is not a sentence: {error}")
-    return TrainingFinding("refused", said=f"{type(error).__name__}: {error}", problems=tuple(problems))
+    return TrainingFinding("refused", message=f"{type(error).__name__}: {error}", problems=tuple(problems))
 
 
-def same_gaussians(one: Gaussians, other: Gaussians) -> bool:
-    """Return whether all arrays of both are equal, bit by bit."""
-    pairs = [(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one)]
+def same_gaussians(first: Gaussians, second: Gaussians) -> bool:
+    """Return whether all arrays are exactly equal."""
+    pairs = [(getattr(first, f.name), getattr(second, f.name)) for f in dataclasses.fields(first)]
     return all((a is None and b is None) or np.array_equal(a, b) for a, b in pairs)
 
 
-def problems_of_files(folder: Path) -> list[str]:
-    """Return which values of checkpoint and scene in `folder` are not finite."""
+def non_finite_values(folder: Path) -> list[str]:
+    """Return the arrays of checkpoint and scene in `folder` that are not finite, one clause each."""
     problems = []
     if (folder / CHECKPOINT_FILE).is_file():
         with np.load(folder / CHECKPOINT_FILE, allow_pickle=False) as stored:
@@ -153,7 +163,7 @@ def problems_of_files(folder: Path) -> list[str]:
 
 
 def _count_problems(result: TrainingResult, settings: TrainingSettings) -> list[str]:
-    most = max(point.n_gaussians for point in result.curve)
-    if most > settings.max_gaussians:
-        return [f"{most} Gaussians, {settings.max_gaussians} are allowed"]
+    largest = max(point.n_gaussians for point in result.curve)
+    if largest > settings.growth.max_gaussians:
+        return [f"{largest} Gaussians, {settings.growth.max_gaussians} are allowed"]
     return []

@@ -1,4 +1,4 @@
-"""Rules of training that hold to the last bit: stopped, killed or out of memory, a run ends with the same Gaussians."""
+"""Rules of training that hold exactly: a run that was stopped, killed or out of memory ends with the same Gaussians."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,59 +16,58 @@ from ..errors import Cancelled
 from ..events import StopCheck
 from ..training import Parameters, TrainingResult, render
 from ..training.settings import TrainingSettings
-from .starved import ENVIRONMENT
-from .training_measure import TrainingFinding, Watch, same_gaussians, trained
+from .memory_limit import MALLOC_ENVIRONMENT
+from .training_measure import CheckpointMonitor, TrainingFinding, run_training, same_gaussians
 from .training_scenes import SETTINGS, known_capture, training_input
 
-__all__ = ["continues_exactly", "continues_without_memory", "stays_empty"]
+__all__ = ["resumes_exactly", "resumes_after_memory_error", "stays_empty"]
 
-_STOPPED_AFTER = (1, 47, 20, 35)
-"""Steps that each attempt is given: it ends before the first checkpoint, between two, after growth, near the end."""
+_STEPS_PER_ATTEMPT = (1, 47, 20, 35)
+"""Steps of each attempt: they end before the first checkpoint, between two, after growth, and near the end."""
 
-
-_MOST_COVERED = 0.05
-"""Of the black pixels; soft edges of the balls are 1 to 2 %."""
+_MAX_COVERED_SHARE = 0.05
+"""Largest mean opacity of pixels that are black in the photos. The soft edges of the balls cause 1 to 2 %."""
 
 
 class _Killed(BaseException):
-    """Ends a run as a kill does: nothing gets to write a checkpoint."""
+    """Ends a run like a kill signal: no code gets to write a checkpoint."""
 
 
-def continues_exactly(*, killed: bool) -> TrainingFinding:
-    """Return whether a run that is stopped (or killed) four times gives the Gaussians of one that was not.
+def resumes_exactly(*, killed: bool) -> TrainingFinding:
+    """Check that a run that is stopped (or killed) four times gives the Gaussians of an uninterrupted run.
 
-    With exposure, whose moments are part of the state too, and growth in between.
+    The run trains exposure, whose moments are part of the state, and grows between the stops.
     """
-    settings = replace(SETTINGS, exposure=True, max_gaussians=600)
-    capture = known_capture()[0].exposed(list(np.linspace(0.7, 1.0, 12)))
-    given = training_input(capture, settings)
+    settings = SETTINGS.changed(exposure=True, max_gaussians=600)
+    capture = known_capture()[0].with_gains(list(np.linspace(0.7, 1.0, 12)))
+    inputs = training_input(capture, settings)
     problems: list[str] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        whole = trained(given, settings, folder / "whole", lambda: False)
-        for steps in _STOPPED_AFTER:
-            watch = Watch(folder / "again", _ends_after(steps, killed=killed))
+        uninterrupted = run_training(inputs, settings, folder / "uninterrupted", lambda: False)
+        for steps in _STEPS_PER_ATTEMPT:
+            monitor = CheckpointMonitor(folder / "resumed", _stop_after(steps, killed=killed))
             try:
-                trained(given, settings, folder / "again", watch)
-                problems.append(f"the run that was to end after {steps} steps did not")
+                run_training(inputs, settings, folder / "resumed", monitor)
+                problems.append(f"the run did not end after {steps} steps")
             except (Cancelled, _Killed):
-                problems += watch.problems
-        again = trained(given, settings, folder / "again", lambda: False)
-    if not same_gaussians(whole.gaussians, again.gaussians):
-        problems.append("the Gaussians are others than those of a run that went through")
+                problems += monitor.problems
+        resumed = run_training(inputs, settings, folder / "resumed", lambda: False)
+    if not same_gaussians(uninterrupted.gaussians, resumed.gaussians):
+        problems.append("the Gaussians differ from those of an uninterrupted run")
     for figure in ("psnr", "guards", "limits", "trials", "exposure"):
-        found, wanted = (run.figures.get(figure) for run in (again, whole))
-        if found != wanted:
-            problems.append(f"`{figure}` is {found}, of a run that went through {wanted}")
-    guards = {**again.figures["guards"], **again.figures["limits"]}
-    return TrainingFinding("finishes", again.curve[-1].psnr, "", guards, tuple(problems))
+        found, expected = (run.figures.get(figure) for run in (resumed, uninterrupted))
+        if found != expected:
+            problems.append(f"`{figure}` is {found}, in an uninterrupted run {expected}")
+    guards = {**resumed.figures["guards"], **resumed.figures["limits"]}
+    return TrainingFinding("finishes", resumed.curve[-1].psnr, "", guards, tuple(problems))
 
 
-def _ends_after(steps: int, *, killed: bool) -> StopCheck:
-    asked = iter(range(10**6))
+def _stop_after(steps: int, *, killed: bool) -> StopCheck:
+    steps_done = iter(range(10**6))
 
     def stop() -> bool:
-        ends = next(asked) >= steps
+        ends = next(steps_done) >= steps
         if ends and killed:
             raise _Killed
         return ends
@@ -78,41 +76,42 @@ def _ends_after(steps: int, *, killed: bool) -> StopCheck:
 
 
 def stays_empty(result: TrainingResult, settings: TrainingSettings) -> list[str]:
-    """Return whether Gaussians cover what is black in all photos of the balls before nothing: floaters, unseen there.
+    """Check that no Gaussians cover the pixels that are black in the photos of the balls without a floor.
 
-    They cost no photo anything and would stand, black, before whatever is seen from elsewhere.
+    Black Gaussians in front of the black background do not change any photo, but hide the scene from other directions.
     """
     views = training_input(known_capture(ground=False)[0], settings).views
-    values = Parameters.from_gaussians(result.gaussians, sh_degree=settings.sh_degree, features=False).values
-    covers = []
+    values = Parameters.from_gaussians(result.gaussians, sh_degree=settings.appearance.sh_degree, features=False).values
+    coverage = []
     for view in views:
         with torch.no_grad():
-            raster = render(values, view.pinhole, settings, sh_degree=settings.sh_degree)
-        covers.append(float((1.0 - raster.transmittance.numpy())[view.pixels.max(axis=2) == 0].mean()))
-    most = float(np.mean(covers))
-    return [f"{most:.1%} of what is black in the photos is covered"] if most > _MOST_COVERED else []
+            raster = render(values, view.pinhole, backend=settings.backend, sh_degree=settings.appearance.sh_degree)
+        coverage.append(float((1.0 - raster.transmittance.numpy())[view.pixels.max(axis=2) == 0].mean()))
+    share = float(np.mean(coverage))
+    return [f"{share:.1%} of the black pixels in the photos is covered"] if share > _MAX_COVERED_SHARE else []
 
 
-def continues_without_memory() -> TrainingFinding:
-    """Return how a process ends that may not grow any more in the middle of training, and whether its run goes on."""
+def resumes_after_memory_error() -> TrainingFinding:
+    """Check that training whose memory is limited half-way ends with an error, and that the run can be resumed."""
     root = Path(__file__).resolve().parents[2]
     with tempfile.TemporaryDirectory() as folder:
         child = subprocess.run(
-            [sys.executable, "-m", "engine.stability.starved", folder],
-            cwd=root, env={**os.environ, **ENVIRONMENT}, capture_output=True, text=True, encoding="utf-8", check=False,
+            [sys.executable, "-m", "engine.stability.memory_limit", folder],
+            cwd=root, env={**os.environ, **MALLOC_ENVIRONMENT}, capture_output=True, text=True, encoding="utf-8",
+            check=False,
         )  # fmt: skip
     try:
         answer = json.loads(child.stdout)
     except ValueError:
-        last = (child.stderr.strip().splitlines() or ["nothing was said"])[-1]
-        return TrainingFinding("refused", problems=(f"the process broke off, exit code {child.returncode}: {last}",))
+        last = (child.stderr.strip().splitlines() or ["no message"])[-1]
+        return TrainingFinding("refused", problems=(f"the process failed with exit code {child.returncode}: {last}",))
     problems = list(answer["problems"])
     if answer["type"] is None:
-        problems.append("memory was not short")
+        problems.append("training did not run out of memory")
     elif answer["code"] == 0:
         problems.append("the exit code is 0")
     if answer["step"] == 0:
-        problems.append("no checkpoint was left")
+        problems.append("there is no checkpoint")
     if not answer["same"]:
-        problems.append("continued with memory again, the Gaussians are others than those of a run that went through")
-    return TrainingFinding("refused", said=f"{answer['type']}: {answer['sentence']}", problems=tuple(problems))
+        problems.append("after resuming, the Gaussians differ from those of an uninterrupted run")
+    return TrainingFinding("refused", message=f"{answer['type']}: {answer['message']}", problems=tuple(problems))

@@ -1,7 +1,7 @@
-"""A capture that is known exactly: photos of 48 x 36 pixels of a small scene, rendered by our own rasterizer.
+"""A capture with a known scene: photos of 48 x 36 pixels, rendered from Gaussians by our rasterizer.
 
-It goes to the trainer as any capture does: poses and sparse points in the frame they come in, through
-`cameras.normalise` and `training.start`.
+It is trained like any capture: its poses and sparse points, in a frame of their own, go through `cameras.normalise` and
+`training.start`.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ __all__ = [
     "SETTINGS",
     "Capture",
     "TrainingInput",
-    "faster",
+    "scale_learning_rates",
     "known_capture",
-    "looking_at",
+    "look_at_viewmat",
     "pinhole",
-    "rendered",
+    "render_pixels",
     "training_input",
 ]
 
@@ -45,34 +45,34 @@ N_PHOTOS = 12
 _RATES = ("lr_means", "lr_means_end", "lr_scales", "lr_quats", "lr_opacity", "lr_sh", "lr_exposure")
 
 
-def faster(settings: TrainingSettings, factor: float) -> TrainingSettings:
-    """Return the settings with all learning rates that these captures use multiplied by `factor`."""
-    return replace(settings, **{name: factor * getattr(settings, name) for name in _RATES})
+def scale_learning_rates(settings: TrainingSettings, factor: float) -> TrainingSettings:
+    """Return the settings with the learning rates that these captures use multiplied by `factor`."""
+    return settings.changed(**{name: factor * getattr(settings.optimiser, name) for name in _RATES})
 
 
-SETTINGS = faster(PRESETS["test"], 4.0)
-SETTINGS = replace(
-    SETTINGS, steps=120, max_gaussians=400, features=False, background=0.0, held_out_every=4,
+SETTINGS = scale_learning_rates(PRESETS["test"], 4.0)
+SETTINGS = SETTINGS.changed(
+    steps=120, max_gaussians=400, train_features=False, background_fraction=0.0, held_out_every=4,
     checkpoint_interval=30, curve_points=3, preview_seconds=3600.0,
 )  # fmt: skip
-"""The preset ``test`` with steps enough to learn the undisturbed capture, and without what only objects need."""
+"""The preset ``test`` with enough steps for the undisturbed capture, and without features."""
 
 
 @dataclass(frozen=True)
 class Capture:
-    """What a person brings: photos, and poses and sparse points in a frame of their own.
+    """Photos with poses and sparse points in a frame of their own.
 
     Attributes
     ----------
     photos : tuple of arrays of shape [h, w, 3], uint8
     viewmats : array of shape [P, 4, 4], float64
-        World-to-camera as they are believed to be.
+        World-to-camera matrices that training is given. They may be wrong.
     focal : float
-        Pixels, as it is believed to be.
+        Focal length in pixels that training is given. It may be wrong.
     points : array of shape [M, 3], float64
     colors : array of shape [M, 3], uint8
     held_out : frozenset of int or None
-        Photos not trained on; None for those that training chooses itself.
+        Indices of photos that are not trained on; None if training selects them.
     """
 
     photos: tuple[Pixels, ...]
@@ -82,16 +82,18 @@ class Capture:
     colors: Pixels
     held_out: frozenset[int] | None = None
 
-    def pick(self, numbers: Sequence[int], *, held_out: frozenset[int] | None = None) -> Capture:
-        """Return the capture of these photos in this order, of which those at the places `held_out` are held out."""
+    def select_photos(self, numbers: Sequence[int], *, held_out: frozenset[int] | None = None) -> Capture:
+        """Return the capture with these photos in this order. `held_out` are positions in the new order."""
         photos = tuple(self.photos[i] for i in numbers)
         return replace(self, photos=photos, viewmats=self.viewmats[list(numbers)], held_out=held_out)
 
     def split(self) -> tuple[list[int], list[int]]:
-        """Return the photos trained on, and those measured on: held out, or else the same."""
+        """Return the indices of the training photos, and of the evaluated photos: held-out ones, or else the same."""
         n = range(len(self.photos))
-        chosen = self.held_out
-        held_out = [i for i in n if (is_held_out(i, SETTINGS.held_out_every) if chosen is None else i in chosen)]
+        named = self.held_out
+        held_out = [
+            i for i in n if (is_held_out(i, SETTINGS.measurement.held_out_every) if named is None else i in named)
+        ]
         training = [i for i in n if i not in held_out]
         return training, held_out or training
 
@@ -99,8 +101,8 @@ class Capture:
         """Return the capture without sparse points."""
         return replace(self, points=self.points[:0], colors=self.colors[:0])
 
-    def exposed(self, gains: Sequence[float], *, points: float = 1.0) -> Capture:
-        """Return the capture with photo i made `gains[i]` times as bright, and the sparse points `points` times."""
+    def with_gains(self, gains: Sequence[float], *, points: float = 1.0) -> Capture:
+        """Return the capture with photo i made `gains[i]` times as bright and the sparse points `points` times."""
 
         def brighter(pixels: Pixels, gain: float) -> Pixels:
             return (gain * pixels.astype(np.float64)).round().clip(0, 255).astype(np.uint8)
@@ -108,11 +110,11 @@ class Capture:
         photos = tuple(brighter(photo, gain) for photo, gain in zip(self.photos, gains, strict=True))
         return replace(self, photos=photos, colors=brighter(self.colors, points))
 
-    def flat(self, level: int) -> Capture:
-        """Return the capture with photos of one gray level, and without points: there is nothing to match."""
+    def with_flat_photos(self, level: int) -> Capture:
+        """Return the capture with photos of one gray level and, as nothing can be matched in them, without points."""
         return replace(self, photos=tuple(np.full_like(photo, level) for photo in self.photos)).without_points()
 
-    def moved(self, *, scale: float = 1.0, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Capture:
+    def transformed(self, *, scale: float = 1.0, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Capture:
         """Return the capture with its world multiplied by `scale`, then moved by `offset`."""
         viewmats = self.viewmats.copy()
         viewmats[:, :3, 3] *= scale
@@ -122,7 +124,7 @@ class Capture:
 
 @dataclass(frozen=True)
 class TrainingInput:
-    """What the trainer gets of a capture.
+    """Input of training for a capture.
 
     Attributes
     ----------
@@ -134,7 +136,7 @@ class TrainingInput:
     views: tuple[TrainingView, ...]
 
     def with_start(self, **rows: tuple[Sequence[int] | slice, float]) -> TrainingInput:
-        """Return the input with the rows of start arrays set: ``means=([3], nan)``."""
+        """Return the input with rows of the start arrays set to a value: ``means=([3], nan)``."""
         arrays = {name: getattr(self.start, name).copy() for name in rows}
         for name, (index, value) in rows.items():
             arrays[name][index] = value
@@ -142,7 +144,7 @@ class TrainingInput:
 
 
 def training_input(capture: Capture, settings: TrainingSettings, *, emit: Emit = ignore_events) -> TrainingInput:
-    """Return start and views of `capture` as the pipeline makes them from given poses."""
+    """Return start and views of `capture`, as the pipeline makes them for given poses."""
     similarity = original_from_world(list(capture.viewmats), capture.points)
     training, _ = capture.split()
     views = [
@@ -168,14 +170,14 @@ def pinhole(viewmat: Float64, focal: float) -> PinholeCamera:
 
 @functools.cache
 def known_capture(*, ground: bool = True) -> tuple[Capture, Gaussians]:
-    """Return a capture of 12 photos around two balls, on a floor or before nothing, and the Gaussians they are of.
+    """Return a capture of 12 photos around two balls, with a floor or without, and the Gaussians of the scene.
 
-    The sparse points are a third of the Gaussians' centres, off by a third of their size, in their own colours.
+    The sparse points are a third of the Gaussians' centres, displaced by a third of their size, with their colours.
     """
     truth = _two_balls(ground)
     angles = 2.0 * np.pi * np.arange(N_PHOTOS) / N_PHOTOS
-    viewmats = np.stack([looking_at([2.5 * np.cos(angle), 2.5 * np.sin(angle), 1.0]) for angle in angles])
-    photos = tuple(rendered(truth, pinhole(viewmat, FOCAL)) for viewmat in viewmats)
+    viewmats = np.stack([look_at_viewmat([2.5 * np.cos(angle), 2.5 * np.sin(angle), 1.0]) for angle in angles])
+    photos = tuple(render_pixels(truth, pinhole(viewmat, FOCAL)) for viewmat in viewmats)
     rng = np.random.default_rng(3)
     chosen = np.sort(rng.choice(len(truth), len(truth) // 3, replace=False))
     points = truth.means[chosen] + rng.normal(0.0, 0.02, (len(chosen), 3))
@@ -183,7 +185,7 @@ def known_capture(*, ground: bool = True) -> tuple[Capture, Gaussians]:
     return Capture(photos, viewmats, FOCAL, points, colors), truth
 
 
-def rendered(gaussians: Gaussians, camera: PinholeCamera) -> Pixels:
+def render_pixels(gaussians: Gaussians, camera: PinholeCamera) -> Pixels:
     """Return the picture of `gaussians`, uint8 [h, w, 3]."""
     arrays = [gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities]
     means, quats, scales, opacities = (torch.from_numpy(array) for array in arrays)
@@ -213,7 +215,7 @@ def _two_balls(ground: bool) -> Gaussians:
     return truth if ground else truth[part > 0]
 
 
-def looking_at(center: ArrayLike, target: ArrayLike = (0.0, 0.0, 0.0)) -> Float64:
+def look_at_viewmat(center: ArrayLike, target: ArrayLike = (0.0, 0.0, 0.0)) -> Float64:
     """Return the world-to-camera matrix [4, 4] of a camera at `center` that looks at `target`; Z is up."""
     position = np.asarray(center, np.float64)
     forward = np.asarray(target, np.float64) - position

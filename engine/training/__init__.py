@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .checkpoint import CHECKPOINT_FILE, forget_old_runs, latest_run, read_progress
+    from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .loop import train
     from .parameters import Parameters, render
-    from .quality import gaussians_so_far, judge
+    from .quality import gaussians_so_far, measure_quality
     from .result import TrainingResult
     from .schedule import Schedule
     from .start import start_gaussians
@@ -22,12 +22,12 @@ __all__ = [
     "Schedule",
     "TrainingResult",
     "TrainingView",
-    "forget_old_runs",
+    "delete_old_runs",
     "gaussians_so_far",
     "is_held_out",
-    "judge",
     "latest_run",
     "load_views",
+    "measure_quality",
     "read_progress",
     "render",
     "start_gaussians",

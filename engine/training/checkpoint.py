@@ -1,7 +1,7 @@
-"""A training run on disk, written atomically, from which a killed or cancelled run goes on exactly where it was.
+"""Checkpoints of training runs, written atomically. A killed or cancelled run resumes from its checkpoint exactly.
 
-Random draws depend on the step alone (`schedule.Schedule.generator`), so parameters, moments, the step and the cached
-neighbours are the whole state.
+Random draws depend on the step only (`schedule.Schedule.generator`), so the parameters, their moments, the step and the
+cached neighbours are the complete state.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from .views import TrainingView
 __all__ = [
     "CHECKPOINT_FILE",
     "RunState",
-    "forget_old_runs",
+    "delete_old_runs",
     "latest_run",
     "read_checkpoint",
     "read_progress",
@@ -45,15 +45,22 @@ __all__ = [
 ]
 
 CHECKPOINT_FILE = "training.npz"
-_VERSION = 3
-_OTHER_RUNS_KEPT = 2
-_OUT_OF_PLACE = "out_of_place."
-_NOT_PART_OF_THE_RESULT = ("checkpoint_interval", "preview_seconds")
+VERSION = 3
+"""Version of the format, part of the key of a run."""
+
+N_OTHER_RUNS_KEPT = 2
+"""Number of other runs whose checkpoints are kept. Three checkpoints of the largest preset take half a gigabyte."""
+
+TRANSIENT_MASK_PREFIX = "out_of_place."
+"""Beginning of the names of the arrays with transient masks."""
+
+SETTINGS_WITHOUT_EFFECT = ("checkpoint_interval", "preview_seconds")
+"""Stored names of the settings that do not change the result."""
 
 
 @dataclass
 class RunState:
-    """Everything a training run changes.
+    """Everything that changes during a training run.
 
     Attributes
     ----------
@@ -62,26 +69,26 @@ class RunState:
         Logarithm of the brightness factor of each training photo.
     exposure_moments : AdamState
     step : int
-        Finished steps.
+        Number of finished steps.
     cooling_from : int or None
-        Step at which the cooldown began because the curve was flat.
+        Step at which the cooldown began because the curve was flat; None when it was not.
     sh_limit : int or None
-        Highest band of view-dependent colour that trials found worth it so far; None where none are made.
+        Highest band of view-dependent colour that passed its trial so far; None in a run without trials.
     uses_exposure : bool
         Whether the brightness factors are in use.
     trials : list of Trial
-        Those that were made.
-    out_of_place : dict of int to bool array of shape [h, w]
-        Pixels left out of training photos because they show what no other photo does, by number of the photo.
+        Finished trials.
+    transient_masks : dict of int to bool array of shape [h, w]
+        Pixels that are left out of training photos because they show transients, by number of the photo.
     neighbours : int tensor of shape [N, k] or None
-        Cache for L_reg.
+        Nearest neighbours for L_reg, cached.
     neighbours_step : int
-        Step it was made at.
+        Step at which they were found.
     curve : list of CurvePoint
     guards : Counter
-        How often each numerical guard fired.
+        How often each numerical guard took effect.
     wall_seconds, cpu_seconds : float
-        Spent so far.
+        Time spent so far.
     """
 
     parameters: Parameters
@@ -92,7 +99,7 @@ class RunState:
     sh_limit: int | None = None
     uses_exposure: bool = False
     trials: list[Trial] = field(default_factory=list)
-    out_of_place: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
+    transient_masks: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
     neighbours: torch.Tensor | None = None
     neighbours_step: int = 0
     curve: list[CurvePoint] = field(default_factory=list)
@@ -101,23 +108,23 @@ class RunState:
     cpu_seconds: float = 0.0
 
     def copy(self) -> RunState:
-        """Return a state that can be trained on while this one stays as it is."""
+        """Return an independent copy that can be trained further."""
         return replace(
             self,
             parameters=self.parameters.copy(),
             exposure=self.exposure.detach().clone(),
             exposure_moments=self.exposure_moments.copy(),
             trials=list(self.trials),
-            out_of_place=dict(self.out_of_place),
+            transient_masks=dict(self.transient_masks),
             curve=list(self.curve),
             guards=Counter(self.guards),
         )
 
 
 def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> str:
-    """Return a hash of everything the result depends on; a checkpoint with another key is not continued."""
-    values = {name: v for name, v in to_dict(settings).items() if name not in _NOT_PART_OF_THE_RESULT}
-    digest = hashlib.sha256(json.dumps([_VERSION, values], sort_keys=True).encode())
+    """Return a hash of everything that the result depends on; a checkpoint with another key is not resumed."""
+    values = {name: v for name, v in to_dict(settings).items() if name not in SETTINGS_WITHOUT_EFFECT}
+    digest = hashlib.sha256(json.dumps([VERSION, values], sort_keys=True).encode())
     for array in (start.means, start.log_scales, start.quats, start.opacity_logits, start.sh, start.features):
         if array is not None:
             digest.update(np.ascontiguousarray(array).tobytes())
@@ -132,12 +139,12 @@ def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingS
 
 
 def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
-    """Write `state` into `folder`, replacing the checkpoint before it.
+    """Write `state` into `folder`, replacing the earlier checkpoint.
 
     Raises
     ------
     DiskError, NumericalError
-        When it cannot be written or holds a value that is not finite; the checkpoint before it is then still whole.
+        When it cannot be written or contains a value that is not finite. The earlier checkpoint then stays complete.
     """
     arrays = {f"value.{name}": value.detach().numpy() for name, value in state.parameters.values.items()}
     moments = {**state.parameters.moments, "exposure": state.exposure_moments}
@@ -145,12 +152,12 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         arrays[f"first.{name}"] = moment.mean.numpy()
         arrays[f"second.{name}"] = moment.square.numpy()
     arrays["exposure"] = state.exposure.detach().numpy()
-    arrays |= {f"{_OUT_OF_PLACE}{view}": mask for view, mask in state.out_of_place.items()}
+    arrays |= {f"{TRANSIENT_MASK_PREFIX}{view}": mask for view, mask in state.transient_masks.items()}
     if state.neighbours is not None:
         arrays["neighbours"] = state.neighbours.numpy()
     _check_finite(arrays, state.step)
     record = {
-        "version": _VERSION,
+        "version": VERSION,
         "key": key,
         "step": state.step,
         "cooling_from": state.cooling_from,
@@ -176,17 +183,17 @@ def _check_finite(arrays: dict[str, NDArray[Any]], step: int) -> None:
 
 
 def read_checkpoint(folder: Path, key: str) -> RunState | None:
-    """Return the state stored in `folder`; None when there is none, it is damaged, or it belongs to another run."""
+    """Return the state stored in `folder`; None when it is missing, damaged, or belongs to another run."""
     return read_state(folder, key)
 
 
 def read_state(folder: Path, key: str | None = None) -> RunState | None:
-    """Return the state stored in `folder`, of whatever run where no `key` is given; None as `read_checkpoint`."""
+    """Return the state stored in `folder`, of any run without a `key`; None as for `read_checkpoint`."""
     path = folder / CHECKPOINT_FILE
     if not path.is_file():
         return None
     try:
-        # Opened here: NumPy leaves a file it finds damaged open.
+        # Opened here because NumPy does not close a file that it finds damaged.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             record = json.loads(str(stored["record"]))
             if key is not None and record["key"] != key:
@@ -197,7 +204,7 @@ def read_state(folder: Path, key: str | None = None) -> RunState | None:
 
 
 def read_progress(folder: Path) -> dict[str, Any] | None:
-    """Return how far the run in `folder` came, without its arrays; None when there is no whole checkpoint.
+    """Return the progress of the run in `folder`, without its arrays; None when there is no complete checkpoint.
 
     Returns
     -------
@@ -212,24 +219,23 @@ def read_progress(folder: Path) -> dict[str, Any] | None:
         return None
 
 
-def forget_old_runs(folder: Path, *, keep: str) -> None:
-    """Delete the checkpoints in `folder`, one folder a run, but those of the run `keep` and of the two latest others.
+def delete_old_runs(folder: Path, *, keep: str) -> None:
+    """Delete the checkpoints in `folder`, one folder per run, except those of `keep` and of the two latest other runs.
 
-    Who tries another preset and comes back continues where the first stopped; three of the largest preset's
-    checkpoints take half a gigabyte.
+    A user who tries another preset and returns to the first one resumes its run.
     """
     others = [path for path in folder.glob("*") if path.name != keep]
-    for old in sorted(others, key=_changed, reverse=True)[_OTHER_RUNS_KEPT:]:
+    for old in sorted(others, key=_written_at, reverse=True)[N_OTHER_RUNS_KEPT:]:
         shutil.rmtree(old)
 
 
 def latest_run(folder: Path) -> Path | None:
-    """Return the folder of the run in `folder` whose checkpoint was written last, None when there is none."""
-    return max((path for path in folder.glob("*") if (path / CHECKPOINT_FILE).is_file()), key=_changed, default=None)
+    """Return the folder of the run in `folder` with the latest checkpoint, None when there is no checkpoint."""
+    return max((path for path in folder.glob("*") if (path / CHECKPOINT_FILE).is_file()), key=_written_at, default=None)
 
 
-def _changed(run: Path) -> float:
-    """Return when the checkpoint of a run was written; before all others where it has none."""
+def _written_at(run: Path) -> float:
+    """Return the time when the checkpoint of a run was written, 0 without a checkpoint."""
     file = run / CHECKPOINT_FILE
     return file.stat().st_mtime if file.is_file() else 0.0
 
@@ -255,10 +261,10 @@ def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunS
         sh_limit=record["sh_limit"],
         uses_exposure=record["uses_exposure"],
         trials=[Trial(**trial) for trial in record["trials"]],
-        out_of_place={
-            int(name.removeprefix(_OUT_OF_PLACE)): mask
+        transient_masks={
+            int(name.removeprefix(TRANSIENT_MASK_PREFIX)): mask
             for name, mask in arrays.items()
-            if name.startswith(_OUT_OF_PLACE)
+            if name.startswith(TRANSIENT_MASK_PREFIX)
         },
         neighbours=None if neighbours is None else torch.from_numpy(neighbours),
         neighbours_step=int(record["neighbours_step"]),

@@ -1,6 +1,6 @@
-"""A fixed budget of Gaussians: dead ones are moved onto living ones, new ones grow from them, all wander a little.
+"""Densification with a fixed budget of Gaussians: relocation of dead ones, splitting, copying, and a random walk.
 
-Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo" (NeurIPS), written from the formulas.
+Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo" (NeurIPS), implemented from the formulas.
 """
 
 from __future__ import annotations
@@ -11,30 +11,36 @@ from collections.abc import Sequence
 import torch
 
 from .parameters import Parameters, render
-from .settings import TrainingSettings
+from .settings import Backend
 from .views import Level
 
-__all__ = ["copy_correction", "error_votes", "grow", "grow_where_wrong", "position_noise", "relocate"]
+__all__ = ["copy_correction", "gaussian_errors", "grow", "split_by_error", "position_noise", "relocate"]
 
-_MOST_COPIES = 51
-_LOGIT_LIMIT = 1e-6
-_SPLIT_SHIFT = 0.7
-_LONGEST_WALK = 3.0
-"""Own sizes that noise moves a Gaussian in a step: at our rates, ten times the published, a large one would leave the
-scene in a single step."""
+MAX_COPIES = 51
+"""Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
+
+OPACITY_MARGIN = 1e-6
+"""Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
+
+SPLIT_SHIFT = 0.7
+"""Distance of the two halves of a split Gaussian from its centre, in scales along its longest axis."""
+
+MAX_WALK = 3.0
+"""Largest distance that noise moves a Gaussian in one step, in its own scales. At our learning rates, ten times the
+published ones, a large Gaussian would otherwise leave the scene in a single step."""
 
 
 def copy_correction(
     opacities: torch.Tensor, scales: torch.Tensor, n_copies: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return opacity and scales for each of n coincident copies that look like the one Gaussian they replace.
+    """Return the opacity and scales of each of n coincident copies that look like the Gaussian they replace.
 
     Parameters
     ----------
     opacities : tensor of shape [M]
-        Of the Gaussian, in (0, 1).
+        Opacity of the Gaussian, in (0, 1).
     scales : tensor of shape [M, 3]
-        Linear.
+        Linear scales of the Gaussian.
     n_copies : int tensor of shape [M]
         1 to 51; more are treated as 51.
 
@@ -50,7 +56,7 @@ def copy_correction(
     Equation 9 of the paper. The double sum alternates; in float64 it agrees with exact arithmetic to 1e-6 for n <= 51
     and o from 0.006 to 0.99 (tested).
     """
-    n = n_copies.clamp(1, _MOST_COPIES)
+    n = n_copies.clamp(1, MAX_COPIES)
     o = opacities.double()
     new = -torch.expm1(torch.log1p(-o) / n)
     # sum_{i=1..n} C(i-1, k) = C(n, k+1): the double sum is a single one.
@@ -62,14 +68,14 @@ def copy_correction(
 
 
 _BINOMIALS = torch.tensor(
-    [[float(math.comb(n, k)) for k in range(_MOST_COPIES + 1)] for n in range(_MOST_COPIES + 1)], dtype=torch.float64
+    [[float(math.comb(n, k)) for k in range(MAX_COPIES + 1)] for n in range(MAX_COPIES + 1)], dtype=torch.float64
 )
 
 
 def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Generator) -> int:
     """Move each Gaussian of opacity below `min_opacity` onto a living one, drawn by opacity; return how many moved.
 
-    The picture stays the same to first order (`copy_correction`). With nobody alive nothing is moved.
+    The picture stays the same to first order (`copy_correction`). Nothing is moved when all Gaussians are dead.
     """
     opacities = parameters.values["opacity_logits"].detach().sigmoid()
     dead = (opacities <= min_opacity).nonzero()[:, 0]
@@ -77,73 +83,73 @@ def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Gen
     if len(dead) == 0 or len(alive) == 0:
         return 0
     chosen = alive[_draw(opacities[alive], len(dead), generator)]
-    _share(parameters, chosen)
+    _share_between_copies(parameters, chosen)
     parameters.overwrite(dead, parameters.copies(chosen))
     return len(dead)
 
 
 def grow(parameters: Parameters, n_new: int, *, generator: torch.Generator) -> None:
-    """Add `n_new` Gaussians as copies of living ones, drawn by opacity; the picture stays the same to first order."""
+    """Add `n_new` copies of Gaussians drawn by opacity; the picture stays the same to first order."""
     if n_new <= 0:
         return
     opacities = parameters.values["opacity_logits"].detach().sigmoid()
     chosen = _draw(opacities, n_new, generator)
-    _share(parameters, chosen)
+    _share_between_copies(parameters, chosen)
     parameters.append(parameters.copies(chosen))
 
 
-def error_votes(
-    parameters: Parameters, levels: Sequence[Level], settings: TrainingSettings, *, sh_degree: int
+def gaussian_errors(
+    parameters: Parameters, levels: Sequence[Level], *, backend: Backend, sh_degree: int
 ) -> torch.Tensor:
-    """Return how much of the pictures' error each Gaussian is part of, shape [N].
+    """Return the error of the pictures in the pixels of each Gaussian, shape [N].
 
-    v_g = sum over pixels of w_g |image - photo|, with w_g its blending weight: the gradient of the error with respect
-    to an extra channel, since a picture is linear in its channels.
+    ``v_g = sum over pixels of w_g |image - photo|`` with w_g the blending weight. A picture is linear in its channels,
+    so this is the gradient of the error, weighted by an additional channel, with respect to that channel.
     """
     values = {name: value.detach() for name, value in parameters.values.items()}
-    votes = torch.zeros(len(parameters), 1, requires_grad=True)
+    channel = torch.zeros(len(parameters), 1, requires_grad=True)
     with torch.enable_grad():
         for level in levels:
-            raster = render(values, level.camera, settings, sh_degree=sh_degree, extra=votes)
+            raster = render(values, level.camera, backend=backend, sh_degree=sh_degree, channels=channel)
             photo = torch.from_numpy(level.pixels).float().div_(255.0)
             error = (raster.image[..., :3].detach() - photo).abs().mean(dim=2)
             if level.valid is not None:
                 error[torch.from_numpy(~level.valid)] = 0.0
             (raster.image[..., 3] * error).sum().backward()  # type: ignore[no-untyped-call]
-    assert votes.grad is not None
-    return votes.grad[:, 0]
+    assert channel.grad is not None
+    return channel.grad[:, 0]
 
 
-def grow_where_wrong(
-    parameters: Parameters, votes: torch.Tensor, n_new: int, *, min_opacity: float, generator: torch.Generator
+def split_by_error(
+    parameters: Parameters, errors: torch.Tensor, n_new: int, *, min_opacity: float, generator: torch.Generator
 ) -> int:
-    """Split Gaussians drawn by `votes` into two, using dead rows first and adding `n_new`; return how many were dead.
+    """Split Gaussians drawn by `errors` into two, using dead rows first and adding `n_new`; return how many were dead.
 
     Parameters
     ----------
     parameters : Parameters
         Changed in place.
-    votes : tensor of shape [N]
-        From `error_votes`.
+    errors : tensor of shape [N]
+        Result of `gaussian_errors`.
     n_new : int
-        Gaussians to add.
+        Number of Gaussians to add.
     min_opacity : float
-        Gaussians below it are dead.
+        Gaussians of a lower opacity are dead.
     generator : torch.Generator
 
     Notes
     -----
     A Gaussian of longest scale s becomes two at +-0.7 s along that axis, of scale sqrt(1 - 0.7^2) s and opacity
-    o / (2 sqrt(1 - 0.7^2)): position, covariance and mass of the pair are those of the one. Copies at one place, as in
-    the paper, get the same gradients and take hundreds of steps to part.
+    o / (2 sqrt(1 - 0.7^2)). Position, covariance and mass of the pair equal those of the Gaussian. Copies at the same
+    place, as published, get the same gradients and need hundreds of steps to separate.
     """
     dead = (parameters.values["opacity_logits"].detach().sigmoid() <= min_opacity).nonzero()[:, 0]
-    weights = votes.clamp_min(0.0).clone()
+    weights = errors.clamp_min(0.0).clone()
     weights[dead] = 0.0
     n_wanted = min(len(dead) + n_new, int((weights > 0).sum()))
     if n_wanted == 0:
         return 0
-    # Exponential races: the n smallest of E / w are a draw without replacement by w.
+    # The n smallest of E / w, with E exponentially distributed, are a draw without replacement by w.
     race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
     chosen = (race / weights.double()).topk(n_wanted, largest=False).indices
     children = _split(parameters, chosen)
@@ -155,36 +161,36 @@ def grow_where_wrong(
 
 def _split(parameters: Parameters, rows: torch.Tensor) -> dict[str, torch.Tensor]:
     """Turn each of `rows` into one half of itself and return the other halves."""
-    other = parameters.copies(rows)
-    longest = other["log_scales"].argmax(dim=1)
+    whole = parameters.copies(rows)
+    longest = whole["log_scales"].argmax(dim=1)
     index = torch.arange(len(rows))
-    axis = _rotation_matrices(other["quats"])[index, :, longest]
-    shift = axis * (_SPLIT_SHIFT * other["log_scales"][index, longest].exp())[:, None]
-    narrower = math.sqrt(1.0 - _SPLIT_SHIFT**2)
-    log_scales = other["log_scales"].clone()
+    axis = _rotation_matrices(whole["quats"])[index, :, longest]
+    shift = axis * (SPLIT_SHIFT * whole["log_scales"][index, longest].exp())[:, None]
+    narrower = math.sqrt(1.0 - SPLIT_SHIFT**2)
+    log_scales = whole["log_scales"].clone()
     log_scales[index, longest] += math.log(narrower)
-    logits = (other["opacity_logits"].sigmoid() / (2.0 * narrower)).logit(_LOGIT_LIMIT)
-    other = {**other, "log_scales": log_scales, "opacity_logits": logits}
-    parameters.overwrite(rows, {**other, "means": other["means"] - shift})
-    return {**other, "means": other["means"] + shift}
+    logits = (whole["opacity_logits"].sigmoid() / (2.0 * narrower)).logit(OPACITY_MARGIN)
+    half = {**whole, "log_scales": log_scales, "opacity_logits": logits}
+    parameters.overwrite(rows, {**half, "means": half["means"] - shift})
+    return {**half, "means": half["means"] + shift}
 
 
 def _draw(weights: torch.Tensor, n: int, generator: torch.Generator) -> torch.Tensor:
-    """Return `n` indices drawn with replacement by `weights`; float64 since multinomial refuses 2^24 and more rows."""
+    """Return `n` indices drawn with replacement by `weights`; `torch.multinomial` refuses 2^24 rows and more."""
     edges = weights.double().cumsum(0)
     points = torch.rand(n, dtype=torch.float64, generator=generator) * edges[-1]
     return torch.searchsorted(edges, points, right=True).clamp_max(len(weights) - 1)
 
 
-def _share(parameters: Parameters, chosen: torch.Tensor) -> None:
-    """Give every distinct Gaussian in `chosen` the opacity and scales of one of its future copies, itself included."""
+def _share_between_copies(parameters: Parameters, chosen: torch.Tensor) -> None:
+    """Give each distinct Gaussian in `chosen` the opacity and scales of one of its copies, which include itself."""
     rows, times = chosen.unique(return_counts=True)
     opacities, scales = copy_correction(
-        parameters.values["opacity_logits"].detach()[rows].sigmoid().clamp(_LOGIT_LIMIT, 1 - _LOGIT_LIMIT),
+        parameters.values["opacity_logits"].detach()[rows].sigmoid().clamp(OPACITY_MARGIN, 1 - OPACITY_MARGIN),
         parameters.values["log_scales"].detach()[rows].exp(),
         times + 1,
     )
-    new = {"opacity_logits": opacities.logit(_LOGIT_LIMIT), "log_scales": scales.log()}
+    new = {"opacity_logits": opacities.logit(OPACITY_MARGIN), "log_scales": scales.log()}
     parameters.overwrite(rows, new)
 
 
@@ -198,28 +204,27 @@ def position_noise(
     parameters : Parameters
         Changed in place.
     learning_rate : float
-        Of the positions, per extent.
+        Learning rate of the positions, per extent.
     extent : float
-        Of the scene, world units; makes the walk the same for a scene in other units.
+        Extent of the scene, world units. It makes the walk independent of the unit.
     strength : float
-        5e5 in the paper.
+        Factor of the noise, 5e5 in the paper.
     generator : torch.Generator
 
     Notes
     -----
-    ``means += lr strength s(100 (0.005 - o)) (Sigma / extent) eta`` with eta ~ N(0, I) and s the logistic function:
-    solid Gaussians stay where they are. Of one own size s along an axis, ``lr strength s() s^2 / extent`` is at most
-    3 s here.
+    ``means += lr strength s(100 (0.005 - o)) (Sigma / extent) eta`` with eta ~ N(0, I) and s the logistic function, so
+    that solid Gaussians do not move. Along an axis of scale a, ``lr strength s() a^2 / extent`` is limited to 3 a.
     """
     values = {name: value.detach() for name, value in parameters.values.items()}
     opacities = values["opacity_logits"].sigmoid()
-    # Above opacity 0.2 the factor is below 4e-9: those rows are left out, most rows that is.
+    # Above opacity 0.2 the factor is below 4e-9. Most rows are, and they are left out.
     rows = (opacities < 0.2).nonzero()[:, 0]
     eta = torch.randn(len(rows), 3, generator=generator)
     amount = learning_rate * strength / extent * torch.sigmoid(100.0 * (0.005 - opacities[rows]))
     rotation = _rotation_matrices(values["quats"][rows])
     scales = values["log_scales"][rows].exp()
-    local = scales * (amount[:, None] * scales).clamp_max(_LONGEST_WALK)
+    local = scales * (amount[:, None] * scales).clamp_max(MAX_WALK)
     local = local * (rotation.transpose(1, 2) @ eta[:, :, None])[:, :, 0]
     values["means"][rows] += (rotation @ local[:, :, None])[:, :, 0]
 

@@ -1,6 +1,6 @@
-"""What keeps values finite while training, and the counts of how often it had to.
+"""Checks and clamps that keep values finite during training, and counters of how often each took effect.
 
-Some limits are part of the method and met in every run (`LIMITS`); all other counts are signs of trouble.
+Some limits are part of the method and are reached in every run (`LIMITS`). All other counts indicate a problem.
 """
 
 from __future__ import annotations
@@ -30,29 +30,38 @@ __all__ = [
 ]
 
 LIMITS = ("scales_at_limit", "opacities_at_limit")
-"""Counts of values kept at a limit of the method, once per Gaussian and step. Training goes on pushing against it."""
+"""Counts of values that were clamped to a limit of the method, once per Gaussian and step. The gradients keep pushing
+against such a limit, so these counts are large."""
 
+MIN_SCALE = 1e-5
+"""Smallest scale of a Gaussian, per extent."""
 
-_SMALLEST_SCALE = 1e-5
-"""Per extent."""
-_LARGEST_SCALE = 2.0
-_LARGEST_ASPECT = 50.0
-_LARGEST_LOGIT = 13.8
-"""Opacity stays between 1e-6 and 1 - 1e-6."""
-_FARTHEST = 100.0
-"""Per extent, from the mean camera: what lies beyond shows no parallax and costs float32 its digits."""
-_MOST_FAILED_STEPS = 20
+MAX_SCALE = 2.0
+"""Largest scale of a Gaussian, per extent."""
+
+MAX_ASPECT = 50.0
+"""Largest ratio of the longest to the shortest scale of a Gaussian."""
+
+MAX_LOGIT = 13.8
+"""Largest absolute opacity logit: opacities stay between 1e-6 and 1 - 1e-6."""
+
+MAX_DISTANCE = 100.0
+"""Largest distance from the mean camera along an axis, per extent. Farther Gaussians show no parallax, and float32
+loses precision there."""
+
+MAX_REFUSED_STEPS = 20
+"""Steps without an update after which training fails."""
 
 ADVICE = "Lower the learning rates or check the photos and cameras, then run again; the last checkpoint is kept."
 
 
 def backward(loss: torch.Tensor, guards: Counter[str]) -> bool:
-    """Back-propagate `loss`; return False (and count it) when the rasterizer refused gradients that are not finite.
+    """Back-propagate `loss`; return False and count the step when the rasterizer refused non-finite gradients.
 
     Raises
     ------
     NumericalError
-        When the loss is not finite, or after 20 refused steps in all.
+        When the loss is not finite, or after 20 refused steps in total.
     """
     if not bool(torch.isfinite(loss)):
         raise NumericalError(f"The training loss is not finite. {ADVICE}")
@@ -65,19 +74,19 @@ def backward(loss: torch.Tensor, guards: Counter[str]) -> bool:
 
 
 def _refuse_step(guards: Counter[str], error: NumericalError) -> None:
-    """Count a step that changes nothing; raise `error` when there were 20 before it."""
+    """Count a step without an update; raise `error` when there were 20 before it."""
     guards["refused_steps"] += 1
-    if guards["refused_steps"] > _MOST_FAILED_STEPS:
+    if guards["refused_steps"] > MAX_REFUSED_STEPS:
         raise error
 
 
 def step_finite_rows(parameters: Parameters, update: Callable[[], None], guards: Counter[str]) -> None:
-    """Run `update`, but leave each Gaussian as it is, moments included, whose gradient is not finite; count those.
+    """Run `update`, but restore the values and moments of Gaussians whose gradient is not finite, and count these.
 
     Raises
     ------
     NumericalError
-        After 20 steps in all in which no Gaussian could be updated.
+        After 20 steps in total in which no Gaussian could be updated.
     """
     broken = _rows_not_finite(parameters)
     if broken is None:
@@ -99,9 +108,9 @@ def step_finite_rows(parameters: Parameters, update: Callable[[], None], guards:
 
 
 def _rows_not_finite(parameters: Parameters) -> torch.Tensor | None:
-    """Return the rows with a gradient whose square is not finite, None when there are none: Adam keeps squares."""
+    """Return the rows with a gradient whose square, which Adam accumulates, is not finite; None when there are none."""
     grads = [value.grad for value in parameters.values.values() if value.grad is not None]
-    # A float32 sum of squares is finite only if all of them are: one pass in the usual case.
+    # A float32 sum of squares is finite only if all squares are, so one pass suffices in the usual case.
     if math.isfinite(sum(float(torch.linalg.vector_norm(grad)) for grad in grads)):
         return None
     broken = torch.zeros(len(parameters), dtype=torch.bool)
@@ -112,7 +121,7 @@ def _rows_not_finite(parameters: Parameters) -> torch.Tensor | None:
 
 
 def clamp_parameters(parameters: Parameters, center: torch.Tensor, extent: float, guards: Counter[str]) -> None:
-    """Clamp scales, aspect (1:50), opacities and positions to where float32 works; count the Gaussians concerned.
+    """Clamp scales, aspect, opacities and positions to ranges where float32 is precise; count the clamped Gaussians.
 
     Parameters
     ----------
@@ -121,23 +130,23 @@ def clamp_parameters(parameters: Parameters, center: torch.Tensor, extent: float
     center : tensor of shape [3]
         Mean camera position.
     extent : float
-        Of the scene, world units.
+        Extent of the scene, world units.
     guards : Counter
-        Gets ``scales_at_limit``, ``opacities_at_limit``, ``clamped_positions``, ``reset_rotations``.
+        Counts ``scales_at_limit``, ``opacities_at_limit``, ``clamped_positions``, ``reset_rotations``.
     """
     log_scales = parameters.values["log_scales"].detach()
-    longest = log_scales.amax(dim=1, keepdim=True).clamp_max(math.log(_LARGEST_SCALE * extent))
-    shortest = (longest - math.log(_LARGEST_ASPECT)).clamp_min(math.log(_SMALLEST_SCALE * extent))
-    held = torch.minimum(torch.maximum(log_scales, shortest), torch.maximum(longest, shortest))
-    guards["scales_at_limit"] += int((held != log_scales).any(dim=1).sum())
-    log_scales.copy_(held)
+    longest = log_scales.amax(dim=1, keepdim=True).clamp_max(math.log(MAX_SCALE * extent))
+    shortest = (longest - math.log(MAX_ASPECT)).clamp_min(math.log(MIN_SCALE * extent))
+    clamped = torch.minimum(torch.maximum(log_scales, shortest), torch.maximum(longest, shortest))
+    guards["scales_at_limit"] += int((clamped != log_scales).any(dim=1).sum())
+    log_scales.copy_(clamped)
 
     logits = parameters.values["opacity_logits"].detach()
-    guards["opacities_at_limit"] += int((logits.abs() > _LARGEST_LOGIT).sum())
-    logits.clamp_(-_LARGEST_LOGIT, _LARGEST_LOGIT)
+    guards["opacities_at_limit"] += int((logits.abs() > MAX_LOGIT).sum())
+    logits.clamp_(-MAX_LOGIT, MAX_LOGIT)
 
     means = parameters.values["means"].detach()
-    limit = _FARTHEST * extent
+    limit = MAX_DISTANCE * extent
     far = ((means - center).abs() > limit).any(dim=1)
     if bool(far.any()):
         guards["clamped_positions"] += int(far.sum())
@@ -145,16 +154,16 @@ def clamp_parameters(parameters: Parameters, center: torch.Tensor, extent: float
 
     quats = parameters.values["quats"].detach()
     norms = quats.norm(dim=1, keepdim=True)
-    lost = norms[:, 0] < 1e-6
-    if bool(lost.any()):
-        guards["reset_rotations"] += int(lost.sum())
-        quats[lost] = torch.tensor([1.0, 0.0, 0.0, 0.0])
+    degenerate = norms[:, 0] < 1e-6
+    if bool(degenerate.any()):
+        guards["reset_rotations"] += int(degenerate.sum())
+        quats[degenerate] = torch.tensor([1.0, 0.0, 0.0, 0.0])
         norms = quats.norm(dim=1, keepdim=True)
     quats.div_(norms)
 
 
 def check_start(start: Gaussians) -> None:
-    """Refuse Gaussians to start from that are none, or not finite.
+    """Refuse initial Gaussians that are empty or not finite.
 
     Raises
     ------
@@ -172,7 +181,7 @@ def check_start(start: Gaussians) -> None:
 
 
 def check_result(parameters: Parameters, *, photos_are_black: bool) -> None:
-    """Refuse a result that is not finite, or of which nothing can be seen.
+    """Refuse a result that is not finite or not visible.
 
     Raises
     ------
@@ -184,14 +193,14 @@ def check_result(parameters: Parameters, *, photos_are_black: bool) -> None:
     for name, value in parameters.values.items():
         if not bool(torch.isfinite(value).all()):
             raise NumericalError(f"`{name}` is not finite after training. {ADVICE}")
-    # Below this they are not drawn and have no gradient: training cannot bring them back.
+    # Below ALPHA_MIN they are not rendered and have no gradient, so training cannot recover them.
     if not photos_are_black and bool((parameters.values["opacity_logits"].sigmoid() < ALPHA_MIN).all()):
         raise TrainingError(f"Training lost the scene: all {len(parameters)} Gaussians became transparent. {ADVICE}")
 
 
 @contextlib.contextmanager
 def translate_out_of_memory() -> Iterator[None]:
-    """Turn every library's way of running out of memory into one sentence.
+    """Translate the out-of-memory error of any library into one sentence.
 
     Raises
     ------

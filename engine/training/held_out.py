@@ -1,4 +1,4 @@
-"""Error against run time: the photos never trained on, measured at log-spaced steps; and the preview picture."""
+"""Measurement of the error on held-out photos against run time, the clock for it, and the preview picture."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from PIL import Image
 from ..project_folder import atomic_write
 from ..rasterizer import ssim
 from .parameters import render
-from .settings import TrainingSettings
+from .settings import Backend
 from .views import Level, TrainingView
 
 __all__ = [
+    "MAX_MEASURED_PHOTOS",
     "Clock",
     "CurvePoint",
     "Quality",
@@ -34,14 +35,19 @@ __all__ = [
     "write_picture",
 ]
 
-_CHECKS_OF_A_SLOPE = 8
-_SMALLEST_SQUARE = 1e-10
-"""100 dB, the most that is told: a photo of 8 bits knows its own pixels to 59 dB."""
+MAX_MEASURED_PHOTOS = 8
+"""Largest number of photos, evenly spaced, that the error is measured on."""
+
+N_CHECKS_IN_SLOPE = 8
+"""Measurements that the slope of the curve is fitted to. See docs/design_notes/training.md."""
+
+MIN_SQUARED_ERROR = 1e-10
+"""Smallest mean squared error, which limits the PSNR to 100 dB. A photo of 8 bits is accurate to 59 dB."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """How far a picture is from a photo: PSNR in dB, SSIM, mean absolute difference with values in [0, 1]."""
+    """Similarity of a picture to a photo: PSNR in dB, SSIM, and mean absolute difference of values in [0, 1]."""
 
     psnr: float
     ssim: float
@@ -57,7 +63,7 @@ class CurvePoint:
     step : int
         Finished training steps.
     wall_seconds, cpu_seconds : float
-        Spent on training until then, over all resumed runs; the measurements themselves are not counted.
+        Time spent on training so far, over all resumed runs, without the measurements.
     psnr : float
         Mean over the measured photos, dB.
     ssim, l1 : float
@@ -80,7 +86,7 @@ class Clock(AbstractContextManager["Clock"]):
     Parameters
     ----------
     wall, cpu : float
-        Seconds to start from.
+        Seconds spent before.
     """
 
     def __init__(self, wall: float = 0.0, cpu: float = 0.0) -> None:
@@ -99,12 +105,12 @@ class Clock(AbstractContextManager["Clock"]):
 
     @property
     def wall(self) -> float:
-        """Wall seconds so far."""
+        """Wall seconds spent so far."""
         return self._spent[0] + (time.perf_counter() - self._started[0] if self._started else 0.0)
 
     @property
     def cpu(self) -> float:
-        """CPU seconds of this process so far."""
+        """CPU seconds of this process spent so far."""
         return self._spent[1] + (time.process_time() - self._started[1] if self._started else 0.0)
 
 
@@ -114,84 +120,81 @@ def image_quality(image: torch.Tensor, pixels: NDArray[np.uint8], valid: NDArray
     Parameters
     ----------
     image : tensor of shape [H, W, 3], float32
-        Clamped to [0, 1].
+        Rendered picture; it is clamped to [0, 1].
     pixels : array of shape [H, W, 3], uint8
     valid : bool array of shape [H, W], optional
-        Pixels that count; all by default.
+        Pixels that are compared; all by default.
     """
     image = image.clamp(0.0, 1.0)
     target = torch.from_numpy(pixels).float().div_(255.0)
-    counted = None if valid is None else torch.from_numpy(valid)
+    compared = None if valid is None else torch.from_numpy(valid)
     difference = (image - target).double()
-    difference = difference if counted is None else difference[counted]
-    psnr = -10.0 * math.log10(max(float(difference.square().mean()), _SMALLEST_SQUARE))
-    return Quality(psnr, ssim(image, target, valid=counted), float(difference.abs().mean()))
+    difference = difference if compared is None else difference[compared]
+    psnr = -10.0 * math.log10(max(float(difference.square().mean()), MIN_SQUARED_ERROR))
+    return Quality(psnr, ssim(image, target, valid=compared), float(difference.abs().mean()))
 
 
-def render_picture(
-    values: dict[str, torch.Tensor], level: Level, settings: TrainingSettings, *, sh_degree: int
-) -> torch.Tensor:
-    """Return the picture of the Gaussians over black from the camera of `level`, [h, w, 3] in [0, 1], no gradients."""
+def render_picture(values: dict[str, torch.Tensor], level: Level, *, backend: Backend, sh_degree: int) -> torch.Tensor:
+    """Render the Gaussians over black from the camera of `level`, [h, w, 3] in [0, 1], without gradients."""
     with torch.no_grad():
-        return render(values, level.camera, settings, sh_degree=sh_degree).image[..., :3].clamp(0.0, 1.0)
+        return render(values, level.camera, backend=backend, sh_degree=sh_degree).image[..., :3].clamp(0.0, 1.0)
 
 
-def measure(
-    values: dict[str, torch.Tensor], levels: Sequence[Level], settings: TrainingSettings, *, sh_degree: int
-) -> Quality:
+def measure(values: dict[str, torch.Tensor], levels: Sequence[Level], *, backend: Backend, sh_degree: int) -> Quality:
     """Return the mean quality over the photos in `levels`."""
     return mean_quality(
         [
-            image_quality(render_picture(values, level, settings, sh_degree=sh_degree), level.pixels, level.valid)
+            image_quality(
+                render_picture(values, level, backend=backend, sh_degree=sh_degree), level.pixels, level.valid
+            )
             for level in levels
         ]
     )
 
 
-def mean_quality(found: Sequence[Quality]) -> Quality:
+def mean_quality(qualities: Sequence[Quality]) -> Quality:
     """Return the mean of each figure."""
     return Quality(
-        float(np.mean([q.psnr for q in found])),
-        float(np.mean([q.ssim for q in found])),
-        float(np.mean([q.l1 for q in found])),
+        float(np.mean([q.psnr for q in qualities])),
+        float(np.mean([q.ssim for q in qualities])),
+        float(np.mean([q.l1 for q in qualities])),
     )
 
 
 def flat_psnr(views: Sequence[TrainingView], levels: Sequence[Level]) -> float:
-    """Return the mean PSNR of one flat colour, the mean of the photos of `views`, on the photos in `levels`, in dB.
+    """Return the mean PSNR in dB of one flat colour, the mean of the photos of `views`, on the photos in `levels`.
 
-    What a result must beat to be one: whoever knows nothing of a scene but its colour gets as far.
+    A trained scene that does not exceed it contains nothing but the mean colour.
     """
-    color = np.mean([_counted(view.pixels, view.valid).mean(axis=0) for view in views], axis=0) / 255.0
-    squares = [np.square(_counted(level.pixels, level.valid) / 255.0 - color).mean() for level in levels]
-    return float(np.mean([-10.0 * math.log10(max(float(square), _SMALLEST_SQUARE)) for square in squares]))
+    color = np.mean([_valid_pixels(view.pixels, view.valid).mean(axis=0) for view in views], axis=0) / 255.0
+    squares = [np.square(_valid_pixels(level.pixels, level.valid) / 255.0 - color).mean() for level in levels]
+    return float(np.mean([-10.0 * math.log10(max(float(square), MIN_SQUARED_ERROR)) for square in squares]))
 
 
-def _counted(pixels: NDArray[np.uint8], valid: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return the pixels that count, [P, 3]."""
+def _valid_pixels(pixels: NDArray[np.uint8], valid: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+    """Return the valid pixels, [P, 3]."""
     return pixels.reshape(-1, 3) if valid is None else pixels[valid]
 
 
 def expected_gain(curve: Sequence[CurvePoint], checks: frozenset[int], steps: int) -> float:
-    """Return the dB that the steps left are expected to gain; infinite before eight of the `checks` were made.
+    """Return the PSNR in dB that the remaining steps are expected to gain; infinite before eight of the `checks`.
 
     Parameters
     ----------
     curve : sequence of CurvePoint
     checks : frozenset of int
-        Steps whose measurements count.
+        Steps whose measurements are used.
     steps : int
-        Of the whole run.
+        Number of steps of the whole run.
 
     Notes
     -----
-    The slope of PSNR against the step over the last eight checks, by least squares, times the steps left. A straight
-    line expects too much where learning rates fall to nothing, so it stops late rather than early; eight points, since
-    one measurement is good to 0.1 or 0.2 dB only: each depends on the photos trained on last. (Over four points a room
-    that was still gaining 0.06 dB in 100 steps was taken for flat.)
+    The slope of PSNR against the step over the last eight checks, by least squares, times the remaining steps. Learning
+    rates fall, so a straight line expects too much and training stops late rather than early. Eight points, because
+    one measurement varies by 0.1 or 0.2 dB: it depends on the last photos trained on.
     """
-    points = [point for point in curve if point.step in checks][-_CHECKS_OF_A_SLOPE:]
-    if len(points) < _CHECKS_OF_A_SLOPE or not all(math.isfinite(point.psnr) for point in points):
+    points = [point for point in curve if point.step in checks][-N_CHECKS_IN_SLOPE:]
+    if len(points) < N_CHECKS_IN_SLOPE or not all(math.isfinite(point.psnr) for point in points):
         return math.inf
     slope = np.polyfit([point.step - points[0].step for point in points], [point.psnr for point in points], 1)[0]
     return float(slope * (steps - points[-1].step))

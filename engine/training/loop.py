@@ -1,4 +1,4 @@
-"""The training loop: Gaussians to start from and photos in, trained Gaussians and their error curve out."""
+"""The training loop: from initial Gaussians and photos to trained Gaussians and their error curve."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import torch
 
 from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
-from ..rasterizer import AdamState, adam_step, warm_up
+from ..rasterizer import AdamState, adam_step, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
-from .densify import error_votes, grow, grow_where_wrong, position_noise, relocate
+from .densify import gaussian_errors, grow, position_noise, relocate, split_by_error
 from .guards import (
     backward,
     check_result,
@@ -25,32 +25,52 @@ from .guards import (
     step_finite_rows,
     translate_out_of_memory,
 )
-from .held_out import Clock, CurvePoint, expected_gain, flat_psnr, measure, render_picture, write_picture
+from .held_out import (
+    MAX_MEASURED_PHOTOS,
+    Clock,
+    CurvePoint,
+    expected_gain,
+    flat_psnr,
+    measure,
+    render_picture,
+    write_picture,
+)
 from .parameters import Parameters
-from .result import TrainingResult, result_of
+from .result import TrainingResult, make_result
 from .schedule import Schedule
 from .settings import TrainingSettings
 from .spectrum import coarse_shares
 from .step import step_loss
 from .transients import find_transients
-from .trials import EXPOSURE, Trial, brightness_factors, quality_but_for_brightness
-from .views import Level, TrainingView, ViewPyramid, scene_extent
+from .trials import EXPOSURE, Trial, brightness_factors, exposure_corrected_quality
+from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
 
 __all__ = ["PREVIEW_FILE", "train"]
 
 STAGE = "training"
+
 PREVIEW_FILE = "preview.png"
-_CANCELLED = "Training was cancelled; the next run continues from where it stopped."
-_SECONDS_BETWEEN_EVENTS = 1.0
-_MOST_MEASURED = 8
-_VIEWS_THAT_VOTE = 3
-_LIKE_THE_PHOTOS = 30.0
-"""dB, a mean error of 3 %: better pictures are never complained about, however flat the photos are."""
-_SIDE_TO_FIND = 100.0
-"""Pixels of the longest side that are enough to look for who walks by."""
-_NAMES_OF_TRIALS = "colours that change with the view", "a brightness factor per photo"
+"""Name of the preview picture in the folder of the checkpoints."""
+
+CANCELLED_MESSAGE = "Training was cancelled; the next run continues from where it stopped."
+
+EVENT_INTERVAL = 1.0
+"""Shortest time between two progress events, seconds."""
+
+N_ERROR_VIEWS = 3
+"""Random photos in which the error of each Gaussian is measured before growth."""
+
+GOOD_PSNR = 30.0
+"""PSNR in dB, a mean error of 3 %, from which no warning is given, however uniform the photos are."""
+
+TRANSIENT_SEARCH_SIDE = 100.0
+"""Longest side of a picture that is large enough to find transients, pixels."""
+
+TRIAL_OF_BANDS, TRIAL_OF_EXPOSURE = "view-dependent colours", "a brightness factor per photo"
+"""Names of the trials in progress messages."""
+
 _RELOCATE, _GROW, _NOISE = 3, 4, 5
-"""Purposes of random draws."""
+"""Purposes of random draws, see `Schedule.generator`."""
 
 
 def train(
@@ -64,22 +84,22 @@ def train(
 ) -> TrainingResult:
     """Train Gaussians until they look like the photos from the photos' cameras.
 
-    Minimises L_rendering + lambda_clustering L_CC + L_reg (Dahaghin et al. 2024) with Adam, one photo a step. Pictures
-    are composited over black: what no photo decides stays empty.
+    Minimises L_rendering + lambda_clustering L_CC + L_reg (Dahaghin et al. 2024) with Adam, one photo per step.
+    Pictures are composited over black, so that space that no photo constrains stays empty.
 
     Parameters
     ----------
     start : Gaussians
-        See `gaussians.initialise`; with features when ``settings.features`` and any view has labels.
+        See `gaussians.initialise`; with features when ``train_features`` is set and any view has labels.
     views : sequence of TrainingView
-        Held-out ones are only measured on.
+        Held-out ones are only used for measurements.
     settings : TrainingSettings
     checkpoints : Path
-        Folder for the checkpoint, from which an interrupted run with the same inputs goes on, and the preview picture.
+        Folder for the checkpoint, from which an interrupted run with the same inputs resumes, and for the preview.
     emit : Emit
-        Gets Progress, Metric (``loss``, ``psnr``, ``gaussians``), Preview, Warned.
+        Receives Progress, Metric (``loss``, ``psnr``, ``gaussians``), Preview, Warned.
     should_stop : StopCheck
-        Asked each step.
+        Called before each step.
 
     Returns
     -------
@@ -88,12 +108,12 @@ def train(
     Raises
     ------
     TrainingError
-        When there is nothing to train from or on, a photo is of another size than its camera, or nothing can be seen
-        of the result.
+        When there are no Gaussians or no photos, a photo and its camera differ in size, or nothing is visible in the
+        result.
     Cancelled
-        When asked to stop; a checkpoint has been written.
+        When `should_stop` returns true; a checkpoint has been written.
     NumericalError
-        When the start, the loss or the result is not finite.
+        When the initial Gaussians, the loss or the result are not finite.
     EnvironmentProblem
         When memory is full; the last checkpoint is kept.
     DiskError
@@ -105,17 +125,17 @@ def train(
     """
     with translate_out_of_memory(), _one_torch_thread():
         if settings.backend == "cpu":
-            # Here and not in the first step: the error curve's clock must not count what happens once per computer.
+            # Not in the first step, because the clock of the error curve must not include work done once per computer.
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
-            warm_up()
-        run = _Run(start, views, settings, checkpoints, emit, should_stop)
+            compile_kernels()
+        run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
-            run.tell_curve(run.state.curve)
+            run.emit_curve(run.state.curve)
         while not run.finished:
             if should_stop():
                 run.write_checkpoint()
-                raise Cancelled(_CANCELLED)
+                raise Cancelled(CANCELLED_MESSAGE)
             run.advance()
             run.report()
         run.check()
@@ -124,10 +144,10 @@ def train(
 
 @contextlib.contextmanager
 def _one_torch_thread() -> Iterator[None]:
-    """Keep torch's own small operations on one thread.
+    """Limit torch's own small operations to one thread.
 
-    The rasterizer, loss and Adam have their own threads. Torch's, which wait for each other by spinning, made the small
-    operations 30 to 300 times slower on a machine that does anything else.
+    The rasterizer, loss and Adam have their own threads. Torch's threads wait for each other by spinning, which slows
+    small operations down on a machine with other work. See docs/design_notes/training.md.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -137,8 +157,8 @@ def _one_torch_thread() -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-class _Run:
-    """One training run: what does not change, and `state`, which does and is what a checkpoint holds."""
+class _TrainingRun:
+    """One training run. Everything that changes is in `state`, which a checkpoint stores."""
 
     def __init__(
         self,
@@ -153,18 +173,20 @@ class _Run:
         held_out = [view for view in views if view.held_out]
         check_start(start)
         self.settings, self.checkpoints, self.emit, self.should_stop = settings, checkpoints, emit, should_stop
-        self.pyramid = ViewPyramid(training, settings)  # Refuses to be empty.
+        self.pyramid = ViewPyramid(training, settings.features)
         self._has_held_out = bool(held_out)
         self.measured_on = "held-out photos" if held_out else "training photos"
-        self.measured = ViewPyramid(_spread(held_out or training, _MOST_MEASURED), settings)
+        self.measured = ViewPyramid(_measured_views(held_out or training), settings.features)
         self.extent = scene_extent([view.pinhole for view in training])
         self.center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)
-        labelled = [i for i, view in enumerate(training) if settings.features and view.labels is not None]
-        shares = coarse_shares(training, 2 * settings.coarse_levels)
+        labelled = [
+            i for i, view in enumerate(training) if settings.features.train_features and view.labels is not None
+        ]
+        shares = coarse_shares(training, 2 * settings.schedule.coarse_levels)
         self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled, shares=shares)
         self.key = run_key(start, views, settings)
-        self.state = read_checkpoint(checkpoints, self.key) or self._begin(start)
-        self.pyramid.leave_out(self.state.out_of_place)
+        self.state = read_checkpoint(checkpoints, self.key) or self._initial_state(start)
+        self.pyramid.mask_pixels(self.state.transient_masks)
         self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
         self._loss = float("nan")
@@ -172,198 +194,205 @@ class _Run:
         if not held_out:
             emit(Warned("There are too few photos to hold any out; errors are measured on the training photos."))
 
-    def _begin(self, start: Gaussians) -> RunState:
+    def _initial_state(self, start: Gaussians) -> RunState:
         settings, training = self.settings, self.pyramid.views
-        features = settings.features and any(view.labels is not None for view in training)
+        features = settings.features.train_features and any(view.labels is not None for view in training)
         exposure = torch.zeros(len(training), 3)
         state = RunState(
-            Parameters.from_gaussians(start, sh_degree=settings.sh_degree, features=features),
+            Parameters.from_gaussians(start, sh_degree=settings.appearance.sh_degree, features=features),
             exposure,
             AdamState.zeros_like(exposure),
-            sh_limit=0 if self._tries else None,
-            uses_exposure=settings.exposure and not self._tries,
+            sh_limit=0 if self._makes_trials else None,
+            uses_exposure=settings.appearance.exposure and not self._makes_trials,
         )
         clamp_parameters(state.parameters, self.center, self.extent, state.guards)
         return state
 
     @property
     def finished(self) -> bool:
-        """Whether all steps are done or the rest is not worth it; follows from the state alone: resuming is exact."""
+        """Whether training ends here; depends on the state only, so that resuming is exact."""
         return self.state.step >= self.schedule.last_step(self.state.cooling_from)
 
     @property
-    def _tries(self) -> bool:
-        # Photos that are trained on gain by everything: they cannot tell what a scene needs.
+    def _makes_trials(self) -> bool:
+        # Any additional parameter improves the training photos, so trials need held-out ones.
         return self._has_held_out and self.schedule.trial_steps > 0
 
     def _is_flat(self) -> bool:
         state, schedule = self.state, self.schedule
-        # Photos that are trained on get better for ever: their curve says nothing.
+        # The error on training photos keeps falling, so its curve does not show when to stop.
         if state.step not in schedule.flat_checks or not self._has_held_out or state.cooling_from is not None:
             return False
-        return expected_gain(state.curve, schedule.flat_checks, self.settings.steps) < self.settings.stop_when_flat
+        return (
+            expected_gain(state.curve, schedule.flat_checks, self.settings.schedule.steps)
+            < self.settings.measurement.stop_when_flat
+        )
 
     def advance(self) -> None:
-        """Do one training step; before it a trial when one is due."""
+        """Make one training step, and before it a trial when one is due."""
         state = self.state
-        what = self.schedule.trials.get(state.step) if self._tries and state.cooling_from is None else None
-        # A band is worth a trial only when the one below it was worth its own.
-        if what is not None and (what == EXPOSURE or int(what) == (state.sh_limit or 0) + 1):
-            self._try(what)
+        tried = self.schedule.trials.get(state.step) if self._makes_trials and state.cooling_from is None else None
+        # A band is tried only when the band below it passed its trial.
+        if tried is not None and (tried == EXPOSURE or int(tried) == (state.sh_limit or 0) + 1):
+            self._run_trial(tried)
         self._step()
 
-    def _try(self, what: str) -> None:
-        """Train two copies on from here, without something and with it, and use it from here on if it pays."""
+    def _run_trial(self, tried: str) -> None:
+        """Train two copies, without `tried` and with it, and use it from now on if that gains enough."""
         state, schedule = self.state, self.schedule
-        self.write_checkpoint()  # Who is stopped in a trial begins it again.
-        without, with_it = (self._psnr_in_trial(state.copy(), what, used=used) for used in (False, True))
+        self.write_checkpoint()  # A run that is stopped during a trial resumes before it.
+        without, with_it = (self._psnr_in_trial(state.copy(), tried, used=used) for used in (False, True))
         self.state, self.schedule = state, schedule
-        self.pyramid.leave_out(state.out_of_place)
-        kept = with_it - without >= self.settings.trial_gain
-        state.trials.append(Trial(what, state.step, schedule.trial_steps, with_it - without, kept))
+        self.pyramid.mask_pixels(state.transient_masks)
+        kept = with_it - without >= self.settings.appearance.min_trial_gain
+        state.trials.append(Trial(tried, state.step, schedule.trial_steps, with_it - without, kept))
         if kept:
-            self._use(what)
-        elif what != EXPOSURE:
+            self._use(tried)
+        elif tried != EXPOSURE:
             state.parameters.cut_sh(state.sh_limit or 0)
 
-    def _use(self, what: str) -> None:
-        if what == EXPOSURE:
+    def _use(self, tried: str) -> None:
+        if tried == EXPOSURE:
             self._begin_exposure(self.state)
         else:
-            self.state.sh_limit = int(what)
+            self.state.sh_limit = int(tried)
 
-    def _psnr_in_trial(self, state: RunState, what: str, *, used: bool) -> float:
+    def _psnr_in_trial(self, state: RunState, tried: str, *, used: bool) -> float:
         """Train `state` for the steps of a trial with falling rates and return the PSNR on the held-out photos.
 
-        At full rates it depends on the photos trained on last, by 0.1 dB: one band of colours in a room gained +0.035
-        in one run and -0.126 in another. So both copies cool down.
+        The cooldown is needed because at full rates the PSNR depends on the last photos trained on.
         """
         n_steps = self.schedule.trial_steps
         self.state, self.schedule = state, self.schedule.of_trial()
-        self.pyramid.leave_out(state.out_of_place)
+        self.pyramid.mask_pixels(state.transient_masks)
         state.cooling_from = state.step
         if used:
-            self._use(what)
+            self._use(tried)
+        name = TRIAL_OF_EXPOSURE if tried == EXPOSURE else TRIAL_OF_BANDS
         for _ in range(n_steps):
             if self.should_stop():
-                raise Cancelled(_CANCELLED)
+                raise Cancelled(CANCELLED_MESSAGE)
             self._step()
-            self._tell(f"step {state.step} of {self.settings.steps}, trying {_NAMES_OF_TRIALS[what == EXPOSURE]}")
-        compared = quality_but_for_brightness if what == EXPOSURE else measure
-        return compared(state.parameters.values, self._levels(), self.settings, sh_degree=self._sh_degree()).psnr
+            self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}, trying {name}")
+        measure_trial = exposure_corrected_quality if tried == EXPOSURE else measure
+        return measure_trial(
+            state.parameters.values, self._levels(), backend=self.settings.backend, sh_degree=self._sh_degree()
+        ).psnr
 
     def _begin_exposure(self, state: RunState) -> None:
-        """Use the brightness factors from now on, beginning with those that fit the pictures best."""
-        shrinks = self.schedule.shrinks(state.step)
+        """Use the brightness factors from now on, initialised with those that fit the current pictures best."""
+        reductions = self.schedule.reductions(state.step)
         factors = []
         for view in range(len(self.pyramid.views)):
-            level = self.pyramid.level(view, shrinks)
-            image = render_picture(state.parameters.values, level, self.settings, sh_degree=self._sh_degree())
+            level = self.pyramid.level(view, reductions)
+            image = render_picture(
+                state.parameters.values, level, backend=self.settings.backend, sh_degree=self._sh_degree()
+            )
             factors.append(brightness_factors(image, level).log())
         state.exposure = torch.stack(factors)
         state.exposure -= state.exposure.mean(dim=0)
         state.uses_exposure = True
 
     def _sh_degree(self) -> int:
-        """Return the band that the last step used."""
+        """Return the highest band that the last step used."""
         return self.schedule.sh_degree(max(0, self.state.step - 1), self.state.sh_limit)
 
     def _step(self) -> None:
         state, settings, schedule = self.state, self.settings, self.schedule
         with self.clock:
             view = schedule.view(state.step)
-            shrinks = schedule.shrinks(state.step)
-            level = self.pyramid.level(view, shrinks)
+            reductions = schedule.reductions(state.step)
+            level = self.pyramid.level(view, reductions)
             state.parameters.track()
             state.exposure.requires_grad_(state.uses_exposure).grad = None
             loss = step_loss(state, level, view, schedule, settings, self.extent)
             if backward(loss, state.guards):
                 step_finite_rows(state.parameters, self._update, state.guards)
             with torch.no_grad():
-                self._explore()
+                self._update_population()
                 clamp_parameters(state.parameters, self.center, self.extent, state.guards)
             state.step += 1
             self._loss = loss.item()
             if state.step in schedule.searches_for_transients:
-                self._search_for_transients()
-            if schedule.shrinks(state.step) != shrinks:
-                self.pyramid.forget(schedule.shrinks(state.step))
+                self._search_transients()
+            if schedule.reductions(state.step) != reductions:
+                self.pyramid.free_smaller_levels(schedule.reductions(state.step))
 
     def _update(self) -> None:
         state = self.state
         state.parameters.step(self.schedule.learning_rates(state.step, state.cooling_from))
         if state.exposure.grad is not None:
             exposure = state.exposure.detach()
-            adam_step([(exposure, state.exposure.grad, self.settings.lr_exposure)], [state.exposure_moments])
-            # Brightness common to all photos belongs to the Gaussians.
+            adam_step([(exposure, state.exposure.grad, self.settings.optimiser.lr_exposure)], [state.exposure_moments])
+            # The brightness common to all photos is part of the colours of the Gaussians.
             exposure -= exposure.mean(dim=0)
 
-    def _explore(self) -> None:
-        """Relocate and add Gaussians when it is time; let the nearly transparent ones wander until growth ends."""
+    def _update_population(self) -> None:
+        """Relocate and add Gaussians when it is due, and apply the random walk until growth ends."""
         state, settings, schedule = self.state, self.settings, self.schedule
         if schedule.grows(state.step, state.cooling_from):
             n = len(state.parameters)
             n_new = schedule.gaussians_after_growth(state.step, n) - n
-            if settings.growth == "error":
-                self._grow_where_wrong(n_new)
+            if settings.growth.growth_strategy == "error":
+                self._split_by_error(n_new)
             else:
                 moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
-                relocate(state.parameters, min_opacity=settings.min_opacity, generator=moves)
+                relocate(state.parameters, min_opacity=settings.growth.min_opacity, generator=moves)
                 grow(state.parameters, n_new, generator=additions)
-        if settings.noise > 0 and not schedule.growth_ended(state.step, state.cooling_from):
+        if settings.growth.noise > 0 and not schedule.growth_ended(state.step, state.cooling_from):
             position_noise(
                 state.parameters,
                 learning_rate=schedule.means_rate(state.step, state.cooling_from),
                 extent=self.extent,
-                strength=settings.noise,
+                strength=settings.growth.noise,
                 generator=schedule.generator(state.step, _NOISE),
             )
 
-    def _search_for_transients(self) -> None:
+    def _search_transients(self) -> None:
         side = max(max(view.pinhole.width, view.pinhole.height) for view in self.pyramid.views)
-        # Never larger than what was trained on until now: what is blurred yet is not out of place.
-        enough = math.floor(2.0 * math.log2(max(1.0, side / _SIDE_TO_FIND)))
-        shrinks = max(self.schedule.shrinks(self.state.step - 1), enough)
-        found = find_transients(
+        # Not larger than the size trained on so far: what is still blurred there is not a transient.
+        sufficient = math.floor(2.0 * math.log2(max(1.0, side / TRANSIENT_SEARCH_SIDE)))
+        reductions = max(self.schedule.reductions(self.state.step - 1), sufficient)
+        masks = find_transients(
             self.state.parameters,
-            [self.pyramid.as_given(view, shrinks) for view in range(len(self.pyramid.views))],
-            self.settings,
+            [self.pyramid.unmasked_level(view, reductions) for view in range(len(self.pyramid.views))],
+            backend=self.settings.backend,
             sh_degree=self._sh_degree(),
         )
-        self.state.out_of_place = {view: mask for view, mask in enumerate(found) if mask is not None}
-        self.pyramid.leave_out(self.state.out_of_place)
+        self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
+        self.pyramid.mask_pixels(self.state.transient_masks)
 
-    def _grow_where_wrong(self, n_new: int) -> None:
+    def _split_by_error(self, n_new: int) -> None:
         state, settings, schedule = self.state, self.settings, self.schedule
         generator = schedule.generator(state.step, _GROW)
-        views = torch.randint(len(self.pyramid.views), (_VIEWS_THAT_VOTE,), generator=generator).tolist()
-        levels = [self.pyramid.level(view, schedule.shrinks(state.step)) for view in views]
+        views = torch.randint(len(self.pyramid.views), (N_ERROR_VIEWS,), generator=generator).tolist()
+        levels = [self.pyramid.level(view, schedule.reductions(state.step)) for view in views]
         degree = schedule.sh_degree(state.step, state.sh_limit)
-        votes = error_votes(state.parameters, levels, settings, sh_degree=degree)
-        grow_where_wrong(state.parameters, votes, n_new, min_opacity=settings.min_opacity, generator=generator)
+        errors = gaussian_errors(state.parameters, levels, backend=settings.backend, sh_degree=degree)
+        split_by_error(state.parameters, errors, n_new, min_opacity=settings.growth.min_opacity, generator=generator)
 
     def report(self) -> None:
-        """Measure, show, save and tell, each when it is due."""
+        """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""
         state, now = self.state, time.monotonic()
         finished = self.finished
         if state.step in self.schedule.curve_steps or finished:
             self._measure()
         if self._is_flat():
             state.cooling_from = state.step
-        if now - self._previewed >= self.settings.preview_seconds or finished:
+        if now - self._previewed >= self.settings.measurement.preview_seconds or finished:
             self._previewed = now
             self._preview()
-        if state.step % self.settings.checkpoint_interval == 0 or finished:
+        if state.step % self.settings.schedule.checkpoint_interval == 0 or finished:
             self.write_checkpoint()
-        message = f"step {state.step} of {self.settings.steps}"
-        if finished and state.step < self.settings.steps:
+        message = f"step {state.step} of {self.settings.schedule.steps}"
+        if finished and state.step < self.settings.schedule.steps:
             message += ": the curve is flat"
-        self._tell(message, finished=finished)
+        self._emit_progress(message, finished=finished)
 
-    def _tell(self, message: str, *, finished: bool = False) -> None:
-        """Say how far it is; not more than once a second, but for the end."""
+    def _emit_progress(self, message: str, *, finished: bool = False) -> None:
+        """Emit progress and metrics, at most once per second except at the end."""
         state, now = self.state, time.monotonic()
-        if now - self._reported < _SECONDS_BETWEEN_EVENTS and not finished:
+        if now - self._reported < EVENT_INTERVAL and not finished:
             return
         self._reported = now
         self.emit(Metric(STAGE, "loss", self._loss, state.step))
@@ -378,56 +407,57 @@ class _Run:
 
     def _measure(self) -> None:
         state = self.state
-        quality = measure(state.parameters.values, self._levels(), self.settings, sh_degree=self._sh_degree())
+        quality = measure(
+            state.parameters.values, self._levels(), backend=self.settings.backend, sh_degree=self._sh_degree()
+        )
         state.curve.append(
             CurvePoint(
                 state.step, self.clock.wall, self.clock.cpu, quality.psnr, quality.ssim, quality.l1,
                 len(state.parameters),
             )
         )  # fmt: skip
-        self.tell_curve(state.curve[-1:])
+        self.emit_curve(state.curve[-1:])
 
-    def tell_curve(self, points: Sequence[CurvePoint]) -> None:
-        """Say what was measured; after a resume the whole curve, for whoever draws it while it grows."""
+    def emit_curve(self, points: Sequence[CurvePoint]) -> None:
+        """Emit measurements; after resuming, the whole curve, for viewers that plot it."""
         for point in points:
             self.emit(Metric(STAGE, "psnr", point.psnr, point.step, point.wall_seconds))
 
     def _preview(self) -> None:
         level = self.measured.level(len(self.measured.views) // 2, 0)
-        image = render_picture(self.state.parameters.values, level, self.settings, sh_degree=self._sh_degree())
+        image = render_picture(
+            self.state.parameters.values, level, backend=self.settings.backend, sh_degree=self._sh_degree()
+        )
         path = self.checkpoints / PREVIEW_FILE
         write_picture(path, image)
         self.emit(Preview(STAGE, str(path)))
 
     def write_checkpoint(self) -> None:
-        """Save the state as it is now."""
+        """Write the current state."""
         self.state.wall_seconds, self.state.cpu_seconds = self.clock.wall, self.clock.cpu
         write_checkpoint(self.checkpoints, self.key, self.state)
 
     def check(self) -> None:
-        """Refuse a result that is none; warn of one that a flat colour would be as good as."""
+        """Refuse a result without content; warn of one that is no better than a flat colour."""
         psnr = self.state.curve[-1].psnr
-        check_result(self.state.parameters, photos_are_black=psnr >= _LIKE_THE_PHOTOS)
+        check_result(self.state.parameters, photos_are_black=psnr >= GOOD_PSNR)
         flat = flat_psnr(self.pyramid.views, self._levels())
-        if psnr < min(flat, _LIKE_THE_PHOTOS):
+        if psnr < min(flat, GOOD_PSNR):
             self.emit(
                 Warned(
-                    f"The trained scene is no more like the {self.measured_on} ({psnr:.1f} dB) than one flat colour "
-                    f"({flat:.1f} dB). Check photos and cameras; where learning rates were raised, lower them."
+                    f"The trained scene matches the {self.measured_on} no better ({psnr:.1f} dB) than one flat colour "
+                    f"({flat:.1f} dB). Check photos and cameras; if learning rates were raised, lower them."
                 )
             )
 
     def result(self) -> TrainingResult:
-        """Return what was trained, measured and guarded against."""
+        """Return the result of the finished run."""
         measured = [view.photo for view in self.measured.views]
         photos = [view.photo for view in self.pyramid.views]
-        return result_of(
+        return make_result(
             self.state, self.settings, self.schedule, photos=photos, measured_on=self.measured_on, measured=measured
         )
 
 
-def _spread(views: Sequence[TrainingView], most: int) -> list[TrainingView]:
-    """Return at most `most` of the views, evenly spread."""
-    if len(views) <= most:
-        return list(views)
-    return [views[index] for index in np.linspace(0, len(views) - 1, most).round().astype(int)]
+def _measured_views(views: Sequence[TrainingView]) -> list[TrainingView]:
+    return [views[index] for index in evenly_spaced_indices(len(views), MAX_MEASURED_PHOTOS)]

@@ -1,4 +1,4 @@
-"""The losses on features: contrastive clustering over segments, smoothness in space, agreement along a ray.
+"""Losses on features: contrastive clustering over segments, smoothness in space, and agreement along rays.
 
 L = L_rendering + lambda_clustering L_CC + L_reg (Dahaghin et al. 2024); L_rendering is in ``rasterizer.loss``.
 """
@@ -22,25 +22,34 @@ __all__ = [
     "ray_disagreement",
 ]
 
-_N_NEIGHBOURS = 6
-_N_ANCHORS = 1000
-_N_FAR = 5
-_FAR_TRIES = 16
-_PAPER_SUBSET = 300_000
+N_NEIGHBOURS = 6
+"""Nearest other Gaussians of each, for `neighbour_regulariser`."""
+
+N_ANCHORS = 1000
+"""Random Gaussians that L_reg is evaluated on, as in the released code of Dahaghin et al. 2024."""
+
+N_FAR = 5
+"""Largest number of far Gaussians per anchor, as in the released code."""
+
+N_FAR_CANDIDATES = 16
+"""Random Gaussians per anchor among which far ones are searched."""
+
+PAPER_SUBSET = 300_000
+"""Random Gaussians that `paper_regulariser` is restricted to, as in the released code."""
 
 
 @dataclass(frozen=True)
 class LabelledPixels:
-    """The pixels of one picture that lie in a segment of enough pixels.
+    """The pixels of one picture that lie in segments of enough pixels.
 
     Attributes
     ----------
     index : array of shape [P], int32
-        Pixel number, row by row.
+        Number of each pixel, row by row.
     cluster : array of shape [P], int32
-        Segment of each, 0 to n_p - 1.
+        Segment of each pixel, 0 to n_p - 1.
     counts : tensor of shape [n_p], float32
-        Pixels of each segment.
+        Number of pixels of each segment.
     """
 
     index: NDArray[np.int32]
@@ -52,9 +61,9 @@ class LabelledPixels:
 
 
 def labelled_pixels(labels: NDArray[np.int32], *, min_pixels: int) -> LabelledPixels | None:
-    """Return the pixels of `labels` [h, w] in segments of more than `min_pixels`; None when there are not two segments.
+    """Return the pixels of `labels` [h, w] in segments of more than `min_pixels`; None for fewer than two segments.
 
-    One segment alone has nothing to be told apart from: its loss is constant.
+    A contrastive loss on one segment is constant.
     """
     ids, inverse, counts = np.unique(labels.ravel(), return_inverse=True, return_counts=True)
     kept = (ids > 0) & (counts > min_pixels)
@@ -84,9 +93,9 @@ def clustering_loss(
         Rendered features, blended like colour, without background.
     labelled : LabelledPixels
     n_samples : int
-        Random pixels to evaluate on, 0 for all. The value is then an estimate: the sampled sum times P / S.
+        Random pixels to evaluate on, 0 for all. The value is then an estimate: the sum over the sample times P / S.
     generator : torch.Generator, optional
-        Of the sample.
+        Draws the sample.
 
     Returns
     -------
@@ -100,7 +109,7 @@ def clustering_loss(
         l_ij  = -log( exp(f_ij . fbar_i / phi_i) / sum_k exp(f_ij . fbar_k / phi_k) )
         L_CC  = 1/n_p sum_i sum_j l_ij
 
-    Of a sample, phi is estimated from the sampled distances and the true n_i.
+    With a sample, phi is estimated from the sampled distances and the true n_i.
 
     References
     ----------
@@ -121,7 +130,7 @@ def clustering_loss(
     sampled = torch.bincount(cluster, minlength=n_clusters)
     means = one_hot_sum / sampled.clamp_min(1).to(f.dtype)[:, None]
     phi = _temperatures(f.detach(), means.detach(), cluster, sampled, labelled.counts.to(f.dtype))
-    # A segment the sample missed has no mean to be compared with.
+    # A segment without a sampled pixel has no mean.
     logits = (f @ means.T / (phi + 1e-6)).masked_fill(sampled == 0, -torch.inf)
     loss = torch.logsumexp(logits, dim=1) - logits.gather(1, cluster[:, None])[:, 0]
     return loss.sum() * (weight / n_clusters)
@@ -135,23 +144,23 @@ def _temperatures(
     return (10.0 * mean_distance / torch.log(counts + 100.0)).clamp(0.1, 1.0)
 
 
-def nearest_neighbours(means: torch.Tensor, k: int = _N_NEIGHBOURS) -> torch.Tensor:
-    """Return the `k` nearest other Gaussians of each, shape [N, k], int32; with N <= k all others, repeated.
+def nearest_neighbours(means: torch.Tensor, k: int = N_NEIGHBOURS) -> torch.Tensor:
+    """Return the `k` nearest other Gaussians of each one, shape [N, k], int32; for N <= k all others, repeated.
 
     Parameters
     ----------
     means : tensor of shape [N, 3]
-        Centres, N at least 2.
+        Centres; N is at least 2.
     k : int
     """
     points = means.detach().cpu().numpy()
     available = min(k, len(points) - 1)
     _, index = cKDTree(points).query(points, k=available + 1)
-    # Among coincident points the tree may list another one first: drop the point itself wherever it stands.
+    # The tree may list a coincident point before the point itself, which is therefore dropped wherever it is listed.
     own = index == np.arange(len(points))[:, None]
     own[~own.any(axis=1), -1] = True
-    others = index[~own].reshape(len(points), available)
-    return torch.from_numpy(np.resize(others.T, (k, len(points))).T.astype(np.int32).copy())
+    neighbours = index[~own].reshape(len(points), available)
+    return torch.from_numpy(np.resize(neighbours.T, (k, len(points))).T.astype(np.int32).copy())
 
 
 def neighbour_regulariser(
@@ -164,22 +173,22 @@ def neighbour_regulariser(
     lambda_push: float,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """Return L_reg with true neighbours and random Gaussians far away.
+    """Return L_reg with the nearest other Gaussians and random far ones.
 
     Parameters
     ----------
     features : tensor of shape [N, F]
-        Per Gaussian.
+        Features of the Gaussians.
     means : tensor of shape [N, 3]
         Centres; no gradient flows to them.
     neighbours : tensor of shape [N, k], int
-        From `nearest_neighbours`.
+        Result of `nearest_neighbours`.
     far : float
-        Gaussians farther apart than this are pushed apart, world units.
+        Distance beyond which features are pushed apart, world units.
     lambda_pull, lambda_push : float
         Weights.
     generator : torch.Generator
-        Draws 1,000 anchors and, for each, 16 candidates, of which the first 5 that are far count.
+        Draws 1,000 anchors and for each 16 candidates, of which the first 5 far ones are used.
 
     Returns
     -------
@@ -188,17 +197,18 @@ def neighbour_regulariser(
     Notes
     -----
     ``lambda_pull s(1 - mean cos(near)) + lambda_push s(mean cos(far))`` with s the logistic function. The published
-    form (`paper_regulariser`) counts a Gaussian as its own neighbour and pushes the same few outliers for every anchor.
+    form (`paper_regulariser`) includes a Gaussian among its neighbours, and pushes the same few outliers for all
+    anchors.
     """
     n = len(features)
-    anchors = torch.randint(n, (min(_N_ANCHORS, n),), generator=generator)
+    anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
     unit = torch.nn.functional.normalize(features, dim=1, eps=1e-9)
     near = (unit[anchors, None] * unit[neighbours[anchors].long()]).sum(dim=2)
     loss = lambda_pull * torch.sigmoid(1.0 - near.mean())
-    tries = torch.randint(n, (len(anchors), _FAR_TRIES), generator=generator)
+    tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
     places = means.detach()
     is_far = (places[anchors, None] - places[tries]).norm(dim=2) > far
-    is_far &= is_far.cumsum(dim=1) <= _N_FAR
+    is_far &= is_far.cumsum(dim=1) <= N_FAR
     if bool(is_far.any()):
         row, column = is_far.nonzero(as_tuple=True)
         distant = (unit[anchors[row]] * unit[tries[row, column]]).sum(dim=1)
@@ -216,7 +226,7 @@ def paper_regulariser(
     n_near: int = 2,
     n_far: int = 5,
 ) -> torch.Tensor:
-    """Return L_reg as in the released code of Dahaghin et al. 2024.
+    """Return L_reg as the released code of Dahaghin et al. 2024 computes it.
 
     Parameters
     ----------
@@ -228,15 +238,15 @@ def paper_regulariser(
     generator : torch.Generator
         Draws the 300,000 Gaussians and the 1,000 anchors.
     n_near, n_far : int
-        Nearest (the anchor itself is one of them) and farthest Gaussians per anchor.
+        Numbers of nearest (which include the anchor) and farthest Gaussians per anchor.
 
     Returns
     -------
     tensor, scalar
     """
     n = len(features)
-    subset = torch.randperm(n, generator=generator)[:_PAPER_SUBSET]
-    anchors = torch.randperm(len(subset), generator=generator)[:_N_ANCHORS]
+    subset = torch.randperm(n, generator=generator)[:PAPER_SUBSET]
+    anchors = torch.randperm(len(subset), generator=generator)[:N_ANCHORS]
     places = means.detach()[subset]
     unit = torch.nn.functional.normalize(features[subset], dim=1, eps=1e-9)
     distances = torch.cdist(places[anchors], places)
@@ -253,19 +263,19 @@ def ray_disagreement(features: torch.Tensor, transmittance: torch.Tensor) -> tor
     Parameters
     ----------
     features : tensor of shape [h, w, F]
-        Blend F = sum_g w_g f_g of features with |f_g| = 1.
+        Blended features F = sum_g w_g f_g with |f_g| = 1.
     transmittance : tensor of shape [h, w]
         1 - A with A = sum_g w_g.
 
     Returns
     -------
     tensor, scalar
-        Mean of A^2 - |F|^2 = sum_gh w_g w_h (1 - f_g . f_h), which is 0 exactly where all features of a ray agree.
+        Mean of A^2 - |F|^2 = sum_gh w_g w_h (1 - f_g . f_h), which is 0 exactly where all features along a ray agree.
 
     Notes
     -----
-    The variance regulariser of OpenSplat3D (CVPRW 2025) without its second rendering: for unit features the blend of
-    squares is A itself.
+    The variance regulariser of OpenSplat3D (CVPRW 2025) without its second rendering: for unit features the blended
+    squares equal A.
     """
     cover = 1.0 - transmittance
     return (cover.square() - features.square().sum(dim=2)).mean()

@@ -1,4 +1,4 @@
-"""The Gaussians while they are trained: one leaf tensor per parameter, with Adam's moments beside it."""
+"""The parameters of the Gaussians during training, one leaf tensor each, with the moments of Adam."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..rasterizer import AdamState, Raster, adam_step, rasterize
 from ..scene import Gaussians, PinholeCamera
-from .settings import TrainingSettings
+from .settings import Backend, FeatureSettings
 
-__all__ = ["NAMES", "Parameters", "render"]
+__all__ = ["NAMES", "Parameters", "blended_features", "render"]
 
 NAMES = ("means", "log_scales", "quats", "opacity_logits", "sh_dc", "sh_rest", "features")
 
@@ -24,9 +24,9 @@ class Parameters:
     Attributes
     ----------
     values : dict of str to tensor of shape [N, ...], float32
-        Leaf tensors by name, see `NAMES`; ``sh_rest`` is missing at degree 0, ``features`` when none are trained.
+        Leaf tensors by name, see `NAMES`; ``sh_rest`` is missing at degree 0, ``features`` when they are not trained.
     moments : dict of str to AdamState
-        For the same names.
+        Moments for the same names.
     """
 
     values: dict[str, torch.Tensor]
@@ -50,7 +50,7 @@ class Parameters:
             arrays["sh_rest"] = sh[:, 1:]
         if features:
             if start.features is None:
-                raise ValueError("features are to be trained and the Gaussians to start from have none")
+                raise ValueError("features are to be trained and the initial Gaussians have none")
             arrays["features"] = start.features
         values = {name: torch.tensor(array, dtype=torch.float32) for name, array in arrays.items()}
         return cls(values, {name: AdamState.zeros_like(value) for name, value in values.items()})
@@ -65,12 +65,12 @@ class Parameters:
         return 0 if rest is None else int(round((1 + rest.shape[1]) ** 0.5)) - 1
 
     def copy(self) -> Parameters:
-        """Return Gaussians with values and moments of their own."""
+        """Return a copy of all values and moments."""
         values = {name: value.detach().clone() for name, value in self.values.items()}
         return Parameters(values, {name: moment.copy() for name, moment in self.moments.items()})
 
     def cut_sh(self, degree: int) -> None:
-        """Drop all bands above `degree`, with their moments."""
+        """Remove all bands above `degree`, with their moments."""
         rest = (degree + 1) ** 2 - 1
         if "sh_rest" not in self.values or rest >= self.values["sh_rest"].shape[1]:
             return
@@ -81,20 +81,20 @@ class Parameters:
             self.moments["sh_rest"] = AdamState(mean, square, moment.step)
 
     def track(self) -> None:
-        """Ask for gradients of all values, starting from none."""
+        """Require gradients of all values, and clear earlier ones."""
         for value in self.values.values():
             value.requires_grad_(True)
             value.grad = None
 
     def step(self, learning_rates: dict[str, float]) -> None:
-        """Take one Adam step for every named value that has a gradient, in place; the others and their moments stay."""
+        """Make one Adam step, in place, for each named value that has a gradient; others keep their moments."""
         names = [name for name in learning_rates if name in self.values and self.values[name].grad is not None]
         with torch.no_grad():
             triples = [(self.values[n].detach(), self.values[n].grad, learning_rates[n]) for n in names]
             adam_step(triples, [self.moments[n] for n in names])  # type: ignore[arg-type]
 
     def overwrite(self, rows: torch.Tensor, new: dict[str, torch.Tensor]) -> None:
-        """Set the named values of `rows` and forget all moments of those rows."""
+        """Set the named values of `rows` and reset all moments of these rows."""
         with torch.no_grad():
             for name, value in self.values.items():
                 if name in new:
@@ -103,20 +103,20 @@ class Parameters:
                 self.moments[name].square[rows] = 0.0
 
     def append(self, new: dict[str, torch.Tensor]) -> None:
-        """Add Gaussians, with a row for every name; their moments are zero."""
+        """Add Gaussians, with values for every name; their moments are zero."""
         for name, value in self.values.items():
             self.values[name] = torch.cat([value.detach(), new[name]])
             state = self.moments[name]
-            nothing = torch.zeros_like(new[name])
-            state.mean = torch.cat([state.mean, nothing])
-            state.square = torch.cat([state.square, nothing])
+            zeros = torch.zeros_like(new[name])
+            state.mean = torch.cat([state.mean, zeros])
+            state.square = torch.cat([state.square, zeros])
 
     def copies(self, rows: torch.Tensor) -> dict[str, torch.Tensor]:
         """Return the values of `rows`."""
         return {name: value.detach()[rows] for name, value in self.values.items()}
 
     def to_gaussians(self, *, unit_features: bool) -> Gaussians:
-        """Return the Gaussians as arrays; with `unit_features`, their features as they are blended: normalised."""
+        """Return the Gaussians as arrays; `unit_features` normalises their features, as blending does."""
         values = {name: value.detach().numpy().copy() for name, value in self.values.items()}
         sh = values["sh_dc"]
         if "sh_rest" in values:
@@ -137,31 +137,28 @@ class Parameters:
 def render(
     values: dict[str, torch.Tensor],
     camera: PinholeCamera,
-    settings: TrainingSettings,
     *,
+    backend: Backend,
     sh_degree: int | None,
-    features: bool = False,
-    extra: torch.Tensor | None = None,
+    channels: torch.Tensor | None = None,
 ) -> Raster:
-    """Return the picture of `values` from `camera`.
+    """Render `values` from `camera`.
 
     Parameters
     ----------
     values : dict of str to tensor
         As in `Parameters.values`.
     camera : PinholeCamera
-    settings : TrainingSettings
-        Which rasterizer, and whether features are normalised first.
+    backend : {"cpu", "reference"}
+        Which rasterizer is used.
     sh_degree : int or None
         Highest band to use; None for a picture without colour.
-    features : bool
-        Whether the features follow the colour as channels.
-    extra : tensor of shape [N, C], optional
-        Other channels, instead of the features.
+    channels : tensor of shape [N, C], optional
+        Further values per Gaussian, blended after the colour: features, errors.
     """
     sh = None
     if sh_degree is not None:
-        # Bands that are not used yet must not get (zero) gradients: Adam would count them.
+        # Unused bands must not get zero gradients, because Adam would count these as steps.
         sh = torch.cat([values["sh_dc"], values["sh_rest"]], dim=1) if sh_degree else values["sh_dc"]
     return rasterize(
         values["means"],
@@ -171,13 +168,13 @@ def render(
         camera=camera,
         sh=sh,
         sh_degree=sh_degree,
-        channels=blended_features(values, settings) if features else extra,
-        backend=settings.backend,
+        channels=channels,
+        backend=backend,
     )
 
 
-def blended_features(values: dict[str, torch.Tensor], settings: TrainingSettings) -> torch.Tensor:
-    """Return the features as they are blended, shape [N, F]."""
+def blended_features(values: dict[str, torch.Tensor], settings: FeatureSettings) -> torch.Tensor:
+    """Return the features in the form in which they are blended, shape [N, F]."""
     if settings.feature_init == "unit":
         return torch.nn.functional.normalize(values["features"], dim=1, eps=1e-9)
     return values["features"]

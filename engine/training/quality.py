@@ -1,4 +1,4 @@
-"""How good trained Gaussians are on photos at one size, so that runs trained at different sizes compare."""
+"""Quality of trained Gaussians on photos at one size, which makes runs trained at different sizes comparable."""
 
 from __future__ import annotations
 
@@ -13,33 +13,31 @@ from numpy.typing import NDArray
 from ..events import StopCheck
 from ..scene import CameraSet, Gaussians
 from .checkpoint import read_state
-from .held_out import Quality, image_quality, mean_quality, render_picture
+from .held_out import MAX_MEASURED_PHOTOS, Quality, image_quality, mean_quality, render_picture
 from .parameters import Parameters
 from .settings import TrainingSettings
-from .views import Level, ViewPyramid, load_views
+from .views import Level, ViewPyramid, evenly_spaced_indices, load_views
 
-__all__ = ["Judgement", "gaussians_so_far", "judge"]
-
-_MOST_PHOTOS = 8
+__all__ = ["MeasuredQuality", "gaussians_so_far", "measure_quality"]
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """How good Gaussians are: `Quality`, and FLIP.
+class MeasuredQuality:
+    """Quality of Gaussians including FLIP.
 
     Attributes
     ----------
     quality : Quality
     flip : float
-        Mean difference that a person sees switching between picture and photo, 0 to 1, at 67 pixels a degree
-        (Andersson et al. 2020, by their own package). Too dear for the curve: 0.6 CPU s a photo of 640x480.
+        Mean visible difference when switching between picture and photo, 0 to 1, at 67 pixels per degree (Andersson et
+        al. 2020, computed by their package). Too slow for the error curve.
     """
 
     quality: Quality
     flip: float
 
 
-def judge(
+def measure_quality(
     gaussians: Gaussians,
     photo_folder: Path,
     camera_set: CameraSet,
@@ -48,7 +46,7 @@ def judge(
     max_side: int,
     photo_masks: Mapping[str, Path] | None = None,
     should_stop: StopCheck,
-) -> Judgement:
+) -> MeasuredQuality:
     """Return the mean quality on photos.
 
     Parameters
@@ -57,34 +55,34 @@ def judge(
     photo_folder : Path
     camera_set : CameraSet
     names : sequence of str
-        Photos to measure on; of more than 8, 8 that are evenly spread, as training takes.
+        Photos to measure on; of more than 8 photos, 8 evenly spaced ones.
     max_side : int
         Longest side of the pictures, pixels.
     photo_masks : mapping of str to Path, optional
-        Which pixels of a photo count, by photo name.
+        Files of the masks of valid pixels by photo name.
     should_stop : StopCheck
 
     Raises
     ------
     PhotoError
-        When a photo went away.
+        When a photo is missing.
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returns true.
     """
-    picked = [names[i] for i in np.linspace(0, len(names) - 1, min(_MOST_PHOTOS, len(names))).round().astype(int)]
-    cameras = tuple(camera for camera in camera_set.cameras if camera.photo in picked)
+    chosen = [names[index] for index in evenly_spaced_indices(len(names), MAX_MEASURED_PHOTOS)]
+    cameras = tuple(camera for camera in camera_set.cameras if camera.photo in chosen)
     degree = int(round(gaussians.sh.shape[1] ** 0.5)) - 1
-    settings = TrainingSettings(max_side=max_side, sh_degree=degree, features=False, held_out_every=0)
-    chosen = replace(camera_set, cameras=cameras)
-    views = load_views(photo_folder, chosen, {}, settings, photo_masks=photo_masks, should_stop=should_stop)
-    pyramid = ViewPyramid(views, settings)
+    settings = TrainingSettings().changed(max_side=max_side, train_features=False, held_out_every=0)
+    subset = replace(camera_set, cameras=cameras)
+    views = load_views(photo_folder, subset, {}, settings, photo_masks=photo_masks, should_stop=should_stop)
+    pyramid = ViewPyramid(views, settings.features)
     values = Parameters.from_gaussians(gaussians, sh_degree=degree, features=False).values
-    found, flips = [], []
+    qualities, flips = [], []
     for level in (pyramid.level(i, 0) for i in range(len(views))):
-        image = render_picture(values, level, settings, sh_degree=degree)
-        found.append(image_quality(image, level.pixels, level.valid))
+        image = render_picture(values, level, backend=settings.backend, sh_degree=degree)
+        qualities.append(image_quality(image, level.pixels, level.valid))
         flips.append(_flip(image.numpy(), level))
-    return Judgement(mean_quality(found), float(np.mean(flips)))
+    return MeasuredQuality(mean_quality(qualities), float(np.mean(flips)))
 
 
 def _flip(image: NDArray[np.float32], level: Level) -> float:
@@ -94,6 +92,6 @@ def _flip(image: NDArray[np.float32], level: Level) -> float:
 
 
 def gaussians_so_far(folder: Path) -> Gaussians | None:
-    """Return the Gaussians of the checkpoint in `folder`, None when there is no whole one."""
+    """Return the Gaussians of the checkpoint in `folder`, None when there is no complete checkpoint."""
     state = read_state(folder)
     return None if state is None else state.parameters.to_gaussians(unit_features=False)

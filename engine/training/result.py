@@ -1,4 +1,4 @@
-"""What training hands on, and the figures that tell how it went."""
+"""Result of training: the Gaussians, the error curve and the figures of the run."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from .held_out import CurvePoint, expected_gain
 from .schedule import Schedule
 from .settings import TrainingSettings
 
-__all__ = ["TrainingResult", "result_of"]
+__all__ = ["TrainingResult", "make_result"]
 
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What training hands on.
+    """Result of training.
 
     Attributes
     ----------
     gaussians : Gaussians
-        With features as they are blended: normalised, unless ``feature_init="paper"``.
+        Their features are normalised, unless ``feature_init="paper"``.
     curve : tuple of CurvePoint
         Error on held-out photos against run time.
     figures : dict
-        JSON values: steps, Gaussians, seconds, final errors, which photos were measured, guards that fired,
-        and in ``limits`` how often values were kept at the method's limits, summed over the steps.
+        JSON values: steps, number of Gaussians, seconds, final errors, names of the measured photos, counts of the
+        numerical guards, and in ``limits`` how often values were clamped to limits of the method.
     """
 
     gaussians: Gaussians
@@ -36,7 +36,7 @@ class TrainingResult:
     figures: dict[str, Any]
 
 
-def result_of(
+def make_result(
     state: RunState,
     settings: TrainingSettings,
     schedule: Schedule,
@@ -45,7 +45,7 @@ def result_of(
     measured_on: str,
     measured: Sequence[str],
 ) -> TrainingResult:
-    """Return what a finished run hands on.
+    """Return the result of a finished run.
 
     Parameters
     ----------
@@ -53,11 +53,11 @@ def result_of(
     settings : TrainingSettings
     schedule : Schedule
     photos : sequence of str
-        Names of the photos that were trained on.
+        Names of the training photos.
     measured_on : str
-        Which kind of photos the error was measured on.
+        Kind of the photos that the error was measured on.
     measured : sequence of str
-        Their names.
+        Names of these photos.
     """
     last = state.curve[-1]
     figures: dict[str, Any] = {
@@ -79,7 +79,7 @@ def result_of(
         "limits": {name: state.guards[name] for name in LIMITS},
         "curve": [asdict(point) for point in state.curve],
         "out_of_place": {
-            photos[view]: round(float(mask.mean()), 4) for view, mask in sorted(state.out_of_place.items())
+            photos[view]: round(float(mask.mean()), 4) for view, mask in sorted(state.transient_masks.items())
         },
     }
     if state.uses_exposure:
@@ -87,22 +87,22 @@ def result_of(
             photo: [round(float(gain), 4) for gain in row.exp()]
             for photo, row in zip(photos, state.exposure.detach(), strict=True)
         }
-    unit = settings.feature_init == "unit"
+    unit = settings.features.feature_init == "unit"
     return TrainingResult(state.parameters.to_gaussians(unit_features=unit), tuple(state.curve), figures)
 
 
 def _stopped_early(state: RunState, settings: TrainingSettings, schedule: Schedule) -> dict[str, float] | None:
-    """Return what the steps that were left out would have cost, at the speed of the last ones."""
-    curve, steps, since = state.curve, settings.steps, state.cooling_from
-    if since is None:
+    """Return the cost that the omitted steps would have had at the speed of the last ones; None without such steps."""
+    curve, steps = state.curve, settings.schedule.steps
+    if state.cooling_from is None:
         return None
     before, last = curve[-2], curve[-1]
     share = (steps - last.step) / (last.step - before.step)
-    until_then = [point for point in curve if point.step <= since]
+    until_cooldown = [point for point in curve if point.step <= state.cooling_from]
     return {
         "planned_steps": steps,
-        "expected_gain": expected_gain(until_then, schedule.flat_checks, steps),
-        "limit": settings.stop_when_flat,
+        "expected_gain": expected_gain(until_cooldown, schedule.flat_checks, steps),
+        "limit": settings.measurement.stop_when_flat,
         "wall_seconds_saved": share * (last.wall_seconds - before.wall_seconds),
         "cpu_seconds_saved": share * (last.cpu_seconds - before.cpu_seconds),
     }

@@ -1,11 +1,10 @@
-"""What happens when: the plan of a training run as pure functions of the step, which is why a resumed run is exact."""
+"""The schedule of a training run as pure functions of the step, so that a resumed run is exact."""
 
 from __future__ import annotations
 
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -16,38 +15,41 @@ from .trials import EXPOSURE
 
 __all__ = ["Schedule"]
 
-_WORK_BESIDE_PIXELS = 0.25
-"""Share of a full-size step that does not depend on the picture's size: projection, Adam. For the time left only."""
+SIZE_INDEPENDENT_WORK = 0.25
+"""Time of projection and Adam, which do not depend on the size of the picture, per time of the pixels of a full-size
+step. Used only to estimate the remaining time."""
 
-_FLAT_CHECKS = 40
-"""Looks at the held-out error in as many steps as there are, of which those at full size before the cooldown are taken:
-each costs as much as 3 steps, one in 75 in `standard`."""
+N_FLAT_CHECKS = 40
+"""Number of evenly spaced steps at which the curve may be checked. Only checks at full size and before the cooldown are
+made: each costs as much as 3 steps."""
 
-_TRANSIENT_SEARCHES = (0.2, 0.4)
-"""Parts of the steps after which it is looked for what stands in one photo only. Each look replaces what the one before
-found: what the Gaussians have learned of somebody who walks by is forgotten once he is left out."""
+TRANSIENT_SEARCHES = (0.2, 0.4)
+"""Fractions of the steps after which transients are searched. Each search replaces the result of the one before:
+Gaussians that fitted a transient fade once its pixels are left out."""
 
-_EXPOSURE_TRIAL = 0.25
-"""Part of the steps after which the brightness factors are tried: the scene's colours are known, its detail is not."""
+EXPOSURE_TRIAL = 0.25
+"""Fraction of the steps after which the brightness factors are tried. By then the colours of the scene are known, but
+not yet its detail."""
 
-_LARGEST_FACTOR = 1.3
-"""Of one growth: those just split must settle before their error says where the next are needed."""
+MAX_GROWTH_FACTOR = 1.3
+"""Largest factor of one growth. Gaussians that were just split must settle before their error shows where more are
+needed."""
 
 
 class Schedule:
-    """The plan of one run.
+    """The schedule of one run.
 
     Parameters
     ----------
     settings : TrainingSettings
     n_views : int
-        Photos that are trained on.
+        Number of training photos.
     extent : float
-        Of the scene, world units.
+        Extent of the scene, world units.
     labelled : sequence of int
-        Numbers of those with segments.
+        Numbers of the training photos with labels.
     shares : sequence of float
-        How much of the photos' detail smaller pictures show, see `spectrum.coarse_shares`.
+        Shares of the photos' detail that smaller pictures show, see `spectrum.coarse_shares`.
     """
 
     def __init__(
@@ -63,24 +65,24 @@ class Schedule:
         self._n_views = n_views
         self._labelled = labelled
         self._extent = extent
-        coarse = settings.coarse_until * settings.steps
-        self._coarse_ends = [coarse * share for share in shares[1 : 2 * settings.coarse_levels + 1]]
-        self._cooling_steps = round(settings.cooldown * settings.steps)
-        per_step = [_WORK_BESIDE_PIXELS + self.scale(step) ** 2 for step in range(settings.steps)]
+        coarse = settings.schedule.coarse_until * settings.schedule.steps
+        self._coarse_ends = [coarse * share for share in shares[1 : 2 * settings.schedule.coarse_levels + 1]]
+        self._cooling_steps = round(settings.schedule.cooldown * settings.schedule.steps)
+        per_step = [SIZE_INDEPENDENT_WORK + self.scale(step) ** 2 for step in range(settings.schedule.steps)]
         self._work = np.concatenate([[0.0], np.cumsum(per_step)])
-        looks = _TRANSIENT_SEARCHES if settings.passers_by else ()
-        self.searches_for_transients = frozenset(max(1, round(part * settings.steps)) for part in looks)
+        searches = TRANSIENT_SEARCHES if settings.appearance.transients else ()
+        self.searches_for_transients = frozenset(max(1, round(part * settings.schedule.steps)) for part in searches)
         self.flat_checks = _flat_checks(settings, self.cooling_start(None))
         self.trial_steps = settings.trial_steps(n_views)
         self.trials = _trials(settings, self.trial_steps, self.cooling_start(None)) if self.trial_steps else {}
-        self.curve_steps = _log_spaced(settings.steps, settings.curve_points) | self.flat_checks
+        self.curve_steps = _log_spaced(settings.schedule.steps, settings.measurement.curve_points) | self.flat_checks
 
     def view(self, step: int) -> int:
-        """Which training view the step uses: every one once per round, in a new random order each round.
+        """Return the number of the training view of the step: each once per round, in a new random order each round.
 
-        Where only some have segments, the steps that evaluate L_CC go round among those.
+        When only some views have labels, the steps that evaluate L_CC use these, each once per round of their own.
         """
-        interval = self._settings.clustering_interval
+        interval = self._settings.features.clustering_interval
         if not 0 < len(self._labelled) < self._n_views:
             return self._place_in_round(step, self._n_views, 0)
         if step % interval == 0:
@@ -91,21 +93,21 @@ class Schedule:
         round_number, place = divmod(index, n)
         return int(np.random.default_rng((self._settings.seed, kind, round_number)).permutation(n)[place])
 
-    def shrinks(self, step: int) -> int:
-        """How often the pictures are made smaller by sqrt(2) at the step.
+    def reductions(self, step: int) -> int:
+        """Return how often the pictures are reduced by sqrt(2) at the step.
 
-        DashGaussian's idea (Chen et al. 2025), from the idea: a picture of a given size is trained on for as large a
-        part of the coarse steps as the share of the photos' detail that it adds to those still smaller.
+        Each size is used for the share of the coarse steps that equals the share of the photos' detail that it adds to
+        the smaller sizes. The idea is from DashGaussian (Chen et al. 2025); the implementation is our own.
         """
         return sum(step < end for end in self._coarse_ends)
 
     def scale(self, step: int) -> float:
-        """Return the pictures' size at the step, 1 for full size."""
-        return float(2.0 ** (-self.shrinks(step) / 2))
+        """Return the relative size of the pictures at the step, 1 for full size."""
+        return float(2.0 ** (-self.reductions(step) / 2))
 
     def sh_degree(self, step: int, limit: int | None = None) -> int:
-        """Return the highest band of spherical harmonics at the step; never above `limit`, which trials set."""
-        degree = min(self._settings.sh_degree, step // self._settings.sh_interval)
+        """Return the highest band of spherical harmonics at the step, at most `limit`, which trials set."""
+        degree = min(self._settings.appearance.sh_degree, step // self._settings.appearance.sh_interval)
         return degree if limit is None else min(degree, limit)
 
     def generator(self, step: int, purpose: int) -> torch.Generator:
@@ -114,30 +116,29 @@ class Schedule:
         return torch.Generator().manual_seed(int(state >> np.uint64(1)))
 
     def cooling_start(self, cooling_from: int | None) -> int:
-        """Return the step at which the cooldown begins: `cooling_from`, or so late that it ends with the last step."""
-        return self._settings.steps - self._cooling_steps if cooling_from is None else cooling_from
+        """Return the step at which the cooldown begins: `cooling_from`, or such that it ends with the last step."""
+        return self._settings.schedule.steps - self._cooling_steps if cooling_from is None else cooling_from
 
     def last_step(self, cooling_from: int | None) -> int:
         """Return the number of steps after which training ends."""
-        return min(self._settings.steps, self.cooling_start(cooling_from) + self._cooling_steps)
+        return min(self._settings.schedule.steps, self.cooling_start(cooling_from) + self._cooling_steps)
 
     def of_trial(self) -> Schedule:
-        """Return the same plan with a cooldown that takes the steps of a trial, and higher bands as fast as band 0.
+        """Return the same schedule with a cooldown of the length of a trial, and with the rate of band 0 for all bands.
 
-        At their own rate they settle in a thousand steps: in a trial of 84, band 1 gained 0.004 dB in a room where a
-        whole run with it ended 0.25 dB higher.
+        At their own rate higher bands need about a thousand steps. See docs/design_notes/training.md.
         """
-        other = copy.copy(self)
-        other._cooling_steps = self.trial_steps
-        other._settings = replace(self._settings, lr_sh_rest=self._settings.lr_sh)
-        return other
+        trial = copy.copy(self)
+        trial._cooling_steps = self.trial_steps
+        trial._settings = self._settings.changed(lr_sh_rest=self._settings.optimiser.lr_sh)
+        return trial
 
     def _cooled(self, step: int, cooling_from: int | None) -> float:
         done = step - self.cooling_start(cooling_from)
-        return float(self._settings.cooldown_end ** (done / self._cooling_steps)) if done > 0 else 1.0
+        return float(self._settings.schedule.cooldown_end ** (done / self._cooling_steps)) if done > 0 else 1.0
 
     def learning_rates(self, step: int, cooling_from: int | None = None) -> dict[str, float]:
-        """Return the rate of every parameter at the step.
+        """Return the learning rate of every parameter at the step.
 
         Parameters
         ----------
@@ -145,69 +146,72 @@ class Schedule:
         cooling_from : int, optional
             Step at which the cooldown began because the curve was flat.
         """
-        s = self._settings
-        t = step / max(s.steps - 1, 1)
-        decay = s.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step, cooling_from)
+        optimiser = self._settings.optimiser
+        t = step / max(self._settings.schedule.steps - 1, 1)
+        decay = optimiser.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step, cooling_from)
         return {
             "means": self.means_rate(step, cooling_from) * self._extent,
-            "log_scales": s.lr_scales * decay,
-            "quats": s.lr_quats * decay,
-            "opacity_logits": s.lr_opacity * decay,
-            "sh_dc": s.lr_sh * decay,
-            "sh_rest": s.lr_sh_rest * decay,
-            "features": s.lr_features * decay,
+            "log_scales": optimiser.lr_scales * decay,
+            "quats": optimiser.lr_quats * decay,
+            "opacity_logits": optimiser.lr_opacity * decay,
+            "sh_dc": optimiser.lr_sh * decay,
+            "sh_rest": optimiser.lr_sh_rest * decay,
+            "features": optimiser.lr_features * decay,
         }
 
     def means_rate(self, step: int, cooling_from: int | None = None) -> float:
-        """Return the rate of the positions per extent at the step."""
-        t = step / max(self._settings.steps - 1, 1)
-        rate = self._settings.lr_means ** (1 - t) * self._settings.lr_means_end**t
+        """Return the learning rate of the positions at the step, per extent."""
+        t = step / max(self._settings.schedule.steps - 1, 1)
+        rate = self._settings.optimiser.lr_means ** (1 - t) * self._settings.optimiser.lr_means_end**t
         return float(rate * self._cooled(step, cooling_from))
 
     def grows(self, step: int, cooling_from: int | None = None) -> bool:
-        """Whether Gaussians are relocated and added after the step."""
-        s = self._settings
-        due = step > 0 and step % s.grow_interval == 0 and step >= s.grow_from * s.steps
+        """Return whether Gaussians are relocated and added after the step."""
+        growth = self._settings.growth
+        due = step > 0 and step % growth.grow_interval == 0 and step >= growth.grow_from * self._settings.schedule.steps
         return due and not self.growth_ended(step, cooling_from)
 
     def gaussians_after_growth(self, step: int, n: int) -> int:
-        """Return how many Gaussians `n` become when they grow at the step.
+        """Return the number of Gaussians after growth of `n` Gaussians at the step.
 
-        With ``growth="error"`` as many as the pictures' size asks for: a small picture shows no more detail.
+        With ``growth_strategy="error"`` the limit is proportional to the size of the pictures, because small pictures
+        show less detail.
         """
-        s = self._settings
-        if s.growth == "error":
-            return max(n, min(int(s.max_gaussians * self.scale(step)), max(n + 1, int(n * _LARGEST_FACTOR))))
-        return max(n, min(s.max_gaussians, max(n + 1, int(n * s.grow_factor))))
+        growth = self._settings.growth
+        if growth.growth_strategy == "error":
+            return max(n, min(int(growth.max_gaussians * self.scale(step)), max(n + 1, int(n * MAX_GROWTH_FACTOR))))
+        return max(n, min(growth.max_gaussians, max(n + 1, int(n * growth.grow_factor))))
 
     def growth_ended(self, step: int, cooling_from: int | None = None) -> bool:
-        """Whether no Gaussian is relocated or added any more."""
-        return step >= min(self._settings.grow_until * self._settings.steps, self.cooling_start(cooling_from))
+        """Return whether Gaussians are no longer relocated or added."""
+        return step >= min(
+            self._settings.growth.grow_until * self._settings.schedule.steps, self.cooling_start(cooling_from)
+        )
 
     def done(self, step: int) -> float:
-        """Return the share of the whole work done before the step, 0 to 1."""
+        """Return the fraction of the run time before the step, 0 to 1."""
         return float(self._work[step] / self._work[-1])
 
 
 def _flat_checks(settings: TrainingSettings, cooling_start: int) -> frozenset[int]:
-    """Return the numbers of finished steps after which it is asked whether more are worth it."""
-    if settings.stop_when_flat == 0:
+    """Return the numbers of finished steps after which the curve is checked for early stopping."""
+    if settings.measurement.stop_when_flat == 0:
         return frozenset()
-    first = math.ceil(settings.coarse_until * settings.steps)
-    return frozenset(range(first, cooling_start, max(1, settings.steps // _FLAT_CHECKS)))
+    first = math.ceil(settings.schedule.coarse_until * settings.schedule.steps)
+    return frozenset(range(first, cooling_start, max(1, settings.schedule.steps // N_FLAT_CHECKS)))
 
 
 def _log_spaced(steps: int, n: int) -> frozenset[int]:
-    """Return up to `n` numbers of finished steps, evenly spaced in the logarithm, the last one `steps`."""
+    """Return up to `n` numbers of finished steps, evenly spaced in the logarithm, of which the last is `steps`."""
     first = min(steps, max(10, steps // 64))
     return frozenset(int(round(value)) for value in np.geomspace(steps, first, n))
 
 
 def _trials(settings: TrainingSettings, n_steps: int, cooling_start: int) -> dict[int, str]:
-    """Return what is tried, by the number of finished steps after which it is: "exposure", or the number of a band."""
-    trials = {settings.sh_interval * band: str(band) for band in range(1, settings.sh_degree + 1)}
-    if settings.exposure:
-        step = round(_EXPOSURE_TRIAL * settings.steps)
+    """Return the trials, "exposure" or the number of a band, by the number of finished steps before each."""
+    trials = {settings.appearance.sh_interval * band: str(band) for band in range(1, settings.appearance.sh_degree + 1)}
+    if settings.appearance.exposure:
+        step = round(EXPOSURE_TRIAL * settings.schedule.steps)
         while step in trials:
             step += 1
         trials[step] = EXPOSURE

@@ -1,149 +1,130 @@
-"""Settings of training and the named presets. Standard library only: the command line and Blender read them."""
+"""Settings of training and the named presets. Standard library only: the command line and Blender read them.
+
+A preset or a plan changes single settings with `TrainingSettings.changed`. Measurements behind the defaults are in
+docs/design_notes/training.md.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+import difflib
+from collections.abc import Iterator
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from typing import Any, Literal
 
+from ..errors import SettingsError
 from ..settings import require
 
-__all__ = ["PAPER_PIXELS", "PRESETS", "TrainingSettings"]
+__all__ = [
+    "PAPER_PIXELS",
+    "PRESETS",
+    "PRESET_LIST",
+    "AppearanceSettings",
+    "Backend",
+    "FeatureSettings",
+    "GrowthSettings",
+    "LossSettings",
+    "MeasurementSettings",
+    "OptimiserSettings",
+    "ScheduleSettings",
+    "TrainingPreset",
+    "TrainingSettings",
+]
 
 PAPER_PIXELS = 980 * 735
-"""Size of the paper's pictures, for which its numbers of pixels and sums over pixels are meant."""
+"""Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
 
-_ROUNDS_IN_TRIAL = 2
-"""Of the photos, at least: in a single one, brightness factors of photos that differ by a third gained nothing yet."""
+_MIN_ROUNDS_IN_TRIAL = 2
+"""Least number of times that a trial trains on each photo. After one round, brightness factors of photos that differ by
+a third had not gained anything yet."""
+
+Backend = Literal["cpu", "reference"]
+
+
+def _require_at_least(settings: object, smallest: int, *names: str) -> None:
+    for name in names:
+        require(settings, name, getattr(settings, name) >= smallest, f"at least {smallest}")
+
+
+def _require_positive(settings: object, *names: str) -> None:
+    for name in names:
+        require(settings, name, getattr(settings, name) > 0, "greater than 0")
+
+
+def _require_fraction(settings: object, *names: str) -> None:
+    for name in names:
+        require(settings, name, 0 <= getattr(settings, name) <= 1, "between 0 and 1")
+
+
+def _require_factor(settings: object, *names: str) -> None:
+    for name in names:
+        require(settings, name, 0 < getattr(settings, name) <= 1, "greater than 0 and at most 1")
+
+
+def _require_choice(settings: object, name: str, *allowed: str) -> None:
+    require(settings, name, getattr(settings, name) in allowed, "one of " + ", ".join(allowed))
 
 
 @dataclass(frozen=True)
-class TrainingSettings:
-    """How Gaussians are trained. Learning rates are Adam's; "extent" is the radius of the cameras' positions.
+class ScheduleSettings:
+    """How long training takes, and on pictures of which size.
 
     Attributes
     ----------
     steps : int
         Training steps, one photo each.
     rounds : int
-        How often each photo is trained on at most: with few photos the plan leaves out the steps beyond, which only
-        learn those photos by heart; 0 leaves out none.
-    max_gaussians : int
-        Budget: growth stops here.
-    start_opacity : float
-        Opacity of every Gaussian at the start.
-    background : float
-        Part of the budget that starts where the photos show no sparse point: plain walls, sky.
-    sh_degree : int
-        Bands of view-dependent colour, 0 to 3.
-    sh_interval : int
-        Steps after which one more band is used.
+        Largest number of times that each photo is trained on: the plan omits further steps when there are few photos,
+        because they would overfit. 0 omits none.
     max_side : int
         Longest side of the training pictures, pixels.
     coarse_levels : int
-        Times the pictures are halved at the start.
+        Number of times that the pictures are halved at the start.
     coarse_until : float
-        Part of the steps that smaller pictures would take if full size added no detail; each size takes as much of it
-        as the share of the photos' detail that it adds. With ``growth="error"`` the budget of Gaussians grows with the
-        pictures' width.
-    lr_means, lr_means_end : float
-        Position rate at the first and last step, per extent; exponential in between.
-    lr_scales, lr_quats, lr_opacity, lr_sh, lr_sh_rest, lr_features : float
-        Rates of the other parameters; `lr_sh` is for band 0, `lr_sh_rest` for the higher ones.
-    lr_end : float
-        All rates but the position's end at this part of themselves; exponential over the second half of the steps.
+        Fraction of the steps that smaller pictures would take if full size added no detail. Each size takes as much of
+        it as the share of the photos' detail that it adds.
     cooldown : float
-        Part of the steps at the end in which all rates fall further, and nothing grows.
+        Fraction of the steps, at the end, in which all learning rates fall further and no Gaussians are added.
     cooldown_end : float
-        Part of themselves at which the cooldown leaves the rates; exponential. With it and the pictures' sizes by
-        detail, a room reached 29.25 dB in 2,400 steps and 225 CPU s (before: 28.7 in 3,000 steps and 356), a statue
-        19.5 in 2,400 and 213 (before: 19.0 to 19.2 in 2,600 to 3,000 and 237 to 316).
-    lambda_dssim : float
-        Share of 1 - SSIM in the photometric loss, 0 to 1.
-    passers_by : bool
-        Leave out what stands in one photo only: people who walk by (see `passers_by`). With people pasted into half of
-        the photos of a room: 16 photos, 24.58 dB against 24.32 without; 42 photos, 28.7 to 28.9 against 28.9. Off
-        unless asked for: without people the same room reached 29.05 against 29.27, as far apart as two seeds are.
-    exposure : bool
-        Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras on automatic.
-    trial : float
-        Part of the steps, at least twice the photos, that two copies are trained for on the side, with and without,
-        where a band of view-dependent colour or the brightness factors are due; 0 uses them untried, as do runs without
-        held-out photos.
-    trial_gain : float
-        dB on the held-out photos that a trial must gain, else what was tried is left out of the whole run. One band of
-        colours gained 0.047 dB in a room that ended at 29.40 dB with it and at 29.15 without.
-    lr_exposure : float
-        Its rate.
-    features : bool
-        Train segmentation features where photos have labels.
-    feature_init : {"unit", "paper"}
-        ``unit``: features are normalised before they are blended. ``paper``: blended as they are.
-    feature_gradient : {"joint", "until_grown", "detached"}
-        Whether L_CC moves the geometry too: always (the paper), until growth ends, or never.
-    lambda_clustering : float
-        Weight of L_CC, a sum over pixels and a mean over clusters (about 1e-6); for pictures of 980 x 735 pixels, of
-        other sizes the sum is scaled to that.
-    clustering_interval : int
-        Steps between two evaluations of L_CC.
-    clustering_pixels : int
-        Random labelled pixels of a picture that L_CC is evaluated on; 0 for all.
-    min_segment_pixels : int
-        Smaller segments are left out of L_CC; counted at 980 x 735 pixels and scaled to the picture.
-    lambda_pull, lambda_push : float
-        Weights of the two parts of L_reg.
-    regularisation_interval : int
-        Steps between two evaluations of L_reg.
-    regularisation : {"neighbours", "paper"}
-        ``neighbours``: 6 true neighbours and random Gaussians far away. ``paper``: the 2 nearest, the Gaussian itself
-        among them, and the 5 farthest.
-    lambda_ray : float
-        Weight of the disagreement of features along a ray; needs ``feature_init="unit"``.
-    growth : {"error", "opacity"}
-        ``error``: Gaussians in whose pixels the error is large are split. ``opacity``: copies of any, as published
-        (Kheradmand et al. 2024).
-    grow_from, grow_until : float
-        Parts of the steps between which Gaussians are relocated and added.
-    grow_interval : int
-        Steps between two relocations.
-    grow_factor : float
-        The number of Gaussians is multiplied by at least this at each, up to the budget; with ``growth="error"`` by
-        more where the budget would not be reached half-way.
-    min_opacity : float
-        Gaussians below it are dead and relocated.
-    lambda_opacity, lambda_scale : float
-        Weights of the mean opacity and the mean scale (per extent) in the loss. Without the first, Gaussians as black
-        as the background cover it: balls before nothing were 35.5 dB with 18 % of the black covered, with 0.01 37.5 dB
-        with 0.1 %; a room in `preview` 27.06 and 27.02 dB.
-    noise : float
-        Strength of the random walk of nearly transparent Gaussians.
-    held_out_every : int
-        Every n-th photo is never trained on, 0 for none.
-    stop_when_flat : float
-        dB; 0 never stops early. Once growth has ended, training stops when the error on the held-out photos, measured
-        every 40th part of the steps, falls so slowly that the steps left would gain less than this. The photos held
-        out thereby choose when to stop, and nothing else.
-    curve_points : int
-        Measurements on the held-out photos, spaced evenly in the logarithm of the step.
+        Factor that the cooldown applies to the learning rates at its end; exponential.
     checkpoint_interval : int
         Steps between two checkpoints.
-    preview_seconds : float
-        Time between two preview pictures.
-    seed : int
-        Of every random draw.
-    backend : {"cpu", "reference"}
-        Which rasterizer.
     """
 
     steps: int = 3000
     rounds: int = 72
-    max_gaussians: int = 40_000
-    start_opacity: float = 0.5
-    background: float = 0.1
-    sh_degree: int = 1
-    sh_interval: int = 1500
     max_side: int = 640
     coarse_levels: int = 2
     coarse_until: float = 0.5
+    cooldown: float = 0.1
+    cooldown_end: float = 0.05
+    checkpoint_interval: int = 500
+
+    def __post_init__(self) -> None:
+        _require_at_least(self, 1, "steps", "checkpoint_interval")
+        _require_at_least(self, 0, "rounds", "coarse_levels")
+        require(self, "coarse_levels", self.coarse_levels <= 5, "at most 5")
+        require(self, "max_side", self.max_side >= 16, "at least 16 pixels")
+        _require_fraction(self, "coarse_until", "cooldown")
+        _require_factor(self, "cooldown_end")
+
+
+@dataclass(frozen=True)
+class OptimiserSettings:
+    """Learning rates of Adam. "Extent" is the radius of the cameras' positions.
+
+    Attributes
+    ----------
+    lr_means, lr_means_end : float
+        Rate of the positions at the first and the last step, per extent; exponential in between.
+    lr_scales, lr_quats, lr_opacity, lr_sh, lr_sh_rest, lr_features : float
+        Rates of the other parameters; `lr_sh` is for band 0 of the spherical harmonics, `lr_sh_rest` for the others.
+    lr_exposure : float
+        Rate of the brightness factors.
+    lr_end : float
+        Factor that all rates but that of the positions reach at the last step; exponential over the second half of the
+        steps.
+    """
+
     lr_means: float = 1.6e-3
     lr_means_end: float = 1.6e-5
     lr_scales: float = 0.02
@@ -152,16 +133,120 @@ class TrainingSettings:
     lr_sh: float = 0.015
     lr_sh_rest: float = 0.00075
     lr_features: float = 0.01
-    lr_end: float = 0.2
-    cooldown: float = 0.1
-    cooldown_end: float = 0.05
-    lambda_dssim: float = 0.2
-    passers_by: bool = False
-    exposure: bool = False
     lr_exposure: float = 0.002
-    trial: float = 0.025
-    trial_gain: float = 0.02
-    features: bool = True
+    lr_end: float = 0.2
+
+    def __post_init__(self) -> None:
+        _require_positive(self, *(rate.name for rate in fields(self)))
+        _require_factor(self, "lr_end")
+
+
+@dataclass(frozen=True)
+class LossSettings:
+    """Weights of the losses on colour and on the Gaussians' size and opacity.
+
+    Attributes
+    ----------
+    lambda_dssim : float
+        Share of 1 - SSIM in the photometric loss, 0 to 1.
+    lambda_opacity, lambda_scale : float
+        Weights of the mean opacity and of the mean scale (per extent). Without the first, Gaussians as black as the
+        background cover it.
+    """
+
+    lambda_dssim: float = 0.2
+    lambda_opacity: float = 0.01
+    lambda_scale: float = 0.002
+
+    def __post_init__(self) -> None:
+        _require_fraction(self, "lambda_dssim")
+        _require_at_least(self, 0, "lambda_opacity", "lambda_scale")
+
+
+@dataclass(frozen=True)
+class GrowthSettings:
+    """Number of Gaussians: how many there are at the start, and how they are relocated, split and added.
+
+    Attributes
+    ----------
+    max_gaussians : int
+        Largest number of Gaussians. With ``growth_strategy="error"`` it grows with the width of the pictures.
+    start_opacity : float
+        Opacity of every Gaussian at the start.
+    background_fraction : float
+        Fraction of `max_gaussians` that starts where the photos show no sparse point: plain walls, sky.
+    growth_strategy : {"error", "opacity"}
+        ``error``: split Gaussians in whose pixels the error is large. ``opacity``: copy Gaussians drawn by opacity, as
+        published (Kheradmand et al. 2024).
+    grow_from, grow_until : float
+        Fractions of the steps between which Gaussians are relocated and added.
+    grow_interval : int
+        Steps between two relocations.
+    grow_factor : float
+        Least factor by which the number of Gaussians grows each time, up to the largest number. With
+        ``growth_strategy="error"`` it grows faster where the largest number would not be reached half-way.
+    min_opacity : float
+        Gaussians of a lower opacity are dead and are relocated.
+    noise : float
+        Strength of the random walk of nearly transparent Gaussians.
+    """
+
+    max_gaussians: int = 40_000
+    start_opacity: float = 0.5
+    background_fraction: float = field(default=0.1, metadata={"stored_as": "background"})
+    growth_strategy: Literal["error", "opacity"] = field(default="error", metadata={"stored_as": "growth"})
+    grow_from: float = 0.03
+    grow_until: float = 0.8
+    grow_interval: int = 30
+    grow_factor: float = 1.05
+    min_opacity: float = 0.005
+    noise: float = 5e5
+
+    def __post_init__(self) -> None:
+        _require_at_least(self, 1, "max_gaussians", "grow_interval")
+        require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
+        require(self, "background_fraction", 0 <= self.background_fraction <= 0.5, "between 0 and 0.5")
+        _require_choice(self, "growth_strategy", "error", "opacity")
+        _require_fraction(self, "grow_from", "grow_until")
+        require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
+        require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")
+        require(self, "min_opacity", 0 < self.min_opacity < 0.5, "between 0 and 0.5")
+        _require_at_least(self, 0, "noise")
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """Segmentation features and their losses, L_CC on rendered features and L_reg on those of neighbours.
+
+    Attributes
+    ----------
+    train_features : bool
+        Train segmentation features where photos have labels.
+    feature_init : {"unit", "paper"}
+        ``unit``: features are normalised before they are blended. ``paper``: they are blended without that.
+    feature_gradient : {"joint", "until_grown", "detached"}
+        Whether L_CC moves the geometry too: always (the paper), until growth ends, or never.
+    lambda_clustering : float
+        Weight of L_CC, a sum over pixels and a mean over clusters (about 1e-6). It holds for pictures of 980 x 735
+        pixels; for other sizes the sum is scaled to that.
+    clustering_interval : int
+        Steps between two evaluations of L_CC.
+    clustering_pixels : int
+        Random labelled pixels of a picture that L_CC is evaluated on; 0 for all.
+    min_segment_pixels : int
+        Smaller segments are left out of L_CC. Counted at 980 x 735 pixels and scaled to the picture.
+    lambda_pull, lambda_push : float
+        Weights of the two parts of L_reg.
+    regularisation_interval : int
+        Steps between two evaluations of L_reg.
+    regularisation : {"neighbours", "paper"}
+        ``neighbours``: the 6 nearest other Gaussians, and random ones far away. ``paper``: the 2 nearest, which include
+        the Gaussian itself, and the 5 farthest.
+    lambda_ray : float
+        Weight of the disagreement of features along a ray; needs ``feature_init="unit"``.
+    """
+
+    train_features: bool = field(default=True, metadata={"stored_as": "features"})
     feature_init: Literal["unit", "paper"] = "unit"
     feature_gradient: Literal["joint", "until_grown", "detached"] = "joint"
     lambda_clustering: float = 1e-6
@@ -173,90 +258,223 @@ class TrainingSettings:
     regularisation_interval: int = 10
     regularisation: Literal["neighbours", "paper"] = "neighbours"
     lambda_ray: float = 0.01
-    growth: Literal["error", "opacity"] = "error"
-    grow_from: float = 0.03
-    grow_until: float = 0.8
-    grow_interval: int = 30
-    grow_factor: float = 1.05
-    min_opacity: float = 0.005
-    lambda_opacity: float = 0.01
-    lambda_scale: float = 0.002
-    noise: float = 5e5
-    held_out_every: int = 8
-    stop_when_flat: float = 0.05
-    curve_points: int = 12
-    checkpoint_interval: int = 500
-    preview_seconds: float = 30.0
-    seed: int = 0
-    backend: Literal["cpu", "reference"] = "cpu"
-
-    def trial_steps(self, n_views: int) -> int:
-        """Return the steps of a trial where `n_views` photos are trained on; 0 where none is made."""
-        part = round(self.trial * self.steps)
-        return max(part, _ROUNDS_IN_TRIAL * n_views) if part else 0
 
     def __post_init__(self) -> None:
-        for name in ("steps", "max_gaussians", "sh_interval", "clustering_interval", "regularisation_interval",
-                     "grow_interval", "checkpoint_interval", "curve_points"):  # fmt: skip
-            require(self, name, getattr(self, name) >= 1, "at least 1")
-        for name in ("rounds", "clustering_pixels", "min_segment_pixels", "held_out_every", "coarse_levels"):
-            require(self, name, getattr(self, name) >= 0, "at least 0")
-        for name in ("lr_means", "lr_means_end", "lr_scales", "lr_quats", "lr_opacity", "lr_sh", "lr_sh_rest",
-                     "lr_features", "lr_exposure", "preview_seconds"):  # fmt: skip
-            require(self, name, getattr(self, name) > 0, "greater than 0")
-        for name in ("lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray", "lambda_opacity",
-                     "lambda_scale", "noise", "stop_when_flat", "trial_gain"):  # fmt: skip
-            require(self, name, getattr(self, name) >= 0, "at least 0")
-        for name in ("coarse_until", "cooldown", "lambda_dssim", "trial", "grow_from", "grow_until"):
-            require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
-        require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
-        require(self, "background", 0 <= self.background <= 0.5, "between 0 and 0.5")
-        require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
-        require(self, "max_side", self.max_side >= 16, "at least 16 pixels")
-        require(self, "coarse_levels", self.coarse_levels <= 5, "at most 5")
-        for name in ("lr_end", "cooldown_end"):
-            require(self, name, 0 < getattr(self, name) <= 1, "greater than 0 and at most 1")
-        require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")
-        require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
-        require(self, "min_opacity", 0 < self.min_opacity < 0.5, "between 0 and 0.5")
-        require(self, "held_out_every", self.held_out_every != 1, "0 or at least 2: something must be trained on")
-        choices = {
-            "feature_init": ("unit", "paper"),
-            "feature_gradient": ("joint", "until_grown", "detached"),
-            "regularisation": ("neighbours", "paper"),
-            "growth": ("error", "opacity"),
-            "backend": ("cpu", "reference"),
-        }
-        for name, allowed in choices.items():
-            require(self, name, getattr(self, name) in allowed, "one of " + ", ".join(allowed))
+        _require_at_least(self, 1, "clustering_interval", "regularisation_interval")
+        _require_at_least(self, 0, "clustering_pixels", "min_segment_pixels")
+        _require_at_least(self, 0, "lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray")
+        _require_choice(self, "feature_init", "unit", "paper")
+        _require_choice(self, "feature_gradient", "joint", "until_grown", "detached")
+        _require_choice(self, "regularisation", "neighbours", "paper")
         ray_fits = self.lambda_ray == 0 or self.feature_init == "unit"
         require(self, "lambda_ray", ray_fits, 'zero when `feature_init` is "paper"')
 
 
+@dataclass(frozen=True)
+class AppearanceSettings:
+    """What may differ between photos of the same place: view-dependent colour, exposure, transients.
+
+    Attributes
+    ----------
+    sh_degree : int
+        Bands of view-dependent colour (spherical harmonics), 0 to 3.
+    sh_interval : int
+        Steps after which one more band is used.
+    exposure : bool
+        Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras with automatic exposure.
+    transients : bool
+        Leave out pixels that show something that no other photo shows, such as people who walk by. See `transients`.
+    trial_fraction : float
+        Fraction of the steps, and at least two rounds of the photos, for a trial: where a band of view-dependent colour
+        or the brightness factors are due, two copies are trained, with and without. 0 uses them without a trial, and so
+        does a run without held-out photos.
+    min_trial_gain : float
+        PSNR on the held-out photos, in dB, that a trial must gain; with less, the run goes on without what was tried.
+    """
+
+    sh_degree: int = 1
+    sh_interval: int = 1500
+    exposure: bool = False
+    transients: bool = field(default=False, metadata={"stored_as": "passers_by"})
+    trial_fraction: float = field(default=0.025, metadata={"stored_as": "trial"})
+    min_trial_gain: float = field(default=0.02, metadata={"stored_as": "trial_gain"})
+
+    def __post_init__(self) -> None:
+        require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
+        _require_at_least(self, 1, "sh_interval")
+        _require_fraction(self, "trial_fraction")
+        _require_at_least(self, 0, "min_trial_gain")
+
+
+@dataclass(frozen=True)
+class MeasurementSettings:
+    """What is measured and shown during training, and when that ends it early.
+
+    Attributes
+    ----------
+    held_out_every : int
+        Every n-th photo is never trained on, 0 for none.
+    stop_when_flat : float
+        dB; 0 never stops early. Once growth has ended, training stops when the error on the held-out photos, measured
+        every 40th part of the steps, falls so slowly that the remaining steps would gain less than this. The held-out
+        photos thereby decide when to stop, and nothing else.
+    curve_points : int
+        Measurements on the held-out photos, spaced evenly in the logarithm of the step.
+    preview_seconds : float
+        Time between two preview pictures.
+    """
+
+    held_out_every: int = 8
+    stop_when_flat: float = 0.05
+    curve_points: int = 12
+    preview_seconds: float = 30.0
+
+    def __post_init__(self) -> None:
+        _require_at_least(self, 0, "held_out_every", "stop_when_flat")
+        require(self, "held_out_every", self.held_out_every != 1, "0 or at least 2: something must be trained on")
+        _require_at_least(self, 1, "curve_points")
+        _require_positive(self, "preview_seconds")
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How Gaussians are trained.
+
+    The names of all fields of all groups differ, so that `changed` needs no group and `engine.settings.to_dict` stores
+    them side by side.
+
+    Attributes
+    ----------
+    schedule : ScheduleSettings
+    optimiser : OptimiserSettings
+    loss : LossSettings
+    growth : GrowthSettings
+    features : FeatureSettings
+    appearance : AppearanceSettings
+    measurement : MeasurementSettings
+    seed : int
+        Seed of every random draw.
+    backend : {"cpu", "reference"}
+        Which rasterizer is used.
+    """
+
+    schedule: ScheduleSettings = ScheduleSettings()
+    optimiser: OptimiserSettings = OptimiserSettings()
+    loss: LossSettings = LossSettings()
+    growth: GrowthSettings = GrowthSettings()
+    features: FeatureSettings = FeatureSettings()
+    appearance: AppearanceSettings = AppearanceSettings()
+    measurement: MeasurementSettings = MeasurementSettings()
+    seed: int = 0
+    backend: Backend = "cpu"
+
+    def __post_init__(self) -> None:
+        _require_choice(self, "backend", "cpu", "reference")
+
+    def changed(self, **values: Any) -> TrainingSettings:
+        """Return a copy with some settings changed, each given by its own name alone.
+
+        Parameters
+        ----------
+        **values
+            ``changed(steps=400, max_gaussians=600)`` changes ``schedule.steps`` and ``growth.max_gaussians``.
+
+        Raises
+        ------
+        SettingsError
+            When a name is no setting of training, or a value is out of bounds.
+        """
+        groups = {setting.name: group for group, setting in self._settings()}
+        changes: dict[str, dict[str, Any]] = {}
+        for name, value in values.items():
+            if name not in groups:
+                raise SettingsError(f"Training has no setting `{name}`. Did you mean `{self._nearest(name)}`?")
+            changes.setdefault(groups[name], {})[name] = value
+        own = changes.pop("", {})
+        return replace(self, **own, **{group: replace(getattr(self, group), **new) for group, new in changes.items()})
+
+    def trial_steps(self, n_views: int) -> int:
+        """Return the steps of a trial where `n_views` photos are trained on; 0 where none is made."""
+        part = round(self.appearance.trial_fraction * self.schedule.steps)
+        return max(part, _MIN_ROUNDS_IN_TRIAL * n_views) if part else 0
+
+    def _settings(self) -> Iterator[tuple[str, Field[Any]]]:
+        """Yield the name of its group (empty for none) and the field, for each single setting."""
+        for own in fields(self):
+            value = getattr(self, own.name)
+            if is_dataclass(value):
+                yield from ((own.name, setting) for setting in fields(value))
+            else:
+                yield "", own
+
+    def _nearest(self, name: str) -> str:
+        """Return the setting whose name, or stored name, is most like `name`."""
+        names = {setting.name: setting.name for _, setting in self._settings()}
+        names |= {setting.metadata.get("stored_as", setting.name): setting.name for _, setting in self._settings()}
+        return names[difflib.get_close_matches(name, names, n=1, cutoff=0.0)[0]]
+
+
+@dataclass(frozen=True)
+class TrainingPreset:
+    """Settings with a name.
+
+    Attributes
+    ----------
+    name : str
+    description : str
+        One sentence that says what the preset is for.
+    settings : TrainingSettings
+    offered : bool
+        Whether Blender offers it. The others are for tests and comparisons.
+    """
+
+    name: str
+    description: str
+    settings: TrainingSettings
+    offered: bool = True
+
+
 _STANDARD = TrainingSettings()
 
-PRESETS: dict[str, TrainingSettings] = {
-    "test": replace(
-        _STANDARD, steps=60, rounds=0, lambda_opacity=0.0, max_gaussians=400, sh_degree=0, max_side=64,
-        coarse_levels=1, curve_points=3, grow_interval=10, checkpoint_interval=20, clustering_interval=2,
-        clustering_pixels=1024, regularisation_interval=4, stop_when_flat=0.0,
+PRESET_LIST: tuple[TrainingPreset, ...] = (
+    TrainingPreset(
+        "test", "A few seconds of training, for tests.",
+        _STANDARD.changed(
+            steps=60, rounds=0, lambda_opacity=0.0, max_gaussians=400, sh_degree=0, max_side=64, coarse_levels=1,
+            curve_points=3, grow_interval=10, checkpoint_interval=20, clustering_interval=2, clustering_pixels=1024,
+            regularisation_interval=4, stop_when_flat=0.0,
+        ),
+        offered=False,
     ),
-    "preview": replace(_STANDARD, steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0),
-    "standard": _STANDARD,
-    "best": replace(
-        _STANDARD, steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000,
-        grow_interval=100, lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
+    TrainingPreset(
+        "preview", "A first look at the scene.",
+        _STANDARD.changed(steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0),
     ),
-    "paper": replace(
-        _STANDARD, steps=30_000, rounds=0, max_gaussians=1_000_000, start_opacity=0.1, background=0.0,
-        sh_interval=1000,
-        lambda_opacity=0.01, lambda_scale=0.01, max_side=980, sh_degree=3, coarse_levels=0,
-        lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001, lr_opacity=0.05, lr_sh=0.0025,
-        lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, cooldown=0.0, trial=0.0, feature_init="paper",
-        feature_gradient="joint", clustering_interval=50, clustering_pixels=0, regularisation="paper",
-        regularisation_interval=100, lambda_ray=0.0, growth="opacity", grow_from=500 / 30_000,
-        grow_until=25_000 / 30_000, grow_interval=100, stop_when_flat=0.0,
+    TrainingPreset("standard", "A few minutes of training on two cores.", _STANDARD),
+    TrainingPreset(
+        "best", "An hour of training on two cores, with more Gaussians and larger pictures.",
+        _STANDARD.changed(
+            steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000, grow_interval=100,
+            lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
+        ),
     ),
-}  # fmt: skip
-"""``test``: seconds, for tests. ``preview``: a first look. ``standard``: a few minutes on two cores. ``best``: an hour.
-``paper``: the published losses and rates (Dahaghin et al. 2024) on a fixed budget (Kheradmand et al. 2024)."""
+    TrainingPreset(
+        "paper",
+        "The published losses and learning rates (Dahaghin et al. 2024) with a fixed number of Gaussians "
+        "(Kheradmand et al. 2024), for comparisons.",
+        _STANDARD.changed(
+            steps=30_000, rounds=0, max_gaussians=1_000_000, start_opacity=0.1, background_fraction=0.0,
+            sh_interval=1000, lambda_opacity=0.01, lambda_scale=0.01, max_side=980, sh_degree=3, coarse_levels=0,
+            lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001, lr_opacity=0.05, lr_sh=0.0025,
+            lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, cooldown=0.0, trial_fraction=0.0, feature_init="paper",
+            feature_gradient="joint", clustering_interval=50, clustering_pixels=0, regularisation="paper",
+            regularisation_interval=100, lambda_ray=0.0, growth_strategy="opacity", grow_from=500 / 30_000,
+            grow_until=25_000 / 30_000, grow_interval=100, stop_when_flat=0.0,
+        ),
+        offered=False,
+    ),
+)  # fmt: skip
+"""All presets, from the fastest to the slowest. The command line, Blender and the documentation read this list."""
+
+PRESETS: dict[str, TrainingSettings] = {preset.name: preset.settings for preset in PRESET_LIST}
+"""The settings of the presets by name."""

@@ -1,4 +1,4 @@
-"""The Gaussians a training run starts from: sparse points, and guesses where the photos show none."""
+"""The initial Gaussians of a training run: at the sparse points, and guesses where the photos show no points."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..events import Emit
-from ..gaussians import gaussians_at, gaussians_from_points
+from ..gaussians import InitialValues, gaussians_at, gaussians_from_points
 from ..scene import FEATURE_DIM, CameraSet, Gaussians, PinholeCamera
 from .settings import TrainingSettings
 from .views import TrainingView
@@ -18,81 +18,86 @@ from .views import TrainingView
 __all__ = ["guess_uncovered", "start_gaussians"]
 
 Float64 = NDArray[np.float64]
-_FEWEST_POINTS = 30
-"""In a photo; with fewer, their depth says nothing."""
-_UNCOVERED = 0.02
-"""A pixel is uncovered when no sparse point lies within this part of the picture's longest side."""
-_BLACK = 10
-"""Of 255 in all colours: nothing is black already, a guess there would stand before what is seen from elsewhere."""
-_DEPTHS = (4.0, 100.0)
-"""Of guesses, in median depths of the photo's points: what shows no points mostly lies behind what does."""
-_BLUR = 5
-_NEAREST, _MOST_OF_THEM, _ALIKE = 8, 6, 20
-"""A pixel lies on the surface of the sparse points around it when 6 of the 8 nearest differ in colour by less than 20
-of 255, in a picture blurred over 5 pixels: carpet between carpet, but not sky beside a roof."""
+MIN_POINTS_IN_PHOTO = 30
+"""Smallest number of sparse points in a photo; with fewer, their depths are not representative."""
+
+UNCOVERED_DISTANCE = 0.02
+"""Distance to the nearest sparse point beyond which a pixel is uncovered, as a fraction of the longest side."""
+
+MAX_BLACK = 10
+"""Largest value of a black pixel in each colour, of 255. Empty space is rendered black, so a black pixel needs no
+guess, which would occlude what other cameras see."""
+
+FAR_DEPTHS = (4.0, 100.0)
+"""Range of depths of far guesses, in median depths of the points of the photo. Areas without points are mostly behind
+those with points."""
+
+BLUR_PIXELS = 5
+"""Width of the blur before colours are compared, pixels."""
+
+N_NEAREST_POINTS = 8
+"""Sparse points around a pixel whose colours are compared with its own."""
+
+MIN_SIMILAR_POINTS = 6
+"""Number of these points with a similar colour for which a pixel lies on their surface: on a carpet between points of
+the carpet, but not in the sky beside a roof."""
+
+MAX_COLOR_DIFFERENCE = 20
+"""Largest difference of similar colours in each channel, of 255."""
 
 
 def start_gaussians(
     camera_set: CameraSet, views: Sequence[TrainingView], settings: TrainingSettings, *, emit: Emit
 ) -> Gaussians:
-    """Return Gaussians at the sparse points and where the training photos show none, as `settings` ask for.
+    """Return Gaussians at the sparse points and where the training photos show none.
 
     Parameters
     ----------
     camera_set : CameraSet
-        Its points may be few or none.
+        Cameras and sparse points, of which there may be none.
     views : sequence of TrainingView
-        Held-out ones are not looked at.
+        Held-out ones are not used.
     settings : TrainingSettings
     emit : Emit
-        Gets a warning when points had to be invented.
+        Receives a warning when random points had to be added.
 
     Raises
     ------
     TrainingError
-        When there is neither a point nor a photo to train on.
+        When there are neither points nor photos to train on.
     """
     training = [view for view in views if not view.held_out]
     points = camera_set.points.astype(np.float64)
-    feature_dim = FEATURE_DIM if settings.features else None
-    n_guesses = min(int(settings.background * settings.max_gaussians), settings.max_gaussians - len(points))
+    growth = settings.growth
+    feature_dim = FEATURE_DIM if settings.features.train_features else None
+    n_guesses = min(int(growth.background_fraction * growth.max_gaussians), growth.max_gaussians - len(points))
     rng = np.random.default_rng((settings.seed, 1))
     guesses = guess_uncovered(training, points, max(n_guesses, 0), rng)
+    values = InitialValues(
+        settings.appearance.sh_degree, feature_dim, growth.start_opacity, settings.features.feature_init
+    )
     start = gaussians_from_points(
         points,
         camera_set.point_colors,
-        sh_degree=settings.sh_degree,
-        feature_dim=feature_dim,
+        values,
         seed=settings.seed,
-        max_gaussians=settings.max_gaussians - len(guesses[0]),
+        max_gaussians=growth.max_gaussians - len(guesses[0]),
         cameras=[view.pinhole for view in training],
-        opacity=settings.start_opacity,
-        feature_init=settings.feature_init,
         emit=emit,
     )
-    behind = gaussians_at(
-        *guesses,
-        sh_degree=settings.sh_degree,
-        feature_dim=feature_dim,
-        rng=rng,
-        opacity=settings.start_opacity,
-        feature_init=settings.feature_init,
-    )
-    return start.joined(behind)
+    return start.joined(gaussians_at(*guesses, values, rng=rng))
 
 
 def guess_uncovered(
     views: Sequence[TrainingView], points: Float64, n: int, rng: np.random.Generator
 ) -> tuple[Float64, Float64, Float64]:
-    """Return about `n` points for pixels that count, are not black and have no sparse point near, colours and scales.
+    """Return about `n` points for pixels that are valid, not black and far from all sparse points.
 
-    Each lies on its pixel's ray: as deep as the sparse points around it where most look like it, else far behind, at 4
-    to 100 times the median depth of the photo's points (evenly in 1 / depth), for what only one or two photos show
-    (sky, a far street) cannot be placed by training: too near, it looks right in those alone. It is as large as the
-    guesses of its photo are apart, so that they cover what they stand for and nothing else has to. Before a plain sky,
-    guesses as small as sparse points left floaters over 80 % of what nearer cameras saw, these 1 %, and the photos held
-    out gained 14 dB; `preview` of a statue before a street 18.5 to 20.6 dB, of bananas on a carpet 25.6 to 25.8 (all of
-    it far behind: 22.5), of a room 27.0 and 26.9.
+    Each guess lies on the ray of its pixel. Its depth is that of the sparse points around it where most of them have a
+    similar colour. Otherwise it is far behind, at 4 to 100 times the median depth of the photo's points, evenly in
+    1 / depth: training cannot place what only one or two photos show, such as sky or a distant street, and too near
+    it would look right in those photos only. A guess is as large as the distance between the guesses of its photo, so
+    that these cover the area. See docs/design_notes/training.md.
 
     Parameters
     ----------
@@ -100,46 +105,46 @@ def guess_uncovered(
     points : array of shape [P, 3]
         Sparse points, world units.
     n : int
-        Fewer are returned where little is uncovered.
+        Number of points; fewer are returned where little is uncovered.
     rng : numpy.random.Generator
 
     Returns
     -------
     points : array of shape [M, 3], float64
     colors : array of shape [M, 3], float64
-        0 to 255.
+        Colours, 0 to 255.
     scales : array of shape [M], float64
-        World units: those of one photo cover what it shows no points of.
+        Sizes, world units.
     """
-    places, tints, sizes = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    positions, colors, scales = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
     for view in views if n > 0 else ():
-        camera, wanted = view.pinhole, -(-n // len(views))
+        camera, n_wanted = view.pinhole, -(-n // len(views))
         pixels, depths = _pixels_of(points, camera)
-        if len(pixels) < _FEWEST_POINTS:
+        if len(pixels) < MIN_POINTS_IN_PHOTO:
             continue
-        drawn = rng.random((4 * wanted, 2)) * (camera.width, camera.height)
-        distance, nearest = cKDTree(pixels).query(drawn, k=_NEAREST)
-        colors = _colors_at(drawn, view.pixels)
-        counts = colors.max(axis=1) > _BLACK
+        drawn = rng.random((4 * n_wanted, 2)) * (camera.width, camera.height)
+        distance, nearest = cKDTree(pixels).query(drawn, k=N_NEAREST_POINTS)
+        drawn_colors = _colors_at(drawn, view.pixels)
+        usable = drawn_colors.max(axis=1) > MAX_BLACK
         if view.valid is not None:
             x, y = drawn.astype(int).T
-            counts &= view.valid[y, x]
-        uncovered = np.flatnonzero(counts & (distance[:, 0] > _UNCOVERED * max(camera.width, camera.height)))
+            usable &= view.valid[y, x]
+        uncovered = np.flatnonzero(usable & (distance[:, 0] > UNCOVERED_DISTANCE * max(camera.width, camera.height)))
         share = len(uncovered) / len(drawn)
-        uncovered = uncovered[:wanted]
+        uncovered = uncovered[:n_wanted]
         drawn, nearest = drawn[uncovered], nearest[uncovered]
-        smooth = cv2.blur(view.pixels, (_BLUR, _BLUR))
-        differ = np.abs(_colors_at(pixels, smooth)[nearest] - _colors_at(drawn, smooth)[:, None]).max(axis=2)
-        around = (differ < _ALIKE).sum(axis=1) >= _MOST_OF_THEM
-        behind = np.median(depths) / rng.uniform(1.0 / _DEPTHS[1], 1.0 / _DEPTHS[0], size=len(drawn))
-        depth = np.where(around, np.median(depths[nearest], axis=1), behind)
+        smooth = cv2.blur(view.pixels, (BLUR_PIXELS, BLUR_PIXELS))
+        difference = np.abs(_colors_at(pixels, smooth)[nearest] - _colors_at(drawn, smooth)[:, None]).max(axis=2)
+        on_surface = (difference < MAX_COLOR_DIFFERENCE).sum(axis=1) >= MIN_SIMILAR_POINTS
+        far_depth = np.median(depths) / rng.uniform(1.0 / FAR_DEPTHS[1], 1.0 / FAR_DEPTHS[0], size=len(drawn))
+        depth = np.where(on_surface, np.median(depths[nearest], axis=1), far_depth)
         rays = (drawn - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]
         local = np.column_stack([rays, np.ones(len(rays))]) * depth[:, None]
-        places.append((local - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3])
-        tints.append(colors[uncovered])
-        apart = np.sqrt(share * camera.width * camera.height / max(len(drawn), 1))
-        sizes.append(apart / camera.K[0, 0] * depth)
-    return np.concatenate(places)[:n], np.concatenate(tints)[:n], np.concatenate(sizes)[:n]
+        positions.append((local - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3])
+        colors.append(drawn_colors[uncovered])
+        spacing = np.sqrt(share * camera.width * camera.height / max(len(drawn), 1))
+        scales.append(spacing / camera.K[0, 0] * depth)
+    return np.concatenate(positions)[:n], np.concatenate(colors)[:n], np.concatenate(scales)[:n]
 
 
 def _colors_at(places: Float64, picture: NDArray[np.uint8]) -> Float64:

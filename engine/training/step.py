@@ -1,4 +1,4 @@
-"""One training step: which pictures are rendered, and the loss they give."""
+"""The loss of one training step: the pictures that are rendered and the terms that are added."""
 
 from __future__ import annotations
 
@@ -15,73 +15,76 @@ from .losses import (
 )
 from .parameters import blended_features, render
 from .schedule import Schedule
-from .settings import PAPER_PIXELS, TrainingSettings
+from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 from .views import Level
 
 __all__ = ["step_loss"]
 
-_NEIGHBOURS_KEPT = 100
-"""Steps after which cached neighbours are found anew; 20 times cheaper than each time, and Gaussians move little."""
+NEIGHBOUR_UPDATE_INTERVAL = 100
+"""Steps after which the cached neighbours are found again. Gaussians move little in between."""
+
 _SAMPLE, _ANCHORS = 1, 2
-"""Purposes of random draws."""
+"""Purposes of random draws, see `Schedule.generator`."""
 
 
 def step_loss(
     state: RunState, level: Level, view: int, schedule: Schedule, settings: TrainingSettings, extent: float
 ) -> torch.Tensor:
-    """Return the loss of one training step, connected to all parameters it depends on.
+    """Return the loss of one training step with its gradient graph.
 
     Parameters
     ----------
     state : RunState
-        Its cached neighbours may be made anew.
+        Its cached neighbours may be updated.
     level : Level
-        The photo at this step's resolution.
+        The photo at the size of this step.
     view : int
-        Number of the photo among those trained on.
+        Number of the photo among the training photos.
     schedule : Schedule
     settings : TrainingSettings
     extent : float
-        Of the scene, world units.
+        Extent of the scene, world units.
     """
-    step, values = state.step, state.parameters.values
-    clusters = (
+    step, values, features = state.step, state.parameters.values, settings.features
+    evaluates_clustering = (
         "features" in values
         and level.labelled is not None
-        and step % settings.clustering_interval == 0
-        and settings.lambda_clustering + settings.lambda_ray > 0
+        and step % features.clustering_interval == 0
+        and features.lambda_clustering + features.lambda_ray > 0
     )
-    detached = settings.feature_gradient == "detached" or (
-        settings.feature_gradient == "until_grown" and schedule.growth_ended(step, state.cooling_from)
+    detached = features.feature_gradient == "detached" or (
+        features.feature_gradient == "until_grown" and schedule.growth_ended(step, state.cooling_from)
     )
-    joint = clusters and not detached
+    joint = evaluates_clustering and not detached
     degree = schedule.sh_degree(step, state.sh_limit)
-    raster = render(values, level.camera, settings, sh_degree=degree, features=joint)
+    channels = blended_features(values, features) if joint else None
+    raster = render(values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels)
     image = raster.image[..., :3]
     if state.uses_exposure:
         image = image * state.exposure[view].exp()
-    loss = photometric_loss(image, level.target, lambda_dssim=settings.lambda_dssim)
-    if settings.lambda_opacity > 0:
-        loss = loss + settings.lambda_opacity * values["opacity_logits"].sigmoid().mean()
-    if settings.lambda_scale > 0:
-        loss = loss + settings.lambda_scale / extent * values["log_scales"].exp().mean()
+    loss = photometric_loss(image, level.target, lambda_dssim=settings.loss.lambda_dssim)
+    if settings.loss.lambda_opacity > 0:
+        loss = loss + settings.loss.lambda_opacity * values["opacity_logits"].sigmoid().mean()
+    if settings.loss.lambda_scale > 0:
+        loss = loss + settings.loss.lambda_scale / extent * values["log_scales"].exp().mean()
     if joint:
-        loss = loss + _feature_loss(raster, raster.image[..., 3:], level, schedule, settings, step)
-    elif clusters:
-        still = {name: value if name == "features" else value.detach() for name, value in values.items()}
-        extra = render(still, level.camera, settings, sh_degree=None, features=True)
-        loss = loss + _feature_loss(extra, extra.image, level, schedule, settings, step)
-    regularises = settings.lambda_pull + settings.lambda_push > 0 and len(state.parameters) > 1
-    if "features" in values and regularises and step % settings.regularisation_interval == 0:
-        loss = loss + _regulariser(state, schedule, settings, extent)
+        loss = loss + _feature_loss(raster, raster.image[..., 3:], level, schedule.generator(step, _SAMPLE), features)
+    elif evaluates_clustering:
+        fixed = {name: value if name == "features" else value.detach() for name, value in values.items()}
+        channels = blended_features(fixed, features)
+        raster = render(fixed, level.camera, backend=settings.backend, sh_degree=None, channels=channels)
+        loss = loss + _feature_loss(raster, raster.image, level, schedule.generator(step, _SAMPLE), features)
+    regularises = features.lambda_pull + features.lambda_push > 0 and len(state.parameters) > 1
+    if "features" in values and regularises and step % features.regularisation_interval == 0:
+        loss = loss + _regulariser(state, schedule.generator(step, _ANCHORS), features, extent)
     return loss
 
 
 def _feature_loss(
-    raster: Raster, features: torch.Tensor, level: Level, schedule: Schedule, settings: TrainingSettings, step: int
+    raster: Raster, features: torch.Tensor, level: Level, generator: torch.Generator, settings: FeatureSettings
 ) -> torch.Tensor:
     assert level.labelled is not None
-    # A sum over pixels: halved pictures and small ones would weigh less than the paper's against the other losses.
+    # L_CC is a sum over pixels. Without the scale, it would weigh less on pictures smaller than those of the paper.
     scale = PAPER_PIXELS / (level.camera.width * level.camera.height)
     loss = (
         settings.lambda_clustering
@@ -90,7 +93,7 @@ def _feature_loss(
             features,
             level.labelled,
             n_samples=settings.clustering_pixels,
-            generator=schedule.generator(step, _SAMPLE),
+            generator=generator,
         )
     )
     if settings.lambda_ray > 0:
@@ -98,8 +101,8 @@ def _feature_loss(
     return loss
 
 
-def _regulariser(state: RunState, schedule: Schedule, settings: TrainingSettings, extent: float) -> torch.Tensor:
-    values, generator = state.parameters.values, schedule.generator(state.step, _ANCHORS)
+def _regulariser(state: RunState, generator: torch.Generator, settings: FeatureSettings, extent: float) -> torch.Tensor:
+    values = state.parameters.values
     features = blended_features(values, settings)
     if settings.regularisation == "paper":
         return paper_regulariser(
@@ -110,7 +113,7 @@ def _regulariser(state: RunState, schedule: Schedule, settings: TrainingSettings
             generator=generator,
         )
     stale = state.neighbours is None or len(state.neighbours) != len(state.parameters)
-    if stale or state.step - state.neighbours_step >= _NEIGHBOURS_KEPT:
+    if stale or state.step - state.neighbours_step >= NEIGHBOUR_UPDATE_INTERVAL:
         state.neighbours, state.neighbours_step = nearest_neighbours(values["means"]), state.step
     assert state.neighbours is not None
     return neighbour_regulariser(

@@ -1,4 +1,4 @@
-"""What a scene may not need is tried: some steps with it and without, from one state, on the same photos."""
+"""Trials of what a scene may not need: some steps with it and without it, from one state, on the same photos."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from dataclasses import dataclass
 import torch
 
 from .held_out import Quality, image_quality, mean_quality, render_picture
-from .settings import TrainingSettings
+from .settings import Backend
 from .views import Level
 
-__all__ = ["EXPOSURE", "Trial", "brightness_factors", "quality_but_for_brightness"]
+__all__ = ["EXPOSURE", "Trial", "brightness_factors", "exposure_corrected_quality"]
 
 EXPOSURE = "exposure"
-"""Name of the trial of brightness factors; those of bands are their numbers."""
+"""Name of the trial of the brightness factors. Trials of bands are named by the number of the band."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How one ended.
+    """Result of a trial.
 
     Attributes
     ----------
     what : str
         "exposure", or the number of a band of view-dependent colour.
     step : int
-        Finished steps when it began.
+        Number of finished steps when the trial began.
     n_steps : int
-        Steps that were done with and without.
+        Number of steps with, and without, what was tried.
     gain : float
-        dB of PSNR on the held-out photos, with over without.
+        PSNR on the held-out photos in dB, with minus without.
     kept : bool
-        Whether what was tried is used from then on.
+        Whether the run goes on with what was tried.
     """
 
     what: str
@@ -43,27 +43,27 @@ class Trial:
 
 
 def brightness_factors(image: torch.Tensor, level: Level) -> torch.Tensor:
-    """Return the factors of the colours, shape [3], that bring `image` nearest to the photo, by least squares.
+    """Return the factors of the colours, shape [3], that fit `image` to the photo, by least squares.
 
-    Between 1/4 and 4: a picture that is still black says nothing of the photo's exposure.
+    They are clamped to 1/4 and 4, because a picture that is still black does not show the exposure of a photo.
     """
     target = torch.from_numpy(level.pixels).float().div_(255.0)
-    counted = torch.ones(target.shape[:2], dtype=torch.bool) if level.valid is None else torch.from_numpy(level.valid)
-    drawn, wanted = image[counted].double(), target[counted].double()
-    factors = (drawn * wanted).sum(dim=0) / drawn.square().sum(dim=0).clamp_min(1e-9)
+    valid = torch.ones(target.shape[:2], dtype=torch.bool) if level.valid is None else torch.from_numpy(level.valid)
+    rendered, expected = image[valid].double(), target[valid].double()
+    factors = (rendered * expected).sum(dim=0) / rendered.square().sum(dim=0).clamp_min(1e-9)
     return factors.clamp(0.25, 4.0).float()
 
 
-def quality_but_for_brightness(
-    values: dict[str, torch.Tensor], levels: Sequence[Level], settings: TrainingSettings, *, sh_degree: int
+def exposure_corrected_quality(
+    values: dict[str, torch.Tensor], levels: Sequence[Level], *, backend: Backend, sh_degree: int
 ) -> Quality:
-    """Return the mean quality over `levels` of pictures that are as bright as their photos.
+    """Return the mean quality over `levels` of pictures whose brightness is fitted to their photos.
 
-    Nobody knows the exposure of a photo that was not trained on: what its factors could mend is not counted, with the
-    correction or without.
+    The exposure of a photo that was not trained on is unknown, so errors that brightness factors can correct are not
+    counted, neither with the correction nor without.
     """
-    found = []
+    qualities = []
     for level in levels:
-        image = render_picture(values, level, settings, sh_degree=sh_degree)
-        found.append(image_quality(image * brightness_factors(image, level), level.pixels, level.valid))
-    return mean_quality(found)
+        image = render_picture(values, level, backend=backend, sh_degree=sh_degree)
+        qualities.append(image_quality(image * brightness_factors(image, level), level.pixels, level.valid))
+    return mean_quality(qualities)

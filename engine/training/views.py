@@ -1,4 +1,4 @@
-"""What training reads of each photo: pinhole picture, camera, labels; at full size and smaller."""
+"""Training views: the undistorted picture, camera and labels of each photo, at full size and smaller."""
 
 from __future__ import annotations
 
@@ -15,12 +15,23 @@ from ..events import StopCheck, never_stop
 from ..rasterizer import Target
 from ..scene import Camera, CameraSet, PinholeCamera
 from .losses import LabelledPixels, labelled_pixels
-from .settings import PAPER_PIXELS, TrainingSettings
+from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 
-__all__ = ["Level", "TrainingView", "ViewPyramid", "is_held_out", "load_views", "scene_extent"]
+__all__ = [
+    "Level",
+    "TrainingView",
+    "ViewPyramid",
+    "evenly_spaced_indices",
+    "is_held_out",
+    "load_views",
+    "scene_extent",
+]
 
-_TARGET_BYTES = 36
-_MOST_TARGET_BYTES = 1 << 30
+TARGET_BYTES_PER_PIXEL = 36
+"""Memory of a prepared `Target` per pixel, bytes."""
+
+MAX_TARGET_BYTES = 1 << 30
+"""Largest memory of all prepared targets, bytes. Beyond it they are prepared in each step."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +45,13 @@ class TrainingView:
     pinhole : PinholeCamera
         Camera of `pixels`.
     pixels : array of shape [h, w, 3], uint8, sRGB
-        The photo without distortion, no blank border.
+        The undistorted photo, without blank border.
     labels : array of shape [h, w], int32, or None
-        SAM segments in the same frame, 0 for none.
+        Segments of the same pixels, 0 for none; None where the photo has no label map.
     held_out : bool
-        Never trained on.
+        Whether the photo is measured on and never trained on.
     valid : bool array of shape [h, w], or None
-        Pixels that count, in the loss and in what is measured; None for all.
+        Pixels that are used for the loss and for measurements; None for all.
     """
 
     photo: str
@@ -52,8 +63,13 @@ class TrainingView:
 
 
 def is_held_out(index: int, every: int) -> bool:
-    """Return whether photo number `index` (by name) is held out: the middle one of each `every`."""
+    """Return whether photo number `index`, in order of names, is held out: the middle one of each `every` photos."""
     return every > 0 and index % every == every // 2
+
+
+def evenly_spaced_indices(n: int, n_max: int) -> list[int]:
+    """Return at most `n_max` of the indices 0 to `n` - 1, evenly spaced, with the first and the last one."""
+    return [int(index) for index in np.linspace(0, n - 1, min(n_max, n)).round()]
 
 
 def load_views(
@@ -65,35 +81,35 @@ def load_views(
     photo_masks: Mapping[str, Path] | None = None,
     should_stop: StopCheck = never_stop,
 ) -> list[TrainingView]:
-    """Return the training views of all registered photos: undistorted, at most ``settings.max_side`` wide and high.
+    """Return the training views of all registered photos: undistorted, at most ``max_side`` wide and high.
 
     Parameters
     ----------
     photo_folder : Path
-        Where the photos lie.
+        Folder of the photos.
     camera_set : CameraSet
         Cameras of the registered photos.
     masks : mapping of str to Path
-        Label maps of the masks room by photo name; photos without one are trained on without labels.
+        Files of the label maps by photo name. Photos without one are trained on without labels.
     settings : TrainingSettings
     photo_masks : mapping of str to Path, optional
-        Which pixels of a photo count, see `photos.photo_masks`, by photo name.
+        Files of the masks of valid pixels by photo name, see `photos.photo_masks`.
     should_stop : StopCheck
-        Asked per photo.
+        Called before each photo.
 
     Returns
     -------
     list of TrainingView
-        Pixels that do not count have no label.
+        Invalid pixels have no label.
 
     Raises
     ------
     Cancelled
-        When asked to stop.
+        When `should_stop` returns true.
     PhotoError
-        When a photo or mask went away or they do not fit.
+        When a photo or mask is missing, or their sizes differ.
     TrainingError
-        When a photo has another aspect than its camera, or nothing of it counts.
+        When the aspect ratios of a photo and its camera differ, or no pixel is valid.
     """
     from ..cameras import training_pinhole, undistort
     from ..errors import Cancelled
@@ -104,9 +120,9 @@ def load_views(
     for index, camera in enumerate(camera_set.cameras):
         if should_stop():
             raise Cancelled("Stopped while the photos were loaded for training.")
-        pinhole = training_pinhole(camera, max_side=settings.max_side)
-        # Twice the target size is all that resampling needs; a 48-megapixel photo would cost half a second each.
-        source, counted = load_with_valid(
+        pinhole = training_pinhole(camera, max_side=settings.schedule.max_side)
+        # Resampling needs no more than twice the target size. A photo of 48 megapixels would cost half a second.
+        source, source_valid = load_with_valid(
             photo_folder / camera.photo,
             (photo_masks or {}).get(camera.photo),
             max_side=2 * max(pinhole.width, pinhole.height),
@@ -114,14 +130,14 @@ def load_views(
         _check_aspect(source, camera)
         pixels = undistort(source, camera, pinhole, interpolation="linear")
         valid = None
-        if counted is not None:
-            # Linear as the pixels: one counts when all that it is mixed of does.
-            valid = undistort(counted.astype(np.float32), camera, pinhole, interpolation="linear") > 1.0 - 1e-4
+        if source_valid is not None:
+            # Interpolated like the pixels: a pixel is valid when all pixels that it is interpolated from are valid.
+            valid = undistort(source_valid.astype(np.float32), camera, pinhole, interpolation="linear") > 1.0 - 1e-4
         labels = None
-        if settings.features and camera.photo in masks:
+        if settings.features.train_features and camera.photo in masks:
             labels = undistort(read_label_map(masks[camera.photo]), camera, pinhole, interpolation="nearest")
             labels = labels if valid is None else np.where(valid, labels, 0).astype(np.int32)
-        held_out = is_held_out(index, settings.held_out_every)
+        held_out = is_held_out(index, settings.measurement.held_out_every)
         views.append(TrainingView(camera.photo, pinhole, pixels, labels, held_out, valid))
     return views
 
@@ -131,22 +147,22 @@ def _check_size(view: TrainingView) -> None:
     if (width, height) != (view.pinhole.width, view.pinhole.height):
         raise TrainingError(
             f"{view.photo} has {width} x {height} pixels, its camera {view.pinhole.width} x {view.pinhole.height}. "
-            "Put back the photo that the cameras were found with, or find them anew."
+            "Restore the photo that the cameras were estimated from, or estimate the cameras again."
         )
     if view.valid is not None and not view.valid.any():
         raise TrainingError(
-            f"The mask or transparency of {view.photo} leaves nothing of it. Take it out of the folder, or its mask."
+            f"The mask or transparency of {view.photo} excludes all of its pixels. Remove the photo, or its mask."
         )
 
 
 def _check_aspect(pixels: NDArray[np.uint8], camera: Camera) -> None:
-    """Refuse a photo that was exchanged or turned since its camera was found; a smaller copy is the same photo."""
+    """Refuse a photo that was replaced or rotated after its camera was estimated; a smaller copy is accepted."""
     height, width = pixels.shape[:2]
-    # Rounding a smaller copy to whole pixels changes the product by half of the other side at most.
+    # Rounding a smaller copy to whole pixels changes each product by half of a side at most.
     if abs(width * camera.height - height * camera.width) > max(camera.width, camera.height):
         raise TrainingError(
             f"{camera.photo} has the shape of {width} x {height} pixels, its camera of {camera.width} x "
-            f"{camera.height}. Put back the photo that the cameras were found with, or find them anew."
+            f"{camera.height}. Restore the photo that the cameras were estimated from, or estimate the cameras again."
         )
 
 
@@ -166,10 +182,10 @@ class Level:
     camera : PinholeCamera
     pixels : array of shape [h, w, 3], uint8, sRGB
     prepared : Target or None
-        The photo made ready for the loss, None where keeping it would take too much memory.
+        The photo prepared for the loss, None where keeping it would need too much memory.
     labelled : LabelledPixels or None
     valid : bool array of shape [h, w], or None
-        Pixels that count; None for all.
+        Valid pixels; None for all.
     """
 
     camera: PinholeCamera
@@ -180,19 +196,19 @@ class Level:
 
     @property
     def target(self) -> Target:
-        """The photo ready for the loss."""
+        """The photo prepared for the loss."""
         return self.prepared or Target(self.pixels, valid=self.valid)
 
 
 @dataclass
 class ViewPyramid:
-    """The views at every size; a size of a view is made when it is first asked for."""
+    """The views at every size; each size of a view is made at its first use."""
 
     views: Sequence[TrainingView]
-    settings: TrainingSettings
+    settings: FeatureSettings
     _keep_targets: bool = field(init=False)
     _levels: dict[tuple[int, int], Level] = field(default_factory=dict)
-    _left_out: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
+    _masked: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.views:
@@ -200,52 +216,52 @@ class ViewPyramid:
         for view in self.views:
             _check_size(view)
         pixels = sum(view.pixels.shape[0] * view.pixels.shape[1] for view in self.views)
-        self._keep_targets = pixels * _TARGET_BYTES <= _MOST_TARGET_BYTES
+        self._keep_targets = pixels * TARGET_BYTES_PER_PIXEL <= MAX_TARGET_BYTES
 
-    def level(self, view: int, shrinks: int) -> Level:
-        """Return view number `view` made smaller by sqrt(2) `shrinks` times."""
-        key = (view, shrinks)
+    def level(self, view: int, reductions: int) -> Level:
+        """Return view number `view` reduced by sqrt(2) `reductions` times."""
+        key = (view, reductions)
         if key not in self._levels:
-            chosen = _without(self.views[view], self._left_out.get(view))
-            self._levels[key] = _make_level(chosen, shrinks, self.settings, keep_target=self._keep_targets)
+            chosen = _without_pixels(self.views[view], self._masked.get(view))
+            self._levels[key] = _make_level(chosen, reductions, self.settings, keep_target=self._keep_targets)
         return self._levels[key]
 
-    def as_given(self, view: int, shrinks: int) -> Level:
-        """Return a view as `level` does, but with what was left out of it; it is made anew each time."""
-        return _make_level(self.views[view], shrinks, self.settings, keep_target=False)
+    def unmasked_level(self, view: int, reductions: int) -> Level:
+        """Return a level without the masks of `mask_pixels`; it is made at each call."""
+        return _make_level(self.views[view], reductions, self.settings, keep_target=False)
 
-    def leave_out(self, masks: Mapping[int, NDArray[np.bool_]]) -> None:
-        """From now on, leave these pixels out of the views of these numbers, and none that were left out before.
+    def mask_pixels(self, masks: Mapping[int, NDArray[np.bool_]]) -> None:
+        """Exclude pixels of some views from now on; these masks replace the earlier ones.
 
         Parameters
         ----------
         masks : mapping of int to bool array of shape [h, w]
-            True where a pixel does not count; at any size.
+            True for excluded pixels, by number of the view; at any size.
         """
-        changed = {*self._left_out, *masks}
-        self._left_out = dict(masks)
+        changed = {*self._masked, *masks}
+        self._masked = dict(masks)
         self._levels = {key: level for key, level in self._levels.items() if key[0] not in changed}
 
-    def forget(self, shrinks: int) -> None:
-        """Free the levels that are made smaller more often than `shrinks` times."""
-        self._levels = {key: level for key, level in self._levels.items() if key[1] <= shrinks}
+    def free_smaller_levels(self, reductions: int) -> None:
+        """Free the levels that are reduced more often than `reductions` times."""
+        self._levels = {key: level for key, level in self._levels.items() if key[1] <= reductions}
 
 
-def _without(view: TrainingView, mask: NDArray[np.bool_] | None) -> TrainingView:
-    """Return the view with the pixels of `mask` not counting any more, nor their segments."""
+def _without_pixels(view: TrainingView, mask: NDArray[np.bool_] | None) -> TrainingView:
+    """Return the view with the pixels of `mask` invalid and without label."""
     if mask is None:
         return view
     height, width = view.pixels.shape[:2]
-    out = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
-    valid = ~out if view.valid is None else view.valid & ~out
+    excluded = cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    valid = ~excluded if view.valid is None else view.valid & ~excluded
     labels = None if view.labels is None else np.where(valid, view.labels, 0).astype(np.int32)
     return replace(view, valid=valid, labels=labels)
 
 
-def _make_level(view: TrainingView, shrinks: int, settings: TrainingSettings, *, keep_target: bool) -> Level:
+def _make_level(view: TrainingView, reductions: int, settings: FeatureSettings, *, keep_target: bool) -> Level:
     pinhole, pixels, labels, valid = view.pinhole, view.pixels, view.labels, view.valid
-    if shrinks:
-        width, height = (max(8, round(side * 2.0 ** (-shrinks / 2))) for side in (pinhole.width, pinhole.height))
+    if reductions:
+        width, height = (max(8, round(side * 2.0 ** (-reductions / 2))) for side in (pinhole.width, pinhole.height))
         factors = np.array([width / pinhole.width, height / pinhole.height, 1.0])
         pinhole = PinholeCamera(pinhole.viewmat, pinhole.K * factors[:, None], width, height)
         pixels = np.asarray(cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -253,10 +269,11 @@ def _make_level(view: TrainingView, shrinks: int, settings: TrainingSettings, *,
             labels = np.asarray(cv2.resize(labels, (width, height), interpolation=cv2.INTER_NEAREST_EXACT))
         if valid is not None:
             share = cv2.resize(valid.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)
-            # A pixel counts when all that it stands for does; of a mask finer than that, what counts most.
+            # A pixel is valid when all pixels that it replaces are. Where the mask is too fine for any such pixel, the
+            # pixels with the largest valid share are.
             valid = np.asarray(share >= min(1.0 - 1e-4, float(share.max())))
     labelled = None
-    if labels is not None and settings.features and not view.held_out:
+    if labels is not None and settings.train_features and not view.held_out:
         min_pixels = max(8, round(settings.min_segment_pixels * labels.size / PAPER_PIXELS))
         labelled = labelled_pixels(labels, min_pixels=min_pixels)
     pixels = np.ascontiguousarray(pixels)

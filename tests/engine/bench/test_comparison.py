@@ -1,4 +1,4 @@
-"""Presets side by side: the same cameras for all, nothing trained twice, and a limit that keeps what was measured."""
+"""Comparison of presets: the same cameras for all, no preset trained twice, and a time limit that keeps results."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ def photos(tmp_path: Path) -> Path:
 @pytest.fixture
 def scene(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
     """Photos, their cameras, and two quick presets."""
-    quick = replace(PRESETS["test"], steps=20, held_out_every=4)
+    quick = PRESETS["test"].changed(steps=20, held_out_every=4)
     monkeypatch.setitem(PRESETS, "test", quick)
     # Half the size: its errors while training are of other pictures than those of the first.
-    monkeypatch.setitem(PRESETS, SECOND, replace(quick, steps=40, max_side=32))
+    monkeypatch.setitem(PRESETS, SECOND, quick.changed(steps=40, max_side=32))
     return photos, write_cameras(tmp_path, {f"{index}.jpg": view for index, view in enumerate(VIEWS)})
 
 
@@ -82,7 +82,7 @@ def test_presets_are_compared_on_the_same_cameras_and_nothing_is_done_twice(
     # FLIP of one grey picture against the photos; ours must look more like them than that.
     grey = flip_evaluator.evaluate(picture_of(photos), np.full((144, 192, 3), 0.5, np.float32), "LDR")[1]
     assert all(0.0 < row["flip"] < grey for row in data["rows"]) and "| FLIP |" in text
-    assert "no weights for it can be had here" in text
+    assert "its weights are not available here" in text
     assert str(tmp_path) not in text
     assert doc.with_name(f"comparison_{tmp_path.name}.png").read_bytes().startswith(b"\x89PNG")
     assert "| `test` | 20 |" in again.of_kind("finished")[0]["message"]
@@ -91,7 +91,7 @@ def test_presets_are_compared_on_the_same_cameras_and_nothing_is_done_twice(
 def test_preset_that_takes_too_long_is_stopped_and_its_row_says_so(
     scene: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(PRESETS, "test", replace(PRESETS["test"], steps=100_000))
+    monkeypatch.setitem(PRESETS, "test", PRESETS["test"].changed(steps=100_000))
     photos, cameras = scene
     command = [photos, tmp_path / "out", "--presets", f"test,{SECOND}", "--cameras", cameras, "--limit", 0.05]
     answer = bench(capsys, *command)  # type: ignore[arg-type]
@@ -133,7 +133,7 @@ def test_unknown_presets_and_a_scene_as_output_are_refused(
         BenchSettings(limit_minutes=0.0)
 
 
-def test_front_is_who_is_not_beaten_in_both() -> None:
+def test_pareto_front_contains_the_rows_that_no_other_dominates() -> None:
     rows = [row("quick", 20.0, 10.0), row("good", 25.0, 100.0), row("slow", 24.0, 200.0), row("none", None, 1.0)]
     assert pareto_front(rows) == [True, True, False, False]
 
@@ -148,7 +148,7 @@ def test_savings_are_measured_only_between_runs_that_ended() -> None:
     assert savings([rows[0], cut]) == {}
 
 
-def test_what_leaving_out_costs_is_told_with_its_chance() -> None:
+def test_cost_of_leaving_out_has_a_standard_error() -> None:
     rows = [row("a", 20.0, 60.0), row("a_full", 20.1, 100.0)]
     rows += [row("a", 20.2, 50.0, seed=1), row("a_full", 20.5, 120.0, seed=1), row("a_full", 30.0, 1.0, seed=2)]
     (saved,) = savings(rows).values()
@@ -159,11 +159,11 @@ def test_what_leaving_out_costs_is_told_with_its_chance() -> None:
     assert "seed" not in markdown(rows[:2])
 
 
-def test_each_preset_is_trained_by_each_seed(
+def test_each_preset_is_trained_with_each_random_seed(
     scene: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     photos, cameras = scene
-    command = [photos, tmp_path / "out", "--presets", "test", "--cameras", cameras, "--seeds"]
+    command = [photos, tmp_path / "out", "--presets", "test", "--cameras", cameras, "--random-seeds"]
     assert bench(capsys, *command, "0").computed == ["photos", "cameras", "training test"]  # type: ignore[arg-type]
     assert bench(capsys, *command, "0,7").computed == ["training test 7"]  # type: ignore[arg-type]
     one, other = json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8"))["rows"]
@@ -172,10 +172,10 @@ def test_each_preset_is_trained_by_each_seed(
     assert "seeds" in bench(capsys, *command, "3,3").error  # type: ignore[arg-type]
 
 
-def test_refused_preset_costs_only_its_row(
+def test_refused_preset_fails_only_its_row(
     scene: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(PRESETS, SECOND, replace(PRESETS[SECOND], max_gaussians=2_000_000_000))
+    monkeypatch.setitem(PRESETS, SECOND, PRESETS[SECOND].changed(max_gaussians=2_000_000_000))
     photos, cameras = scene
     answer = bench(capsys, photos, tmp_path / "out", "--presets", f"{SECOND},test", "--cameras", cameras)
     assert answer.code == 0 and answer.computed == ["photos", "cameras", "training test"]

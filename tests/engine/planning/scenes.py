@@ -1,4 +1,4 @@
-"""Photos and cameras as planning sees them, without any file."""
+"""Inputs of planning, made without any file."""
 
 from __future__ import annotations
 
@@ -7,36 +7,38 @@ from pathlib import Path
 import numpy as np
 
 from engine.cameras.settings import CameraSettings
-from engine.photos.look import PhotoLook
+from engine.photos.inspection import PhotoStatistics
 from engine.planning.decisions import PlanSettings, WorkPlan, plan_work
 from engine.scene.camera import Camera, CameraSet
 from engine.scene.photo import Photo, PhotoSet
 
 
 def photos(n: int, *, width: int = 800, height: int = 600) -> PhotoSet:
-    """`n` photos of one size."""
+    """Return `n` photos of one size."""
     return PhotoSet(Path("photos"), tuple(Photo(f"{i:03}.jpg", width, height, None, "") for i in range(n)), ())
 
 
-def looks(n: int, *, values: list[float] | None = None, brightness: list[float] | None = None) -> list[PhotoLook]:
-    """What the photos show; the same everywhere unless said otherwise."""
+def statistics(
+    n: int, *, values: list[float] | None = None, brightness: list[float] | None = None
+) -> list[PhotoStatistics]:
+    """Return the statistics of `n` photos, equal unless values are given."""
     return [
-        PhotoLook(f"{i:03}.jpg", brightness[i] if brightness else -2.0, 0.5, values[i] if values else None)
+        PhotoStatistics(f"{i:03}.jpg", brightness[i] if brightness else -2.0, 0.5, values[i] if values else None)
         for i in range(n)
     ]
 
 
 def work(n: int, settings: PlanSettings | None = None, *, poses_given: bool = False, **size: int) -> WorkPlan:
-    """The plan of `n` plain photos."""
+    """Return the plan of `n` equal photos."""
     return plan_work(
-        photos(n, **size), looks(n), settings or PlanSettings(), cameras=CameraSettings(), poses_given=poses_given,
+        photos(n, **size), statistics(n), settings or PlanSettings(), cameras=CameraSettings(), poses_given=poses_given,
         points_given=poses_given,
     )  # fmt: skip
 
 
 def cameras(n: int) -> CameraSet:
-    """A camera for each of `n` photos."""
+    """Return a camera for each of `n` photos."""
     names = [f"{i:03}.jpg" for i in range(n)]
-    placed = tuple(Camera(name, 800, 600, "PINHOLE", (700.0, 700.0, 400.0, 300.0), np.eye(4)) for name in names)
+    registered = tuple(Camera(name, 800, 600, "PINHOLE", (700.0, 700.0, 400.0, 300.0), np.eye(4)) for name in names)
     points = np.zeros((0, 3), np.float32)
-    return CameraSet(placed, (), points, points.astype(np.uint8), 0.5, np.eye(4), False)
+    return CameraSet(registered, (), points, points.astype(np.uint8), 0.5, np.eye(4), False)

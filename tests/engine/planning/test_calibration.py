@@ -1,4 +1,4 @@
-"""The calibration: measured once, better after every run, and no damaged file stops anybody."""
+"""The machine is measured once, every run improves the calibration, and a damaged file stops no run."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import pytest
 
 from engine.machine import Machine
 from engine.planning.benchmark import measure_speed
-from engine.planning.calibration import REFERENCE, Benchmark, Calibration, Learned, load_calibration
+from engine.planning.calibration import REFERENCE, Benchmark, Calibration, Correction, load_calibration
 from engine.planning.decisions import training_settings
 from engine.planning.forecast import forecast_work
-from engine.planning.outcome import learn_from
+from engine.planning.outcome import update_calibration
 from engine.project_folder import ProjectFolder
 
 from .scenes import work
@@ -24,7 +24,7 @@ MACHINE = Machine(2, 16_000_000_000, "cpu", "test")
 
 
 class Speed:
-    """Stands for the benchmark, and counts."""
+    """Replaces the benchmark and counts its runs."""
 
     def __init__(self) -> None:
         self.made = 0
@@ -44,14 +44,14 @@ def test_machine_is_measured_once_and_again_when_it_or_the_rasterizer_changed(tm
     again = load(file, speed)
     assert speed.made == 1
     assert again.benchmark == replace(REFERENCE, training_step=0.05, rasterizer="one")
-    again.learn("masks", "cpu", formula=10.0, actual=20.0)
+    again.add_outcome("masks", "cpu", formula=10.0, actual=20.0)
     again.save()
     newer = load(file, speed, rasterizer="two")
     assert speed.made == 2
-    assert newer.learned("masks", "cpu").n == 1, "what runs took outlives a new rasterizer"
+    assert newer.correction("masks", "cpu").n == 1, "outcomes of runs stay valid with a new rasterizer"
     load(file, speed, machine=replace(MACHINE, name="another"))
     assert speed.made == 3
-    assert load(file, speed, rasterizer="two").learned("masks", "cpu").n == 1
+    assert load(file, speed, rasterizer="two").correction("masks", "cpu").n == 1
     assert speed.made == 3
 
 
@@ -60,7 +60,7 @@ def test_machine_is_measured_once_and_again_when_it_or_the_rasterizer_changed(tm
     ["", "{", "[]", '{"version": 9}', '{"version": 2, "machines": []}', "numbers", "infinite"],
     ids=["empty", "cut", "list", "version", "machines", "numbers", "infinite"],
 )
-def test_damaged_file_is_made_anew_and_that_is_logged(
+def test_damaged_file_is_replaced_and_that_is_logged(
     damage: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file, speed = tmp_path / "calibration.json", Speed()
@@ -73,43 +73,43 @@ def test_damaged_file_is_made_anew_and_that_is_logged(
     file.write_text(damage)
     with caplog.at_level(logging.WARNING):
         assert load(file, speed).benchmark is not None
-    assert speed.made == 2 and "measured anew" in caplog.text
+    assert speed.made == 2 and "measured again" in caplog.text
     assert load(file, speed).benchmark is not None and speed.made == 2
 
 
-def test_disk_that_refuses_costs_only_accuracy(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_disk_error_costs_only_accuracy(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "file").write_text("")
     with caplog.at_level(logging.WARNING):
         calibration = load(tmp_path / "file" / "calibration.json", Speed())
-    assert calibration.benchmark is not None and "is not kept" in caplog.text
+    assert calibration.benchmark is not None and "cannot be kept" in caplog.text
 
 
-def test_forecast_nears_what_runs_take_and_its_range_narrows(tmp_path: Path) -> None:
+def test_forecast_approaches_the_outcomes_and_its_range_narrows(tmp_path: Path) -> None:
     calibration = load(tmp_path / "calibration.json", Speed())
-    before = calibration.learned("training", "cpu")
+    before = calibration.correction("training", "cpu")
     for _ in range(6):
-        calibration.learn("training", "cpu", formula=100.0, actual=150.0)
-    after = calibration.learned("training", "cpu")
+        calibration.add_outcome("training", "cpu", formula=100.0, actual=150.0)
+    after = calibration.correction("training", "cpu")
     assert math.exp(after.mean) == pytest.approx(1.5, rel=0.05)
     assert after.variance < before.variance
 
 
 def test_runs_that_disagree_widen_the_range(tmp_path: Path) -> None:
-    steady, restless = Learned(0.0, 0.04), Learned(0.0, 0.04)
+    steady, varying = Correction(0.0, 0.04), Correction(0.0, 0.04)
     for i in range(8):
-        steady, restless = steady.after(0.1), restless.after(0.7 if i % 2 else -0.7)
-    assert restless.variance > 10 * steady.variance
+        steady, varying = steady.updated(0.1), varying.updated(0.7 if i % 2 else -0.7)
+    assert varying.variance > 10 * steady.variance
 
 
-def test_outcomes_that_say_nothing_are_passed_over(tmp_path: Path) -> None:
+def test_outcomes_without_information_are_ignored(tmp_path: Path) -> None:
     calibration = load(tmp_path / "calibration.json", Speed())
-    calibration.learn("photos", "cpu", formula=0.5, actual=1.5)  # Too short.
-    calibration.learn("masks", "cpu", formula=100.0, actual=2.0)  # Most were kept from before.
-    calibration.learn("training", "memory", formula=1e9, actual=None)  # The system does not tell.
+    calibration.add_outcome("photos", "cpu", formula=0.5, actual=1.5)  # Too short.
+    calibration.add_outcome("masks", "cpu", formula=100.0, actual=2.0)  # Most masks were reused.
+    calibration.add_outcome("training", "memory", formula=1e9, actual=None)  # Not known on this system.
     assert calibration.outcomes == {}
 
 
-def finished(folder: Path, *, continued: bool) -> ProjectFolder:
+def finished_project(folder: Path, *, continued: bool) -> ProjectFolder:
     project = ProjectFolder.create(folder)
     project.finish_stage(
         "masks", "key", wall_seconds=300.0, cpu_seconds=400.0, figures={}, peak_memory=2_000_000_000,
@@ -118,7 +118,7 @@ def finished(folder: Path, *, continued: bool) -> ProjectFolder:
     return project
 
 
-def test_next_forecast_knows_what_this_run_took(tmp_path: Path) -> None:
+def test_next_forecast_uses_the_outcome_of_this_run(tmp_path: Path) -> None:
     calibration = load(tmp_path / "calibration.json", Speed())
     plan = work(32)
     training = training_settings(plan)
@@ -128,23 +128,27 @@ def test_next_forecast_knows_what_this_run_took(tmp_path: Path) -> None:
         return stage.seconds, stage.memory
 
     before = masks(calibration)
-    said = forecast_work(plan, training, MACHINE, calibration)
-    learn_from(finished(tmp_path / "p", continued=False), ["masks"], plan, training, said, calibration)
+    forecast = forecast_work(plan, training, MACHINE, calibration)
+    update_calibration(
+        finished_project(tmp_path / "p", continued=False), ["masks"], plan, training, forecast, calibration
+    )
     after = masks(load(tmp_path / "calibration.json", Speed()))
     assert abs(after[0] - 300.0) < 0.5 * abs(before[0] - 300.0)
     assert abs(after[1] - 2e9) < 0.5 * abs(before[1] - 2e9)
 
 
-def test_stage_that_an_earlier_run_had_begun_teaches_nothing(tmp_path: Path) -> None:
+def test_stage_that_an_earlier_run_had_begun_is_ignored(tmp_path: Path) -> None:
     calibration = load(tmp_path / "calibration.json", Speed())
     plan = work(32)
     training = training_settings(plan)
-    said = forecast_work(plan, training, MACHINE, calibration)
-    learn_from(finished(tmp_path / "p", continued=True), ["masks"], plan, training, said, calibration)
+    forecast = forecast_work(plan, training, MACHINE, calibration)
+    update_calibration(
+        finished_project(tmp_path / "p", continued=True), ["masks"], plan, training, forecast, calibration
+    )
     assert calibration.outcomes == {} and calibration.n_runs == 0
 
 
-def test_benchmark_measures_all_it_says() -> None:
+def test_benchmark_measures_plausible_values() -> None:
     measured = measure_speed()
     assert 0 < measured.training_step < 5
     assert 0 < measured.features < 100

@@ -1,4 +1,4 @@
-"""The forecast: what takes more is said to take more, and what cannot fit is refused with a way out."""
+"""More work has a larger forecast, and a plan that exceeds the memory is refused with the presets that fit."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from engine.planning.forecast import (
     Forecast,
     cpu_seconds_of,
     forecast_work,
-    require_fit,
+    require_enough_memory,
     step_seconds,
     training_cpu_seconds,
 )
@@ -43,12 +43,12 @@ def test_runs_that_were_measured_are_forecast_within_a_third() -> None:
         (statue, "cameras", 66.0), (statue, "masks", 173.0),
     ]  # fmt: skip
     for plan, stage, seconds in measured:
-        said = cpu_seconds_of(stage, plan, replace(training_settings(plan), stop_when_flat=0.0), n_prompts=0)
-        assert said == pytest.approx(seconds, rel=0.34), (stage, said)
+        expected = cpu_seconds_of(stage, plan, training_settings(plan).changed(stop_when_flat=0.0), n_prompts=0)
+        assert expected == pytest.approx(seconds, rel=0.34), (stage, expected)
 
 
 def test_measured_steps_are_forecast_within_a_sixth() -> None:
-    """CPU seconds of steps with trained Gaussians, degree 1, no features; the fit's own data."""
+    """CPU seconds of steps with trained Gaussians, degree 1, no features: the data of the fit."""
     for n, pixels, seconds in (
         (40_000, 640 * 477, 0.174), (20_000, 640 * 477, 0.113), (10_000, 640 * 477, 0.067), (40_000, 320 * 239, 0.066),
         (10_000, 320 * 239, 0.026), (40_000, 160 * 119, 0.050), (10_000, 160 * 119, 0.015),
@@ -70,15 +70,15 @@ def test_given_cameras_take_next_to_nothing(known: Calibration) -> None:
     assert given.seconds < 0.1 * found.seconds
 
 
-def test_ranges_hold_the_middle_and_the_sum_is_surer_than_its_parts(known: Calibration) -> None:
-    said = forecast(work(32), known)
-    for stage in said.stages:
+def test_ranges_contain_the_expectation_and_the_sum_is_more_certain_than_its_parts(known: Calibration) -> None:
+    total = forecast(work(32), known)
+    for stage in total.stages:
         assert stage.low < stage.seconds < stage.high and stage.memory_low < stage.memory < stage.memory_high
-    low, middle, high = said.seconds
-    assert sum(stage.low for stage in said.stages) < low < middle < high < sum(stage.high for stage in said.stages)
+    low, middle, high = total.seconds
+    assert sum(stage.low for stage in total.stages) < low < middle < high < sum(stage.high for stage in total.stages)
 
 
-def test_more_cores_shorten_the_wall_and_not_the_work(known: Calibration) -> None:
+def test_more_cores_shorten_wall_time_but_not_cpu_time(known: Calibration) -> None:
     plan = work(32)
     two, eight = (
         forecast_work(plan, training_settings(plan), replace(MACHINE, cores=cores), known) for cores in (2, 8)
@@ -101,32 +101,36 @@ def test_larger_libraries_are_added_to_every_stage_that_loads_them(known: Calibr
     assert more == {"photos": 0, **dict.fromkeys(("cameras", "masks", "training", "report"), 800_000_000)}
 
 
-def test_training_that_stopped_early_is_compared_with_the_steps_it_did() -> None:
+def test_training_that_stopped_early_is_compared_with_its_own_steps() -> None:
     plan = work(32)
     training = training_settings(plan)
     whole = training_cpu_seconds(plan, training)
-    part = training_cpu_seconds(plan, training, steps=round(0.9 * training.steps))
+    part = training_cpu_seconds(plan, training, steps=round(0.9 * training.schedule.steps))
     assert 0.75 * whole < part < 0.95 * whole
 
 
-def test_what_cannot_fit_is_refused_with_need_free_and_what_would(known: Calibration) -> None:
+def test_too_little_memory_is_refused_with_need_free_memory_and_presets_that_fit(known: Calibration) -> None:
     plan = work(48, PlanSettings(preset="paper", wants_objects=False))
     with pytest.raises(EnvironmentProblem) as refused:
-        require_fit(forecast(plan, known, free=1_500_000_000), plan, known)
-    sentence = str(refused.value)
+        require_enough_memory(forecast(plan, known, free=1_500_000_000), plan, known)
+    message = str(refused.value)
     assert refused.value.exit_code == 1
-    assert "needs about" in sentence and "1.5 GB are free" in sentence and "1,000,000 Gaussians" in sentence
-    assert "--preset standard" in sentence and "\n" not in sentence
+    assert "needs about" in message and "1.5 GB are free" in message and "1,000,000 Gaussians" in message
+    assert "--preset standard" in message and "\n" not in message
     smaller = work(48, PlanSettings(preset="standard", wants_objects=False))
-    require_fit(forecast(smaller, known, free=1_500_000_000), smaller, known)
+    require_enough_memory(forecast(smaller, known, free=1_500_000_000), smaller, known)
 
 
-def test_when_no_preset_fits_that_is_said(known: Calibration) -> None:
+def test_message_says_when_no_preset_fits(known: Calibration) -> None:
     plan = work(48)
     with pytest.raises(EnvironmentProblem, match="No preset fits"):
-        require_fit(forecast(plan, known, free=100_000_000), plan, known)
+        require_enough_memory(forecast(plan, known, free=100_000_000), plan, known)
 
 
-def test_system_that_does_not_tell_its_memory_is_not_refused(known: Calibration) -> None:
+def test_unknown_free_memory_refuses_nothing(known: Calibration) -> None:
     plan = work(48, PlanSettings(preset="paper"))
-    require_fit(forecast(plan, known, free=None), plan, known)
+    expected = forecast(plan, known, free=None)
+    require_enough_memory(expected, plan, known)
+    assert expected.free_memory is None
+    with pytest.raises(EnvironmentProblem):
+        require_enough_memory(forecast(plan, known, free=1_000_000_000), plan, known)

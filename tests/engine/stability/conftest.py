@@ -1,4 +1,4 @@
-"""The suite is run once for all tests that read its rows."""
+"""Fixtures that run the suite once for all tests that read its rows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from engine.stability.training_table import TrainingRow
 
 @pytest.fixture(autouse=True)
 def one_torch_thread() -> Iterator[None]:
-    """Torch's own threads would spin at barriers and change the order of the reference's sums."""
+    """Run torch with one thread. More would spin at barriers and change the order of the reference's sums."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -24,13 +24,13 @@ def one_torch_thread() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def rows() -> dict[str, Row]:
-    """Every case against float64, by name."""
-    found = run_cases(CASES, emit=lambda event: None, should_stop=lambda: False)
-    return {row.case.name: row for row in found if isinstance(row, Row)}
+    """Return the rows of all numerical cases by name."""
+    results = run_cases(CASES, emit=lambda event: None, should_stop=lambda: False)
+    return {row.case.name: row for row in results if isinstance(row, Row)}
 
 
 @pytest.fixture(scope="session")
 def training_rows() -> dict[str, TrainingRow]:
-    """Every case of training, by name; afterwards the undisturbed runs that others are measured by are known."""
-    found = run_cases(TRAINING_CASES, emit=lambda event: None, should_stop=lambda: False)
-    return {row.case.name: row for row in found if isinstance(row, TrainingRow)}
+    """Return the rows of all training cases by name. Afterwards the PSNR of the undisturbed runs is cached."""
+    results = run_cases(TRAINING_CASES, emit=lambda event: None, should_stop=lambda: False)
+    return {row.case.name: row for row in results if isinstance(row, TrainingRow)}

@@ -1,4 +1,4 @@
-"""Every stiff or extreme case ends as it was said beforehand, and the committed table says the same."""
+"""Every stiff or extreme case ends as expected, and the committed table says the same."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from engine.stability.bounds import BOUNDS, DEFAULT
 from engine.stability.cases import CASES, Case
-from engine.stability.table import Row, markdown
+from engine.stability.table import Row, suite_markdown
 from engine.stability.training_table import TITLE
 
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "stability.md"
@@ -33,15 +33,15 @@ def test_every_bound_that_is_not_the_default_has_its_reason() -> None:
 
 
 def verdicts(text: str) -> list[tuple[str, ...]]:
-    """Return case, words, expectation, outcome and verdict of each row of a Markdown table; figures may differ."""
+    """Return case, description, expectation, outcome and verdict of each row; figures may differ."""
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| `")]
     return [(*row[:4], row[-1]) for row in rows]
 
 
 def test_committed_table_says_what_the_suite_says_now(rows: dict[str, Row]) -> None:
-    """Red: run `make stability` and commit docs/stability.md."""
+    """If it fails: run `make stability` and commit docs/stability.md."""
     committed = DOCS.read_text(encoding="utf-8").partition("\n" + TITLE)[0]
-    now = markdown(list(rows.values()))
+    now = suite_markdown(list(rows.values()))
     assert verdicts(committed) == verdicts(now)
     assert "python -m engine stability --out docs/stability.md" in committed
     _, _, reasons_now = now.partition("## Bounds")

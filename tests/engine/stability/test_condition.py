@@ -1,4 +1,4 @@
-"""The yardstick itself: condition numbers of functions whose condition one can work out by hand."""
+"""Condition numbers of functions whose condition is known, and the error measure that uses them."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from engine.stability.condition import sensitivities
 from engine.stability.measure import worst_gradient
 from engine.stability.rules import stack_on_one_pixel
 from engine.stability.scenes import ordinary_scene
-from engine.stability.thresholds import hanging_pixels
+from engine.stability.thresholds import pixels_near_thresholds
 
 
 @pytest.mark.parametrize(("power", "expected"), [(1, 1.0), (3, 3.0), (-2, 2.0)])
 def test_condition_of_a_power_is_its_exponent(power: int, expected: float) -> None:
     x = torch.linspace(0.5, 2.0, 7, dtype=torch.float64)[:, None]
-    moved = sensitivities(lambda arrays: {"y": arrays["x"] ** power}, {"x": x})["y"]
+    sensitivity = sensitivities(lambda arrays: {"y": arrays["x"] ** power}, {"x": x})["y"]
     torch.testing.assert_close(
-        moved / (x**power)[:, 0].abs(), torch.full((7,), expected, dtype=torch.float64), rtol=1e-4, atol=0
+        sensitivity / (x**power)[:, 0].abs(), torch.full((7,), expected, dtype=torch.float64), rtol=1e-4, atol=0
     )
 
 
-def test_condition_of_a_difference_is_how_much_cancels() -> None:
+def test_condition_of_a_difference_grows_with_cancellation() -> None:
     inputs = {"x": torch.tensor([1.0001], dtype=torch.float64), "y": torch.tensor([1.0], dtype=torch.float64)}
-    moved = sensitivities(lambda arrays: {"d": (arrays["x"] - arrays["y"])[:, None]}, inputs)["d"]
-    assert 1.9e4 < float(moved) / 1e-4 < 2.1e4
+    sensitivity = sensitivities(lambda arrays: {"d": (arrays["x"] - arrays["y"])[:, None]}, inputs)["d"]
+    assert 1.9e4 < float(sensitivity) / 1e-4 < 2.1e4
 
 
 def test_an_error_of_ten_roundings_counts_as_ten() -> None:
@@ -38,14 +38,14 @@ def test_an_error_of_ten_roundings_counts_as_ten() -> None:
     assert worst.array == "g" and math.isclose(worst.ratio, 10.0, rel_tol=1e-6) and math.isclose(worst.condition, 4.0)
 
 
-def test_a_gradient_where_there_is_none_and_one_that_is_not_a_number_are_out_of_any_bound() -> None:
-    nothing = {"g": torch.zeros(2, 1, dtype=torch.float64)}
-    still = {"g": torch.zeros(2, dtype=torch.float64)}
+def test_a_gradient_that_must_be_zero_and_one_that_is_not_finite_exceed_every_bound() -> None:
+    zero = {"g": torch.zeros(2, 1, dtype=torch.float64)}
+    insensitive = {"g": torch.zeros(2, dtype=torch.float64)}
     for bad in (1e-20, math.nan, math.inf):
-        assert worst_gradient({"g": torch.tensor([[0.0], [bad]])}, nothing, still).ratio > 1e9
+        assert worst_gradient({"g": torch.tensor([[0.0], [bad]])}, zero, insensitive).ratio > 1e9
 
 
-def test_only_pixels_at_a_threshold_hang_on_it() -> None:
+def test_only_pixels_at_a_threshold_count_as_near_it() -> None:
     for opacity, picture, gradient in (
         (0.5, False, False),
         (1 / 255 * (1 + 2e-6), True, True),
@@ -53,12 +53,12 @@ def test_only_pixels_at_a_threshold_hang_on_it() -> None:
         (0.99 * (1 - 2e-6), False, True),
         (0.99 * (1 - 2e-5), False, False),
     ):
-        blend, slope = hanging_pixels(stack_on_one_pixel(torch.tensor([opacity]).numpy()), DEFAULT.near)
+        blend, slope = pixels_near_thresholds(stack_on_one_pixel(torch.tensor([opacity]).numpy()), DEFAULT.near)
         assert (bool(blend[0, 0]), bool(slope[0, 0])) == (picture, gradient), opacity
 
 
-def test_few_pixels_of_an_ordinary_scene_hang_on_a_threshold() -> None:
-    blend, gradient = hanging_pixels(ordinary_scene(60), DEFAULT.near)
+def test_few_pixels_of_an_ordinary_scene_are_near_a_threshold() -> None:
+    blend, gradient = pixels_near_thresholds(ordinary_scene(60), DEFAULT.near)
     assert float(gradient.double().mean()) < 0.01
-    wide, _ = hanging_pixels(replace(ordinary_scene(60)), 0.1)
+    wide, _ = pixels_near_thresholds(replace(ordinary_scene(60)), 0.1)
     assert int(wide.sum()) > int(blend.sum())

@@ -1,4 +1,4 @@
-"""A tiny scene that is known exactly: a red and a blue ball on a speckled floor, rendered as 64x48 photos."""
+"""A tiny scene with known ground truth: a red and a blue ball on a speckled floor, rendered as 64x48 photos."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from engine.gaussians.initialise import gaussians_from_points
+from engine.gaussians.initialise import InitialValues, gaussians_from_points
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import PinholeCamera
 from engine.scene.gaussians import Gaussians
@@ -101,8 +101,7 @@ def make_scene() -> Scene:
     start = gaussians_from_points(
         truth.means[chosen] + rng.normal(0, 0.03, (200, 3)),
         np.full((200, 3), 128, np.uint8),
-        sh_degree=0,
-        feature_dim=16,
+        InitialValues(sh_degree=0, feature_dim=16),
         seed=0,
         max_gaussians=300,
     )

@@ -1,4 +1,4 @@
-"""Moving and splitting Gaussians: the picture stays what it was, the budget is kept, moments start anew."""
+"""Relocating and splitting Gaussians: the picture stays unchanged, the budget is kept, moments are reset."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import torch
 
 from engine.training.densify import (
     copy_correction,
-    error_votes,
+    gaussian_errors,
     grow,
-    grow_where_wrong,
     position_noise,
     relocate,
+    split_by_error,
 )
 from engine.training.held_out import render_picture
 from engine.training.parameters import Parameters
@@ -36,8 +36,8 @@ def trainable(scene: Scene) -> Parameters:
 
 
 def picture(parameters: Parameters, scene: Scene, view: int = 0) -> torch.Tensor:
-    level = ViewPyramid(scene.views, SETTINGS).level(view, 0)
-    return render_picture(parameters.values, level, SETTINGS, sh_degree=0)
+    level = ViewPyramid(scene.views, SETTINGS.features).level(view, 0)
+    return render_picture(parameters.values, level, backend="cpu", sh_degree=0)
 
 
 def generator() -> torch.Generator:
@@ -62,7 +62,7 @@ def test_copies_follow_the_published_formula(n: int, opacity: float) -> None:
     assert scales[0, 0].item() == pytest.approx(opacity / float(total), rel=1e-6)
 
 
-def test_relocating_dead_gaussians_leaves_the_picture_as_it_was(scene: Scene) -> None:
+def test_relocating_dead_gaussians_leaves_the_picture_unchanged(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["opacity_logits"][:60] = -9.0
@@ -86,7 +86,7 @@ def _change_without_correction(scene: Scene) -> float:
     return float((picture(parameters, scene) - before).abs().mean())
 
 
-def test_growing_copies_leaves_the_picture_as_it_was_and_forgets_moments(scene: Scene) -> None:
+def test_growing_copies_leaves_the_picture_unchanged_and_resets_moments(scene: Scene) -> None:
     parameters = trainable(scene)
     before = picture(parameters, scene)
     grow(parameters, 35, generator=generator())
@@ -98,40 +98,40 @@ def test_growing_copies_leaves_the_picture_as_it_was_and_forgets_moments(scene: 
         assert int((moments.mean.reshape(len(parameters), -1) == 0).all(dim=1).sum()) > 35
 
 
-def test_splitting_leaves_the_picture_nearly_as_it_was(scene: Scene) -> None:
+def test_splitting_leaves_the_picture_nearly_unchanged(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["opacity_logits"][:10] = -9.0
         parameters.values["log_scales"][:, 1] += 0.5
     before = picture(parameters, scene)
-    moved = grow_where_wrong(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
+    moved = split_by_error(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
     assert moved == 10
     assert len(parameters) == len(scene.truth) + 25
     # 0.11/255 measured.
     assert (picture(parameters, scene) - before).abs().mean() < 0.25 / 255
 
 
-def test_gaussians_in_wrong_pixels_get_the_votes(scene: Scene) -> None:
+def test_gaussians_in_wrong_pixels_have_the_largest_error(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["sh_dc"][scene.part == 1] *= -1.0
-    levels = [ViewPyramid(scene.views, SETTINGS).level(view, 0) for view in (0, 3, 6, 9)]
-    votes = error_votes(parameters, levels, SETTINGS, sh_degree=0).numpy()
+    levels = [ViewPyramid(scene.views, SETTINGS.features).level(view, 0) for view in (0, 3, 6, 9)]
+    votes = gaussian_errors(parameters, levels, backend="cpu", sh_degree=0).numpy()
     assert votes[scene.part == 1].mean() > 5 * votes[scene.part == 2].mean()
     assert (votes >= 0).all()
 
 
-def test_nobody_alive_moves_nothing(scene: Scene) -> None:
+def test_nothing_is_moved_when_all_gaussians_are_dead(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["opacity_logits"].fill_(-9.0)
     assert relocate(parameters, min_opacity=0.005, generator=generator()) == 0
     votes = torch.ones(len(parameters))
-    assert grow_where_wrong(parameters, votes, 5, min_opacity=0.005, generator=generator()) == 0
+    assert split_by_error(parameters, votes, 5, min_opacity=0.005, generator=generator()) == 0
     assert len(parameters) == len(scene.truth)
 
 
-def test_only_transparent_gaussians_wander_and_along_their_own_shape(scene: Scene) -> None:
+def test_noise_moves_only_transparent_gaussians_along_their_shape(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["opacity_logits"][:200] = -7.0

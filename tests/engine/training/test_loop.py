@@ -1,4 +1,4 @@
-"""Training a tiny scene from start to end: it gets better, resumes exactly, stops when asked, and stays finite."""
+"""Training a tiny scene: errors fall, runs resume exactly, stop on request, and stay finite."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from engine.errors import Cancelled, NumericalError, TrainingError
 from engine.evaluation.segment_agreement import segment_agreement, untrained_features
 from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
-from engine.training.checkpoint import CHECKPOINT_FILE, forget_old_runs, latest_run
+from engine.training.checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run
 from engine.training.guards import clamp_parameters, step_finite_rows
 from engine.training.held_out import CurvePoint, expected_gain
 from engine.training.loop import train
@@ -31,7 +31,7 @@ from engine.training.settings import PRESETS, TrainingSettings
 from .conftest import Scene
 
 QUICK = PRESETS["test"]
-LONGER = replace(QUICK, steps=400, curve_points=4)
+LONGER = QUICK.changed(steps=400, curve_points=4)
 ROOT = Path(__file__).parents[3]
 
 
@@ -48,8 +48,8 @@ def run(
 
 
 def stop_after(steps: int) -> StopCheck:
-    asked = iter(range(10**9))
-    return lambda: next(asked) >= steps
+    calls = iter(range(10**9))
+    return lambda: next(calls) >= steps
 
 
 def same(one: Gaussians, other: Gaussians) -> bool:
@@ -84,7 +84,7 @@ def test_curve_holds_error_against_time(longer: tuple[TrainingResult, list[Event
         values = [getattr(point, name) for point in result.curve]
         assert values == sorted(values), name
     assert result.figures["measured_photos"] == ["04.jpg"]
-    assert result.figures["n_gaussians"] == len(result.gaussians) <= LONGER.max_gaussians
+    assert result.figures["n_gaussians"] == len(result.gaussians) <= LONGER.growth.max_gaussians
 
 
 def test_features_separate_two_balls_where_untrained_ones_do_not(
@@ -100,7 +100,7 @@ def test_features_separate_two_balls_where_untrained_ones_do_not(
     assert untrained.mean_iou < 0.3
 
 
-def test_person_sees_progress_metrics_and_a_picture(longer: tuple[TrainingResult, list[Event]]) -> None:
+def test_user_sees_progress_metrics_and_a_preview(longer: tuple[TrainingResult, list[Event]]) -> None:
     events = longer[1]
     progress = [event for event in events if isinstance(event, Progress)]
     assert progress[-1].fraction == 1
@@ -113,7 +113,7 @@ def test_person_sees_progress_metrics_and_a_picture(longer: tuple[TrainingResult
 
 def test_same_seed_gives_the_same_gaussians(scene: Scene, quick: TrainingResult, tmp_path: Path) -> None:
     assert same(run(scene, QUICK, tmp_path).gaussians, quick.gaussians)
-    other = run(scene, replace(QUICK, seed=1), tmp_path / "other")
+    other = run(scene, QUICK.changed(seed=1), tmp_path / "other")
     assert not same(other.gaussians, quick.gaussians)
 
 
@@ -127,8 +127,8 @@ def test_cancelled_training_resumes_exactly(scene: Scene, quick: TrainingResult,
     assert any(isinstance(event, Progress) and "continued" in event.message for event in events)
     assert same(resumed.gaussians, quick.gaussians)
     assert [(p.step, p.psnr) for p in resumed.curve] == [(p.step, p.psnr) for p in quick.curve]
-    told = [(e.step, e.value, e.seconds) for e in events if isinstance(e, Metric) and e.name == "psnr"]
-    assert told == [(p.step, p.psnr, p.wall_seconds) for p in resumed.curve]
+    emitted = [(e.step, e.value, e.seconds) for e in events if isinstance(e, Metric) and e.name == "psnr"]
+    assert emitted == [(p.step, p.psnr, p.wall_seconds) for p in resumed.curve]
     assert list(tmp_path.glob(".writing-*")) == []
 
 
@@ -156,7 +156,7 @@ def test_checkpoint_of_other_settings_or_damaged_is_not_continued(
     scene: Scene, quick: TrainingResult, tmp_path: Path
 ) -> None:
     with pytest.raises(Cancelled):
-        run(scene, replace(QUICK, lr_sh=0.1), tmp_path, stop=stop_after(10))
+        run(scene, QUICK.changed(lr_sh=0.1), tmp_path, stop=stop_after(10))
     assert same(run(scene, QUICK, tmp_path).gaussians, quick.gaussians)
     (tmp_path / CHECKPOINT_FILE).write_bytes((tmp_path / CHECKPOINT_FILE).read_bytes()[:5000])
     assert same(run(scene, QUICK, tmp_path).gaussians, quick.gaussians)
@@ -165,11 +165,9 @@ def test_checkpoint_of_other_settings_or_damaged_is_not_continued(
 def test_learning_rates_a_hundred_times_too_high_give_finite_gaussians_or_a_clear_error(
     scene: Scene, tmp_path: Path
 ) -> None:
-    rates = {
-        f.name: 100 * getattr(QUICK, f.name) for f in fields(QUICK) if f.name.startswith("lr_") and f.name != "lr_end"
-    }
+    rates = {f.name: 100 * getattr(QUICK.optimiser, f.name) for f in fields(QUICK.optimiser) if f.name != "lr_end"}
     try:
-        result = run(scene, replace(QUICK, **rates), tmp_path)
+        result = run(scene, QUICK.changed(**rates), tmp_path)
     except NumericalError as error:
         assert "learning rate" in str(error)
         return
@@ -197,7 +195,7 @@ def test_gradients_that_are_not_finite_leave_their_gaussians_alone_and_are_count
         assert not parameters.moments[name].mean[still].any()
 
 
-def test_extreme_values_are_brought_back_into_bounds_and_counted(scene: Scene) -> None:
+def test_extreme_values_are_clamped_and_counted(scene: Scene) -> None:
     parameters = Parameters.from_gaussians(scene.start, sh_degree=0, features=False)
     values = parameters.values
     values["log_scales"][0] = torch.tensor([60.0, -60.0, 0.0])
@@ -218,19 +216,19 @@ def test_extreme_values_are_brought_back_into_bounds_and_counted(scene: Scene) -
 
 @pytest.mark.parametrize("gradient", ["until_grown", "detached"])
 def test_detached_features_leave_the_geometry_as_without_features(scene: Scene, tmp_path: Path, gradient: str) -> None:
-    settings = replace(QUICK, steps=20, grow_until=0.0, grow_from=0.0, feature_gradient=gradient, curve_points=1)
+    settings = QUICK.changed(steps=20, grow_until=0.0, grow_from=0.0, feature_gradient=gradient, curve_points=1)
     with_features = run(scene, settings, tmp_path / "a").gaussians
-    without = run(scene, replace(settings, features=False), tmp_path / "b").gaussians
+    without = run(scene, settings.changed(train_features=False), tmp_path / "b").gaussians
     assert with_features.features is not None
     assert without.features is None
     assert np.array_equal(with_features.means, without.means)
-    joint = run(scene, replace(settings, feature_gradient="joint"), tmp_path / "c").gaussians
+    joint = run(scene, settings.changed(feature_gradient="joint"), tmp_path / "c").gaussians
     assert not np.array_equal(joint.means, without.means)
 
 
 def test_published_losses_run_too(scene: Scene, tmp_path: Path) -> None:
-    paper = replace(
-        PRESETS["paper"], steps=60, max_gaussians=400, sh_interval=20, clustering_interval=2, grow_interval=10,
+    paper = PRESETS["paper"].changed(
+        steps=60, max_gaussians=400, sh_interval=20, clustering_interval=2, grow_interval=10,
         regularisation_interval=4, curve_points=2, min_segment_pixels=100,
     )  # fmt: skip
     result = run(scene, paper, tmp_path)
@@ -240,12 +238,12 @@ def test_published_losses_run_too(scene: Scene, tmp_path: Path) -> None:
     assert norms.std() > 0.01
 
 
-def test_brightness_of_photos_is_found_when_asked_for(scene: Scene, tmp_path: Path) -> None:
+def test_brightness_factors_of_photos_are_estimated(scene: Scene, tmp_path: Path) -> None:
     def darkened(view_index: int, pixels: np.ndarray) -> np.ndarray:
         return (pixels * (0.7 if view_index % 2 else 1.0)).round().astype(np.uint8)
 
     views = [replace(view, pixels=darkened(i, view.pixels), labels=None) for i, view in enumerate(scene.views)]
-    settings = replace(LONGER, exposure=True, lr_exposure=0.01)
+    settings = LONGER.changed(exposure=True, lr_exposure=0.01)
     result = train(scene.start, views, settings, checkpoints=tmp_path, emit=ignore_events, should_stop=never_stop)
     gains = {int(name[:2]): np.mean(gain) for name, gain in result.figures["exposure"].items()}
     dark = np.mean([gain for index, gain in gains.items() if index % 2])
@@ -253,17 +251,17 @@ def test_brightness_of_photos_is_found_when_asked_for(scene: Scene, tmp_path: Pa
     assert dark / light == pytest.approx(0.7, abs=0.06)
 
 
-def test_without_photos_held_out_the_person_is_told(scene: Scene, tmp_path: Path) -> None:
+def test_training_without_held_out_photos_warns(scene: Scene, tmp_path: Path) -> None:
     events: list[Event] = []
     result = train(
-        scene.start, scene.views[:3], replace(QUICK, steps=5, curve_points=1), checkpoints=tmp_path,
+        scene.start, scene.views[:3], QUICK.changed(steps=5, curve_points=1), checkpoints=tmp_path,
         emit=events.append, should_stop=never_stop,
     )  # fmt: skip
     assert result.figures["measured_on"] == "training photos"
     assert any(isinstance(event, Warned) for event in events)
 
 
-def test_what_is_shown_where_nothing_counts_changes_not_a_bit(scene: Scene, tmp_path: Path) -> None:
+def test_invalid_pixels_do_not_change_the_result(scene: Scene, tmp_path: Path) -> None:
     valid = np.ones((48, 64), bool)
     valid[5:40, 10:30] = False
 
@@ -275,7 +273,7 @@ def test_what_is_shown_where_nothing_counts_changes_not_a_bit(scene: Scene, tmp_
             views.append(replace(view, pixels=pixels, labels=labels, valid=valid))
         return replace(scene, views=views)
 
-    settings = replace(QUICK, coarse_levels=1)
+    settings = QUICK.changed(coarse_levels=1)
     black, white = run(painted(0), settings, tmp_path / "a"), run(painted(255), settings, tmp_path / "b")
     assert same(black.gaussians, white.gaussians)
     # The errors measured leave it out too, and a photo's loss is not diluted by it.
@@ -287,19 +285,19 @@ def test_what_is_shown_where_nothing_counts_changes_not_a_bit(scene: Scene, tmp_
     assert not same(run(scene, settings, tmp_path / "c").gaussians, black.gaussians)
 
 
-def test_runs_stopped_with_other_settings_are_kept_but_not_more_than_two(tmp_path: Path) -> None:
+def test_checkpoints_of_two_other_runs_are_kept(tmp_path: Path) -> None:
     for age, name in enumerate(("new", "middle", "old", "older")):
         (tmp_path / name).mkdir()
         (tmp_path / name / CHECKPOINT_FILE).write_bytes(b"")
         os.utime(tmp_path / name / CHECKPOINT_FILE, (1e9 - age, 1e9 - age))
     (tmp_path / "empty").mkdir()
     assert latest_run(tmp_path) == tmp_path / "new"
-    forget_old_runs(tmp_path, keep="older")
+    delete_old_runs(tmp_path, keep="older")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["middle", "new", "older"]
     assert latest_run(tmp_path / "nowhere") is None
 
 
-def test_nothing_to_train_from_or_on_is_an_error(scene: Scene, tmp_path: Path) -> None:
+def test_missing_gaussians_or_photos_are_an_error(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="Gaussians"):
         train(scene.start[:0], scene.views, QUICK, checkpoints=tmp_path, emit=ignore_events, should_stop=never_stop)
     with pytest.raises(TrainingError, match="photo"):
@@ -308,16 +306,16 @@ def test_nothing_to_train_from_or_on_is_an_error(scene: Scene, tmp_path: Path) -
 
 def test_inputs_are_not_changed(scene: Scene, tmp_path: Path) -> None:
     before = {f.name: getattr(scene.start, f.name).copy() for f in fields(scene.start)}
-    run(scene, replace(QUICK, steps=5, curve_points=1), tmp_path)
+    run(scene, QUICK.changed(steps=5, curve_points=1), tmp_path)
     assert all(np.array_equal(getattr(scene.start, name), value) for name, value in before.items())
 
 
-FLAT = replace(QUICK, steps=120, grow_until=0.4, checkpoint_interval=7)
+FLAT = QUICK.changed(steps=120, grow_until=0.4, checkpoint_interval=7)
 
 
-def test_training_stops_when_the_steps_left_would_gain_less_than_asked_for(scene: Scene, tmp_path: Path) -> None:
+def test_training_stops_when_the_remaining_steps_would_gain_too_little(scene: Scene, tmp_path: Path) -> None:
     events: list[Event] = []
-    result = run(scene, replace(FLAT, stop_when_flat=1e3), tmp_path, events=events)
+    result = run(scene, FLAT.changed(stop_when_flat=1e3), tmp_path, events=events)
     # Full size from step 60 on; the first seven checks cannot tell a slope; the cooldown takes 12 steps.
     assert result.figures["steps"] == result.curve[-1].step == 60 + 7 * 3 + 12
     stopped = result.figures["stopped_early"]
@@ -326,7 +324,7 @@ def test_training_stops_when_the_steps_left_would_gain_less_than_asked_for(scene
     assert progress[-1].fraction == 1 and "the curve is flat" in progress[-1].message
 
 
-def test_training_does_every_step_when_told_never_to_stop_early(scene: Scene, tmp_path: Path) -> None:
+def test_training_makes_every_step_without_early_stopping(scene: Scene, tmp_path: Path) -> None:
     result = run(scene, FLAT, tmp_path)
     assert result.figures["steps"] == 120
     assert result.figures["stopped_early"] is None
@@ -334,7 +332,7 @@ def test_training_does_every_step_when_told_never_to_stop_early(scene: Scene, tm
 
 @pytest.mark.parametrize("steps", [79, 88])
 def test_training_that_stops_early_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
-    settings = replace(FLAT, stop_when_flat=1e3)
+    settings = FLAT.changed(stop_when_flat=1e3)
     whole = run(scene, settings, tmp_path / "whole")
     with pytest.raises(Cancelled):
         run(scene, settings, tmp_path / "stopped", stop=stop_after(steps))
@@ -348,7 +346,7 @@ def test_training_that_stops_early_resumes_exactly(scene: Scene, tmp_path: Path,
 def test_photos_trained_on_never_stop_training_early(scene: Scene, tmp_path: Path) -> None:
     views = [replace(view, held_out=False) for view in scene.views]
     result = train(
-        scene.start, views, replace(FLAT, stop_when_flat=1e3), checkpoints=tmp_path, emit=ignore_events,
+        scene.start, views, FLAT.changed(stop_when_flat=1e3), checkpoints=tmp_path, emit=ignore_events,
         should_stop=never_stop,
     )  # fmt: skip
     assert result.figures["steps"] == 120
@@ -361,7 +359,7 @@ def test_expected_gain_is_the_slope_of_eight_checks_times_the_steps_left() -> No
     assert expected_gain(curve[:7], checks, 100) == float("inf")
 
 
-def walked_by(scene: Scene) -> tuple[Scene, dict[int, np.ndarray]]:
+def paste_transients(scene: Scene) -> tuple[Scene, dict[int, np.ndarray]]:
     """The scene with a dark figure pasted into three of the photos trained on, elsewhere in each."""
     views, truth = list(scene.views), {}
     for place, index in enumerate((1, 5, 9)):
@@ -374,35 +372,35 @@ def walked_by(scene: Scene) -> tuple[Scene, dict[int, np.ndarray]]:
     return replace(scene, views=views), truth
 
 
-PEOPLE = replace(LONGER, passers_by=True, features=False)
+TRANSIENTS = LONGER.changed(transients=True, train_features=False)
 
 
-def test_people_in_some_photos_are_found_and_left_out(scene: Scene, tmp_path: Path) -> None:
-    peopled, truth = walked_by(scene)
-    result = run(peopled, PEOPLE, tmp_path / "on")
+def test_transients_are_found_and_left_out(scene: Scene, tmp_path: Path) -> None:
+    with_transients, truth = paste_transients(scene)
+    result = run(with_transients, TRANSIENTS, tmp_path / "on")
     found = result.figures["out_of_place"]
     assert sorted(found) == ["01.jpg", "05.jpg", "09.jpg"]
     for index, figure in truth.items():
         # With a margin, but not the whole picture.
         assert figure.mean() < found[f"{index:02d}.jpg"] < 3 * figure.mean()
-    with_them = run(peopled, replace(PEOPLE, passers_by=False), tmp_path / "off")
-    assert result.curve[-1].psnr > with_them.curve[-1].psnr + 0.5
+    without_search = run(with_transients, TRANSIENTS.changed(transients=False), tmp_path / "off")
+    assert result.curve[-1].psnr > without_search.curve[-1].psnr + 0.5
 
 
-def test_photos_without_people_are_left_whole_and_the_scene_is_the_same(scene: Scene, tmp_path: Path) -> None:
-    result = run(scene, PEOPLE, tmp_path / "on")
+def test_photos_without_transients_are_used_completely(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, TRANSIENTS, tmp_path / "on")
     assert result.figures["out_of_place"] == {}
-    assert same(result.gaussians, run(scene, replace(PEOPLE, passers_by=False), tmp_path / "off").gaussians)
+    assert same(result.gaussians, run(scene, TRANSIENTS.changed(transients=False), tmp_path / "off").gaussians)
 
 
 @pytest.mark.parametrize("steps", [60, 85])
-def test_training_that_left_people_out_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
-    peopled, _ = walked_by(scene)
-    settings = replace(PEOPLE, steps=200, checkpoint_interval=7)
-    whole = run(peopled, settings, tmp_path / "whole")
+def test_training_without_transients_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
+    with_transients, _ = paste_transients(scene)
+    settings = TRANSIENTS.changed(steps=200, checkpoint_interval=7)
+    whole = run(with_transients, settings, tmp_path / "whole")
     assert whole.figures["out_of_place"]
     with pytest.raises(Cancelled):
-        run(peopled, settings, tmp_path / "stopped", stop=stop_after(steps))
-    resumed = run(peopled, settings, tmp_path / "stopped")
+        run(with_transients, settings, tmp_path / "stopped", stop=stop_after(steps))
+    resumed = run(with_transients, settings, tmp_path / "stopped")
     assert same(resumed.gaussians, whole.gaussians)
     assert resumed.figures["out_of_place"] == whole.figures["out_of_place"]

@@ -101,13 +101,13 @@ def test_sampled_clustering_loss_estimates_the_whole_and_repeats() -> None:
     assert sample[0] == pytest.approx(whole, rel=0.15)
 
 
-def test_a_picture_with_fewer_than_two_segments_has_nothing_to_tell_apart() -> None:
+def test_a_picture_with_fewer_than_two_segments_has_no_clustering_loss() -> None:
     assert labelled_pixels(np.zeros((4, 4), np.int32), min_pixels=2) is None
     assert labelled_pixels(np.ones((4, 4), np.int32), min_pixels=2) is None
 
 
 @pytest.mark.parametrize("n", [2, 4, 300])
-def test_neighbours_are_the_nearest_others_never_oneself(n: int) -> None:
+def test_neighbours_are_the_nearest_other_gaussians(n: int) -> None:
     means = torch.from_numpy(np.random.default_rng(n).normal(size=(n, 3)))
     means[1] = means[0]
     found = nearest_neighbours(means, 6)
@@ -154,7 +154,7 @@ def test_published_regulariser_follows_its_formula() -> None:
     assert loss.item() == pytest.approx(expected, rel=1e-9)
 
 
-def test_rays_agree_exactly_where_their_features_are_one() -> None:
+def test_ray_disagreement_is_zero_where_all_features_are_equal() -> None:
     rng = np.random.default_rng(2)
     weights = torch.from_numpy(rng.dirichlet(np.ones(6), size=(3, 4))[..., :5])
     unit = torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(5, F))), dim=1)

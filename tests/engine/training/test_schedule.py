@@ -1,4 +1,4 @@
-"""The plan of a run: every photo once a round, coarse first, and settings refused out of bounds."""
+"""Schedule of a run: every photo once per round, small pictures first, and settings out of bounds are refused."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_every_photo_is_used_once_a_round_in_a_new_order() -> None:
 
 
 def test_segments_are_learned_from_the_photos_that_have_them() -> None:
-    settings = replace(STANDARD, clustering_interval=3)
+    settings = STANDARD.changed(clustering_interval=3)
     schedule = Schedule(settings, 7, 1.0, labelled=[2, 5])
     views = [schedule.view(step) for step in range(3 * 8)]
     assert sorted(views[::3]) == [2, 2, 2, 2, 5, 5, 5, 5]
@@ -34,12 +34,12 @@ def test_segments_are_learned_from_the_photos_that_have_them() -> None:
     assert sorted(others[:7]) == sorted(others[7:14]) == list(range(7))
 
 
-def test_pictures_grow_as_the_photos_detail_asks_for_and_stay_at_full_size() -> None:
-    settings = replace(STANDARD, steps=100, coarse_levels=2, coarse_until=0.5)
+def test_picture_size_follows_the_detail_of_the_photos_up_to_full_size() -> None:
+    settings = STANDARD.changed(steps=100, coarse_levels=2, coarse_until=0.5)
 
     def sizes(*shares: float) -> list[int]:
         schedule = Schedule(settings, 3, 1.0, shares=shares)
-        return [schedule.shrinks(step) for step in range(100)]
+        return [schedule.reductions(step) for step in range(100)]
 
     assert sizes(1.0, 0.9, 0.8, 0.6, 0.4) == [4] * 20 + [3] * 10 + [2] * 10 + [1] * 5 + [0] * 55
     # Photos without fine detail need full size later, those of nothing but noise sooner.
@@ -74,18 +74,18 @@ def test_detail_of_blurred_photos_is_coarse_and_that_of_noise_is_fine(scene: Sce
 def test_the_number_of_gaussians_follows_the_pictures_size_to_the_budget(start: int) -> None:
     schedule = Schedule(STANDARD, 3, 1.0)
     n = start
-    for step in range(STANDARD.steps):
+    for step in range(STANDARD.schedule.steps):
         if schedule.grows(step):
             before, n = n, schedule.gaussians_after_growth(step, n)
-            assert before <= n <= max(start, STANDARD.max_gaussians * schedule.scale(step))
-        if step == STANDARD.coarse_until * STANDARD.steps:
-            assert n >= 0.9 * STANDARD.max_gaussians
-    assert n == max(start, STANDARD.max_gaussians)
+            assert before <= n <= max(start, STANDARD.growth.max_gaussians * schedule.scale(step))
+        if step == STANDARD.schedule.coarse_until * STANDARD.schedule.steps:
+            assert n >= 0.9 * STANDARD.growth.max_gaussians
+    assert n == max(start, STANDARD.growth.max_gaussians)
 
 
 def test_progress_runs_from_nothing_to_all() -> None:
     schedule = Schedule(STANDARD, 3, 1.0)
-    done = [schedule.done(step) for step in range(STANDARD.steps + 1)]
+    done = [schedule.done(step) for step in range(STANDARD.schedule.steps + 1)]
     assert done[0] == 0
     assert done[-1] == 1
     assert done == sorted(done)
@@ -93,10 +93,12 @@ def test_progress_runs_from_nothing_to_all() -> None:
 
 def test_curve_ends_at_the_last_step() -> None:
     for steps in (1, 5, 60, 3000):
-        points = Schedule(replace(STANDARD, steps=steps), 3, 1.0).curve_steps
+        points = Schedule(STANDARD.changed(steps=steps), 3, 1.0).curve_steps
         assert max(points) == steps
         assert min(points) >= 1
-    assert Schedule(replace(STANDARD, curve_points=1, stop_when_flat=0.0), 3, 1.0).curve_steps == {STANDARD.steps}
+    assert Schedule(STANDARD.changed(curve_points=1, stop_when_flat=0.0), 3, 1.0).curve_steps == {
+        STANDARD.schedule.steps
+    }
 
 
 def test_random_draws_depend_on_step_and_purpose_alone() -> None:
@@ -110,38 +112,51 @@ def test_random_draws_depend_on_step_and_purpose_alone() -> None:
 
 def test_rates_fall_to_the_end_and_further_in_the_cooldown_wherever_that_begins() -> None:
     schedule = Schedule(STANDARD, 3, extent=2.0)
-    assert schedule.learning_rates(0)["means"] == pytest.approx(2 * STANDARD.lr_means)
-    last = schedule.learning_rates(STANDARD.steps)
-    assert last["means"] == pytest.approx(2 * STANDARD.lr_means_end * STANDARD.cooldown_end, rel=0.01)
-    assert last["sh_dc"] == pytest.approx(STANDARD.lr_sh * STANDARD.lr_end * STANDARD.cooldown_end, rel=0.01)
-    early, cooling = 2000, round(STANDARD.cooldown * STANDARD.steps)
-    assert schedule.last_step(None) == STANDARD.steps
+    assert schedule.learning_rates(0)["means"] == pytest.approx(2 * STANDARD.optimiser.lr_means)
+    last = schedule.learning_rates(STANDARD.schedule.steps)
+    assert last["means"] == pytest.approx(
+        2 * STANDARD.optimiser.lr_means_end * STANDARD.schedule.cooldown_end, rel=0.01
+    )
+    assert last["sh_dc"] == pytest.approx(
+        STANDARD.optimiser.lr_sh * STANDARD.optimiser.lr_end * STANDARD.schedule.cooldown_end, rel=0.01
+    )
+    early, cooling = 2000, round(STANDARD.schedule.cooldown * STANDARD.schedule.steps)
+    assert schedule.last_step(None) == STANDARD.schedule.steps
     assert schedule.last_step(early) == early + cooling
     for name, rate in schedule.learning_rates(early + cooling, early).items():
         undisturbed = schedule.learning_rates(early + cooling)[name]
-        assert rate == pytest.approx(STANDARD.cooldown_end * undisturbed), name
+        assert rate == pytest.approx(STANDARD.schedule.cooldown_end * undisturbed), name
     assert not schedule.growth_ended(early) and schedule.growth_ended(early, early)
-    without = Schedule(replace(STANDARD, cooldown=0.0), 3, extent=2.0)
-    assert without.learning_rates(STANDARD.steps - 1)["means"] == pytest.approx(2 * STANDARD.lr_means_end)
+    without = Schedule(STANDARD.changed(cooldown=0.0), 3, extent=2.0)
+    assert without.learning_rates(STANDARD.schedule.steps - 1)["means"] == pytest.approx(
+        2 * STANDARD.optimiser.lr_means_end
+    )
     assert without.last_step(early) == early
 
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("steps", 0), ("lr_means", 0.0), ("lambda_dssim", 1.5), ("held_out_every", 1), ("growth", "x"), ("sh_degree", 4)],
+    [
+        ("steps", 0),
+        ("lr_means", 0.0),
+        ("lambda_dssim", 1.5),
+        ("held_out_every", 1),
+        ("growth_strategy", "x"),
+        ("sh_degree", 4),
+    ],
 )
 def test_settings_out_of_bounds_are_refused_by_name(field: str, value: object) -> None:
     with pytest.raises(SettingsError, match=field):
-        replace(STANDARD, **{field: value})
+        STANDARD.changed(**{field: value})
 
 
 def test_paper_features_have_no_ray_term() -> None:
     with pytest.raises(SettingsError, match="lambda_ray"):
-        replace(STANDARD, feature_init="paper", lambda_ray=0.1)
+        STANDARD.changed(feature_init="paper", lambda_ray=0.1)
 
 
-def test_whether_more_steps_are_worth_it_is_asked_between_the_small_pictures_and_the_cooldown() -> None:
-    checks = Schedule(replace(STANDARD, stop_when_flat=0.05), 3, 1.0).flat_checks
-    assert min(checks) == STANDARD.coarse_until * STANDARD.steps
-    assert max(checks) < (1 - STANDARD.cooldown) * STANDARD.steps
-    assert Schedule(replace(STANDARD, stop_when_flat=0.0), 3, 1.0).flat_checks == frozenset()
+def test_flatness_is_checked_between_the_coarse_steps_and_the_cooldown() -> None:
+    checks = Schedule(STANDARD.changed(stop_when_flat=0.05), 3, 1.0).flat_checks
+    assert min(checks) == STANDARD.schedule.coarse_until * STANDARD.schedule.steps
+    assert max(checks) < (1 - STANDARD.schedule.cooldown) * STANDARD.schedule.steps
+    assert Schedule(STANDARD.changed(stop_when_flat=0.0), 3, 1.0).flat_checks == frozenset()

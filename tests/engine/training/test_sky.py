@@ -1,8 +1,7 @@
-"""Plain sky around what is photographed: nothing may hang in the air before it."""
+"""Scenes before a plain sky are reconstructed without floaters in front of it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +15,21 @@ from engine.formats.spherical_harmonics import SH_C0
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import CameraSet, PinholeCamera
 from engine.scene.gaussians import Gaussians
-from engine.stability.training_measure import trained
-from engine.stability.training_scenes import TrainingInput, known_capture, looking_at
+from engine.stability.training_measure import run_training
+from engine.stability.training_scenes import TrainingInput, known_capture, look_at_viewmat
 from engine.training.settings import PRESETS
 from engine.training.start import start_gaussians
 from engine.training.views import TrainingView
 
-SETTINGS = replace(
-    PRESETS["preview"], features=False, max_side=128, steps=300, max_gaussians=2000, held_out_every=6,
+SETTINGS = PRESETS["preview"].changed(
+    train_features=False, max_side=128, steps=300, max_gaussians=2000, held_out_every=6,
     preview_seconds=3600.0, stop_when_flat=0.0,
 )  # fmt: skip
 WIDTH, HEIGHT, FOCAL = 128, 96, 117.0
 
 
 def camera_at(angle: float, height: float, distance: float) -> np.ndarray:
-    return looking_at([distance * np.cos(angle), distance * np.sin(angle), height], [0.0, 0.0, 0.35])
+    return look_at_viewmat([distance * np.cos(angle), distance * np.sin(angle), height], [0.0, 0.0, 0.35])
 
 
 def pinhole(viewmat: np.ndarray) -> PinholeCamera:
@@ -52,7 +51,7 @@ def under_the_sky(truth: Gaussians, viewmat: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_a_scene_under_a_plain_sky_has_nothing_hanging_in_the_air(tmp_path: Path) -> None:
+def test_a_scene_under_a_plain_sky_has_no_floaters(tmp_path: Path) -> None:
     _, truth = known_capture()
     viewmats = [camera_at(2 * np.pi * i / 24, 0.4 if i % 2 else 1.0, 2.5) for i in range(24)]
     rng = np.random.default_rng(3)
@@ -68,7 +67,7 @@ def test_a_scene_under_a_plain_sky_has_nothing_hanging_in_the_air(tmp_path: Path
     )
     cameras = CameraSet((), (), normalised_points(points, similarity), colors, float("nan"), similarity, True)
     given = TrainingInput(start_gaussians(cameras, views, SETTINGS, emit=ignore_events), views)
-    result = trained(given, SETTINGS, tmp_path, never_stop)
+    result = run_training(given, SETTINGS, tmp_path, never_stop)
     assert result.curve[-1].psnr > 27
 
     scene = normalised_points(truth.means.astype(np.float64), similarity)

@@ -1,4 +1,4 @@
-"""Where training starts: at the sparse points, and where a photo shows none."""
+"""Initial Gaussians at the sparse points, and guesses where the photos show no points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from engine.training.views import TrainingView
 
 from .conftest import Scene
 
-SETTINGS = replace(PRESETS["test"], max_gaussians=1000, background=0.2)
+SETTINGS = PRESETS["test"].changed(max_gaussians=1000, background_fraction=0.2)
 
 
 def wall_with_a_hole() -> tuple[TrainingView, np.ndarray]:
@@ -31,7 +31,7 @@ def camera_set(points: np.ndarray) -> CameraSet:
     return CameraSet((), (), points.astype(np.float32), colors, 0.5, np.eye(4), False)
 
 
-def test_guesses_fill_what_points_leave_out_behind_them_in_the_photos_colours() -> None:
+def test_guesses_fill_uncovered_areas_behind_the_points_in_the_photos_colours() -> None:
     view, points = wall_with_a_hole()
     places, colors, scales = guess_uncovered([view], points, 100, np.random.default_rng(0))
     assert len(places) == 100
@@ -43,7 +43,7 @@ def test_guesses_fill_what_points_leave_out_behind_them_in_the_photos_colours() 
     assert np.allclose(scales / places[:, 2] * 70, 4.9, atol=0.5)
 
 
-def test_what_looks_like_the_points_around_it_is_as_deep_as_they_are() -> None:
+def test_guesses_similar_to_the_points_around_them_get_their_depth() -> None:
     view, points = wall_with_a_hole()
     pixels = np.full_like(view.pixels, 120)
     pixels[:, 60:] = 200
@@ -55,7 +55,7 @@ def test_what_looks_like_the_points_around_it_is_as_deep_as_they_are() -> None:
     assert min((column < 40).sum(), (column > 64).sum()) > 10
 
 
-def test_a_photo_full_of_points_gets_no_guesses_and_one_without_points_neither() -> None:
+def test_photos_full_of_points_or_without_points_get_no_guesses() -> None:
     view, points = wall_with_a_hole()
     everywhere = np.concatenate([points, points * (-1, 1, 1)])
     assert len(guess_uncovered([view], everywhere, 100, np.random.default_rng(0))[0]) <= 3
@@ -71,7 +71,7 @@ def test_start_holds_points_and_guesses_within_the_budget() -> None:
     assert start.scales[600:].min() > start.scales[:600].max()
     assert start.features is not None
     assert np.array_equal(start.means[:600], some.astype(np.float32))
-    tight = start_gaussians(camera_set(some), [view], replace(SETTINGS, max_gaussians=500), emit=ignore_events)
+    tight = start_gaussians(camera_set(some), [view], SETTINGS.changed(max_gaussians=500), emit=ignore_events)
     assert len(tight) == 500
 
 
@@ -82,7 +82,7 @@ def test_without_points_training_starts_at_random_in_view_of_the_training_photos
     assert [type(event) for event in events] == [Warned]
 
 
-def test_held_out_photos_are_not_looked_at() -> None:
+def test_held_out_photos_are_not_used() -> None:
     view, points = wall_with_a_hole()
     spoiled = replace(view, photo="b.jpg", pixels=255 - view.pixels, held_out=True)
     alone, both = (
@@ -92,7 +92,7 @@ def test_held_out_photos_are_not_looked_at() -> None:
     assert np.array_equal(alone.sh, both.sh)
 
 
-def test_nothing_is_guessed_behind_black_or_where_pixels_do_not_count() -> None:
+def test_black_and_invalid_pixels_get_no_guesses() -> None:
     view, points = wall_with_a_hole()
     pixels = view.pixels.copy()
     pixels[:, 60:] = 8

@@ -1,4 +1,4 @@
-"""What a scene may not need is tried on photos that were held out: kept where it pays, left out where it does not."""
+"""Trials on held-out photos: what gains enough is kept, and the rest is left out."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS, TrainingSettings
-from engine.training.trials import brightness_factors, quality_but_for_brightness
+from engine.training.trials import brightness_factors, exposure_corrected_quality
 from engine.training.views import TrainingView, ViewPyramid
 
 from .conftest import N_VIEWS, Scene, camera_at, make_truth, photograph
 
-BANDS = replace(
-    PRESETS["test"], steps=300, sh_degree=2, sh_interval=120, trial=0.2, trial_gain=0.1, features=False,
+BANDS = PRESETS["test"].changed(
+    steps=300, sh_degree=2, sh_interval=120, trial_fraction=0.2, min_trial_gain=0.1, train_features=False,
     coarse_levels=0, lr_sh_rest=0.003,
 )  # fmt: skip
-EXPOSURE = replace(BANDS, sh_degree=0, exposure=True, lr_exposure=0.01)
+EXPOSURE = BANDS.changed(sh_degree=0, exposure=True, lr_exposure=0.01)
 
 
 def run(
@@ -62,33 +62,33 @@ def darkened(scene: Scene) -> list[TrainingView]:
     ]
 
 
-def test_colours_that_change_with_the_view_are_used_where_photos_show_such(scene: Scene, tmp_path: Path) -> None:
+def test_view_dependent_colours_are_used_where_photos_show_them(scene: Scene, tmp_path: Path) -> None:
     result = run(scene, BANDS, tmp_path, views=shiny(scene))
     first = result.figures["trials"][0]
     assert (first["what"], first["step"], first["n_steps"], first["kept"]) == ("1", 120, 60, True)
     assert first["gain"] > 0.3
     assert result.gaussians.sh.shape[1] >= 4
-    untried = run(scene, replace(BANDS, sh_degree=0), tmp_path / "none", views=shiny(scene))
+    untried = run(scene, BANDS.changed(sh_degree=0), tmp_path / "none", views=shiny(scene))
     assert result.figures["psnr"] > untried.figures["psnr"] + 0.3
 
 
-def test_a_trial_shows_what_colours_at_their_own_slow_rate_would_gain_by_the_end(scene: Scene, tmp_path: Path) -> None:
-    result = run(scene, replace(BANDS, lr_sh_rest=0.00015), tmp_path, views=shiny(scene))
+def test_a_trial_predicts_the_gain_of_slowly_trained_bands(scene: Scene, tmp_path: Path) -> None:
+    result = run(scene, BANDS.changed(lr_sh_rest=0.00015), tmp_path, views=shiny(scene))
     first = result.figures["trials"][0]
     assert first["kept"] and first["gain"] > 0.3
 
 
-def test_colours_that_do_not_change_cost_nothing_once_that_is_known(scene: Scene, tmp_path: Path) -> None:
+def test_bands_are_removed_when_their_trial_fails(scene: Scene, tmp_path: Path) -> None:
     result = run(scene, BANDS, tmp_path)
     # The second band is not tried where the first did not pay.
     assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("1", False)]
     assert result.gaussians.sh.shape[1] == 1
     assert result.figures["sh_degree"] == 0
-    without = run(scene, replace(BANDS, sh_degree=0), tmp_path / "none")
+    without = run(scene, BANDS.changed(sh_degree=0), tmp_path / "none")
     assert np.array_equal(result.gaussians.means, without.gaussians.means)
 
 
-def test_brightness_is_corrected_where_photos_differ_in_it(scene: Scene, tmp_path: Path) -> None:
+def test_brightness_is_corrected_where_photos_differ(scene: Scene, tmp_path: Path) -> None:
     result = run(scene, EXPOSURE, tmp_path, views=darkened(scene))
     assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("exposure", True)]
     gains = {int(name[:2]): float(np.mean(gain)) for name, gain in result.figures["exposure"].items()}
@@ -103,42 +103,42 @@ def test_brightness_is_left_alone_where_photos_agree(scene: Scene, tmp_path: Pat
     assert "exposure" not in result.figures
 
 
-@pytest.mark.parametrize("asked", [10, 130, 155])
-def test_run_stopped_before_or_in_a_trial_resumes_exactly(scene: Scene, tmp_path: Path, asked: int) -> None:
+@pytest.mark.parametrize("n_calls", [10, 130, 155])
+def test_run_stopped_before_or_in_a_trial_resumes_exactly(scene: Scene, tmp_path: Path, n_calls: int) -> None:
     whole = run(scene, BANDS, tmp_path / "whole")
     times = iter(range(10**9))
     with pytest.raises(Cancelled):
-        run(scene, BANDS, tmp_path / "cut", stop=lambda: next(times) >= asked)
+        run(scene, BANDS, tmp_path / "cut", stop=lambda: next(times) >= n_calls)
     resumed = run(scene, BANDS, tmp_path / "cut")
     assert np.array_equal(resumed.gaussians.means, whole.gaussians.means)
     assert resumed.figures["trials"] == whole.figures["trials"]
 
 
-def test_without_photos_held_out_everything_is_used_untried(scene: Scene, tmp_path: Path) -> None:
+def test_without_held_out_photos_everything_is_used_without_trial(scene: Scene, tmp_path: Path) -> None:
     trained = [view for view in scene.views if not view.held_out][:3]
-    settings = replace(BANDS, steps=50, sh_interval=20, exposure=True)
+    settings = BANDS.changed(steps=50, sh_interval=20, exposure=True)
     result = run(scene, settings, tmp_path, views=trained)
     assert result.figures["trials"] == []
     assert result.figures["sh_degree"] == 2
     assert "exposure" in result.figures
 
 
-def test_every_trial_has_a_step_of_its_own_and_none_reaches_into_the_cooldown() -> None:
-    settings = replace(
-        PRESETS["standard"], steps=1000, sh_degree=3, sh_interval=250, exposure=True, trial=0.05, cooldown=0.1
+def test_trials_start_at_different_steps_and_end_before_the_cooldown() -> None:
+    settings = PRESETS["standard"].changed(
+        steps=1000, sh_degree=3, sh_interval=250, exposure=True, trial_fraction=0.05, cooldown=0.1
     )
     trials = Schedule(settings, 5, 1.0).trials
     assert trials == {250: "1", 251: "exposure", 500: "2", 750: "3"}
-    assert Schedule(replace(settings, sh_interval=450), 5, 1.0).trials.keys() >= {450}
-    assert 900 not in Schedule(replace(settings, sh_interval=450), 5, 1.0).trials
-    assert Schedule(replace(settings, trial=0.0), 5, 1.0).trials == {}
+    assert Schedule(settings.changed(sh_interval=450), 5, 1.0).trials.keys() >= {450}
+    assert 900 not in Schedule(settings.changed(sh_interval=450), 5, 1.0).trials
+    assert Schedule(settings.changed(trial_fraction=0.0), 5, 1.0).trials == {}
 
 
 def test_exposure_of_a_photo_does_not_count_as_error(scene: Scene) -> None:
     view = replace(scene.views[4], pixels=(scene.views[4].pixels * 0.5).round().astype(np.uint8))
-    level = ViewPyramid([view], BANDS).level(0, 0)
+    level = ViewPyramid([view], BANDS.features).level(0, 0)
     picture = torch.from_numpy(scene.views[4].pixels).float() / 255.0
     assert brightness_factors(picture, level).numpy() == pytest.approx(0.5, abs=0.01)
     truth, _ = make_truth()
     values = Parameters.from_gaussians(truth, sh_degree=0, features=False).values
-    assert quality_but_for_brightness(values, [level], BANDS, sh_degree=0).psnr > 40
+    assert exposure_corrected_quality(values, [level], backend="cpu", sh_degree=0).psnr > 40

@@ -1,4 +1,4 @@
-"""Photos as training sees them: undistorted, small enough, with their segments in the same frame."""
+"""Training views: undistorted, reduced to the maximum size, with labels of the same pixels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from engine.training.views import ViewPyramid, is_held_out, load_views, scene_ex
 
 from .conftest import Scene
 
-SETTINGS = replace(PRESETS["test"], max_side=60, held_out_every=3)
+SETTINGS = PRESETS["test"].changed(max_side=60, held_out_every=3)
 
 
 def project(folder: Path, n: int = 4) -> tuple[CameraSet, dict[str, Path]]:
@@ -56,18 +56,18 @@ def test_pictures_and_segments_share_one_small_frame(tmp_path: Path) -> None:
 
 def test_segments_are_not_read_when_no_features_are_wanted(tmp_path: Path) -> None:
     camera_set, masks = project(tmp_path)
-    views = load_views(tmp_path, camera_set, masks, replace(SETTINGS, features=False))
+    views = load_views(tmp_path, camera_set, masks, SETTINGS.changed(train_features=False))
     assert all(view.labels is None for view in views)
 
 
-def test_loading_stops_when_asked(tmp_path: Path) -> None:
+def test_loading_stops_on_request(tmp_path: Path) -> None:
     camera_set, masks = project(tmp_path)
     with pytest.raises(Cancelled):
         load_views(tmp_path, camera_set, masks, SETTINGS, should_stop=lambda: True)
 
 
 def test_a_halved_view_shows_the_same_point_at_half_the_pixel(scene: Scene) -> None:
-    pyramid = ViewPyramid(scene.views, SETTINGS)
+    pyramid = ViewPyramid(scene.views, SETTINGS.features)
     full, half = pyramid.level(0, 0), pyramid.level(0, 2)
     assert half.pixels.shape == (24, 32, 3)
     point = full.camera.viewmat[:3, :3] @ [0.3, -0.2, 0.1] + full.camera.viewmat[:3, 3]
@@ -93,27 +93,27 @@ def test_masks_and_transparency_follow_the_lens_into_the_training_pictures(tmp_p
     assert views[0].labels is not None and not views[0].labels[~views[0].valid].any()
 
 
-def test_a_halved_pixel_counts_when_all_it_stands_for_does_and_something_always_does(scene: Scene) -> None:
+def test_a_reduced_pixel_is_valid_when_all_its_pixels_are_and_some_pixel_always_is(scene: Scene) -> None:
     valid = np.ones((48, 64), bool)
     valid[10, 11] = False
     checkered = np.indices((48, 64)).sum(axis=0) % 2 == 0
     views = [replace(scene.views[0], valid=valid), replace(scene.views[0], valid=checkered)]
-    pyramid = ViewPyramid(views, SETTINGS)
+    pyramid = ViewPyramid(views, SETTINGS.features)
     half = pyramid.level(0, 2).valid
     assert half is not None and [tuple(at) for at in np.argwhere(~half)] == [(5, 5)]
     finest = pyramid.level(1, 2).valid
     assert finest is not None and finest.all()
 
 
-def test_a_photo_of_which_nothing_counts_is_refused(scene: Scene) -> None:
+def test_a_photo_without_valid_pixels_is_refused(scene: Scene) -> None:
     view = replace(scene.views[0], valid=np.zeros((48, 64), bool))
-    with pytest.raises(TrainingError, match="leaves nothing of it"):
-        ViewPyramid([view], SETTINGS)
+    with pytest.raises(TrainingError, match="excludes all of its pixels"):
+        ViewPyramid([view], SETTINGS.features)
 
 
 def test_held_out_photos_give_no_segments_to_learn_from(scene: Scene) -> None:
     held_out = next(index for index, view in enumerate(scene.views) if view.held_out)
-    pyramid = ViewPyramid(scene.views, PRESETS["test"])
+    pyramid = ViewPyramid(scene.views, PRESETS["test"].features)
     assert pyramid.level(held_out, 0).labelled is None
     assert pyramid.level(0, 0).labelled is not None
 
@@ -131,4 +131,4 @@ def test_extent_is_the_radius_of_the_cameras(scene: Scene) -> None:
 
 def test_no_photos_are_an_error() -> None:
     with pytest.raises(TrainingError, match="photo"):
-        ViewPyramid([], SETTINGS)
+        ViewPyramid([], SETTINGS.features)

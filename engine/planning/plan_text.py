@@ -1,0 +1,72 @@
+"""The plan and its forecast as text for the terminal."""
+
+from __future__ import annotations
+
+from ..masks.settings import EMBEDDING_BYTES, MAX_EMBEDDINGS
+from .decisions import WorkPlan
+from .forecast import Forecast
+
+__all__ = ["format_plan"]
+
+
+def format_plan(work: WorkPlan, forecast: Forecast) -> str:
+    """Return plan and forecast as text of several lines."""
+    lines = [
+        f"{work.n_photos} photos, the largest {work.photo_width} x {work.photo_height}; preset {work.preset}",
+        "",
+        *(f"  {name:<12}{value}" for name, value in _decisions(work)),
+        "",
+        *_forecast_table(forecast),
+    ]
+    lines += ["", "Left out:"] + [f"  {item.what}: {item.why}" for item in work.left_out]
+    lines += ["", *work.notes] if work.notes else []
+    return "\n".join(lines)
+
+
+def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
+    """Return the decisions of the plan as pairs of a name and a description."""
+    n_all_pairs = work.n_photos * (work.n_photos - 1) // 2
+    pairs = {
+        "none": "given; no photos are matched",
+        "all": f"every pair of photos is matched: {work.n_pairs:,}",
+        "promising": f"about {work.n_pairs:,} of {n_all_pairs:,} pairs are matched, selected by a quick comparison",
+    }[work.pairs]
+    megabytes = min(work.n_mask_photos, MAX_EMBEDDINGS) * EMBEDDING_BYTES / 1e6
+    masks = (
+        f"{work.n_mask_photos} photos, selected once the cameras are known; "
+        f"{megabytes:.0f} MB on disk for quick clicks later"
+    )
+    held_out = f"{work.n_held_out} photos that measure the error, selected once the cameras are known"
+    early_stop = f"; stops when the rest would gain less than {work.stop_when_flat} dB" if work.stop_when_flat else ""
+    trial = ", if a trial shows a gain" if work.trial and work.n_held_out else ""
+    bands = f"colour bands up to degree {work.sh_degree}{trial if work.sh_degree else ''}"
+    return [
+        ("cameras", pairs),
+        ("masks", masks if work.n_mask_photos else "none"),
+        ("pictures", f"{work.width} x {work.height} pixels for training"),
+        ("Gaussians", f"at most {work.max_gaussians:,}, {bands}"),
+        ("features", "16 numbers per Gaussian, trained together with the colour" if work.features else "none"),
+        ("exposure", f"one brightness correction per photo{trial}" if work.exposure else "no correction"),
+        ("steps", f"{work.steps:,}{early_stop}"),
+        ("held out", held_out if work.n_held_out else "none"),
+    ]
+
+
+def _forecast_table(forecast: Forecast) -> list[str]:
+    lines = [f"  {'stage':<12}{'minutes (8 of 10 runs)':<28}memory"]
+    for stage in forecast.stages:
+        minutes = f"{stage.seconds / 60:.1f} ({stage.low / 60:.1f} to {stage.high / 60:.1f})"
+        memory = f"{stage.memory / 1e9:.1f} GB ({stage.memory_low / 1e9:.1f} to {stage.memory_high / 1e9:.1f})"
+        lines.append(f"  {stage.stage:<12}{minutes:<28}{memory}")
+    low, middle, high = (seconds / 60 for seconds in forecast.seconds)
+    lines.append(f"  {'together':<12}{f'{middle:.1f} ({low:.1f} to {high:.1f})':<28}{_free_memory(forecast)}")
+    runs = f"{forecast.n_runs} earlier runs" if forecast.n_runs != 1 else "one earlier run"
+    basis = f"a short benchmark and {runs}" if forecast.n_runs else "a short benchmark; every run improves it"
+    lines.append(f"  for {forecast.cores} otherwise idle cores, based on {basis}")
+    return lines
+
+
+def _free_memory(forecast: Forecast) -> str:
+    if forecast.free_memory is None:
+        return "free memory unknown on this system, not checked"
+    return f"{forecast.free_memory / 1e9:.1f} GB are free"

@@ -1,0 +1,107 @@
+"""Plan and forecast of a run together, as the commands ``plan`` and ``reconstruct`` make them before any work."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from ..cameras.settings import CameraSettings
+from ..events import Emit, StopCheck
+from ..machine import describe_machine
+from ..photos import PhotoStatistics, inspect_photos, read_photos
+from ..photos.settings import PhotoSettings
+from ..project_folder import ProjectFolder
+from ..scene import PhotoSet
+from .benchmark import calibrate
+from .calibration import Calibration
+from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, work_plan_as_dict
+from .forecast import Forecast, forecast_as_dict, forecast_work
+
+__all__ = ["PlannedWork", "plan_and_forecast", "plan_photos", "store_forecast"]
+
+
+class PlannedWork(NamedTuple):
+    """A plan, its forecast, and the calibration that the forecast is based on."""
+
+    work: WorkPlan
+    forecast: Forecast
+    calibration: Calibration
+
+
+def plan_photos(
+    folder: Path,
+    settings: PlanSettings,
+    *,
+    photos: PhotoSettings,
+    cameras: CameraSettings,
+    model: Path | None,
+    photo_masks: Path | None,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> PlannedWork:
+    """Read the photos in `folder` and plan the run, without a project. See `plan_and_forecast` for the parameters.
+
+    Raises
+    ------
+    PhotoError, CameraError
+        When there are no usable photos, or no camera model at the given path.
+    Cancelled
+        When `should_stop` returns true.
+    """
+    photo_set = read_photos(folder, photos, masks=photo_masks, emit=emit, should_stop=should_stop)
+    statistics = inspect_photos(photo_set, should_stop=should_stop)
+    return plan_and_forecast(photo_set, statistics, settings, cameras=cameras, model=model, n_prompts=0, emit=emit)
+
+
+def plan_and_forecast(
+    photo_set: PhotoSet,
+    statistics: Sequence[PhotoStatistics],
+    settings: PlanSettings,
+    *,
+    cameras: CameraSettings,
+    model: Path | None,
+    n_prompts: int,
+    emit: Emit,
+) -> PlannedWork:
+    """Plan the run and forecast its time and memory on this machine. Measure the machine first if it is not known yet.
+
+    Parameters
+    ----------
+    photo_set : PhotoSet
+    statistics : sequence of PhotoStatistics
+        Of the same photos.
+    settings : PlanSettings
+    cameras : CameraSettings
+    model : Path or None
+        Camera model that the user gave.
+    n_prompts : int
+        Number of objects to be isolated at the end.
+    emit : Emit
+    """
+    points_given = False
+    if model is not None:
+        from ..cameras import has_points
+
+        points_given = has_points(model)
+    work = plan_work(
+        photo_set, statistics, settings, cameras=cameras, poses_given=model is not None, points_given=points_given
+    )
+    machine = describe_machine()
+    calibration = calibrate(machine, emit=emit)
+    forecast = forecast_work(work, training_settings(work), machine, calibration, n_prompts=n_prompts)
+    return PlannedWork(work, forecast, calibration)
+
+
+def store_forecast(project: ProjectFolder, work: WorkPlan, forecast: Forecast) -> None:
+    """Store plan and forecast, unless an earlier run of the same plan stored them.
+
+    The report compares the run with the forecast that was made before any work.
+    """
+    planned = json.loads(json.dumps(work_plan_as_dict(work)))
+    stages = [stage.stage for stage in forecast.stages]
+    stored = project.get("forecast") or {"stages": ()}
+    if project.get("work_plan") != planned or stages != [stage["stage"] for stage in stored["stages"]]:
+        project.put("work_plan", planned)
+        project.put("forecast", forecast_as_dict(forecast))
