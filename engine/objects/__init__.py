@@ -9,16 +9,24 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .candidate_file import CANDIDATES
     from .context import SegmentationContext, label_maps_of, load_context, photo_folder_of
-    from .curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
+    from .curation import (
+        TextResult,
+        accept_candidate,
+        choose_level,
+        refine_object,
+        segment_each_text,
+        segment_texts,
+        store_background,
+    )
     from .everything import find_everything, segment_everything_in
     from .evidence import DetectorFactory, SamFactory
     from .photos import Photos
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
-    from .ranking import NothingAlike
+    from .ranking import NoMatchError
     from .segment import THRESHOLD, find_objects, segment_project
     from .storage import delete_object, list_objects, load_membership, load_object, object_gaussians
-    from .views import View, Views, eroded, spread_cameras
+    from .views import View, Views, erode_mask, spread_cameras
 
 __all__ = [
     "CANDIDATES",
@@ -26,18 +34,19 @@ __all__ = [
     "ClickPrompt",
     "DetectorFactory",
     "MaskPrompt",
-    "NothingAlike",
+    "NoMatchError",
     "Photos",
     "Prompt",
     "SamFactory",
     "TextPrompt",
+    "TextResult",
     "SegmentationContext",
     "View",
     "Views",
     "accept_candidate",
     "choose_level",
     "delete_object",
-    "eroded",
+    "erode_mask",
     "find_everything",
     "find_objects",
     "label_maps_of",
@@ -52,6 +61,7 @@ __all__ = [
     "photo_folder_of",
     "polish",
     "refine_object",
+    "segment_each_text",
     "segment_everything_in",
     "segment_project",
     "segment_texts",

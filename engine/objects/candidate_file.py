@@ -1,4 +1,4 @@
-"""What came nearest to a text that was refused: ``objects/candidates.json``, small pictures, and seed masks."""
+"""Nearest candidates of refused texts: ``objects/candidates.json``, pictures of the candidates and their masks."""
 
 from __future__ import annotations
 
@@ -15,24 +15,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, PromptError
+from ..masks import mask_box
 from ..pictures import write_png
 from ..project_folder import write_json
 from .candidates import Candidate
 from .photos import Photos
 
-__all__ = ["CANDIDATES", "KeptCandidate", "forget_candidates", "load_candidate", "remember_candidates"]
+__all__ = ["CANDIDATES", "StoredCandidate", "forget_candidates", "load_candidate", "remember_candidates"]
 
 CANDIDATES = "objects/candidates.json"
 _PICTURES = "objects/_candidates"
 _VERSION = 1
-_MOST = 5
+
+_MAX_STORED = 5
+"""Candidates of one text that are stored, at most."""
+
 _PICTURE_SIDE = 256
-_MARGIN = 0.4
+"""Longest side of a candidate's picture in pixels."""
+
+_PICTURE_MARGIN = 0.4
+"""Margin around a candidate in its picture, relative to the longer side of its box."""
 
 
 @dataclass(frozen=True)
-class KeptCandidate:
-    """A candidate that may still be accepted: what was asked for, how well it fits, and its mask in a photo."""
+class StoredCandidate:
+    """A candidate that the user may still accept: its text, its score, and its mask in a photo."""
 
     text: str
     score: float
@@ -41,7 +48,7 @@ class KeptCandidate:
 
 
 def forget_candidates(project: Path) -> None:
-    """Remove the candidates of earlier texts."""
+    """Delete the candidates of earlier texts."""
     (project / CANDIDATES).unlink(missing_ok=True)
     shutil.rmtree(project / _PICTURES, ignore_errors=True)
 
@@ -49,31 +56,32 @@ def forget_candidates(project: Path) -> None:
 def remember_candidates(
     project: Path, text: str, message: str, candidates: Sequence[tuple[float, Candidate]], photos: Photos | None
 ) -> None:
-    """Add a refused text, and what came nearest to it, to the candidates of the project.
+    """Store a refused text and its nearest candidates in the project, beside those of other texts.
 
     Parameters
     ----------
     project : Path
-    text, message : str
-        What was asked for, and the sentence that refused it.
+    text : str
+    message : str
+        Why the text was refused.
     candidates : sequence of (float, Candidate)
-        The best first; at most five are kept.
+        With their scores, the best first; at most five are stored.
     photos : Photos or None
-        Needed where there are candidates.
+        Required if there are candidates.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When a file cannot be written.
     """
-    known = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
-    refused = [entry for entry in known["refused"] if entry["text"] != text] + [{"text": text, "message": message}]
-    entries = [entry for entry in known["candidates"] if entry["text"] != text]
-    number = max((entry["number"] for entry in known["candidates"]), default=0)
-    for score, candidate in candidates[:_MOST]:
+    stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
+    refused = [entry for entry in stored["refused"] if entry["text"] != text] + [{"text": text, "message": message}]
+    entries = [entry for entry in stored["candidates"] if entry["text"] != text]
+    number = max((entry["number"] for entry in stored["candidates"]), default=0)
+    for score, candidate in candidates[:_MAX_STORED]:
         assert photos is not None
         number += 1
-        entries.append(_entry(project, number, text, score, candidate, photos))
+        entries.append(_write_candidate(project, number, text, score, candidate, photos))
     created = datetime.now(UTC).isoformat(timespec="microseconds")
     write_json(
         project / CANDIDATES,
@@ -81,20 +89,23 @@ def remember_candidates(
     )
 
 
-def _entry(project: Path, number: int, text: str, score: float, candidate: Candidate, photos: Photos) -> dict[str, Any]:
-    seed = candidate.seeds[0]
-    camera = seed.view.camera
-    mask = seed.view.to_photo(seed.mask)
+def _write_candidate(
+    project: Path, number: int, text: str, score: float, candidate: Candidate, photos: Photos
+) -> dict[str, Any]:
+    """Write the picture and the mask of a candidate and return its entry in the file."""
+    evidence = candidate.evidence[0]
+    camera = evidence.view.camera
+    mask = evidence.view.to_photo(evidence.mask)
     if not mask.any():
-        # A mask of a few pixels in the smaller frame may vanish at the photo's size.
+        # A mask of a few pixels in the view's frame may vanish at the size of the photo.
         mask[camera.height // 2, camera.width // 2] = True
-    inner = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
-    y, x = np.unravel_index(int(inner.argmax()), inner.shape)
-    columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
-    box = [int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1]
+    distance = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    y, x = np.unravel_index(int(distance.argmax()), distance.shape)
+    box = mask_box(mask)
+    assert box is not None, "the mask has at least one pixel"
     picture = f"{_PICTURES}/{number}.png"
     write_png(project / picture, _picture(photos.pixels(camera), mask, box, photos.scale(camera)))
-    write_png(project / _mask_of(number), np.where(mask, np.uint8(255), np.uint8(0)))
+    write_png(project / _mask_name(number), np.where(mask, np.uint8(255), np.uint8(0)))
     return {
         "number": number,
         "text": text,
@@ -108,34 +119,35 @@ def _entry(project: Path, number: int, text: str, score: float, candidate: Candi
     }
 
 
-def _mask_of(number: int) -> str:
+def _mask_name(number: int) -> str:
     return f"{_PICTURES}/{number}-mask.png"
 
 
 def _picture(pixels: NDArray[np.uint8], mask: NDArray[np.bool_], box: Sequence[int], scale: float) -> NDArray[np.uint8]:
-    """Cut the candidate out with some surroundings, which are darkened."""
-    small = cv2.resize(mask.astype(np.uint8), (pixels.shape[1], pixels.shape[0]), interpolation=cv2.INTER_NEAREST) > 0
+    """Return a crop of the photo with the candidate and its darkened surroundings."""
+    size = (pixels.shape[1], pixels.shape[0])
+    small_mask = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     x0, y0, x1, y1 = (side * scale for side in box)
-    margin = _MARGIN * max(x1 - x0, y1 - y0) + 4
+    margin = _PICTURE_MARGIN * max(x1 - x0, y1 - y0) + 4
     left, top = max(0, int(x0 - margin)), max(0, int(y0 - margin))
     right, bottom = min(pixels.shape[1], int(x1 + margin)), min(pixels.shape[0], int(y1 + margin))
-    part = pixels[top:bottom, left:right].copy()
-    outside = ~small[top:bottom, left:right]
-    part[outside] = part[outside] // 3
-    factor = _PICTURE_SIDE / max(part.shape[:2])
+    crop = pixels[top:bottom, left:right].copy()
+    outside = ~small_mask[top:bottom, left:right]
+    crop[outside] = crop[outside] // 3
+    factor = _PICTURE_SIDE / max(crop.shape[:2])
     if factor < 1:
-        size = (max(1, round(part.shape[1] * factor)), max(1, round(part.shape[0] * factor)))
-        part = np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return part
+        size = (max(1, round(crop.shape[1] * factor)), max(1, round(crop.shape[0] * factor)))
+        crop = np.asarray(cv2.resize(crop, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return crop
 
 
-def load_candidate(project: Path, number: int) -> KeptCandidate:
+def load_candidate(project: Path, number: int) -> StoredCandidate:
     """Return the candidate with that number.
 
     Raises
     ------
     PromptError
-        When there is none; the message lists those there are.
+        When there is none; the message lists the existing candidates.
     FormatError
         When the file is damaged.
     """
@@ -146,7 +158,7 @@ def load_candidate(project: Path, number: int) -> KeptCandidate:
     if found is None:
         known = ", ".join(f"{entry['number']} ({entry['text']})" for entry in entries) or "none"
         raise PromptError(f"There is no candidate {number}. Known: {known}.")
-    return KeptCandidate(found["text"], float(found["score"]), found["photo"], project / _mask_of(number))
+    return StoredCandidate(found["text"], float(found["score"]), found["photo"], project / _mask_name(number))
 
 
 def _read(project: Path) -> dict[str, Any]:

@@ -1,4 +1,7 @@
-"""A scene falls into groups of Gaussians with like features that hang together: HDBSCAN on a sample, votes for all."""
+"""Division of a scene into disjoint groups: HDBSCAN of features and positions, refined by votes of views.
+
+See docs/design_notes/objects.md.
+"""
 
 from __future__ import annotations
 
@@ -6,90 +9,99 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import Cancelled
 from ..events import StopCheck
 from .lifting import snap_to_segments
-from .views import Views, spread_cameras
+from .selection import grid_components
+from .views import View, Views, spread_cameras
+from .voting import VoteCount
 
 __all__ = ["cluster_scene", "vote_for_groups"]
 
 Float32 = NDArray[np.float32]
 Labels = NDArray[np.int32]
 
-_SAMPLE = 8000
-_LEAST_SHARE = 1 / 160
-"""Of the sample, in a cluster: with fewer, single SAM segments of one photo become clusters."""
+_SAMPLE_SIZE = 8000
+"""Gaussians that are clustered. Every other Gaussian joins the cluster of its nearest neighbour in the sample."""
+
+_MIN_CLUSTER_SHARE = 1 / 160
+"""Smallest cluster as a share of the sample. Below it, single SAM segments of one photo become clusters."""
 
 _MIN_SAMPLES = 15
-_PLACE_WEIGHT = 1.0
-"""Of a position, in units of the cameras' spread, beside a feature of unit length. On the museum room, mean IoU of the
-best cluster with each of ten exhibits: 0.83 without positions, 0.82 with this, 0.77 with 4, 0.51 with 8; positions part
-equal objects that stand side by side."""
+"""Neighbours that make a Gaussian a core point of HDBSCAN."""
 
-_REACH = 3.0
-_SMALLEST = 0.002
+_POSITION_WEIGHT = 1.0
+"""Weight of a position, in units of the cameras' spread, relative to a feature of unit length.
+
+Larger weights split similar objects less well; see docs/design_notes/objects.md.
+"""
+
+_MAX_DISTANCE = 3.0
+"""Largest distance from the scene's median along an axis, in units of the cameras' spread, of a sampled Gaussian."""
+
+_MIN_COMPONENT_SHARE = 0.002
+"""Smallest connected component of a cluster as a share of the scene's Gaussians. Smaller ones are in no group."""
 
 
 def cluster_scene(views: Views, *, seed: int = 0) -> Labels:
-    """Return a group for each Gaussian, int32 [N]; -1 for what is in none.
+    """Cluster the Gaussians of a scene into disjoint groups.
 
     Parameters
     ----------
     views : Views
-        Of a scene with features.
+        Views of a scene with features.
     seed : int
-        Of the sample.
+        Random seed of the sample.
+
+    Returns
+    -------
+    array of shape [N], int32
+        Group of each Gaussian; -1 for a Gaussian without a group.
 
     Notes
     -----
-    HDBSCAN (Campello et al. 2013) of feature and position on 8,000 Gaussians; each other one goes with its nearest
-    neighbour among those that are in a cluster. Clusters then fall into parts that hang together in space. Cutting the
-    scene into the groups of `engine.objects.hierarchy` that together stand out most did not pay: on two rooms it found
-    a candelabrum and an abacus, but lost a shield, split a guitar, and brought 59 things instead of 30.
+    HDBSCAN (Campello et al. 2013) of feature and position on 8,000 Gaussians. Every other Gaussian joins the cluster of
+    its nearest neighbour in the sample. Clusters are then split into spatially connected components.
     """
     from sklearn.cluster import HDBSCAN
 
     means = views.scene.gaussians.means
     unit = views.cameras_spread
-    places = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
-    described = np.hstack([views.directions, _PLACE_WEIGHT * places])
-    near = np.flatnonzero((np.abs(places).max(axis=1) < _REACH) & (views.scene.gaussians.opacities > 0.1))
-    picked = np.random.default_rng(seed).permutation(near)[:_SAMPLE]
-    size = max(5, round(_LEAST_SHARE * len(picked)))
-    if len(picked) < 2 * size:
+    positions = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
+    points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
+    near = np.flatnonzero((np.abs(positions).max(axis=1) < _MAX_DISTANCE) & (views.scene.gaussians.opacities > 0.1))
+    sample = np.random.default_rng(seed).permutation(near)[:_SAMPLE_SIZE]
+    min_size = max(5, round(_MIN_CLUSTER_SHARE * len(sample)))
+    if len(sample) < 2 * min_size:
         return np.full(len(means), -1, np.int32)
-    found = HDBSCAN(min_cluster_size=size, min_samples=min(_MIN_SAMPLES, size), copy=True).fit_predict(
-        described[picked].astype(np.float64)
+    clusters = HDBSCAN(min_cluster_size=min_size, min_samples=min(_MIN_SAMPLES, min_size), copy=True).fit_predict(
+        points[sample].astype(np.float64)
     )
-    inside = picked[found >= 0]
-    if len(inside) == 0:
+    clustered = sample[clusters >= 0]
+    if len(clustered) == 0:
         return np.full(len(means), -1, np.int32)
-    nearest = cKDTree(described[inside]).query(described, workers=2)[1]
-    return _parted(means, found[found >= 0][nearest].astype(np.int32), least=_SMALLEST * len(means))
+    nearest = cKDTree(points[clustered]).query(points, workers=2)[1]
+    labels = clusters[clusters >= 0][nearest].astype(np.int32)
+    return _split_into_components(means, labels, min_size=_MIN_COMPONENT_SHARE * len(means))
 
 
-def _parted(means: Float32, labels: Labels, *, least: float) -> Labels:
-    """Return the labels with each group's separate parts told apart; parts with fewer than `least` become -1."""
+def _split_into_components(means: Float32, labels: Labels, *, min_size: float) -> Labels:
+    """Return labels in which each connected component is a group; components smaller than `min_size` become -1."""
     result = np.full(len(labels), -1, np.int32)
     count = 0
     for label in range(int(labels.max()) + 1):
         members = np.flatnonzero(labels == label)
-        if len(members) < least:
+        if len(members) < min_size:
             continue
         points = means[members]
         gaps = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
         cell = max(4 * float(np.median(gaps)), 1e-9)
-        keys, owner = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
-        pairs = cKDTree(keys).query_pairs(1.8, output_type="ndarray")
-        links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
-        part = connected_components(links, directed=False)[1][owner.reshape(-1)]
-        for number, size in enumerate(np.bincount(part)):
-            if size >= least:
-                result[members[part == number]] = count
+        component = grid_components(points, cell)
+        for number, size in enumerate(np.bincount(component)):
+            if size >= min_size:
+                result[members[component == number]] = count
                 count += 1
     return result
 
@@ -102,17 +114,17 @@ def vote_for_groups(
     n_views: int,
     should_stop: StopCheck,
 ) -> tuple[Float32, list[tuple[str, Labels]]]:
-    """Let the views vote on all groups at once.
+    """Refine all groups at once by votes of views.
 
     Parameters
     ----------
     views : Views
     labels : array of shape [N], int32
-        As from `cluster_scene`.
+        As returned by `cluster_scene`.
     label_maps : mapping of str to int32 array
-        SAM label maps by photo: groups take the outline of the segments that they fill.
+        SAM label maps by photo. Groups take the outlines of the segments that they fill.
     n_views : int
-        At most.
+        Largest number of views.
     should_stop : callable
 
     Returns
@@ -120,25 +132,23 @@ def vote_for_groups(
     array of shape [N, K], float32
         Membership of each Gaussian in each of K groups, in [0, 1].
     list of (str, int32 array of shape [h, w])
-        What each view saw: the photo and its pixels' groups, -1 for none.
+        Photo and group of each pixel for each view; -1 for no group.
 
     Raises
     ------
     Cancelled
-        When `should_stop` says so.
+        When `should_stop` returns True.
     """
-    count = int(labels.max()) + 1
-    single = np.zeros((len(labels), count), np.float32)
-    single[np.flatnonzero(labels >= 0), labels[labels >= 0]] = 1
-    inside, seen = np.zeros((len(labels), count), np.float32), np.zeros((len(labels), 1), np.float32)
+    n_groups = int(labels.max()) + 1
+    prior = np.zeros((len(labels), n_groups), np.float32)
+    prior[np.flatnonzero(labels >= 0), labels[labels >= 0]] = 1
+    count = VoteCount(views)
     pictures = []
     for camera in spread_cameras(views.cameras.cameras, n_views):
         if should_stop():
-            raise Cancelled("Stopped while looking at all objects; none was stored.")
+            raise Cancelled("Stopped while searching for all objects; none was stored.")
         view = views.of(camera)
-        shares = views.scene.render(view.frame, channels=single).channels
-        best = shares.argmax(axis=-1)
-        picture = np.where((shares.max(axis=-1) > 0.5) & view.within, best, -1).astype(np.int32)
+        picture = _group_picture(views, view, prior)
         if camera.photo in label_maps:
             segments = view.labels_from_photo(label_maps[camera.photo])
             snapped = picture.copy()
@@ -146,10 +156,13 @@ def vote_for_groups(
                 mask = picture == group
                 snapped[snap_to_segments(mask, segments) & ~mask] = group
             picture = snapped
-        weights = np.dstack([picture[..., None] == np.arange(count), view.within]).astype(np.float32)
-        votes = views.scene.votes(view.frame, weights)
-        inside += votes[:, :-1]
-        seen += votes[:, -1:]
+        count.add(view, picture[..., None] == np.arange(n_groups))
         pictures.append((camera.photo, picture))
-    # As in `refine_by_votes`, what was known counts as one pixel.
-    return ((inside + single) / (seen + 1)).astype(np.float32), pictures
+    return count.membership(prior), pictures
+
+
+def _group_picture(views: Views, view: View, memberships: Float32) -> Labels:
+    """Return the group that contributes more than half of each pixel, [h, w]; -1 for none."""
+    shares = views.scene.render(view.frame, channels=memberships).channels
+    group = shares.argmax(axis=-1)
+    return np.where((shares.max(axis=-1) > 0.5) & view.within, group, -1).astype(np.int32)

@@ -1,4 +1,4 @@
-"""A trained scene, ready for prompts: what one prompt makes of it is there for the next."""
+"""A trained scene with its photos, ready for prompts; what is computed for one prompt is reused for the next."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..events import Emit, StopCheck
 from ..pictures import Backend, Scene
 from ..project_folder import ProjectFolder
 from ..scene import CameraSet
-from .looks import GroupLooks, load_or_make_looks, make_looks
+from .appearance import GroupAppearance, describe_groups, load_or_describe_groups
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
 from .views import Views
@@ -25,53 +25,62 @@ if TYPE_CHECKING:
 
 __all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of"]
 
-_LOOKS_FILE = Path("groups") / "looks.npz"
-"""In a project."""
+_APPEARANCE_FILE = Path("groups") / "looks.npz"
+"""Path of the stored appearance of the groups, relative to the project folder."""
 
 
 @dataclass(frozen=True)
 class SegmentationContext:
-    """A trained scene and what is remembered of it from prompt to prompt: rendered views, photos, SAM's embeddings.
+    """A trained scene with rendered views, photos, SAM's embeddings and the appearance of its groups.
 
     Attributes
     ----------
     views : Views
     photos : Photos
     label_maps : mapping of str to int32 array of shape [h, w]
-        SAM label maps by photo.
-    looks_file : Path or None
-        Where what its groups look like is kept (`engine.objects.looks`).
+        SAM label maps by photo; may be empty.
+    appearance_file : Path or None
+        File that stores the appearance of the groups (`engine.objects.appearance`). None keeps it in memory only.
     """
 
     views: Views
     photos: Photos
     label_maps: Mapping[str, NDArray[np.int32]]
-    looks_file: Path | None = None
-    _looks: dict[str, GroupLooks | None] = field(default_factory=dict, compare=False, repr=False)
+    appearance_file: Path | None = None
+    _appearance: dict[str, GroupAppearance | None] = field(default_factory=dict, compare=False, repr=False)
 
-    def looks(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupLooks | None:
-        """Return what the scene's groups look like to `detector`, made when first asked for.
+    def group_appearance(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupAppearance | None:
+        """Return how `detector` describes the groups of the scene, computed at the first call.
 
         Raises
         ------
         Cancelled
-            When `should_stop` says so.
+            When `should_stop` returns True.
         """
-        if detector.name not in self._looks:
-            self._looks[detector.name] = (
-                make_looks(self.views, self.photos, detector, emit=emit, should_stop=should_stop)
-                if self.looks_file is None
-                else load_or_make_looks(
-                    self.looks_file, self.views, self.photos, detector, emit=emit, should_stop=should_stop
+        if detector.name not in self._appearance:
+            self._appearance[detector.name] = (
+                describe_groups(self.views, self.photos, detector, emit=emit, should_stop=should_stop)
+                if self.appearance_file is None
+                else load_or_describe_groups(
+                    self.appearance_file, self.views, self.photos, detector, emit=emit, should_stop=should_stop
                 )
             )
-        return self._looks[detector.name]
+        return self._appearance[detector.name]
 
 
 def load_context(
     project: ProjectFolder, settings: SegmentSettings, sam_factory: SamFactory, *, backend: Backend = "cpu"
 ) -> SegmentationContext:
-    """Return what `project` holds.
+    """Return the context of a trained project.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+    settings : SegmentSettings
+        `render_side` and `photo_side`.
+    sam_factory : callable
+        Called when SAM is first needed.
+    backend : {"cpu", "reference"}
 
     Raises
     ------
@@ -88,17 +97,17 @@ def load_context(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
-        project.path / _LOOKS_FILE,
+        project.path / _APPEARANCE_FILE,
     )
 
 
 def photo_folder_of(project: ProjectFolder) -> Path:
-    """Return where the photos of a project are.
+    """Return the folder of a project's photos.
 
     Raises
     ------
     FormatError
-        When the project does not say.
+        When the project does not name it.
     """
     folder = project.get("photo_folder")
     if not isinstance(folder, str):

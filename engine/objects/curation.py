@@ -1,10 +1,10 @@
-"""What a curator does with a trained project: ask for several things, correct an object, accept a candidate."""
+"""Operations on a trained project: segment texts, accept a candidate, correct an object, store the background."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +14,17 @@ from ..errors import ObjectError, PromptError
 from ..events import Emit, StopCheck, Warned, part_of
 from ..project_folder import ProjectFolder
 from .candidate_file import forget_candidates, load_candidate
-from .candidates import THRESHOLD, gather
+from .candidates import THRESHOLD, build_candidates
 from .context import SegmentationContext, load_context
-from .correction import taken_away, without
-from .evidence import DetectorFactory, Seed, evidence_of_clicks
-from .found import record_of, store_found
-from .growing import Levels
+from .correction import find_excluded_gaussians, remove_gaussians
+from .evidence import DetectorFactory, MaskEvidence, evidence_of_clicks
+from .found import ObjectRequest, new_record, store_found
+from .levels import Levels
 from .photos import SamFactory
 from .polishing import polish_each
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
-from .segment import finish, isolate, segment_project
+from .segment import isolate_objects, refine_membership, segment_prompt
+from .selection import BELOW_HALF, HALF
 from .settings import SegmentSettings
 from .storage import (
     ObjectRecord,
@@ -38,20 +39,98 @@ from .storage import (
 
 __all__ = [
     "BACKGROUND",
+    "TextResult",
     "accept_candidate",
     "choose_level",
     "memberships_of",
     "refine_object",
+    "segment_each_text",
     "segment_texts",
     "store_background",
 ]
 
 BACKGROUND = "background"
+"""Prompt kind, name and id of the background."""
 
 Float32 = NDArray[np.float32]
 
-_LEAST_LEFT = 0.05
-"""Of an object's Gaussians after a correction: less are crumbs."""
+_MIN_REMAINING_SHARE = 0.05
+"""Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""
+
+
+@dataclass(frozen=True)
+class TextResult:
+    """Objects found for one text, or the reason why there are none.
+
+    Attributes
+    ----------
+    text : str
+    records : tuple of ObjectRecord
+        The stored objects, the best first; empty for a refused text.
+    refusal : str
+        Why the text was refused; empty if objects were found.
+    """
+
+    text: str
+    records: tuple[ObjectRecord, ...] = ()
+    refusal: str = ""
+
+
+def segment_each_text(
+    project: ProjectFolder,
+    context: SegmentationContext,
+    names: Mapping[str, str],
+    settings: SegmentSettings,
+    *,
+    detector_factory: DetectorFactory,
+    emit: Emit,
+    should_stop: StopCheck,
+    skip: Collection[str] = (),
+) -> Iterator[TextResult]:
+    """Segment the objects of each text, and yield its result as soon as the objects are stored.
+
+    A refused text does not end the others. Reporting it is left to the caller.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        A trained project, open for writing.
+    context : SegmentationContext
+        Context of this project.
+    names : mapping of str to str
+        Name of the objects by text.
+    settings, detector_factory, emit, should_stop
+        As in `engine.objects.segment.segment_project`.
+    skip : collection of str
+        Texts that were segmented before, e.g. in a run that was killed. They yield nothing.
+
+    Yields
+    ------
+    TextResult
+
+    Raises
+    ------
+    HeritageError
+        If a part of the project is missing or damaged.
+    """
+    for number, (text, name) in enumerate(names.items()):
+        if text in skip:
+            continue
+        try:
+            records = segment_prompt(
+                project,
+                context,
+                TextPrompt(text),
+                name,
+                settings,
+                detector_factory=detector_factory,
+                emit=part_of(emit, number, len(names)),
+                should_stop=should_stop,
+            )
+        except PromptError as error:
+            yield TextResult(text, refusal=str(error))
+        else:
+            yield TextResult(text, tuple(records))
 
 
 def segment_texts(
@@ -65,53 +144,47 @@ def segment_texts(
     emit: Emit,
     should_stop: StopCheck,
 ) -> tuple[list[ObjectRecord], dict[str, str]]:
-    """Isolate what each text names and store it.
+    """Segment the objects of several texts and store them.
 
     Parameters
     ----------
     project : ProjectFolder
-        SegmentationContext, and held for writing.
+        A trained project, open for writing.
     texts : sequence of str
     name : str or None
-        Of the objects; each text itself by default.
+        Name of the objects; by default each is named after its text.
     settings, detector_factory, sam_factory, emit, should_stop
         As in `engine.objects.segment.segment_project`.
 
     Returns
     -------
     list of ObjectRecord
-        Those stored now.
+        The stored objects.
     dict of str to str
-        The refused texts, each with the sentence that says why; a warning each. What came nearest to them is in
+        Refused texts with the reason, which is also emitted as a warning. The candidates for them are in
         `engine.objects.candidate_file.CANDIDATES`.
 
     Raises
     ------
     PromptError
-        When every text is refused.
+        If every text is refused.
     HeritageError
-        When a part of the project is missing or damaged.
+        If a part of the project is missing or damaged.
     """
     forget_candidates(project.path)
-    trained = load_context(project, settings, sam_factory)
-    records: list[ObjectRecord] = []
-    refused: dict[str, str] = {}
-    for number, text in enumerate(texts):
-        try:
-            records += segment_project(
-                project,
-                TextPrompt(text),
-                name or text,
-                settings,
-                detector_factory=detector_factory,
-                sam_factory=sam_factory,
-                emit=part_of(emit, number, len(texts)),
-                should_stop=should_stop,
-                trained=trained,
-            )
-        except PromptError as error:
-            # One text that finds nothing must not cost the person the others.
-            refused[text] = str(error)
+    results = list(
+        segment_each_text(
+            project,
+            load_context(project, settings, sam_factory),
+            {text: name or text for text in texts},
+            settings,
+            detector_factory=detector_factory,
+            emit=emit,
+            should_stop=should_stop,
+        )
+    )
+    records = [record for result in results for record in result.records]
+    refused = {result.text: result.refusal for result in results if result.refusal}
     if not records:
         raise PromptError(" ".join(refused.values()))
     for message in refused.values():
@@ -130,47 +203,50 @@ def accept_candidate(
     emit: Emit,
     should_stop: StopCheck,
 ) -> list[ObjectRecord]:
-    """Isolate a candidate of a refused text, because the person says that it is what was meant.
+    """Segment a candidate of a refused text that the user accepted.
 
     Parameters
     ----------
     project : ProjectFolder
+        A trained project, open for writing.
     number : int
-        Of the candidate in `engine.objects.candidate_file.CANDIDATES`.
+        Number of the candidate in `engine.objects.candidate_file.CANDIDATES`.
     name : str or None
-        Of the object; the text by default.
+        Name of the object; by default the text.
     settings, detector_factory, sam_factory, emit, should_stop
         As in `engine.objects.segment.segment_project`.
+
+    Returns
+    -------
+    list of ObjectRecord
 
     Raises
     ------
     PromptError
-        When there is no such candidate.
+        If there is no such candidate.
     HeritageError
-        When a part of the project is missing or damaged.
+        If a part of the project is missing or damaged.
     """
     started = time.perf_counter()
-    kept = load_candidate(project.path, number)
-    trained = load_context(project, settings, sam_factory)
-    camera = camera_of_prompt(MaskPrompt(kept.photo, kept.mask), trained.views.cameras)
-    view = trained.views.of(camera)
-    seed = Seed(view, view.from_photo(load_mask(kept.mask, camera)), kept.score)
-    prompt = TextPrompt(kept.text)
-    found = isolate(
-        trained,
+    candidate = load_candidate(project.path, number)
+    context = load_context(project, settings, sam_factory)
+    camera = camera_of_prompt(MaskPrompt(candidate.photo, candidate.mask), context.views.cameras)
+    view = context.views.of(camera)
+    evidence = MaskEvidence(view, view.from_photo(load_mask(candidate.mask, camera)), candidate.score)
+    prompt = TextPrompt(candidate.text)
+    found = isolate_objects(
+        context,
         prompt,
-        [seed],
+        [evidence],
         settings,
         detector_factory=detector_factory,
         emit=part_of(emit, 0, 2),
         should_stop=should_stop,
         accepted=True,
     )
-    asked = {**describe_prompt(prompt), "detector": detector_factory().name, "accepted": True}
-    return store_found(
-        project, trained, found, asked, name or kept.text, settings, started,
-        emit=part_of(emit, 1, 2), should_stop=should_stop,
-    )  # fmt: skip
+    description = {**describe_prompt(prompt), "detector": detector_factory().name, "accepted": True}
+    request = ObjectRequest(description, name or candidate.text, settings, started)
+    return store_found(project, context, found, request, emit=part_of(emit, 1, 2), should_stop=should_stop)
 
 
 def refine_object(
@@ -184,70 +260,56 @@ def refine_object(
     emit: Emit,
     should_stop: StopCheck,
 ) -> ObjectRecord:
-    """Correct a stored object: what `clicks` hit joins it, what `excluded` hit leaves it, the rest stays as it is.
+    """Correct a stored object by clicks; all other Gaussians keep their membership.
 
     Parameters
     ----------
     project : ProjectFolder
-        Held for writing.
+        A trained project, open for writing.
     name : str
         Name or id of the object.
     clicks, excluded : sequence of Point
-        At least one together.
+        Clicks on what to add, and on what to remove. At least one in total.
     settings, sam_factory, emit, should_stop
         As in `engine.objects.segment.segment_project`.
 
     Returns
     -------
     ObjectRecord
-        The same id and name. Its levels are gone: they were versions of what it was.
+        With the same id and name. The levels are removed, because they were versions of the old object.
 
     Raises
     ------
     ObjectError
-        When there is no such object, or it belongs to an earlier training.
+        If there is no such object, or it belongs to an earlier training.
     PromptError
-        For a click where nothing is, and when nothing of the object would be left.
+        If a click hits no Gaussian, or nothing of the object would remain.
     """
     record = load_object(project.path, name)
-    trained = load_context(project, settings, sam_factory)
-    membership = load_fitting_membership(project.path, record, len(trained.views.scene))
+    context = load_context(project, settings, sam_factory)
+    membership = load_fitting_membership(project.path, record, len(context.views.scene))
     before = int((membership >= record.threshold).sum())
-    views = trained.views
+    views = context.views
     if clicks:
-        for candidate in gather(views, _seeds(clicks, excluded, trained, settings), settings, should_stop):
-            membership = np.maximum(membership, finish(trained, candidate, settings, should_stop))
+        evidence = evidence_of_clicks(clicks, excluded, context, settings)
+        for candidate in build_candidates(views, evidence, settings, should_stop):
+            membership = np.maximum(membership, refine_membership(context, candidate, settings, should_stop))
     if excluded:
-        away = taken_away(
-            excluded,
-            clicks,
-            membership >= THRESHOLD,
-            views,
-            trained.photos,
-            trained.label_maps,
-            settings,
-            should_stop,
-        )
-        membership = without(membership, away)
-    if (membership >= record.threshold).sum() < max(1.0, _LEAST_LEFT * before):
-        raise PromptError(f"Nothing would be left of {record.name!r}; it stays as it was. Click elsewhere.")
-    refined = {"clicks": describe_points(clicks), "not": describe_points(excluded)}
+        removed = find_excluded_gaussians(excluded, clicks, membership >= THRESHOLD, context, settings, should_stop)
+        membership = remove_gaussians(membership, removed)
+    if (membership >= record.threshold).sum() < max(1.0, _MIN_REMAINING_SHARE * before):
+        raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
+    correction = {"clicks": describe_points(clicks), "not": describe_points(excluded)}
     changed = replace(
         record,
         n_gaussians=int((membership >= record.threshold).sum()),
         level=0,
         levels=(),
-        refined=(*record.refined, refined),
+        refined=(*record.refined, correction),
     )
     (polished,) = polish_each(views, [membership >= record.threshold], settings, emit=emit, should_stop=should_stop)
     save_object(project.path, changed, membership, polished=polished)
     return changed
-
-
-def _seeds(
-    clicks: Sequence[Point], excluded: Sequence[Point], trained: SegmentationContext, settings: SegmentSettings
-) -> list[Seed]:
-    return evidence_of_clicks(clicks, excluded, trained.views, trained.photos, settings)
 
 
 def choose_level(
@@ -260,28 +322,33 @@ def choose_level(
     emit: Emit,
     should_stop: StopCheck,
 ) -> ObjectRecord:
-    """Make another of an object's levels the object; 0 is its smallest part.
+    """Replace a stored object by another one of its levels.
 
     Parameters
     ----------
     project : ProjectFolder
-        Held for writing.
+        A trained project, open for writing.
     name : str
         Name or id of the object.
     level : int
+        Index of the level; 0 is the smallest part.
     settings, sam_factory, emit, should_stop
-        As in `engine.objects.segment.segment_project`; SAM is not called.
+        As in `engine.objects.segment.segment_project`. SAM is not called.
+
+    Returns
+    -------
+    ObjectRecord
 
     Raises
     ------
     ObjectError
-        When there is no such object or level, or it belongs to an earlier training.
+        If there is no such object or level, or it belongs to an earlier training.
     """
     record = load_object(project.path, name)
     levels = load_levels(project.path, record.id)
     if not 0 <= level < len(levels):
-        only = "only one level" if len(levels) == 1 else f"levels 0 to {len(levels) - 1}"
-        raise ObjectError(f"{record.name!r} has {only}, and no level {level}.")
+        available = "only one level" if len(levels) == 1 else f"levels 0 to {len(levels) - 1}"
+        raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
     if not record.levels:
         return record
     changed = replace(record, level=level, n_gaussians=int((levels[level] >= record.threshold).sum()))
@@ -293,21 +360,32 @@ def choose_level(
 
 
 def memberships_of(project: Path, count: int) -> dict[str, Float32]:
-    """Return the memberships of all objects but the background that belong to a scene of `count` Gaussians, by id."""
-    found = {}
+    """Return the memberships of all objects of a scene with `count` Gaussians by id, without the background."""
+    memberships = {}
     for record in list_objects(project):
         if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count:
-            found[record.id] = load_membership(project, record.id)
-    return found
+            memberships[record.id] = load_membership(project, record.id)
+    return memberships
 
 
 def store_background(project: ProjectFolder, settings: SegmentSettings) -> ObjectRecord:
-    """Store what belongs to no object as an object of its own; an earlier background is replaced.
+    """Store the Gaussians that belong to no object as an object of its own, replacing an earlier background.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        A trained project, open for writing.
+    settings : SegmentSettings
+        Stored in the record.
+
+    Returns
+    -------
+    ObjectRecord
 
     Raises
     ------
     ObjectError
-        When there is no object that it could be the complement of.
+        If the scene has no objects.
     """
     from ..gaussians import load_gaussians
 
@@ -319,15 +397,13 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
             "This scene has no objects yet, so everything would be background. Isolate one, or use --all."
         )
     highest = np.maximum.reduce(list(memberships.values()))
-    half = np.float32(THRESHOLD)
-    # 1 - m, with exactly one half on the objects' side: a Gaussian belongs to an object or to the background.
-    background = np.where(highest >= half, np.minimum(1 - highest, np.nextafter(half, np.float32(0))), 1 - highest)
+    # 1 - m. At exactly 0.5 a Gaussian belongs to the object only, never to both.
+    background = np.where(highest >= HALF, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
     for record in list_objects(project.path):
         if record.prompt.get("kind") == BACKGROUND:
             delete_object(project.path, record.id)
     membership = background.astype(np.float32)
-    made = record_of(
-        project.path, Levels((membership,)), {"kind": BACKGROUND}, BACKGROUND, settings, started, score=1.0, fit=1.0
-    )
-    save_object(project.path, made, membership)
-    return made
+    request = ObjectRequest({"kind": BACKGROUND}, BACKGROUND, settings, started)
+    background_record = new_record(project.path, Levels((membership,)), request, score=1.0, fit=1.0)
+    save_object(project.path, background_record, membership)
+    return background_record

@@ -1,4 +1,4 @@
-"""What a prompt found: an object before it has a name, and how it gets one and is stored."""
+"""Objects found by a prompt, before they have a name, and how they are named and stored."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..project_folder import ProjectFolder
 from ..settings import to_dict
 from .candidates import THRESHOLD
 from .context import SegmentationContext
-from .evidence import Seed
-from .growing import Levels
+from .evidence import MaskEvidence
+from .levels import Levels
 from .polishing import polish_each
 from .settings import SegmentSettings
 from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
 
-__all__ = ["FoundObject", "record_of", "store_found"]
+__all__ = ["FoundObject", "ObjectRequest", "new_record", "store_found"]
 
 Float32 = NDArray[np.float32]
 
@@ -35,13 +35,13 @@ class FoundObject:
     Attributes
     ----------
     membership : array of shape [N], float32
-        In [0, 1]; `THRESHOLD` and above belongs.
+        In [0, 1]; a Gaussian belongs from `THRESHOLD` on.
     score : float
         See `ObjectRecord.score`.
     fit : float
-        Intersection over union with the best seed mask in its view.
-    seeds : tuple of Seed
-        Masks that show it, the best first.
+        IoU with the best mask of `evidence` in its view.
+    evidence : tuple of MaskEvidence
+        Masks that show the object, the best first.
     levels : Levels
         Smaller and larger versions; the chosen one is `membership`.
     """
@@ -49,61 +49,64 @@ class FoundObject:
     membership: Float32
     score: float
     fit: float
-    seeds: tuple[Seed, ...]
+    evidence: tuple[MaskEvidence, ...]
     levels: Levels
+
+
+@dataclass(frozen=True)
+class ObjectRequest:
+    """What was asked for, as the records of all resulting objects state it.
+
+    Attributes
+    ----------
+    prompt : dict
+        The prompt as `describe_prompt` returns it.
+    name : str
+        Wanted name of the objects.
+    settings : SegmentSettings
+    started : float
+        `time.perf_counter` at the start.
+    """
+
+    prompt: dict[str, Any]
+    name: str
+    settings: SegmentSettings
+    started: float
 
 
 def store_found(
     project: ProjectFolder,
-    trained: SegmentationContext,
+    context: SegmentationContext,
     found: Sequence[FoundObject],
-    asked: dict[str, Any],
-    name: str,
-    settings: SegmentSettings,
-    started: float,
+    request: ObjectRequest,
     *,
     emit: Emit,
     should_stop: StopCheck,
 ) -> list[ObjectRecord]:
-    """Polish objects, store them under names of their own and return their records.
+    """Polish objects, store each under a name of its own and return their records.
 
     Parameters
     ----------
     project : ProjectFolder
-    trained : SegmentationContext
+    context : SegmentationContext
         Of this project.
     found : sequence of FoundObject
-    asked : dict
-        The prompt as `describe_prompt` gives it.
-    name : str
-    settings : SegmentSettings
-    started : float
-        `time.perf_counter` of the prompt.
+    request : ObjectRequest
     emit, should_stop
         See `engine.events`.
 
     Raises
     ------
     Cancelled
-        When `should_stop` says so; nothing is stored then.
+        When `should_stop` returns True; nothing is stored then.
     """
     members = [item.membership >= THRESHOLD for item in found]
-    # All of them first: a prompt that is stopped half-way is asked again, and must not leave half of what it found.
-    each = polish_each(trained.views, members, settings, emit=emit, should_stop=should_stop)
+    # All objects are polished before the first is stored, so that a cancelled prompt stores none and can be repeated.
+    all_polished = polish_each(context.views, members, request.settings, emit=emit, should_stop=should_stop)
     records: list[ObjectRecord] = []
-    for item, polished in zip(found, each, strict=True):
-        record = record_of(
-            project.path,
-            item.levels,
-            asked,
-            name,
-            settings,
-            started,
-            score=item.score,
-            fit=item.fit,
-            seeds=tuple({"photo": seed.view.camera.photo, "score": round(seed.score, 4)} for seed in item.seeds),
-        )
-        best = item.seeds[0]
+    for item, polished in zip(found, all_polished, strict=True):
+        record = new_record(project.path, item.levels, request, score=item.score, fit=item.fit, evidence=item.evidence)
+        best = item.evidence[0]
         preview = np.where(best.view.to_photo(best.mask), np.uint8(255), np.uint8(0))
         save_object(
             project.path,
@@ -117,34 +120,31 @@ def store_found(
     return records
 
 
-def record_of(
+def new_record(
     project: Path,
     levels: Levels,
-    asked: dict[str, Any],
-    name: str,
-    settings: SegmentSettings,
-    started: float,
+    request: ObjectRequest,
     *,
     score: float,
     fit: float,
-    seeds: tuple[dict[str, Any], ...] = (),
+    evidence: Sequence[MaskEvidence] = (),
 ) -> ObjectRecord:
-    """Return the record of a new object, with an id and a name that are free in `project`."""
-    taken = list_objects(project)
+    """Return the record of a new object, with an id and a name that no other object of `project` has."""
+    existing = list_objects(project)
     several = len(levels.memberships) > 1
-    counts = [int((one >= THRESHOLD).sum()) for one in levels.memberships]
+    counts = [int((level >= THRESHOLD).sum()) for level in levels.memberships]
     return ObjectRecord(
-        id=new_id(name, [other.id for other in taken]),
-        name=new_name(name, [other.name for other in taken]),
-        prompt=asked,
+        id=new_id(request.name, [record.id for record in existing]),
+        name=new_name(request.name, [record.name for record in existing]),
+        prompt=request.prompt,
         threshold=THRESHOLD,
         score=round(score, 4),
         fit=round(fit, 4),
         n_gaussians=counts[levels.chosen],
         n_scene_gaussians=len(levels.membership),
-        seeds=seeds,
-        settings=to_dict(settings),
-        seconds=round(time.perf_counter() - started, 3),
+        evidence=tuple({"photo": item.view.camera.photo, "score": round(item.score, 4)} for item in evidence),
+        settings=to_dict(request.settings),
+        seconds=round(time.perf_counter() - request.started, 3),
         created=datetime.now(UTC).isoformat(timespec="microseconds"),
         level=levels.chosen if several else 0,
         levels=tuple({"n_gaussians": count} for count in counts) if several else (),

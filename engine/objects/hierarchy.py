@@ -1,7 +1,6 @@
-"""A scene falls into groups within groups: Gaussians side by side whose features are most alike are joined first.
+"""Hierarchical clustering of a scene's Gaussians by feature and position: nested groups and their prominence.
 
-Of 22 exhibits in two generated rooms, the best of each room's 250 groups had a mean IoU of 0.80 with the Gaussians that
-truly belong; only that of a mirror, which shows the rest of the room, was below 0.65.
+See docs/design_notes/objects.md.
 """
 
 from __future__ import annotations
@@ -17,233 +16,246 @@ from scipy.spatial import cKDTree
 
 from .views import Views
 
-__all__ = ["UNGROUPED", "Hierarchy", "build_hierarchy"]
+__all__ = ["UNGROUPED_PROMINENCE", "Hierarchy", "build_hierarchy"]
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_SAMPLE = 12_000
-_LEAST_SHARE = 1 / 240
-"""Of the sample, in the smallest groups. Of a room's 40,000 Gaussians the smallest exhibit has 240."""
+_SAMPLE_SIZE = 12_000
+"""Gaussians that are clustered. Every other Gaussian joins the group of its nearest neighbour in the sample."""
 
-_PLACE_WEIGHT = 0.3
-"""Of a position, in units of the cameras' spread, beside a feature of unit length; 0.15 and 0.6 found the same."""
+_MIN_GROUP_SHARE = 1 / 240
+"""Smallest group as a share of the sample. Of 40,000 Gaussians of a room the smallest exhibit has 240."""
 
-UNGROUPED = 0.3
-"""How much stands out what is like none of the groups."""
+_POSITION_WEIGHT = 0.3
+"""Weight of a position, in units of the cameras' spread, relative to a feature of unit length."""
 
-_ALIKE = 0.5
-"""IoU of Gaussians from which on a set of them is like a group."""
+UNGROUPED_PROMINENCE = 0.3
+"""Prominence of a set of Gaussians that resembles none of the groups."""
 
-_NEIGHBOURS = 8
-_REACH = 3.0
-"""In units of the cameras' spread: what is farther away is no exhibit."""
+_MIN_GROUP_IOU = 0.5
+"""Smallest IoU with a group at which a set of Gaussians takes that group's prominence."""
+
+_N_NEIGHBOURS = 8
+"""Nearest neighbours that a Gaussian is linked to."""
+
+_MAX_DISTANCE = 3.0
+"""Largest distance from the scene's median along an axis, in units of the cameras' spread. Objects are not farther."""
 
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """Groups of one scene.
+    """Nested groups of the Gaussians of one scene.
 
     Attributes
     ----------
     finest : int32 array of shape [N]
-        The finest group of each Gaussian, -1 for what is in none.
+        The finest group of each Gaussian; -1 for a Gaussian without a group.
     groups : int32 array of shape [K, 2]
-        Group k is the finest groups ``groups[k, 0]`` to ``groups[k, 1] - 1``. Two groups lie one in the other or apart.
-    standing : float32 array of shape [K]
-        How much a group stands out, 0 to 1: 1 - a / b of the distance a at which its own parts were joined and b at
-        which it was joined to another. A part of an object, or an object and what it stands on, is low.
+        Group k consists of the finest groups ``groups[k, 0]`` to ``groups[k, 1] - 1``. Two groups are either nested or
+        disjoint.
+    prominence : float32 array of shape [K]
+        1 - a / b, in [0, 1]: a is the distance at which the parts of the group were merged, b the distance at which the
+        group was merged with another one. It is low for a part of an object and for an object with its support.
     """
 
     finest: Int32
     groups: Int32
-    standing: Float32
+    prominence: Float32
 
     @property
     def n_finest(self) -> int:
-        """How many finest groups there are."""
+        """Number of finest groups."""
         return int(self.groups[:, 1].max()) if len(self.groups) else 0
 
     def members(self, group: int) -> Mask:
         """Return the Gaussians of a group, bool [N]."""
         return self.within(self.finest, group)
 
-    def standing_of(self, members: Mask) -> float:
-        """Return how much members, bool [N], stand out: `standing` of the group most like them, `UNGROUPED` of none."""
+    def prominence_of(self, members: Mask) -> float:
+        """Return the prominence of the group with the highest IoU with `members`, bool [N].
+
+        Without a similar group it is `UNGROUPED_PROMINENCE`.
+        """
         if len(self.groups) == 0:
-            return UNGROUPED
+            return UNGROUPED_PROMINENCE
         grouped = self.finest >= 0
         starts = np.zeros((2, self.n_finest + 1), np.int64)
-        for row, among in zip(starts, (grouped, grouped & members), strict=True):
-            row[1:] = np.cumsum(np.bincount(self.finest[among], minlength=self.n_finest))
+        for row, selected in zip(starts, (grouped, grouped & members), strict=True):
+            row[1:] = np.cumsum(np.bincount(self.finest[selected], minlength=self.n_finest))
         sizes, common = starts[:, self.groups[:, 1]] - starts[:, self.groups[:, 0]]
-        likeness = common / np.maximum(1, sizes + int(members.sum()) - common)
-        best = int(likeness.argmax())
-        return float(self.standing[best]) if likeness[best] >= _ALIKE else UNGROUPED
+        iou = common / np.maximum(1, sizes + int(members.sum()) - common)
+        best = int(iou.argmax())
+        return float(self.prominence[best]) if iou[best] >= _MIN_GROUP_IOU else UNGROUPED_PROMINENCE
 
     def within(self, finest: NDArray[np.integer], group: int) -> Mask:
-        """Return which of an array of finest groups are part of `group`."""
+        """Return where an array of finest groups belongs to `group`, as a bool array of the same shape."""
         first, stop = self.groups[group]
         return np.asarray((finest >= first) & (finest < stop))
 
 
 def build_hierarchy(views: Views, *, seed: int = 0) -> Hierarchy:
-    """Return the groups of a scene with features.
+    """Cluster the Gaussians of a scene into nested groups.
 
     Parameters
     ----------
     views : Views
+        Views of a scene with features.
     seed : int
-        Of the sample.
+        Random seed of the sample.
+
+    Returns
+    -------
+    Hierarchy
 
     Notes
     -----
-    Ward's linkage (1963) of feature and position over each Gaussian's 8 nearest neighbours, on 12,000 Gaussians: only
-    what hangs together is ever joined. A join counts as one of two groups when both have a least size, else as the
-    larger one with a crumb. Every other Gaussian goes with the nearest of the sample.
+    Ward's linkage (1963) of feature and position on 12,000 Gaussians, restricted to the graph of each Gaussian's 8
+    nearest neighbours, so that only connected Gaussians are merged. A merge counts as one of two groups if both have
+    the minimum size. Otherwise the larger one absorbs a fragment.
     """
     means = views.scene.gaussians.means
     unit = views.cameras_spread
-    places = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
-    described = np.hstack([views.directions, _PLACE_WEIGHT * places])
-    inside = np.abs(places).max(axis=1) < _REACH
+    positions = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
+    points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
+    inside = np.abs(positions).max(axis=1) < _MAX_DISTANCE
     near = np.flatnonzero(inside & (views.scene.gaussians.opacities > 0.1))
-    picked = np.random.default_rng(seed).permutation(near)[:_SAMPLE]
-    least = max(5, round(_LEAST_SHARE * len(picked)))
-    finest, groups, standing = _grouped(described[picked], _neighbours(means[picked]), least)
+    sample = np.random.default_rng(seed).permutation(near)[:_SAMPLE_SIZE]
+    min_size = max(5, round(_MIN_GROUP_SHARE * len(sample)))
+    finest, groups, prominence = _cluster(points[sample], _neighbour_graph(means[sample]), min_size)
     result = np.full(len(means), -1, np.int32)
-    known = finest >= 0
-    if known.any():
-        nearest = cKDTree(described[picked[known]]).query(described[inside], workers=2)[1]
-        result[inside] = finest[known][nearest]
-    return Hierarchy(result, groups, standing)
+    grouped = finest >= 0
+    if grouped.any():
+        nearest = cKDTree(points[sample[grouped]]).query(points[inside], workers=2)[1]
+        result[inside] = finest[grouped][nearest]
+    return Hierarchy(result, groups, prominence)
 
 
-def _neighbours(points: Float32) -> csr_matrix:
-    """Return who is beside whom, symmetric [n, n]."""
+def _neighbour_graph(points: Float32) -> csr_matrix:
+    """Return the symmetric graph of nearest neighbours, [n, n]."""
     count = len(points)
-    n_neighbours = min(_NEIGHBOURS, count - 1)
+    n_neighbours = min(_N_NEIGHBOURS, count - 1)
     if n_neighbours < 1:
         return csr_matrix((count, count))
     nearest = cKDTree(points).query(points, k=n_neighbours + 1)[1][:, 1:]
     rows = np.repeat(np.arange(count), n_neighbours)
-    beside = coo_matrix((np.ones(rows.size), (rows, nearest.ravel())), shape=(count, count))
-    return csr_matrix(beside + beside.T)
+    graph = coo_matrix((np.ones(rows.size), (rows, nearest.ravel())), shape=(count, count))
+    return csr_matrix(graph + graph.T)
 
 
-def _grouped(described: Float32, beside: csr_matrix, least: int) -> tuple[Int32, Int32, Float32]:
-    """Return `Hierarchy.finest` of the sample, `Hierarchy.groups` and `Hierarchy.standing`."""
+def _cluster(points: Float32, graph: csr_matrix, min_size: int) -> tuple[Int32, Int32, Float32]:
+    """Return `Hierarchy.finest` of the sample, `Hierarchy.groups` and `Hierarchy.prominence`."""
     from sklearn.cluster import ward_tree
 
-    finest = np.full(len(described), -1, np.int32)
+    finest = np.full(len(points), -1, np.int32)
     groups: list[tuple[int, int]] = []
-    standing: list[float] = []
-    n_parts, part_of = connected_components(beside, directed=False)
-    trees: list[tuple[NDArray[np.intp], _Joins]] = []
-    for part in range(n_parts):
-        own = np.flatnonzero(part_of == part)
-        if len(own) >= least:
-            children, *_, heights = ward_tree(
-                described[own].astype(np.float64), connectivity=beside[own][:, own], return_distance=True
+    prominence: list[float] = []
+    n_components, component_of = connected_components(graph, directed=False)
+    trees: list[tuple[NDArray[np.intp], _MergeTree]] = []
+    for component in range(n_components):
+        rows = np.flatnonzero(component_of == component)
+        if len(rows) >= min_size:
+            children, *_, distances = ward_tree(
+                points[rows].astype(np.float64), connectivity=graph[rows][:, rows], return_distance=True
             )
-            trees.append((own, _Joins(children, heights, least)))
-    highest = max((joins.height for _, joins in trees), default=0.0)
-    for own, joins in trees:
+            trees.append((rows, _MergeTree(children, distances, min_size)))
+    max_distance = max((tree.distance for _, tree in trees), default=0.0)
+    for rows, tree in trees:
         first = max((stop for _, stop in groups), default=0)
-        for group in joins.groups(highest):
-            if group.finest:
-                finest[own[group.things]] = first + group.first
+        for group in tree.groups(max_distance):
+            if group.is_finest:
+                finest[rows[group.samples]] = first + group.first
             groups.append((first + group.first, first + group.stop))
-            standing.append(group.standing)
-    return finest, np.array(groups, np.int32).reshape(-1, 2), np.array(standing, np.float32)
+            prominence.append(group.prominence)
+    return finest, np.array(groups, np.int32).reshape(-1, 2), np.array(prominence, np.float32)
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Of one tree: finest groups `first` to `stop` - 1; `things` of a finest group, else none."""
+    """A group of one tree: its finest groups are `first` to `stop` - 1. Only a finest group lists its `samples`."""
 
     first: int
     stop: int
-    standing: float
-    things: NDArray[np.intp]
+    prominence: float
+    samples: NDArray[np.intp]
 
     @property
-    def finest(self) -> bool:
-        return len(self.things) > 0
+    def is_finest(self) -> bool:
+        return len(self.samples) > 0
 
 
-class _Joins:
-    """A tree of joins of two.
+class _MergeTree:
+    """Binary tree of merges.
 
     Parameters
     ----------
     children : array of shape [n - 1, 2]
-        As scikit-learn gives them: join i makes number n + i of two things (below n) or joins.
-    heights : array of shape [n - 1]
-        Distance at which each was made.
-    least : int
-        Things in the smallest group.
+        As returned by scikit-learn: merge i creates node n + i from two nodes. Nodes below n are samples.
+    distances : array of shape [n - 1]
+        Distance of each merge.
+    min_size : int
+        Number of samples in the smallest group.
     """
 
-    def __init__(self, children: NDArray[np.integer], heights: NDArray[np.float64], least: int) -> None:
-        self._children, self._heights, self._least = children, heights, least
+    def __init__(self, children: NDArray[np.integer], distances: NDArray[np.float64], min_size: int) -> None:
+        self._children, self._distances, self._min_size = children, distances, min_size
         self._n = n = len(children) + 1
         self._sizes = np.ones(2 * n - 1, np.int64)
-        for i, (one, other) in enumerate(children):
-            self._sizes[n + i] = self._sizes[one] + self._sizes[other]
+        for i, (left, right) in enumerate(children):
+            self._sizes[n + i] = self._sizes[left] + self._sizes[right]
 
     @property
-    def height(self) -> float:
-        """Distance of the last join."""
-        return self._height(2 * self._n - 2)
+    def distance(self) -> float:
+        """Distance of the last merge."""
+        return self._distance(2 * self._n - 2)
 
-    def groups(self, joined: float) -> Iterator[_Group]:
-        """Yield all groups, parts before wholes, finest groups numbered so that each group's follow each other.
+    def groups(self, root_distance: float) -> Iterator[_Group]:
+        """Yield all groups, parts before wholes. The finest groups of a group are numbered consecutively.
 
         Parameters
         ----------
-        joined : float
-            Distance that stands for that at which the whole tree, which hangs together with nothing, is joined.
+        root_distance : float
+            Distance assigned to the merge of the whole tree with another one, which never happened.
         """
-        nothing = np.zeros(0, np.intp)
+        no_samples = np.zeros(0, np.intp)
         n_finest = 0
-        # Node, height at which it is joined to another, and the finest groups before its own once its parts are done.
-        waiting: list[tuple[int, float, int | None]] = [(2 * self._n - 2, joined, None)]
-        while waiting:
-            node, height_above, begun = waiting.pop()
+        # Node, distance at which it is merged with another, and, once its parts are done, its first finest group.
+        stack: list[tuple[int, float, int | None]] = [(2 * self._n - 2, root_distance, None)]
+        while stack:
+            node, parent_distance, first = stack.pop()
             split = self._split(node)
-            height = self._height(node if split is None else split)
-            # Where only neighbours may join, what was joined later may have been nearer.
-            standing = max(0.0, 1.0 - height / height_above) if height_above > 0 else 0.0
-            if begun is not None:
-                yield _Group(begun, n_finest, standing, nothing)
+            distance = self._distance(node if split is None else split)
+            # Where only neighbours may merge, a later merge may have a smaller distance.
+            prominence = max(0.0, 1.0 - distance / parent_distance) if parent_distance > 0 else 0.0
+            if first is not None:
+                yield _Group(first, n_finest, prominence, no_samples)
             elif split is None:
-                yield _Group(n_finest, n_finest + 1, standing, self._below(node))
+                yield _Group(n_finest, n_finest + 1, prominence, self._samples(node))
                 n_finest += 1
             else:
-                one, other = (int(child) for child in self._children[split - self._n])
-                waiting += [(node, height_above, n_finest), (other, height, None), (one, height, None)]
+                left, right = (int(child) for child in self._children[split - self._n])
+                stack += [(node, parent_distance, n_finest), (right, distance, None), (left, distance, None)]
 
-    def _height(self, node: int) -> float:
-        return float(self._heights[node - self._n]) if node >= self._n else 0.0
+    def _distance(self, node: int) -> float:
+        return float(self._distances[node - self._n]) if node >= self._n else 0.0
 
     def _split(self, node: int) -> int | None:
-        """Return the join of two groups that a node consists of, without the crumbs that joined it one by one."""
+        """Return the merge of two groups that a node consists of, without absorbed fragments; None for one group."""
         while node >= self._n:
-            one, other = (int(child) for child in self._children[node - self._n])
-            if min(self._sizes[one], self._sizes[other]) >= self._least:
+            left, right = (int(child) for child in self._children[node - self._n])
+            if min(self._sizes[left], self._sizes[right]) >= self._min_size:
                 return node
-            node = one if self._sizes[one] >= self._sizes[other] else other
+            node = left if self._sizes[left] >= self._sizes[right] else right
         return None
 
-    def _below(self, node: int) -> NDArray[np.intp]:
-        """Return the things that are joined in `node`."""
-        found, waiting = [], [node]
-        while waiting:
-            one = waiting.pop()
-            if one < self._n:
-                found.append(one)
+    def _samples(self, node: int) -> NDArray[np.intp]:
+        """Return the samples below `node`."""
+        samples, stack = [], [node]
+        while stack:
+            current = stack.pop()
+            if current < self._n:
+                samples.append(current)
             else:
-                waiting += [int(child) for child in self._children[one - self._n]]
-        return np.array(found, np.intp)
+                stack += [int(child) for child in self._children[current - self._n]]
+        return np.array(samples, np.intp)

@@ -1,4 +1,4 @@
-"""The photos as the detector and SAM see them: read and encoded once and kept, in memory and on disk, within bounds."""
+"""Photos as the detector and SAM get them, with a bounded cache of pixels and of SAM's embeddings."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ __all__ = ["Photos", "SamFactory"]
 
 SamFactory = Callable[[], "SegmentAnything"]
 
-_KEPT_BYTES = 256_000_000
-"""Of pixels: about a hundred photos at 1024 pixels."""
+_MAX_CACHED_BYTES = 256_000_000
+"""Largest size of the cached pixels in bytes, about a hundred photos at 1024 pixels."""
 
-_KEPT_EMBEDDINGS = 32
-"""4 MB each."""
+_MAX_CACHED_EMBEDDINGS = 32
+"""Embeddings of SAM that are cached in memory, at most, 4 MB each."""
 
 
 class Photos:
-    """Photos at the size the models see, each read and encoded by SAM once while there is room to keep it.
+    """Photos at the size that the models get. Each is read, and encoded by SAM, once as long as the cache holds it.
 
     Parameters
     ----------
     folder : Path
     side : int
-        Longer side in pixels that photos are reduced to.
+        Longer side in pixels to which photos are reduced.
     sam_factory : callable
         Called when SAM is first needed.
     embeddings : EmbeddingFolder, optional
-        Where SAM's embeddings outlive the process.
+        Cache of SAM's embeddings on disk.
     """
 
     def __init__(
@@ -51,19 +51,19 @@ class Photos:
         self._embeddings: OrderedDict[str, Embedding] = OrderedDict()
 
     def pixels(self, camera: Camera) -> NDArray[np.uint8]:
-        """Return the photo, uint8 [H, W, 3]; not to be written to."""
+        """Return the photo, uint8 [H, W, 3], read-only."""
         name = camera.photo
         if name not in self._pixels:
             pixels = load_pixels(self._folder / name, max_side=self._side)
             pixels.setflags(write=False)
             self._pixels[name] = pixels
-            while len(self._pixels) > 1 and sum(kept.nbytes for kept in self._pixels.values()) > _KEPT_BYTES:
+            while len(self._pixels) > 1 and sum(kept.nbytes for kept in self._pixels.values()) > _MAX_CACHED_BYTES:
                 self._pixels.popitem(last=False)
         self._pixels.move_to_end(name)
         return self._pixels[name]
 
     def scale(self, camera: Camera) -> float:
-        """Return the size of `pixels` as a part of the photo's."""
+        """Return the size of `pixels` relative to the photo at full size."""
         return self.pixels(camera).shape[1] / camera.width
 
     def segment(
@@ -74,32 +74,35 @@ class Photos:
         outside: Sequence[tuple[float, float]] = (),
         box: tuple[float, float, float, float] | None = None,
     ) -> tuple[NDArray[np.bool_], float]:
-        """Return SAM's mask, bool [H, W] as `pixels`, and its guess of the IoU.
+        """Return SAM's mask, bool [H, W] at the size of `pixels`, and its estimate of the mask's IoU.
 
         Parameters
         ----------
         camera : Camera
         points, outside : sequence of (float, float)
-            Pixels of the photo at full size on the object, and on what is not part of it.
+            Points on the object, and on what is not part of it, in pixels of the photo at full size.
         box : tuple of 4 float, optional
             x0, y0, x1, y1 in pixels of the photo at full size.
         """
         sam, embedding = self._encoded(camera)
         scale = self.scale(camera)
         clicks = np.asarray([*points, *outside], np.float32).reshape(-1, 2) * np.float32(scale)
-        kinds = np.asarray([1.0] * len(points) + [0.0] * len(outside), np.float32)
+        labels = np.asarray([1.0] * len(points) + [0.0] * len(outside), np.float32)
         found = sam.predict(
             embedding,
             clicks if len(clicks) else None,
-            kinds if len(clicks) else None,
+            labels if len(clicks) else None,
             None if box is None else np.asarray(box, np.float32) * np.float32(scale),
         )
         return found.mask, float(np.clip(found.iou, 0, 1))
 
     def segment_scales(self, camera: Camera, box: tuple[float, float, float, float]) -> list[NDArray[np.bool_]]:
-        """Return SAM's part, object and whole for a box as in `segment`, bool [H, W]; one of them where it has one."""
+        """Return SAM's masks of part, object and whole for a box as in `segment`, bool [H, W].
+
+        A SAM with a single mask per prompt gives one.
+        """
         sam, embedding = self._encoded(camera)
-        return sam.masks_of_scales(embedding, box=np.asarray(box, np.float32) * np.float32(self.scale(camera)))
+        return sam.predict_scale_masks(embedding, box=np.asarray(box, np.float32) * np.float32(self.scale(camera)))
 
     def _encoded(self, camera: Camera) -> tuple[SegmentAnything, Embedding]:
         if self._sam is None:
@@ -110,7 +113,7 @@ class Photos:
             self._embeddings[name] = (
                 self._sam.encode(pixels) if self._on_disk is None else self._on_disk.encode(name, pixels, self._sam)
             )
-            if len(self._embeddings) > _KEPT_EMBEDDINGS:
+            if len(self._embeddings) > _MAX_CACHED_EMBEDDINGS:
                 self._embeddings.popitem(last=False)
         self._embeddings.move_to_end(name)
         return self._sam, self._embeddings[name]

@@ -1,4 +1,4 @@
-"""What a person can ask for: a text, a click, a box or a mask, in pixels of the photo after EXIF rotation."""
+"""Prompts: a text, clicks, a box or a mask, in pixels of the photo after EXIF rotation."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class TextPrompt:
-    """Words for what is wanted, e.g. ``"vase"``.
+    """The name of an object, e.g. ``"vase"``.
 
     Raises
     ------
     PromptError
-        For an empty text.
+        When the text is empty.
     """
 
     text: str
@@ -51,7 +51,7 @@ class TextPrompt:
 
 @dataclass(frozen=True)
 class Point:
-    """A pixel of a photo; (0, 0) is the top left corner, x to the right, y down."""
+    """A position in a photo in pixels; (0, 0) is the top left corner, x points right, y down."""
 
     photo: str
     x: float
@@ -60,17 +60,18 @@ class Point:
 
 @dataclass(frozen=True)
 class ClickPrompt:
-    """One click on an object, or several.
+    """One or several clicks on an object.
 
     Attributes
     ----------
     photo : str
+        Photo of the first click.
     x, y : float
-        Of the first click; (0, 0) is the top left corner, x to the right, y down.
+        Position of the first click; (0, 0) is the top left corner, x points right, y down.
     more : tuple of Point
         Further clicks on the same object, in this photo or others.
     excluded : tuple of Point
-        Clicks on what does not belong to it.
+        Clicks on what does not belong to the object.
     """
 
     photo: str
@@ -87,12 +88,14 @@ class ClickPrompt:
 
 @dataclass(frozen=True)
 class BoxPrompt:
-    """A box in a photo by two opposite corners, stored with x0 < x1 and y0 < y1; `excluded` as of a click.
+    """A box in a photo, given by two opposite corners and stored with x0 < x1 and y0 < y1.
+
+    `excluded` is that of `ClickPrompt`.
 
     Raises
     ------
     PromptError
-        For a box without area.
+        When the box is smaller than a pixel.
     """
 
     photo: str
@@ -113,7 +116,7 @@ class BoxPrompt:
 
 @dataclass(frozen=True)
 class MaskPrompt:
-    """A picture of the photo's size, white where the object is; `excluded` as of a click."""
+    """A picture of the photo's size, white where the object is; `excluded` is that of `ClickPrompt`."""
 
     photo: str
     mask: Path
@@ -128,23 +131,23 @@ def parse_prompt(
     text: str | None = None,
     click: str | Sequence[str] | None = None,
     box: str | None = None,
-    seed_mask: str | None = None,
+    mask: str | None = None,
     excluded: Sequence[str] = (),
 ) -> Prompt:
-    """Return the one prompt that is given, from the forms of the command line.
+    """Return a prompt from the options of the command line.
 
     Parameters
     ----------
     text : str, optional
-        Words.
+        Name of the object.
     click : str or sequence of str, optional
-        ``PHOTO=x,y``; several mean one object.
+        ``PHOTO=x,y``; several clicks mean one object.
     box : str, optional
         ``PHOTO=x0,y0,x1,y1``.
-    seed_mask : str, optional
+    mask : str, optional
         ``PHOTO=MASK.png``.
     excluded : sequence of str
-        ``PHOTO=x,y`` of what does not belong to the object; not with a text.
+        ``PHOTO=x,y`` of clicks on what does not belong to the object; not allowed with a text.
 
     Returns
     -------
@@ -153,45 +156,45 @@ def parse_prompt(
     Raises
     ------
     PromptError
-        When none or several are given, or one is not of its form.
+        When not exactly one prompt is given, or an option does not have its form.
     """
     clicks = [click] if isinstance(click, str) else list(click or ())
-    if sum((text is not None, bool(clicks), box is not None, seed_mask is not None)) != 1:
+    if sum((text is not None, bool(clicks), box is not None, mask is not None)) != 1:
         raise PromptError("Give exactly one prompt: a text, a click, a box or a mask.")
-    without = tuple(parse_point(point) for point in excluded)
+    excluded_points = tuple(parse_point(point) for point in excluded)
     if text is not None:
-        if without:
+        if excluded_points:
             raise PromptError("A text takes no clicks. Isolate it first, then correct the object with --refine.")
         return TextPrompt(text)
     if clicks:
         first, *more = (parse_point(point) for point in clicks)
-        return ClickPrompt(first.photo, first.x, first.y, tuple(more), without)
+        return ClickPrompt(first.photo, first.x, first.y, tuple(more), excluded_points)
     if box is not None:
         photo, (x0, y0, x1, y1) = _photo_and_numbers(box, 4, "PHOTO=x0,y0,x1,y1")
-        return BoxPrompt(photo, x0, y0, x1, y1, without)
-    assert seed_mask is not None
-    return _parse_mask(seed_mask, without)
+        return BoxPrompt(photo, x0, y0, x1, y1, excluded_points)
+    assert mask is not None
+    return _parse_mask(mask, excluded_points)
 
 
 def parse_point(text: str) -> Point:
-    """Return a click from its form ``PHOTO=x,y``.
+    """Return the click that ``PHOTO=x,y`` describes.
 
     Raises
     ------
     PromptError
-        When it has another form.
+        When `text` does not have this form.
     """
     photo, (x, y) = _photo_and_numbers(text, 2, "PHOTO=x,y")
     return Point(photo, x, y)
 
 
 def parse_texts(text: str) -> list[str]:
-    """Return the texts of ``"vase;teapot"``, each once, in their order.
+    """Return the texts of a list such as ``"vase;teapot"`` in their order, without repetitions.
 
     Raises
     ------
     PromptError
-        When there is none.
+        When the list is empty.
     """
     texts = list(dict.fromkeys(part.strip() for part in text.split(";") if part.strip()))
     if not texts:
@@ -200,7 +203,7 @@ def parse_texts(text: str) -> list[str]:
 
 
 def _photo_and_numbers(text: str, count: int, form: str) -> tuple[str, list[float]]:
-    # The last "=" parts them: photo names may hold one, numbers never do.
+    # Split at the last "=": the name of a photo may contain one, numbers never do.
     photo, equals, rest = text.rpartition("=")
     try:
         numbers = [float(part) for part in rest.split(",")]
@@ -216,7 +219,7 @@ def _parse_mask(text: str, excluded: tuple[Point, ...]) -> MaskPrompt:
     splits = [(photo, mask) for photo, mask in splits if photo and mask]
     if not splits:
         raise PromptError(f"{text!r} is not of the form PHOTO=MASK.png.")
-    # Both names may hold an "=": the mask is the part that is a file.
+    # Both names may contain an "=": the mask is the part that is a file.
     photo, mask = next((split for split in splits if Path(split[1]).is_file()), splits[0])
     return MaskPrompt(photo, Path(mask), excluded)
 
@@ -236,7 +239,7 @@ def describe_prompt(prompt: Prompt) -> dict[str, Any]:
 
 
 def describe_points(points: Sequence[Point]) -> list[dict[str, Any]]:
-    """Return clicks as JSON values."""
+    """Return clicks as JSON values, as ``object.json`` stores them."""
     return [{"photo": point.photo, "x": point.x, "y": point.y} for point in points]
 
 
@@ -255,8 +258,8 @@ def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, camer
     Raises
     ------
     PromptError
-        When the photo is unknown (the nearest names are listed) or was not registered, or the click or box lies
-        outside of it.
+        When the photo is unknown (the message then lists the nearest names) or was not registered, or when the click or
+        the box lies outside of it.
     """
     camera = next((camera for camera in cameras.cameras if camera.photo == prompt.photo), None)
     if camera is None:
@@ -284,12 +287,12 @@ def _unknown_photo(name: str, known: Sequence[str], unregistered: Sequence[str])
 
 
 def load_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
-    """Return a mask picture as bool [camera.height, camera.width]; lighter than half is inside.
+    """Return a mask picture as bool [camera.height, camera.width]: True where it is lighter than half.
 
     Raises
     ------
     MaskError
-        When the file cannot be read, has another size than the photo, or nothing in it is white.
+        When the file cannot be read, its size differs from the photo's, or no pixel of it is white.
     """
     from PIL import Image, UnidentifiedImageError
 

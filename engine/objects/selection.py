@@ -1,4 +1,4 @@
-"""Which Gaussians belong to a direction in feature space: cosine, connected part, completion. Arrays in, arrays out."""
+"""Selection of Gaussians on plain arrays: cosine to a direction, connected components, convex hull."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from ..pictures import normalized
 
 __all__ = [
+    "BELOW_HALF",
+    "HALF",
     "calibrated",
     "connected_parts",
+    "grid_components",
     "inside_hull",
-    "iou_of",
     "mean_direction",
     "with_members",
     "within_quartiles",
@@ -27,30 +29,40 @@ log = logging.getLogger(__name__)
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_ROUNDS = 3
+HALF = np.float32(0.5)
+"""Membership from which on a Gaussian belongs to an object."""
+
+BELOW_HALF = np.nextafter(HALF, np.float32(0))
+"""Largest membership of a Gaussian that does not belong."""
+
+_N_DIRECTION_ROUNDS = 3
+"""Times that the outliers of a mean direction are removed."""
+
+_CELL_LINK_DISTANCE = 1.8
+"""Distance in cells up to which two cells of a grid are linked; above sqrt(3), which reaches the 26 cells around."""
 
 
 def mean_direction(features: Float32, *, start: Float32 | None = None, cosine: float = 0.7) -> Float32 | None:
-    """Return the direction most of the features share: their mean, again without those that point elsewhere.
+    """Return the mean direction of features without outliers.
 
     Parameters
     ----------
     features : array of shape [P, D], float32
-        At unit length; pixels of a mask.
+        Features of a mask's pixels, at unit length.
     start : array of shape [D], float32, optional
-        Unit vector to begin with, e.g. the feature of the clicked pixel; the features' mean by default.
+        Unit vector to start from, e.g. the feature of the clicked pixel; by default the mean of the features.
     cosine : float
-        In each of three rounds, features below it to the direction so far are set aside.
+        In each of three rounds, features with a smaller cosine to the current direction are left out of the mean.
 
     Returns
     -------
     array of shape [D], float32, or None
-        A unit vector; None without features or when they cancel out.
+        A unit vector; None without features or if they cancel out.
     """
     if len(features) == 0:
         return None
     direction = normalized(features.mean(axis=0)) if start is None else start
-    for _ in range(_ROUNDS):
+    for _ in range(_N_DIRECTION_ROUNDS):
         near = features @ direction >= cosine
         if not near.any():
             break
@@ -59,65 +71,77 @@ def mean_direction(features: Float32, *, start: Float32 | None = None, cosine: f
 
 
 def calibrated(cosine: NDArray[np.floating], threshold: float) -> Float32:
-    """Return cosines as memberships in [0, 1]: -1 becomes 0, `threshold` exactly 0.5, 1 becomes 1, straight between."""
+    """Map cosines to memberships, piecewise linearly: -1 to 0, `threshold` to exactly 0.5 and 1 to 1."""
     cosine = np.asarray(cosine, np.float32)
     above = 0.5 + 0.5 * (cosine - np.float32(threshold)) / np.float32(1 - threshold)
     below = 0.5 * (cosine + 1) / np.float32(1 + threshold)
     # Rounding must not bring a cosine below the threshold to 0.5.
-    below = np.minimum(below, np.nextafter(np.float32(0.5), np.float32(0)))
+    below = np.minimum(below, BELOW_HALF)
     return np.clip(np.where(cosine >= np.float32(threshold), above, below), 0, 1).astype(np.float32)
 
 
-def iou_of(one: Mask, other: Mask) -> float:
-    """Return the intersection over union of two sets of Gaussians, bool [N]; 0 of two empty ones."""
-    return float((one & other).sum() / max(1, (one | other).sum()))
-
-
 def with_members(membership: Float32, members: Mask) -> Float32:
-    """Return the membership, [N], in which exactly `members`, bool [N], belong: 0.5 at least, what is beside below."""
-    half = np.float32(0.5)
-    below = np.minimum(membership, np.nextafter(half, np.float32(0)))
-    return np.where(members, np.maximum(membership, half), below).astype(np.float32)
+    """Return `membership`, [N], raised to 0.5 for `members`, bool [N], and lowered below 0.5 for all others."""
+    below = np.minimum(membership, BELOW_HALF)
+    return np.where(members, np.maximum(membership, HALF), below).astype(np.float32)
 
 
-def connected_parts(points: Float32, seed_mass: NDArray[np.floating], *, least_share: float = 0.1) -> Mask:
-    """Return the points that hang together with what the seed sees.
-
-    Points are linked through neighbouring cells of a grid, as wide as a tenth of the seen part's radius and at least
-    twice the usual distance between neighbours. Kept are the part with most seed mass and every other part with at
-    least `least_share` of it (an object cut in two by something before it).
+def grid_components(points: Float32, cell: float) -> NDArray[np.integer]:
+    """Return the connected component of each point, linked through the occupied cells of a grid.
 
     Parameters
     ----------
     points : array of shape [M, 3], float32
-    seed_mass : array of shape [M], float
-        How much of the seed mask each point makes up.
+    cell : float
+        Side of a cell. Points in the same cell or in two cells that touch are connected.
+
+    Returns
+    -------
+    integer array of shape [M]
+        Components are numbered from 0.
+    """
+    keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
+    pairs = cKDTree(keys).query_pairs(_CELL_LINK_DISTANCE, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
+    components: NDArray[np.integer] = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
+    return components
+
+
+def connected_parts(points: Float32, evidence_weights: NDArray[np.floating], *, least_share: float = 0.1) -> Mask:
+    """Return the connected components that the evidence mask shows.
+
+    Points are connected through neighbouring cells of a grid. A cell is as wide as a tenth of the radius of the part
+    that the mask shows, and at least twice the usual distance between neighbours. The component with the largest total
+    weight is kept, and every other one with at least `least_share` of it: an occluder may split an object in two.
+
+    Parameters
+    ----------
+    points : array of shape [M, 3], float32
+    evidence_weights : array of shape [M], float
+        Pixels of the evidence mask that each point contributes.
     least_share : float
+        Smallest total weight of a component, as a share of the largest one.
 
     Returns
     -------
     bool array of shape [M]
-        All True when the seed sees none of them.
+        All True if the mask shows none of the points.
     """
-    total = float(seed_mass.sum())
+    total = float(evidence_weights.sum())
     if len(points) < 3 or total <= 0:
         return np.ones(len(points), bool)
-    share = seed_mass.astype(np.float64) / total
+    share = evidence_weights.astype(np.float64) / total
     center = share @ points
     radius = float(np.sqrt(share @ ((points - center) ** 2).sum(axis=1)))
     neighbours = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
     cell = max(0.1 * radius, 2 * float(np.median(neighbours)), 1e-9)
-    keys, part_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
-    # sqrt(3) reaches the 26 cells around.
-    pairs = cKDTree(keys).query_pairs(1.8, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
-    part = connected_components(links, directed=False)[1][part_of.reshape(-1)]
-    mass = np.bincount(part, weights=seed_mass)
-    return np.asarray((mass >= least_share * mass.max())[part] & (mass > 0)[part])
+    part = grid_components(points, cell)
+    weight = np.bincount(part, weights=evidence_weights)
+    return np.asarray((weight >= least_share * weight.max())[part] & (weight > 0)[part])
 
 
 def within_quartiles(points: Float32, factor: float) -> Mask:
-    """Return the points within `factor` interquartile ranges of the quartiles on every axis, bool [M]."""
+    """Return which points are within `factor` interquartile ranges of the quartiles on every axis, bool [M]."""
     if len(points) == 0:
         return np.zeros(0, bool)
     first, third = np.percentile(points, [25, 75], axis=0)
@@ -126,7 +150,7 @@ def within_quartiles(points: Float32, factor: float) -> Mask:
 
 
 def inside_hull(corners: Float32, points: Float32) -> Mask:
-    """Return which points lie in the convex hull of `corners`.
+    """Return which points are inside the convex hull of `corners`.
 
     Parameters
     ----------
@@ -136,7 +160,7 @@ def inside_hull(corners: Float32, points: Float32) -> Mask:
     Returns
     -------
     bool array of shape [N]
-        All False when the corners have no volume (fewer than four, or on one plane).
+        All False if the hull has no volume (fewer than four corners, or all on one plane).
     """
     inside = np.zeros(len(points), bool)
     if len(corners) < 4:
@@ -144,11 +168,11 @@ def inside_hull(corners: Float32, points: Float32) -> Mask:
     try:
         hull = ConvexHull(corners.astype(np.float64))
     except QhullError:
-        log.info("The %d Gaussians found lie on one plane; there is no hull to fill.", len(corners))
+        log.info("The %d Gaussians found are on one plane and have no convex hull to fill.", len(corners))
         return inside
     near = np.flatnonzero(((points >= corners.min(axis=0)) & (points <= corners.max(axis=0))).all(axis=1))
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
-    # In pieces: a hull may have thousands of faces and a scene a million Gaussians.
+    # In pieces to bound memory: a hull may have thousands of faces and a scene a million Gaussians.
     for piece in np.array_split(near, max(1, len(near) // 4096)):
         inside[piece] = (points[piece].astype(np.float64) @ normals.T + offsets <= 0).all(axis=1)
     return inside

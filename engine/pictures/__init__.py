@@ -1,4 +1,4 @@
-"""Rendered pictures of a trained scene in the pixels of its photos, and votes of pixels for Gaussians."""
+"""Pictures of a trained scene in the pixels of its photos, and the contribution of Gaussians to sets of pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures as PNG files."""
+"""Writing of pictures as PNG files."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ __all__ = ["write_png"]
 
 
 def write_png(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16], *, description: str = "") -> None:
-    """Write a picture, atomically.
+    """Write a picture atomically as a PNG file.
 
     Parameters
     ----------
     path : Path
     picture : array of shape [H, W] or [H, W, 3], uint8, or [H, W], uint16
     description : str
-        Stored in the file's ``Description`` text.
+        Text stored under the key ``Description`` in the file.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        If the file cannot be written.
     """
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo

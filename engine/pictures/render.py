@@ -1,4 +1,4 @@
-"""Pictures of a scene in the pixels of the photo after EXIF rotation, or of a given pinhole camera."""
+"""Rendering of pictures of a scene in the pixels of a photo (after EXIF rotation), or of a given pinhole camera."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ from .scene import Backend, Scene, normalized
 __all__ = ["DEPTH_STEPS_PER_UNIT", "INSTANCE_COSINE", "Subject", "click_mask", "render_view", "write_png"]
 
 DEPTH_STEPS_PER_UNIT = 1000
-"""Grey values of a depth picture to one unit of the normalised world; 0 is "nothing there", 65535 "farther"."""
+"""Grey values of a depth picture per unit of the normalised world. 0 means no surface, 65535 this depth or more."""
 
 INSTANCE_COSINE = 0.7
-"""Pixels whose features have at least this cosine are one instance (Dahaghin et al. 2024)."""
+"""Smallest cosine between the features of an instance (Dahaghin et al. 2024)."""
 
-_FEATURE_SIDE = 1600
-"""Features are blended at most at this size and brought to the photo's after colouring: 16 channels need memory."""
+_MAX_FEATURE_SIDE = 1600
+"""Longest side in pixels at which features are rendered, to limit the memory of 16 channels. The coloured picture is
+resized to the photo."""
+
+_MIN_COVERAGE = 0.5
+"""Coverage above which a pixel of a depth, instance or click picture counts as covered."""
 
 Subject = Literal["rgb", "mask", "depth", "features", "instances"]
 Float32 = NDArray[np.float32]
@@ -47,16 +51,16 @@ def render_view(
     camera : Camera or PinholeCamera
         With a photo's camera the picture has the photo's size and lens distortion.
     what : {"rgb", "mask", "depth", "features", "instances"}
-        ``rgb``: colours; of the object alone when `members` is given. ``mask``: where `members` is what one sees,
-        occluded by the rest of the scene. ``depth``: mean depth of what is seen, in steps of
-        1 / `DEPTH_STEPS_PER_UNIT`. ``features``: first three principal axes of the features. ``instances``: one
-        colour for each group of like features, black where none fits.
+        ``rgb``: colours, only of the object if `members` is given. ``mask``: pixels that show `members`, which the rest
+        of the scene may occlude. ``depth``: mean depth of the visible Gaussians, in steps of
+        1 / `DEPTH_STEPS_PER_UNIT`. ``features``: first three principal axes of the features. ``instances``: one colour
+        for each cluster of features, black for pixels in none.
     members : bool array of shape [N], optional
         Gaussians of one object.
     click : (float, float), optional
-        With ``features`` or ``instances``: pixel of the picture; white is what has a like feature.
+        Pixel of the picture, with ``features`` or ``instances``. Pixels with a similar feature become white.
     background : sequence of 3 floats
-        sRGB in [0, 1] behind ``rgb``.
+        Colour behind ``rgb``, sRGB in [0, 1].
     backend : {"cpu", "reference"}
 
     Returns
@@ -67,9 +71,9 @@ def render_view(
     Raises
     ------
     SettingsError
-        For a mask without object, a click outside of the picture or with another `what`.
+        For a mask without an object, and for a click outside of the picture or with another `what`.
     ObjectError
-        When features are needed and the scene was trained without, or `members` belongs to another scene.
+        If features are needed and the scene was trained without them, or `members` belongs to another scene.
     """
     if members is not None and len(members) != len(gaussians):
         raise ObjectError(
@@ -81,7 +85,7 @@ def render_view(
         raise SettingsError(f"--click goes with `features` or `instances`, not with `{what}`.")
     if what == "mask":
         if members is None:
-            raise SettingsError("A mask shows an object: say which one with --object.")
+            raise SettingsError("A mask requires an object. Choose it with --object.")
         return _binary(_visible_part(Scene(gaussians, backend=backend), _frame(camera), members), camera)
     shown = gaussians if members is None else gaussians[members]
     if what == "rgb":
@@ -90,7 +94,7 @@ def render_view(
         return _depth(shown, camera, backend)
     if click is not None:
         return click_mask(shown, camera, click, backend=backend)
-    # The groups are those of the whole scene, so that an object alone keeps its colour.
+    # Clusters are computed on the whole scene, so that a single object keeps its colour.
     return _feature_picture(shown, gaussians, camera, what, backend)
 
 
@@ -101,42 +105,42 @@ def click_mask(
     *,
     backend: Backend = "cpu",
 ) -> NDArray[np.uint8]:
-    """Return where features are like the one at a pixel, white on black.
+    """Return the pixels with features similar to that of a given pixel, white on black.
 
     Parameters
     ----------
     gaussians : Gaussians
-        With features.
+        A scene with features.
     camera : Camera or PinholeCamera
     click : (float, float)
-        x, y in pixels of the picture, (0, 0) its top left corner.
+        x, y in pixels of the picture; (0, 0) is its top left corner.
     backend : {"cpu", "reference"}
 
     Returns
     -------
     array of shape [H, W], uint8
-        255 where the cosine is at least `INSTANCE_COSINE` and more than half is covered; all 0 when nothing is at
-        the pixel.
+        255 where the cosine is at least `INSTANCE_COSINE` and more than half of the pixel is covered. All 0 if the
+        clicked pixel is not covered.
 
     Raises
     ------
     SettingsError
-        When the pixel lies outside of the picture.
+        If the pixel is outside of the picture.
     """
     x, y = click
     if not (0 <= x < camera.width and 0 <= y < camera.height):
         raise SettingsError(
             f"The click {x:g},{y:g} lies outside of the picture, {camera.width} x {camera.height} pixels."
         )
-    frame = _frame(camera, max_side=_FEATURE_SIDE)
+    frame = _frame(camera, max_side=_MAX_FEATURE_SIDE)
     rendered = Scene(gaussians, backend=backend).render(frame, channels=gaussians.features)
     unit = normalized(rendered.channels)
     column, row = _pixel_in_frame(click, frame, camera)
-    like = unit @ unit[row, column] >= INSTANCE_COSINE
-    covered = rendered.alpha > 0.5
+    similar = unit @ unit[row, column] >= INSTANCE_COSINE
+    covered = rendered.alpha > _MIN_COVERAGE
     if not covered[row, column]:
-        like[:] = False
-    return _binary((like & covered).astype(np.float32), camera, frame)
+        similar[:] = False
+    return _binary((similar & covered).astype(np.float32), camera, frame)
 
 
 def _frame(camera: Camera | PinholeCamera, *, max_side: int | None = None) -> PinholeCamera:
@@ -148,7 +152,7 @@ def _frame(camera: Camera | PinholeCamera, *, max_side: int | None = None) -> Pi
 
 
 def _to_photo(picture: Float32, frame: PinholeCamera, camera: Camera | PinholeCamera) -> Float32:
-    """Bring `picture` from `frame` to the pixels of the photo."""
+    """Resample `picture` from `frame` to the pixels of the photo."""
     if isinstance(camera, PinholeCamera):
         return picture
     from ..cameras import distort
@@ -159,13 +163,13 @@ def _to_photo(picture: Float32, frame: PinholeCamera, camera: Camera | PinholeCa
 def _pixel_in_frame(
     click: tuple[float, float], frame: PinholeCamera, camera: Camera | PinholeCamera
 ) -> tuple[int, int]:
-    """Return column and row of `frame` that show the pixel of the photo."""
+    """Return the column and row of `frame` that correspond to a pixel of the photo."""
     x, y = int(click[0]), int(click[1])
     if isinstance(camera, PinholeCamera):
         return x, y
     rows, columns = np.mgrid[: frame.height, : frame.width].astype(np.float32)
-    where = _to_photo(np.stack([columns, rows], axis=-1), frame, camera)[y, x]
-    column, row = np.rint(where).astype(int)
+    position = _to_photo(np.stack([columns, rows], axis=-1), frame, camera)[y, x]
+    column, row = np.rint(position).astype(int)
     return int(np.clip(column, 0, frame.width - 1)), int(np.clip(row, 0, frame.height - 1))
 
 
@@ -179,7 +183,7 @@ def _binary(share: Float32, camera: Camera | PinholeCamera, frame: PinholeCamera
 
 
 def _visible_part(scene: Scene, frame: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
-    """Return the share of each pixel that the members make up, with all Gaussians occluding, shape [H, W]."""
+    """Return the share of each pixel that the members contribute in the whole scene, shape [H, W]."""
     return scene.render(frame, channels=members[:, None].astype(np.float32)).channels[..., 0]
 
 
@@ -188,17 +192,17 @@ def _rgb(
 ) -> NDArray[np.uint8]:
     frame = _frame(camera)
     rendered = Scene(gaussians, backend=backend).render(frame, color=True)
-    behind = np.asarray(background, np.float32)
-    return _uint8(_to_photo(rendered.channels + (1 - rendered.alpha[..., None]) * behind, frame, camera))
+    backdrop = np.asarray(background, np.float32)
+    return _uint8(_to_photo(rendered.channels + (1 - rendered.alpha[..., None]) * backdrop, frame, camera))
 
 
 def _depth(gaussians: Gaussians, camera: Camera | PinholeCamera, backend: Backend) -> NDArray[np.uint16]:
     frame = _frame(camera)
     scene = Scene(gaussians, backend=backend)
     rendered = scene.render(frame, channels=scene.depth_of(frame)[:, None])
-    # Both are brought to the photo before the division: depths must not be mixed with "nothing there".
+    # Both are resampled before the division, so that depths are not mixed with those of uncovered pixels.
     blended, alpha = _to_photo(np.dstack([rendered.channels, rendered.alpha]), frame, camera).transpose(2, 0, 1)
-    covered = alpha > 0.5
+    covered = alpha > _MIN_COVERAGE
     depth = np.divide(blended, alpha, out=np.zeros_like(blended), where=covered)
     steps = np.rint(np.clip(depth * DEPTH_STEPS_PER_UNIT, 1, 65535))
     return np.where(covered, steps, 0).astype(np.uint16)
@@ -212,7 +216,7 @@ def _feature_picture(
     backend: Backend,
 ) -> NDArray[np.uint8]:
     assert whole.features is not None
-    frame = _frame(camera, max_side=_FEATURE_SIDE)
+    frame = _frame(camera, max_side=_MAX_FEATURE_SIDE)
     rendered = Scene(shown, backend=backend).render(frame, channels=shown.features)
     unit = normalized(rendered.channels)
     if what == "features":
@@ -222,8 +226,8 @@ def _feature_picture(
         centers = find_clusters(whole.features, whole.opacities, cosine=INSTANCE_COSINE)
         colors = np.zeros((*unit.shape[:2], 3), np.float32)
         if len(centers):
-            likeness = unit @ centers.T
-            best = likeness.argmax(axis=-1)
-            fits = (likeness.max(axis=-1) >= INSTANCE_COSINE) & (rendered.alpha > 0.5)
+            cosines = unit @ centers.T
+            best = cosines.argmax(axis=-1)
+            fits = (cosines.max(axis=-1) >= INSTANCE_COSINE) & (rendered.alpha > _MIN_COVERAGE)
             colors[fits] = cluster_colors(len(centers))[best[fits]]
     return _uint8(_to_photo(colors, frame, camera))

@@ -1,4 +1,4 @@
-"""A scene that is looked at often: rendered into arrays, and asked which Gaussians a set of pixels shows."""
+"""A scene for repeated rendering: images as arrays, and the contribution of each Gaussian to sets of pixels."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from ..rasterizer import MAX_CHANNELS, rasterize
 from ..scene import Gaussians, PinholeCamera
 
 if TYPE_CHECKING:
-    from ..rasterizer import StillView
+    from ..rasterizer import CachedView
 
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
 Backend = Literal["cpu", "reference"]
 Float32 = NDArray[np.float32]
 
-_AT_ONCE = MAX_CHANNELS - 3
-"""Channels that are rendered in one go, with room for a colour; more take several."""
+_CHANNELS_PER_PASS = MAX_CHANNELS - 3
+"""Channels rendered in one pass, in addition to the three of a colour. More channels take several passes."""
 
-_KEPT_BYTES = 500_000_000
-"""Of projected and sorted views: about 5 MB each with 40,000 Gaussians in pictures 480 pixels wide."""
+_MAX_CACHE_BYTES = 500_000_000
+"""Memory for projected and sorted views. A view of 40,000 Gaussians, 480 pixels wide, takes about 5 MB."""
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """What a pinhole camera sees.
+    """Image rendered for a pinhole camera.
 
     Attributes
     ----------
     channels : array of shape [H, W, C], float32
-        Blended colour (sRGB, 3 channels, when asked for) and then the channels that were given; no background.
+        Blended colour (3 channels, sRGB) if requested, then the given channels; without a background.
     alpha : array of shape [H, W], float32
-        How much is covered, 0 to 1.
+        Coverage, 0 to 1.
     """
 
     channels: Float32
@@ -45,13 +45,13 @@ class Rendered:
 
 
 def normalized(vectors: NDArray[np.floating]) -> Float32:
-    """Return `vectors` [..., D] at unit length; those of no length stay zero."""
+    """Return `vectors`, [..., D], at unit length; zero vectors stay zero."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors, dtype=np.float32), where=lengths > 1e-12)
 
 
 class Scene:
-    """Gaussians ready to be rendered many times without training.
+    """Gaussians for repeated rendering without training.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class Scene:
         self._scales = torch.from_numpy(np.ascontiguousarray(gaussians.scales))
         self._opacities = torch.from_numpy(np.ascontiguousarray(gaussians.opacities))
         self._sh = torch.from_numpy(np.ascontiguousarray(gaussians.sh))
-        self._still: OrderedDict[int, tuple[PinholeCamera, StillView]] = OrderedDict()
+        self._cached_views: OrderedDict[int, tuple[PinholeCamera, CachedView]] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self.gaussians)
@@ -76,22 +76,24 @@ class Scene:
     def render(
         self, camera: PinholeCamera, *, color: bool = False, channels: NDArray[np.floating] | None = None
     ) -> Rendered:
-        """Return what `camera` sees.
+        """Render the scene for a camera.
 
         Parameters
         ----------
         camera : PinholeCamera
         color : bool
-            Blend the spherical harmonics into the first three channels.
+            Render the colour into the first three channels.
         channels : array of shape [N, C], optional
-            Further values to blend.
+            Further values of each Gaussian to blend.
 
         Returns
         -------
         Rendered
         """
-        if channels is not None and channels.shape[1] > _AT_ONCE:
-            blocks = (slice(first, first + _AT_ONCE) for first in range(0, channels.shape[1], _AT_ONCE))
+        if channels is not None and channels.shape[1] > _CHANNELS_PER_PASS:
+            blocks = (
+                slice(first, first + _CHANNELS_PER_PASS) for first in range(0, channels.shape[1], _CHANNELS_PER_PASS)
+            )
             parts = [
                 self.render(camera, color=color and block.start == 0, channels=channels[:, block]) for block in blocks
             ]
@@ -101,7 +103,7 @@ class Scene:
             empty = np.zeros((camera.height, camera.width, n_channels), np.float32)
             return Rendered(empty, empty[..., 0].copy())
         if channels is not None and not color and self.backend == "cpu":
-            image, transmittance = self._still_view(camera).blend(np.ascontiguousarray(channels, np.float32))
+            image, transmittance = self._cached_view(camera).blend(np.ascontiguousarray(channels, np.float32))
             return Rendered(image, 1.0 - transmittance)
         with torch.no_grad():
             raster = rasterize(
@@ -117,17 +119,17 @@ class Scene:
         return Rendered(raster.image.numpy(), 1.0 - raster.transmittance.numpy())
 
     def share(self, camera: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
-        """Return the share of each pixel, [H, W], that the members, bool [N], make up, occluded by the others."""
+        """Return the share of each pixel, [H, W], that the members, bool [N], contribute in the whole scene."""
         if self.backend == "cpu" and len(self):
-            return self._still_view(camera).share(members)
+            return self._cached_view(camera).share(members)
         return self.render(camera, channels=members.astype(np.float32)[:, None]).channels[..., 0]
 
     def depth_of(self, camera: PinholeCamera) -> Float32:
-        """Return the depth of every centre along the view axis of `camera`, shape [N], world units."""
+        """Return the depth of each centre along the view axis of `camera`, shape [N], in world units."""
         return (self.gaussians.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]).astype(np.float32)
 
     def votes(self, camera: PinholeCamera, weights: NDArray[np.floating]) -> Float32:
-        """Return how much of each weighted set of pixels every Gaussian makes up.
+        """Return the contribution of each Gaussian to weighted sets of pixels.
 
         Parameters
         ----------
@@ -138,21 +140,21 @@ class Scene:
         Returns
         -------
         array of shape [N, C], float32
-            sum over pixels p of w_pg * weights[p], w_pg the blending weight alpha * transmittance.
+            Sum over the pixels p of w_pg * weights[p], with the blending weight w_pg = alpha * transmittance.
 
         Notes
         -----
-        A picture C_p = sum_g w_pg c_g is linear in the channels c, so the gradient of sum_p weights_p C_p with
-        respect to c_g is exactly the vote; one backward pass of the rasterizer counts all sets at once.
-        The ``cpu`` backend keeps a camera's projected and sorted Gaussians for the next picture and the next votes.
+        An image C_p = sum_g w_pg c_g is linear in the channels c. The gradient of sum_p weights_p C_p with respect to
+        c_g is therefore the vote, and one backward pass of the rasterizer computes the votes of all sets. The ``cpu``
+        backend caches the projected and sorted Gaussians of a camera for further images and votes.
         """
         if len(self) == 0:
             return np.zeros((0, weights.shape[2]), np.float32)
-        if weights.shape[2] > _AT_ONCE:
-            firsts = range(0, weights.shape[2], _AT_ONCE)
-            return np.hstack([self.votes(camera, weights[..., first : first + _AT_ONCE]) for first in firsts])
+        if weights.shape[2] > _CHANNELS_PER_PASS:
+            firsts = range(0, weights.shape[2], _CHANNELS_PER_PASS)
+            return np.hstack([self.votes(camera, weights[..., first : first + _CHANNELS_PER_PASS]) for first in firsts])
         if self.backend == "cpu":
-            return self._still_view(camera).votes(np.ascontiguousarray(weights, np.float32))
+            return self._cached_view(camera).votes(np.ascontiguousarray(weights, np.float32))
         channels = torch.zeros(len(self), weights.shape[2], requires_grad=True)
         raster = rasterize(
             self._means,
@@ -167,17 +169,20 @@ class Scene:
         assert channels.grad is not None
         return channels.grad.numpy()
 
-    def _still_view(self, camera: PinholeCamera) -> StillView:
-        """Return what does not change from one picture of `camera` to the next, made once while there is room."""
-        from ..rasterizer import StillView
+    def _cached_view(self, camera: PinholeCamera) -> CachedView:
+        """Return the projected and sorted Gaussians for `camera`, cached within `_MAX_CACHE_BYTES`."""
+        from ..rasterizer import CachedView
 
-        if id(camera) not in self._still:
-            view = StillView(
+        if id(camera) not in self._cached_views:
+            view = CachedView(
                 self._means.numpy(), self._quats.numpy(), self._scales.numpy(), self._opacities.numpy(), camera
             )
-            # The camera is kept too: its id must not become that of another.
-            self._still[id(camera)] = (camera, view)
-            while len(self._still) > 1 and sum(kept.n_bytes for _, kept in self._still.values()) > _KEPT_BYTES:
-                self._still.popitem(last=False)
-        self._still.move_to_end(id(camera))
-        return self._still[id(camera)][1]
+            # The camera is kept as well, so that its id is not reused for another object.
+            self._cached_views[id(camera)] = (camera, view)
+            while (
+                len(self._cached_views) > 1
+                and sum(cached.n_bytes for _, cached in self._cached_views.values()) > _MAX_CACHE_BYTES
+            ):
+                self._cached_views.popitem(last=False)
+        self._cached_views.move_to_end(id(camera))
+        return self._cached_views[id(camera)][1]

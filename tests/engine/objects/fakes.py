@@ -1,4 +1,4 @@
-"""A SAM and a detector that know the blob scene's truth, and a trained project of it."""
+"""A SAM and a detector that know the true parts of the blob scene, and a trained project of the scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class FakePrediction:
 
 
 class FakeSam:
-    """Gives the true parts at points without those at points outside, or the one whose box is most like the given."""
+    """Returns the true parts at points without those at background points, or the part whose box is nearest."""
 
     def __init__(self, scene: BlobScene) -> None:
         self.scene = scene
@@ -49,7 +49,7 @@ class FakeSam:
             mask = min((truth == part for part in np.unique(truth)[1:]), key=lambda m: np.abs(box_of(m) - box).sum())
         return FakePrediction(mask, 0.9, np.zeros((256, 256), np.float32))
 
-    def masks_of_scales(self, embedding, box):  # type: ignore[no-untyped-def]
+    def predict_scale_masks(self, embedding, box):  # type: ignore[no-untyped-def]
         return [self.predict(embedding, None, None, box).mask]
 
 
@@ -74,13 +74,13 @@ class FakeCheck:
 
 
 class FakeDetector:
-    """Finds parts by their names in `PART_NAMES`; in `wrong` photos it is louder and takes the floor's middle ball."""
+    """Finds parts by their names in `PART_NAMES`; in `wrong` photos it returns the other parts with higher scores."""
 
     def __init__(self, scene: BlobScene, *, wrong: tuple[str, ...] = ()) -> None:
         self.scene, self.wrong = scene, wrong
         self.name = "fake"
 
-    def knows(self, prompt: str) -> FakeCheck:
+    def check_prompt(self, prompt: str) -> FakeCheck:
         known = prompt in {*PART_NAMES.values(), "ghost"}
         return FakeCheck(known, [("red ball", 0.4), ("blue ball", 0.3)], "" if known else f"{prompt!r} is not known.")
 
@@ -96,21 +96,21 @@ class FakeDetector:
         return found
 
     def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
-        """Give each mask's IoU with what `prompt` names: crops show what single photos mistook, or show in part."""
-        return self.score_described(self.describe_crops(pixels, boxes, masks), prompt)
+        """Return each mask's IoU with the part that `prompt` names."""
+        return self.score_descriptions(self.describe_crops(pixels, boxes, masks), prompt)
 
     def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
-        """Give each mask's IoU with each part."""
+        """Return each mask's IoU with each part."""
         photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
         parts = [self.scene.labels[photo] == part for part in range(1 + max(PART_NAMES))]
         return np.array([[(mask & part).sum() / (mask | part).sum() for part in parts] for mask in masks], np.float32)
 
-    def score_described(self, described, prompt):  # type: ignore[no-untyped-def]
+    def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
         meant = [part for part, name in PART_NAMES.items() if name == prompt]
         return [float(row[meant].max(initial=0.0)) for row in described]
 
     def name_crops(self, crops):  # type: ignore[no-untyped-def]
-        """Name what most of the first mask truly shows; sure of it as far as it is that alone."""
+        """Return the name of the part that fills most of the first mask, with its share as the score."""
         for pixels, _, mask in crops:
             photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
             counts = np.bincount(self.scene.labels[photo][mask], minlength=4)
@@ -119,7 +119,7 @@ class FakeDetector:
 
 
 def trained_project(scene: BlobScene, folder: Path, *, features: bool = True) -> ProjectFolder:
-    """Write a project as if `scene` had been trained, photos beside it."""
+    """Write a project as if `scene` had been trained, and its photos beside the project."""
     photos = scene.write_photos(folder / "photos")
     project = ProjectFolder.create(folder / "project")
     project.put("photo_folder", str(photos))

@@ -1,4 +1,4 @@
-"""Several texts, corrections by clicks, part and whole, and candidates: on the blob scene, with models that know it."""
+"""Several texts, corrections by clicks, levels and candidates, on the blob scene with fake models that know it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,15 @@ from engine.events import Event, Warned, ignore_events, never_stop
 from engine.gaussians.storage import save_gaussians
 from engine.objects.candidate_file import CANDIDATES, load_candidate
 from engine.objects.context import load_context
-from engine.objects.curation import accept_candidate, choose_level, refine_object, segment_texts, store_background
-from engine.objects.growing import levels_of
+from engine.objects.curation import (
+    accept_candidate,
+    choose_level,
+    refine_object,
+    segment_each_text,
+    segment_texts,
+    store_background,
+)
+from engine.objects.levels import find_levels
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
 from engine.objects.segment import segment_project
 from engine.objects.settings import BETTER
@@ -54,7 +61,7 @@ def overlap(found: np.ndarray, truth: np.ndarray) -> float:
     return float((found & truth).sum() / (found | truth).sum())
 
 
-def test_several_texts_are_told_one_by_one(blobs: BlobScene, project: ProjectFolder) -> None:
+def test_several_texts_are_reported_one_by_one(blobs: BlobScene, project: ProjectFolder) -> None:
     events: list[Event] = []
     texts = parse_texts("blue ball; ghost;astrolabe;blue ball")
     assert texts == ["blue ball", "ghost", "astrolabe"]
@@ -66,7 +73,30 @@ def test_several_texts_are_told_one_by_one(blobs: BlobScene, project: ProjectFol
         parse_texts(" ; ")
 
 
-def test_text_that_finds_nothing_at_all_stores_only_why(blobs: BlobScene, project: ProjectFolder) -> None:
+def test_texts_are_stored_one_after_the_other_and_those_found_before_are_skipped(
+    blobs: BlobScene, project: ProjectFolder
+) -> None:
+    sequence = segment_each_text(
+        project,
+        load_context(project, SMALL, lambda: FakeSam(blobs)),
+        {"red ball": "red", "ghost": "ghost", "blue ball": "blue"},
+        SMALL,
+        detector_factory=lambda: FakeDetector(blobs),
+        emit=ignore_events,
+        should_stop=never_stop,
+        skip={"red ball"},
+    )
+    first = next(sequence)
+    assert first.text == "ghost" and first.records == () and "was not found" in first.refusal
+    assert list_objects(project.path) == []
+    second = next(sequence)
+    assert second.text == "blue ball" and not second.refusal
+    assert [record.name for record in second.records] == ["blue"]
+    assert [record.name for record in list_objects(project.path)] == ["blue"]
+    assert list(sequence) == []
+
+
+def test_text_that_finds_nothing_stores_only_the_reason(blobs: BlobScene, project: ProjectFolder) -> None:
     with pytest.raises(PromptError, match="'ghost' was not found"):
         segment_texts(project, ["ghost"], None, SMALL, **models(blobs), emit=ignore_events)  # type: ignore[arg-type]
     assert list_objects(project.path) == []
@@ -75,7 +105,7 @@ def test_text_that_finds_nothing_at_all_stores_only_why(blobs: BlobScene, projec
 
 
 class Unsure(FakeDetector):
-    """Sees the right thing, but never believes it from all sides."""
+    """Finds the right thing, but scores it low from all sides."""
 
     def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
         return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
@@ -152,7 +182,7 @@ def test_clicks_on_two_things_make_one_object(blobs: BlobScene, project: Project
 
 
 @pytest.mark.parametrize("photo", ["view_1.png", "view_3.png"])
-def test_what_a_negative_click_hits_is_taken_away(blobs: BlobScene, project: ProjectFolder, photo: str) -> None:
+def test_what_a_negative_click_hits_is_removed(blobs: BlobScene, project: ProjectFolder, photo: str) -> None:
     first = point(blobs, RED, "view_1.png")
     unwanted = point(blobs, TWIN, photo)
     prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, "view_2.png"),), (unwanted,))
@@ -196,7 +226,7 @@ def _place(blobs: BlobScene, part: int, photo: str) -> tuple[str, float, float]:
     return photo, *blobs.center_of(part, photo)
 
 
-def test_correction_that_leaves_nothing_leaves_the_object(blobs: BlobScene, project: ProjectFolder) -> None:
+def test_correction_that_would_leave_nothing_keeps_the_object(blobs: BlobScene, project: ProjectFolder) -> None:
     isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")))
     before = members(project, "ball")
     arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
@@ -208,8 +238,8 @@ def test_correction_that_leaves_nothing_leaves_the_object(blobs: BlobScene, proj
         refine_object(project, "cube", [], everywhere, SMALL, **arguments)  # type: ignore[arg-type]
 
 
-def on_a_foot() -> BlobScene:
-    """The blob scene whose blue ball has a lower half of another material."""
+def ball_on_a_base() -> BlobScene:
+    """Return the blob scene with a blue ball whose lower half is of another material."""
     from tests.engine.pictures.blob_scene import make_scene
 
     scene = make_scene()
@@ -220,19 +250,19 @@ def on_a_foot() -> BlobScene:
 
 
 def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
-    scene = on_a_foot()
+    scene = ball_on_a_base()
     whole = scene.part == BLUE
     upper = whole & (scene.gaussians.means[:, 2] >= -0.02)
     settings = replace(SMALL, n_level_views=6)
-    trained = load_context(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
+    context = load_context(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
     part = upper.astype(np.float32)
 
-    def judge(found: np.ndarray) -> float:
+    def scorer(found: np.ndarray) -> float:
         return overlap(found, whole)
 
-    for given, chosen in ((judge, True), (None, False)):
-        levels = levels_of(
-            trained.views, trained.photos, part, np.zeros((0, 16), np.float32), settings, encoded=(), judge=given,
+    for given, chosen in ((scorer, True), (None, False)):
+        levels = find_levels(
+            context, part, np.zeros((0, 16), np.float32), settings, scorer=given,
             hierarchy=None, should_stop=never_stop,
         )  # fmt: skip
         sizes = [int((one >= 0.5).sum()) for one in levels.memberships]
@@ -245,9 +275,9 @@ def test_part_and_whole_are_levels_and_the_word_chooses(tmp_path: Path) -> None:
 
 
 class ThreeScales(FakeSam):
-    """Gives one ball as the part, that and another as the object, and everything as the whole, whatever the box."""
+    """Returns one ball as the part, two as the object, and everything as the whole for any box."""
 
-    def masks_of_scales(self, embedding, box):  # type: ignore[no-untyped-def]
+    def predict_scale_masks(self, embedding, box):  # type: ignore[no-untyped-def]
         truth = self.scene.labels[list(self.scene.pixels)[int(embedding.features[0, 0, 0, 0])]]
         return [truth == RED, np.isin(truth, [RED, BLUE]), np.ones(truth.shape, bool)]
 
@@ -257,35 +287,35 @@ def test_part_object_and_whole_of_sam_become_levels(blobs: BlobScene, project: P
     asked = np.isin(blobs.part, [RED, BLUE])
     found = {}
     for sam in (FakeSam, ThreeScales):
-        trained = load_context(project, settings, lambda sam=sam: sam(blobs))
-        found[sam] = levels_of(
-            trained.views, trained.photos, asked.astype(np.float32), np.zeros((0, 16), np.float32), settings,
-            encoded=(), judge=None, hierarchy=None, should_stop=never_stop,
+        context = load_context(project, settings, lambda sam=sam: sam(blobs))
+        found[sam] = find_levels(
+            context, asked.astype(np.float32), np.zeros((0, 16), np.float32), settings,
+            scorer=None, hierarchy=None, should_stop=never_stop,
         )  # fmt: skip
-    assert len(found[FakeSam].memberships) == 1, "one mask a prompt knows nothing smaller"
+    assert len(found[FakeSam].memberships) == 1, "a SAM with one mask per prompt adds no level"
     part, middle, whole = (one >= 0.5 for one in found[ThreeScales].memberships)
     assert overlap(part, blobs.part == RED) > 0.9
     np.testing.assert_array_equal(middle, asked)
     assert overlap(whole, np.ones(len(whole), bool)) > 0.9
 
 
-def test_what_no_outline_of_its_boxes_holds_leaves_an_object(blobs: BlobScene, project: ProjectFolder) -> None:
+def test_gaussians_outside_of_all_outlines_leave_an_object(blobs: BlobScene, project: ProjectFolder) -> None:
     ball = blobs.part == BLUE
     # A strip of the neighbour, as features join what touches.
     strip = np.isin(np.arange(len(ball)), np.flatnonzero(blobs.part == RED)[:20])
     settings = replace(SMALL, n_level_views=6)
-    trained = load_context(project, settings, lambda: BallOnly(blobs))
+    context = load_context(project, settings, lambda: BallOnly(blobs))
     crumb = np.isin(np.arange(len(ball)), np.flatnonzero(strip)[:3])
     for beside, left in ((strip, ball), (crumb, ball | crumb)):
-        levels = levels_of(
-            trained.views, trained.photos, (ball | beside).astype(np.float32), np.zeros((0, 16), np.float32), settings,
-            encoded=(), judge=None, hierarchy=None, should_stop=never_stop,
+        levels = find_levels(
+            context, (ball | beside).astype(np.float32), np.zeros((0, 16), np.float32), settings,
+            scorer=None, hierarchy=None, should_stop=never_stop,
         )  # fmt: skip
         np.testing.assert_array_equal(levels.membership >= 0.5, left)
 
 
 class BallOnly(FakeSam):
-    """Outlines the blue ball, whatever the box."""
+    """Outlines the blue ball for any box."""
 
     def predict(self, embedding, points, labels, box, mask_prompt=None):  # type: ignore[no-untyped-def]
         from tests.engine.objects.fakes import FakePrediction
@@ -294,7 +324,7 @@ class BallOnly(FakeSam):
         return FakePrediction(truth == BLUE, 0.9, np.zeros((256, 256), np.float32))
 
 
-def test_another_level_is_chosen_and_polished_without_any_model(blobs: BlobScene, project: ProjectFolder) -> None:
+def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
     from engine.objects.storage import ObjectRecord, save_object
 
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)

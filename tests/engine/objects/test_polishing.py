@@ -1,4 +1,4 @@
-"""An object alone is solid and ends at its edge."""
+"""A polished object is opaque and ends at its outline."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from engine.events import never_stop
 from engine.objects.polishing import polish
 from engine.objects.settings import BETTER
 from engine.objects.storage import ObjectRecord, object_gaussians, save_object
-from engine.objects.views import Views, eroded
+from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
 from engine.scene.gaussians import Gaussians
 from engine.scene.polished import Polished, load_polished
@@ -23,8 +23,8 @@ SMALL = replace(BETTER, render_side=160, polish_steps=120)
 
 
 @pytest.fixture(scope="module")
-def ragged() -> tuple[BlobScene, np.ndarray]:
-    """A red ball that shines through, a green one within it, a rag of it that the floor hides; and its members."""
+def spiked() -> tuple[BlobScene, np.ndarray]:
+    """Return a translucent red ball with a green ball in it and a spike that the floor hides, and its members."""
     scene = make_scene()
     ball = np.flatnonzero(scene.part == RED)
     logits, means, log_scales = (
@@ -35,9 +35,9 @@ def ragged() -> tuple[BlobScene, np.ndarray]:
     means[inner] = means[ball].mean(axis=0) + 0.5 * (means[inner] - means[inner].mean(axis=0))
     sh = scene.gaussians.sh.copy()
     sh[inner, 0] = (-1.7, 1.7, -1.7)
-    rag = ball[0]
-    means[rag] = means[ball].mean(axis=0) + (-0.5, 0.0, -0.4)
-    log_scales[rag], logits[rag] = np.log([0.2, 0.2, 0.02]), 4.0
+    spike = ball[0]
+    means[spike] = means[ball].mean(axis=0) + (-0.5, 0.0, -0.4)
+    log_scales[spike], logits[spike] = np.log([0.2, 0.2, 0.02]), 4.0
     gaussians = replace(scene.gaussians, means=means, log_scales=log_scales, opacity_logits=logits, sh=sh)
     return replace(scene, gaussians=gaussians), scene.part == RED
 
@@ -50,14 +50,14 @@ def coverage(gaussians: Gaussians, scene: BlobScene) -> list[np.ndarray]:
     return [Scene(gaussians).render(as_pinhole(camera), color=True).alpha for camera in scene.cameras.cameras]
 
 
-def test_object_that_shone_through_is_solid_and_its_rag_is_gone(ragged: tuple[BlobScene, np.ndarray]) -> None:
-    scene, members = ragged
+def test_translucent_object_becomes_opaque_and_loses_its_spike(spiked: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = spiked
     polished = polish(views_of(scene), members, SMALL, should_stop=never_stop)
     assert polished is not None
     trained = scene.gaussians[members]
-    inside = [eroded(scene.labels[camera.photo] == RED, 3) for camera in scene.cameras.cameras]
-    rag = coverage(trained[np.arange(1)], scene)
-    outside = [(one > 0.5) & (labels == 0) for one, labels in zip(rag, scene.labels.values(), strict=True)]
+    inside = [erode_mask(scene.labels[camera.photo] == RED, 3) for camera in scene.cameras.cameras]
+    spike = coverage(trained[np.arange(1)], scene)
+    outside = [(one > 0.5) & (labels == 0) for one, labels in zip(spike, scene.labels.values(), strict=True)]
 
     def mean_over(gaussians: Gaussians, masks: list[np.ndarray]) -> float:
         pixels = [one[mask] for one, mask in zip(coverage(gaussians, scene), masks, strict=True)]
@@ -67,24 +67,24 @@ def test_object_that_shone_through_is_solid_and_its_rag_is_gone(ragged: tuple[Bl
     assert mean_over(trained, outside) > 0.7 > 0.35 > mean_over(polished.gaussians, outside)
 
 
-def test_colour_of_what_is_behind_does_not_come_in(ragged: tuple[BlobScene, np.ndarray]) -> None:
-    scene, members = ragged
+def test_colour_of_the_background_is_not_mixed_in(spiked: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = spiked
     polished = polish(views_of(scene), members, SMALL, should_stop=never_stop)
     assert polished is not None
     for camera in scene.cameras.cameras:
-        inside = eroded(scene.labels[camera.photo] == RED, 9)
+        inside = erode_mask(scene.labels[camera.photo] == RED, 9)
         seen = Scene(polished.gaussians).render(as_pinhole(camera), color=True).channels[inside]
         np.testing.assert_allclose(np.median(seen, axis=0), (0.85, 0.2, 0.15), atol=0.05)
 
 
-def test_what_something_in_front_hides_stays() -> None:
+def test_part_hidden_by_an_occluder_stays() -> None:
     scene = make_scene()
     members, wall = scene.part == RED, np.flatnonzero(scene.part == RED + 1)
     means, log_scales, logits = (
         getattr(scene.gaussians, name).copy() for name in ("means", "log_scales", "opacity_logits")
     )
     cameras, middle = scene.cameras.cameras, means[members].mean(axis=0)
-    # Before all cameras but two, so that hardly anyone tells that the ball is there.
+    # In front of all cameras but two, so that few views show the ball.
     for i, camera in enumerate(cameras[2:]):
         blob = wall[20 * i : 20 * i + 20]
         means[blob] = middle + 0.45 * (camera.center - middle)
@@ -99,8 +99,8 @@ def test_what_something_in_front_hides_stays() -> None:
     assert min(ratios) > 0.9, ratios
 
 
-def test_polishing_repeats_exactly_and_leaves_the_scene_alone(ragged: tuple[BlobScene, np.ndarray]) -> None:
-    scene, members = ragged
+def test_polishing_repeats_exactly_and_leaves_the_scene_alone(spiked: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = spiked
     before = scene.gaussians.means.copy()
     one, other = (
         polish(views_of(scene), members, replace(SMALL, polish_steps=10), should_stop=never_stop) for _ in range(2)
@@ -112,8 +112,8 @@ def test_polishing_repeats_exactly_and_leaves_the_scene_alone(ragged: tuple[Blob
     np.testing.assert_array_equal(one.trained_means, before[members])
 
 
-def test_nothing_is_polished_without_steps_members_or_views(ragged: tuple[BlobScene, np.ndarray]) -> None:
-    scene, members = ragged
+def test_nothing_is_polished_without_steps_members_or_views(spiked: tuple[BlobScene, np.ndarray]) -> None:
+    scene, members = spiked
     views = views_of(scene)
     assert polish(views, members, replace(SMALL, polish_steps=0), should_stop=never_stop) is None
     assert polish(views, np.zeros_like(members), SMALL, should_stop=never_stop) is None
@@ -123,14 +123,14 @@ def test_nothing_is_polished_without_steps_members_or_views(ragged: tuple[BlobSc
     assert polish(views_of(nowhere), members, SMALL, should_stop=never_stop) is None
 
 
-def test_polishing_stops_when_told(ragged: tuple[BlobScene, np.ndarray]) -> None:
+def test_polishing_can_be_cancelled(spiked: tuple[BlobScene, np.ndarray]) -> None:
     with pytest.raises(Cancelled, match="no object was stored"):
-        polish(views_of(ragged[0]), ragged[1], SMALL, should_stop=lambda: True)
+        polish(views_of(spiked[0]), spiked[1], SMALL, should_stop=lambda: True)
 
 
 @pytest.fixture
 def stored(tmp_path: Path) -> tuple[Path, ObjectRecord, Gaussians, Polished]:
-    """A project folder with the object of rows 3, 5 and 8, the first two polished; and its scene."""
+    """Return a project folder with an object of rows 3, 5 and 8, of which the first two are polished, and its scene."""
     gaussians = make_scene().gaussians[np.arange(10)]
     membership = np.isin(np.arange(10), [3, 5, 8]).astype(np.float32)
     rows = np.array([3, 5], np.int32)
@@ -141,7 +141,7 @@ def stored(tmp_path: Path) -> tuple[Path, ObjectRecord, Gaussians, Polished]:
     return tmp_path, record, gaussians, polished
 
 
-def test_object_leaves_with_what_was_polished(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
+def test_exported_object_has_its_polished_gaussians(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
     project, record, gaussians, polished = stored
     alone = object_gaussians(project, record, gaussians)
     np.testing.assert_array_equal(alone.means[:2], polished.gaussians.means)
@@ -152,7 +152,9 @@ def test_object_leaves_with_what_was_polished(stored: tuple[Path, ObjectRecord, 
         object_gaussians(project, record, gaussians[np.arange(9)])
 
 
-def test_what_was_moved_by_hand_stays_where_it_was_put(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
+def test_gaussians_moved_by_hand_stay_where_they_were_put(
+    stored: tuple[Path, ObjectRecord, Gaussians, Polished],
+) -> None:
     project, _, gaussians, _ = stored
     polished = load_polished(project, "one")
     assert polished is not None
@@ -162,7 +164,7 @@ def test_what_was_moved_by_hand_stays_where_it_was_put(stored: tuple[Path, Objec
     np.testing.assert_array_equal(joined.means, [means[5], polished.gaussians.means[0], means[4]])
 
 
-def test_changed_object_forgets_what_was_polished(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
+def test_changed_object_loses_its_polished_gaussians(stored: tuple[Path, ObjectRecord, Gaussians, Polished]) -> None:
     project, record, gaussians, _ = stored
     save_object(project, record, np.ones(10, np.float32))
     assert load_polished(project, "one") is None

@@ -25,13 +25,13 @@ def test_forms_of_the_command_line_are_read() -> None:
     assert parse_prompt(click="IMG_1.jpg=364,500.5") == ClickPrompt("IMG_1.jpg", 364, 500.5)
     assert parse_prompt(click="a=b/IMG.jpg=1,2") == ClickPrompt("a=b/IMG.jpg", 1, 2)
     assert parse_prompt(box="IMG_1.jpg=30,40,10,20") == BoxPrompt("IMG_1.jpg", 10, 20, 30, 40)
-    assert parse_prompt(seed_mask="IMG_1.jpg=mask.png") == MaskPrompt("IMG_1.jpg", Path("mask.png"))
+    assert parse_prompt(mask="IMG_1.jpg=mask.png") == MaskPrompt("IMG_1.jpg", Path("mask.png"))
 
 
 def test_mask_whose_name_holds_an_equals_sign_is_found(tmp_path: Path) -> None:
     mask = tmp_path / "a=b.png"
     mask.write_bytes(b"")
-    assert parse_prompt(seed_mask=f"p=q.jpg={mask}") == MaskPrompt("p=q.jpg", mask)
+    assert parse_prompt(mask=f"p=q.jpg={mask}") == MaskPrompt("p=q.jpg", mask)
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_mask_whose_name_holds_an_equals_sign_is_found(tmp_path: Path) -> None:
         ({"click": "=1,2"}, "PHOTO=x,y"),
         ({"box": "IMG.jpg=1,2,3"}, "PHOTO=x0,y0,x1,y1"),
         ({"box": "IMG.jpg=1,2,1,9"}, "smaller than a pixel"),
-        ({"seed_mask": "mask.png"}, "PHOTO=MASK.png"),
+        ({"mask": "mask.png"}, "PHOTO=MASK.png"),
     ],
 )
 def test_other_forms_are_refused_with_the_right_one(given: dict[str, str], message: str) -> None:

@@ -10,13 +10,17 @@ from PIL import Image
 
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
+from engine.objects.context import SegmentationContext
 from engine.objects.found import FoundObject
+from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
-from engine.objects.ranking import NothingAlike
+from engine.objects.ranking import NoMatchError
 from engine.objects.segment import find_objects, segment_project
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
+from engine.objects.views import Views
 from engine.pictures.render import render_view
+from engine.pictures.scene import Scene
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, make_scene
@@ -36,15 +40,18 @@ def find(blobs: BlobScene, tmp_path: Path) -> Callable[..., list[FoundObject]]:
     def ask(
         prompt: Prompt, *, settings: SegmentSettings = SMALL, scene: BlobScene = blobs, **given: object
     ) -> list[FoundObject]:
+        sam_factory = given.pop("sam_factory", lambda: FakeSam(scene))
+        context = SegmentationContext(
+            Views(Scene(scene.gaussians), scene.cameras, render_side=settings.render_side),
+            Photos(scene.write_photos(tmp_path / "photos"), settings.photo_side, sam_factory),  # type: ignore[arg-type]
+            given.pop("label_maps", {}),  # type: ignore[arg-type]
+        )
         arguments: dict[str, object] = {
-            "label_maps": {},
             "detector_factory": lambda: FakeDetector(scene),
-            "sam_factory": lambda: FakeSam(scene),
             "emit": ignore_events,
             "should_stop": never_stop,
         }
-        photos = scene.write_photos(tmp_path / "photos")
-        return find_objects(scene.gaussians, scene.cameras, photos, prompt, settings, **{**arguments, **given})  # type: ignore[arg-type]
+        return find_objects(context, prompt, settings, **{**arguments, **given})  # type: ignore[arg-type]
 
     return ask
 
@@ -87,14 +94,14 @@ def test_given_mask_needs_no_model(find, blobs: BlobScene, tmp_path: Path) -> No
         assert overlap(found, blobs, BLUE) > 0.95 and found.score == 1.0
 
 
-def test_given_mask_keeps_a_part_that_looks_like_what_it_stands_on(find, tmp_path: Path) -> None:
+def test_given_mask_keeps_a_part_with_the_feature_of_its_support(find, tmp_path: Path) -> None:
     whole = make_scene()
-    # Most of the blue ball, its lower part, has the floor's feature: by features alone it is floor.
+    # The lower and larger part of the blue ball has the feature of the floor: by features alone it is floor.
     low = (whole.part == BLUE) & (whole.gaussians.means[:, 2] < 0.08)
     features = whole.gaussians.features.copy()
     features[low] = features[whole.part == FLOOR][: low.sum()]
     scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
-    # And for SAM it is a segment of its own, as a goblet's foot is.
+    # SAM sees that part as a segment of its own, like the foot of a goblet.
     segments = {
         camera.photo: np.where(
             (render_view(scene.gaussians, camera, what="mask", members=low) > 0) & (scene.labels[camera.photo] == BLUE),
@@ -109,17 +116,17 @@ def test_given_mask_keeps_a_part_that_looks_like_what_it_stands_on(find, tmp_pat
         settings = replace(SMALL_BETTER, keep_given=keep)
         (found,) = find(MaskPrompt("view_4.png", mask), settings=settings, scene=scene, label_maps=segments)
         overlaps[keep] = overlap(found, scene, BLUE)
-    # Its far side is seen by no neighbour of the seed, 45 degrees apart here: that is not won back.
+    # The far side is not recovered: no view next to that of the mask, 45 degrees apart here, shows it.
     assert overlaps[True] > 0.65 > 0.45 > overlaps[False]
 
 
-def test_given_mask_leaves_out_what_it_shows_beside_the_object(find, tmp_path: Path) -> None:
+def test_given_mask_leaves_out_what_is_visible_beside_it(find, tmp_path: Path) -> None:
     whole = make_scene()
     features = whole.gaussians.features.copy()
     blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
     features[blue] = features[floor[np.arange(len(blue)) % len(floor)]]
     scene = replace(whole, gaussians=replace(whole.gaussians, features=features))
-    # SAM, too, sees one thing: the ball and the floor that it lies on.
+    # SAM sees the ball and the floor below it as one segment, too.
     segments = {photo: np.where(labels == BLUE, FLOOR, labels) for photo, labels in scene.labels.items()}
     mask = tmp_path / "mask.png"
     Image.fromarray(((scene.labels["view_4.png"] == BLUE) * 255).astype(np.uint8)).save(mask)
@@ -129,7 +136,7 @@ def test_given_mask_leaves_out_what_it_shows_beside_the_object(find, tmp_path: P
         (found,) = find(MaskPrompt("view_4.png", mask), settings=settings, scene=scene, label_maps=segments)
         taken[keep] = float((found.membership >= 0.5)[floor].mean())
         assert (found.membership >= 0.5)[blue].mean() > 0.6
-    # What the ball hides of the floor is left to its feature.
+    # The part of the floor that the ball hides is decided by its feature.
     assert taken[True] < 0.15 < 0.5 < taken[False]
 
 
@@ -141,19 +148,19 @@ def test_text_gives_each_of_two_equal_objects(find, blobs: BlobScene) -> None:
     assert all(overlap(f, blobs, part) > 0.95 for f, part in zip(found, best, strict=True))
 
 
-def test_text_uses_segments_that_are_there_instead_of_sam(find, blobs: BlobScene) -> None:
+def test_text_uses_existing_segments_instead_of_sam(find, blobs: BlobScene) -> None:
     maps = {photo: blobs.labels[photo] for photo in ("view_1.png", "view_4.png", "view_6.png")}
     (found,) = find(TextPrompt("blue ball"), label_maps=maps, sam_factory=not_needed)
     assert overlap(found, blobs, BLUE) > 0.95
-    assert {seed.view.camera.photo for seed in found.seeds} <= set(maps)
+    assert {item.view.camera.photo for item in found.evidence} <= set(maps)
 
 
-def test_one_loud_mistake_loses_against_views_that_agree(find, blobs: BlobScene) -> None:
+def test_one_confident_mistake_loses_against_views_that_agree(find, blobs: BlobScene) -> None:
     found = find(TextPrompt("blue ball"), detector_factory=lambda: FakeDetector(blobs, wrong=("view_3.png",)))
     assert len(found) == 1 and overlap(found[0], blobs, BLUE) > 0.95
 
 
-def test_what_photos_all_mistake_is_found_out_by_its_crops(find, blobs: BlobScene) -> None:
+def test_mistake_in_all_photos_is_corrected_by_crops(find, blobs: BlobScene) -> None:
     prompt = TextPrompt("blue ball")
     fooled = {"detector_factory": lambda: FakeDetector(blobs, wrong=tuple(blobs.pixels))}
     assert overlap(find(prompt, **fooled)[0], blobs, BLUE) < 0.1
@@ -162,15 +169,15 @@ def test_what_photos_all_mistake_is_found_out_by_its_crops(find, blobs: BlobScen
 
 
 class Undecided(FakeDetector):
-    """Finds every ball, and each looks as much like what was asked for as the others."""
+    """Finds every ball and gives each the same similarity to the text."""
 
     def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
         return [0.9] * len(masks)
 
 
-def test_refused_text_names_all_that_came_near_not_only_what_was_tried(find, blobs: BlobScene) -> None:
+def test_refused_text_reports_all_near_candidates_also_those_not_completed(find, blobs: BlobScene) -> None:
     settings = replace(SMALL_BETTER, least_score=1.0, n_groups=0)
-    with pytest.raises(NothingAlike, match="needed 1.00") as refusal:
+    with pytest.raises(NoMatchError, match="needed 1.00") as refusal:
         find(
             TextPrompt("blue ball"),
             settings=settings,
@@ -180,7 +187,7 @@ def test_refused_text_names_all_that_came_near_not_only_what_was_tried(find, blo
     assert sorted(named) == [RED, TWIN, BLUE]
 
 
-def test_text_tells_a_ball_from_the_floor_that_has_its_feature(find) -> None:  # type: ignore[no-untyped-def]
+def test_text_separates_a_ball_from_the_floor_with_its_feature(find) -> None:  # type: ignore[no-untyped-def]
     whole = make_scene()
     features = whole.gaussians.features.copy()
     blue, floor = np.flatnonzero(whole.part == BLUE), np.flatnonzero(whole.part == FLOOR)
@@ -192,7 +199,7 @@ def test_text_tells_a_ball_from_the_floor_that_has_its_feature(find) -> None:  #
     assert members[blue].mean() > 0.6 and members[floor].mean() < 0.15
 
 
-def test_what_looks_too_little_like_it_is_not_passed_off_as_found(find, blobs: BlobScene) -> None:
+def test_candidate_that_looks_too_little_like_the_text_is_refused(find, blobs: BlobScene) -> None:
     class Unsure(FakeDetector):
         def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
             return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
@@ -201,7 +208,7 @@ def test_what_looks_too_little_like_it_is_not_passed_off_as_found(find, blobs: B
         find(TextPrompt("blue ball"), settings=SMALL_BETTER, detector_factory=lambda: Unsure(blobs))
 
 
-def test_what_was_looked_at_is_not_looked_at_again(find, blobs: BlobScene) -> None:
+def test_crops_of_the_same_gaussians_are_scored_once(find, blobs: BlobScene) -> None:
     class Counting(FakeDetector):
         asked = 0
 
@@ -211,11 +218,11 @@ def test_what_was_looked_at_is_not_looked_at_again(find, blobs: BlobScene) -> No
 
     settings, counting = replace(SMALL_BETTER, n_rescored=1, n_level_views=0), Counting(blobs)
     find(TextPrompt("blue ball"), settings=settings, detector_factory=lambda: counting)
-    # The votes leave the ball as it was: ranking, votes and score ask about the same Gaussians.
+    # The votes do not change the ball, so ranking, votes and score use the same Gaussians.
     assert 0 < counting.asked <= SMALL_BETTER.n_crop_views
 
 
-def test_objects_that_share_a_feature_are_told_apart_by_place(find, blobs: BlobScene) -> None:
+def test_objects_with_the_same_feature_are_separated_by_position(find, blobs: BlobScene) -> None:
     features = blobs.gaussians.features.copy()
     features[blobs.part == TWIN] = features[blobs.part == RED]
     scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
@@ -225,7 +232,7 @@ def test_objects_that_share_a_feature_are_told_apart_by_place(find, blobs: BlobS
     assert len(find(TextPrompt("red ball"), scene=scene)) == 2
 
 
-def test_votes_clean_what_noisy_features_leave(find, blobs: BlobScene) -> None:
+def test_votes_correct_the_errors_of_noisy_features(find, blobs: BlobScene) -> None:
     rng = np.random.default_rng(8)
     features = blobs.gaussians.features + 0.3 * rng.normal(size=blobs.gaussians.features.shape)
     scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features.astype(np.float32)))
@@ -235,7 +242,7 @@ def test_votes_clean_what_noisy_features_leave(find, blobs: BlobScene) -> None:
     assert overlap(better, scene, BLUE) > overlap(paper, scene, BLUE)
 
 
-def test_object_of_two_materials_is_found_whole_from_its_mask(find, blobs: BlobScene, tmp_path: Path) -> None:
+def test_object_of_two_materials_is_found_as_a_whole_from_its_mask(find, blobs: BlobScene, tmp_path: Path) -> None:
     features = blobs.gaussians.features.copy()
     upper = (blobs.part == BLUE) & (blobs.gaussians.means[:, 2] > 0)
     features[upper] = np.roll(features[upper], 1, axis=1)
@@ -260,7 +267,7 @@ def test_text_outside_of_the_vocabulary_names_the_nearest_words(find) -> None:
         find(TextPrompt("astrolabe"), sam_factory=not_needed)
 
 
-def test_known_word_that_is_nowhere_says_how_many_photos_were_searched(find) -> None:
+def test_known_word_without_a_match_reports_how_many_photos_were_searched(find) -> None:
     with pytest.raises(PromptError, match="'ghost' was not found in 8 photos"):
         find(TextPrompt("ghost"), sam_factory=not_needed)
 
@@ -271,7 +278,7 @@ def test_click_into_empty_air_finds_nothing(find) -> None:
 
 
 class EmptyAirSam:
-    """Takes a few pixels in the corner for an object."""
+    """Returns a mask of a few pixels in the corner."""
 
     def encode(self, pixels: np.ndarray) -> np.ndarray:
         return pixels
@@ -297,7 +304,7 @@ def test_cancel_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
     assert list_objects(project.path) == []
 
 
-def test_stopping_while_the_second_find_is_polished_stores_neither(blobs: BlobScene, tmp_path: Path) -> None:
+def test_stopping_while_the_second_object_is_polished_stores_neither(blobs: BlobScene, tmp_path: Path) -> None:
     project = trained_project(blobs, tmp_path)
     polished: list[Event] = []
 
@@ -353,7 +360,7 @@ def test_object_found_by_text_says_which_detector_found_it(blobs: BlobScene, tmp
     assert any("(fake)" in event.message for event in events if isinstance(event, Progress))
 
 
-def test_seed_mask_of_the_wrong_size_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
+def test_mask_of_the_wrong_size_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
     project = trained_project(blobs, tmp_path)
     Image.new("L", (10, 10), 255).save(tmp_path / "mask.png")
     with pytest.raises(MaskError, match="10 x 10"):
@@ -374,18 +381,18 @@ def test_votes_use_the_projects_label_maps(blobs: BlobScene, tmp_path: Path) -> 
     assert (members & truth).sum() / (members | truth).sum() > 0.95
 
 
-def test_word_that_is_not_known_is_refused_before_anything_is_looked_at(find, blobs: BlobScene) -> None:
-    class Looked(FakeDetector):
+def test_unknown_word_is_refused_before_any_crop_is_described(find, blobs: BlobScene) -> None:
+    class Describing(FakeDetector):
         def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
-            raise AssertionError("looked at crops for a word that is not known")
+            raise AssertionError("described crops for an unknown word")
 
     with pytest.raises(PromptError, match="'astrolabe' is not known"):
-        find(TextPrompt("astrolabe"), settings=SMALL_BETTER, detector_factory=lambda: Looked(blobs))
+        find(TextPrompt("astrolabe"), settings=SMALL_BETTER, detector_factory=lambda: Describing(blobs))
 
 
-def test_object_that_no_segment_shows_is_found_by_its_group(find, blobs: BlobScene) -> None:
+def test_object_without_a_segment_is_found_by_its_group(find, blobs: BlobScene) -> None:
     class Blind(FakeDetector):
-        """Recognises nothing in a whole photo."""
+        """Detects nothing in a whole photo."""
 
         def detect(self, pixels, prompt, *, labels=None):  # type: ignore[no-untyped-def]
             return []

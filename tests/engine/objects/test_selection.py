@@ -7,7 +7,7 @@ from engine.errors import SettingsError
 from engine.objects.lifting import snap_to_segments
 from engine.objects.selection import calibrated, connected_parts, inside_hull, mean_direction, within_quartiles
 from engine.objects.settings import DEFAULT_PRESET, PRESETS, SegmentSettings
-from engine.objects.views import eroded, spread_cameras
+from engine.objects.views import erode_mask, spread_cameras
 from tests.engine.pictures.blob_scene import BlobScene
 
 
@@ -33,10 +33,10 @@ def test_mean_direction_ignores_a_fringe_of_other_features() -> None:
     assert mean_direction(features[:0]) is None
 
 
-def test_part_the_seed_does_not_see_is_left_out() -> None:
+def test_part_outside_of_the_evidence_mask_is_left_out() -> None:
     rng = np.random.default_rng(1)
-    here, there = rng.normal(size=(300, 3)) * 0.2, rng.normal(size=(500, 3)) * 0.2 + 5
-    points = np.concatenate([here, there]).astype(np.float32)
+    near, far = rng.normal(size=(300, 3)) * 0.2, rng.normal(size=(500, 3)) * 0.2 + 5
+    points = np.concatenate([near, far]).astype(np.float32)
     seed = np.r_[rng.random(300), np.zeros(500)]
     kept = connected_parts(points, seed)
     assert kept[:300].mean() > 0.95 and not kept[300:].any()
@@ -89,7 +89,7 @@ def test_masks_take_the_outline_of_the_segments_they_fill() -> None:
     assert snapped[4, 8], "a pixel without segment stays"
 
 
-def test_segments_that_do_not_know_the_object_are_not_asked() -> None:
+def test_segments_that_do_not_match_the_object_are_ignored() -> None:
     labels = np.ones((20, 20), np.int32)
     mask = np.zeros((20, 20), bool)
     mask[5:10, 5:10] = True
@@ -99,7 +99,7 @@ def test_segments_that_do_not_know_the_object_are_not_asked() -> None:
 def test_thin_masks_survive_erosion() -> None:
     line = np.zeros((20, 20), bool)
     line[10] = True
-    assert eroded(line, 3).any()
+    assert erode_mask(line, 3).any()
 
 
 def test_sampled_views_are_spread_and_none_twice(blobs: BlobScene) -> None:

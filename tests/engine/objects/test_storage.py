@@ -29,7 +29,7 @@ RECORD = ObjectRecord(
     fit=0.9,
     n_gaussians=2,
     n_scene_gaussians=3,
-    seeds=({"photo": "a.jpg", "score": 0.8},),
+    evidence=({"photo": "a.jpg", "score": 0.8},),
     created="2026-01-01T00:00:00+00:00",
 )
 MEMBERSHIP = np.array([0.1, 0.7, 1.0], np.float32)

@@ -21,7 +21,7 @@ def test_picture_from_a_photos_camera_is_the_photo(blobs: BlobScene) -> None:
     assert np.abs(picture.astype(int) - photo).mean() < 2
 
 
-def test_one_object_alone_stands_before_the_background(blobs: BlobScene) -> None:
+def test_single_object_is_rendered_in_front_of_the_background(blobs: BlobScene) -> None:
     camera = blobs.cameras.cameras[0]
     picture = render_view(blobs.gaussians, camera, members=blobs.part == BLUE, background=(1.0, 1.0, 1.0))
     assert (picture[:10] == 255).all()
@@ -29,14 +29,14 @@ def test_one_object_alone_stands_before_the_background(blobs: BlobScene) -> None
 
 
 @pytest.mark.parametrize("index", range(8))
-def test_mask_of_an_object_is_what_one_sees_of_it(blobs: BlobScene, index: int) -> None:
+def test_mask_of_an_object_is_its_visible_part(blobs: BlobScene, index: int) -> None:
     camera = blobs.cameras.cameras[index]
     mask = render_view(blobs.gaussians, camera, what="mask", members=blobs.part == RED)
     assert set(np.unique(mask)) <= {0, 255}
     assert iou(mask > 0, blobs.labels[camera.photo] == RED) > 0.97
 
 
-def test_depth_is_in_thousandths_of_a_unit_and_0_where_nothing_is(blobs: BlobScene) -> None:
+def test_depth_is_in_thousandths_of_a_unit_and_0_where_nothing_is_covered(blobs: BlobScene) -> None:
     camera = as_pinhole(blobs.cameras.cameras[1])
     depth = render_view(blobs.gaussians, camera, what="depth")
     assert depth.dtype == np.uint16
@@ -47,7 +47,7 @@ def test_depth_is_in_thousandths_of_a_unit_and_0_where_nothing_is(blobs: BlobSce
     assert (depth == 0).any()
 
 
-def test_features_and_instances_tell_the_parts_apart(blobs: BlobScene) -> None:
+def test_features_and_instances_separate_the_parts(blobs: BlobScene) -> None:
     camera = blobs.cameras.cameras[3]
     for what in ("features", "instances"):
         picture = render_view(blobs.gaussians, camera, what=what)  # type: ignore[arg-type]
@@ -77,7 +77,7 @@ def test_click_on_nothing_is_black(blobs: BlobScene) -> None:
     assert not render_view(blobs.gaussians, blobs.cameras.cameras[0], what="instances", click=(1, 1)).any()
 
 
-def test_questions_without_answer_are_refused(blobs: BlobScene) -> None:
+def test_invalid_requests_are_refused(blobs: BlobScene) -> None:
     camera = blobs.cameras.cameras[0]
     with pytest.raises(SettingsError, match="--object"):
         render_view(blobs.gaussians, camera, what="mask")

@@ -7,7 +7,7 @@ from engine.pictures.scene import Scene, normalized
 from tests.engine.pictures.blob_scene import BLUE, BlobScene, as_pinhole
 
 
-def test_votes_count_the_pixels_each_gaussian_makes_up(blobs: BlobScene) -> None:
+def test_votes_count_the_pixels_each_gaussian_contributes(blobs: BlobScene) -> None:
     scene, camera = Scene(blobs.gaussians), as_pinhole(blobs.cameras.cameras[0])
     mask = blobs.labels[blobs.cameras.cameras[0].photo] == BLUE
     votes = scene.votes(camera, np.dstack([mask, np.ones_like(mask)]).astype(np.float32))
@@ -17,7 +17,7 @@ def test_votes_count_the_pixels_each_gaussian_makes_up(blobs: BlobScene) -> None
     assert (votes[:, 0] <= votes[:, 1] + 1e-4).all()
 
 
-def test_votes_and_pictures_are_two_sides_of_one_sum(blobs: BlobScene) -> None:
+def test_votes_and_pictures_are_the_same_weighted_sum(blobs: BlobScene) -> None:
     scene, camera = Scene(blobs.gaussians), as_pinhole(blobs.cameras.cameras[4])
     rng = np.random.default_rng(0)
     values = rng.random((len(scene), 1), np.float32)

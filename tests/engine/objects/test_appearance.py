@@ -8,7 +8,8 @@ import pytest
 
 from engine.errors import Cancelled
 from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.looks import GroupLooks, evidence_of_groups, load_or_make_looks, make_looks
+from engine.objects.appearance import GroupAppearance, describe_groups, load_or_describe_groups
+from engine.objects.evidence import evidence_of_groups
 from engine.objects.photos import Photos
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -17,7 +18,7 @@ from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 
 class CountingDetector(FakeDetector):
-    """Remembers how many crops it was shown."""
+    """Counts the crops that it was shown."""
 
     n_shown = 0
 
@@ -27,7 +28,7 @@ class CountingDetector(FakeDetector):
 
 
 class SilentDetector(FakeDetector):
-    """Must be told what to look for."""
+    """Does not describe crops."""
 
     def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
         return None
@@ -43,10 +44,10 @@ def photos(blobs: BlobScene, tmp_path: Path) -> Photos:
     return Photos(blobs.write_photos(tmp_path / "photos"), 160, lambda: FakeSam(blobs))
 
 
-def looks_of(views: Views, photos: Photos, detector: FakeDetector) -> GroupLooks:
-    looks = make_looks(views, photos, detector, emit=ignore_events, should_stop=never_stop)
-    assert looks is not None
-    return looks
+def appearance_of(views: Views, photos: Photos, detector: FakeDetector) -> GroupAppearance:
+    appearance = describe_groups(views, photos, detector, emit=ignore_events, should_stop=never_stop)
+    assert appearance is not None
+    return appearance
 
 
 def members_iou(one: np.ndarray, other: np.ndarray) -> float:
@@ -55,69 +56,73 @@ def members_iou(one: np.ndarray, other: np.ndarray) -> float:
 
 def test_a_text_points_to_the_group_that_looks_like_it(blobs: BlobScene, views: Views, photos: Photos) -> None:
     detector = FakeDetector(blobs)
-    best = evidence_of_groups("blue ball", looks_of(views, photos, detector), views, detector, 4)[0]
+    best = evidence_of_groups("blue ball", appearance_of(views, photos, detector), views, detector, 4)[0]
     assert best.members is not None and members_iou(best.members, blobs.part == BLUE) > 0.95
     assert best.score > 0.8
     truth = blobs.labels[best.view.camera.photo] == BLUE
     assert members_iou(best.view.to_photo(best.mask), truth) > 0.8
 
 
-def test_equal_objects_are_both_there(blobs: BlobScene, views: Views, photos: Photos) -> None:
+def test_equal_objects_are_both_found(blobs: BlobScene, views: Views, photos: Photos) -> None:
     detector = FakeDetector(blobs)
-    seeds = evidence_of_groups("red ball", looks_of(views, photos, detector), views, detector, 4)
+    evidence = evidence_of_groups("red ball", appearance_of(views, photos, detector), views, detector, 4)
     for part in (RED, TWIN):
-        assert max(members_iou(seed.members, blobs.part == part) for seed in seeds if seed.members is not None) > 0.95
+        assert (
+            max(members_iou(item.members, blobs.part == part) for item in evidence if item.members is not None) > 0.95
+        )
 
 
-def test_what_nothing_looks_like_has_no_seeds(blobs: BlobScene, views: Views, photos: Photos) -> None:
+def test_text_that_no_group_looks_like_has_no_evidence(blobs: BlobScene, views: Views, photos: Photos) -> None:
     detector = FakeDetector(blobs)
-    assert evidence_of_groups("ghost", looks_of(views, photos, detector), views, detector, 4) == []
+    assert evidence_of_groups("ghost", appearance_of(views, photos, detector), views, detector, 4) == []
 
 
-def test_looks_are_made_once_and_kept(blobs: BlobScene, views: Views, photos: Photos, tmp_path: Path) -> None:
+def test_appearance_is_described_once_and_stored(
+    blobs: BlobScene, views: Views, photos: Photos, tmp_path: Path
+) -> None:
     file, detector = tmp_path / "groups" / "looks.npz", CountingDetector(blobs)
     given = {"emit": ignore_events, "should_stop": never_stop}
-    made = load_or_make_looks(file, views, photos, detector, **given)  # type: ignore[arg-type]
+    made = load_or_describe_groups(file, views, photos, detector, **given)  # type: ignore[arg-type]
     shown = detector.n_shown
-    again = load_or_make_looks(file, views, photos, detector, **given)  # type: ignore[arg-type]
+    again = load_or_describe_groups(file, views, photos, detector, **given)  # type: ignore[arg-type]
     assert shown > 0 and detector.n_shown == shown
     assert made is not None and again is not None
     assert again.photo == made.photo and np.array_equal(again.group, made.group)
     np.testing.assert_allclose(again.described, made.described, atol=1e-3)
-    for photo, picture in made.pictures.items():
-        assert np.array_equal(again.pictures[photo], picture)
+    for photo, group_map in made.group_maps.items():
+        assert np.array_equal(again.group_maps[photo], group_map)
 
 
 @pytest.mark.parametrize("damage", ["cut short", "another training"])
-def test_looks_that_do_not_fit_are_made_anew(
+def test_damaged_or_outdated_appearance_is_described_again(
     damage: str, blobs: BlobScene, views: Views, photos: Photos, tmp_path: Path
 ) -> None:
     file, detector = tmp_path / "looks.npz", CountingDetector(blobs)
     given = {"emit": ignore_events, "should_stop": never_stop}
-    load_or_make_looks(file, views, photos, detector, **given)  # type: ignore[arg-type]
+    load_or_describe_groups(file, views, photos, detector, **given)  # type: ignore[arg-type]
     shown = detector.n_shown
     if damage == "cut short":
         file.write_bytes(file.read_bytes()[:-200])
     else:
         moved = replace(blobs.gaussians, means=blobs.gaussians.means + np.float32(1e-3))
         views = Views(Scene(moved), blobs.cameras, render_side=160)
-    assert load_or_make_looks(file, views, photos, detector, **given) is not None  # type: ignore[arg-type]
+    assert load_or_describe_groups(file, views, photos, detector, **given) is not None  # type: ignore[arg-type]
     assert detector.n_shown > shown
 
 
-def test_a_detector_that_must_be_told_what_to_look_for_gives_none(
+def test_detector_that_does_not_describe_crops_gives_no_appearance(
     blobs: BlobScene, views: Views, photos: Photos, tmp_path: Path
 ) -> None:
     file = tmp_path / "looks.npz"
     given = {"emit": ignore_events, "should_stop": never_stop}
-    assert load_or_make_looks(file, views, photos, SilentDetector(blobs), **given) is None  # type: ignore[arg-type]
+    assert load_or_describe_groups(file, views, photos, SilentDetector(blobs), **given) is None  # type: ignore[arg-type]
     assert not file.exists()
 
 
-def test_looking_can_be_stopped_and_tells_how_far_it_is(blobs: BlobScene, views: Views, photos: Photos) -> None:
+def test_describing_can_be_stopped_and_reports_progress(blobs: BlobScene, views: Views, photos: Photos) -> None:
     with pytest.raises(Cancelled, match="no object was stored"):
-        make_looks(views, photos, FakeDetector(blobs), emit=ignore_events, should_stop=lambda: True)
+        describe_groups(views, photos, FakeDetector(blobs), emit=ignore_events, should_stop=lambda: True)
     events: list[Event] = []
-    make_looks(views, photos, FakeDetector(blobs), emit=events.append, should_stop=never_stop)
+    describe_groups(views, photos, FakeDetector(blobs), emit=events.append, should_stop=never_stop)
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0

@@ -1,4 +1,4 @@
-"""What stands on something is cut off where the figure widens on the way down."""
+"""Objects are cut off at their support plane, where the figure widens on the way down."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import pytest
 
 from engine.events import never_stop
 from engine.objects.context import load_context
-from engine.objects.growing import levels_of
 from engine.objects.hierarchy import Hierarchy
+from engine.objects.levels import find_levels
 from engine.objects.settings import BETTER
-from engine.objects.standing import upper_parts, what_stands
+from engine.objects.support_plane import cut_at_support_planes, upper_parts
 from tests.engine.objects.fakes import FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, make_scene
 
-HEIGHTS = {"plinth": (-1.0, 0.0, 0.5), "foot": (0.0, 0.12, 0.22), "stem": (0.12, 0.4, 0.05), "bowl": (0.4, 0.8, 0.3)}
+HEIGHTS = {"plinth": (-1.0, 0.0, 0.5), "base": (0.0, 0.12, 0.22), "stem": (0.12, 0.4, 0.05), "bowl": (0.4, 0.8, 0.3)}
 
 
 def goblet_on_a_plinth() -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -42,14 +42,14 @@ def one_group(members: np.ndarray) -> Hierarchy:
     return Hierarchy(np.where(members, 0, -1).astype(np.int32), np.array([[0, 1]], np.int32), np.ones(1, np.float32))
 
 
-def test_goblet_is_cut_off_its_plinth_below_its_foot() -> None:
+def test_goblet_is_cut_off_its_plinth_below_its_base() -> None:
     means, part = goblet_on_a_plinth()
     everything = np.ones(len(means), bool)
     found = upper_parts(means, everything)
     goblet = next(one for one in found if iou(one.members, everything & ~part["plinth"]) > 0.9)
     cup = next(one for one in found if iou(one.members, part["bowl"] | part["stem"]) > 0.9)
-    assert goblet.on_wider
-    assert not cup.on_wider, "the bowl is wider than the foot"
+    assert goblet.above_support
+    assert not cup.above_support, "the bowl is wider than the base"
 
 
 @pytest.mark.parametrize("count", [0, 1, 4])
@@ -62,27 +62,29 @@ def test_box_of_one_width_has_no_parts() -> None:
     assert upper_parts(points, np.ones(len(points), bool)) == []
 
 
-def test_bowl_and_stem_get_their_foot_and_goblet_with_plinth_loses_the_plinth() -> None:
+def test_bowl_and_stem_get_their_base_and_goblet_with_plinth_loses_the_plinth() -> None:
     means, part = goblet_on_a_plinth()
     goblet, everything = ~part["plinth"], np.ones(len(means), bool)
-    for known in (goblet & ~part["foot"], everything):
+    for known in (goblet & ~part["base"], everything):
         membership = np.where(known, 0.8, 0.1).astype(np.float32)
-        found = what_stands(means, membership, one_group(everything))
+        found = cut_at_support_planes(means, membership, one_group(everything))
         best = max(found, key=lambda one: iou(one.membership >= 0.5, goblet))
         belongs = best.membership >= 0.5
         assert iou(belongs, goblet) > 0.9
-        assert (best.membership[known & belongs] == np.float32(0.8)).all(), "what was known keeps its membership"
-        assert best.with_foot == (known.sum() < goblet.sum())
+        assert (best.membership[known & belongs] == np.float32(0.8)).all(), "known members keep their membership"
+        assert best.adds_base == (known.sum() < goblet.sum())
 
 
-def test_group_that_is_not_around_the_object_is_not_looked_at() -> None:
+def test_group_that_is_not_around_the_object_is_ignored() -> None:
     means, part = goblet_on_a_plinth()
     membership = np.where(part["bowl"], 0.8, 0.1).astype(np.float32)
-    others = one_group(part["plinth"] | part["foot"])
-    assert all(not (one.membership >= 0.5)[part["foot"]].any() for one in what_stands(means, membership, others))
+    others = one_group(part["plinth"] | part["base"])
+    assert all(
+        not (one.membership >= 0.5)[part["base"]].any() for one in cut_at_support_planes(means, membership, others)
+    )
 
 
-def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None:
+def test_word_for_an_object_that_lost_its_base_restores_the_base(tmp_path: Path) -> None:
     scene = make_scene()
     whole, plate = scene.part == BLUE, scene.part == RED
     means = scene.gaussians.means.copy()
@@ -92,13 +94,13 @@ def test_word_for_what_lost_its_foot_brings_the_foot_too(tmp_path: Path) -> None
     means[plate] = np.column_stack([(low + high)[:2] / 2 + spread, np.full(int(plate.sum()), low[2] - 0.02)])
     scene = replace(scene, gaussians=replace(scene.gaussians, means=means.astype(np.float32)))
     settings = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=6)
-    trained = load_context(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
+    context = load_context(trained_project(scene, tmp_path), settings, lambda: FakeSam(scene))
     cut = whole & (means[:, 2] > low[2] + 0.2 * (high - low)[2])
     sizes = {}
     for hierarchy in (None, one_group(whole | plate)):
-        levels = levels_of(
-            trained.views, trained.photos, cut.astype(np.float32), np.zeros((0, 16), np.float32), settings,
-            encoded=trained.label_maps, judge=lambda members: 0.9, hierarchy=hierarchy, should_stop=never_stop,
+        levels = find_levels(
+            context, cut.astype(np.float32), np.zeros((0, 16), np.float32), settings,
+            scorer=lambda members: 0.9, hierarchy=hierarchy, should_stop=never_stop,
         )  # fmt: skip
         sizes[hierarchy is None] = iou(levels.membership >= 0.5, whole)
     assert sizes[True] == iou(cut, whole)
