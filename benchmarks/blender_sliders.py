@@ -1,7 +1,8 @@
-"""How long Blender's sliders take: ``python -m benchmarks.blender_sliders [--out FILE.md]``, in each Blender at hand.
+"""Response time of the sliders in Blender: ``python -m benchmarks.blender_sliders [--out FILE.md]``.
 
-An object of 300,000 Gaussians is shown, then its membership threshold and its level (part to whole) are moved: from the
-property to the depsgraph's new instances. Nothing is rendered. The goal is 0.2 s.
+An object of 300,000 Gaussians is created in each installed Blender, then its membership threshold and its level (part
+to whole) are changed. The time runs from setting the property until the depsgraph has the new instances. Nothing is
+rendered. The goal is 0.2 s.
 
 example: python -m benchmarks.blender_sliders
 """
@@ -27,53 +28,65 @@ sys.path.insert(0, str(ROOT / "scripts"))
 from check_contracts import link_repository  # noqa: E402
 from places import blender_environments, python_of  # noqa: E402
 
-_COUNT, _LEVELS, _REPEATS = 300_000, 3, 10
-_HEAD = f"""# Blender's sliders
+_COUNT = 300_000
+"""Number of Gaussians of the object."""
 
-Written by `python -m benchmarks.blender_sliders --out docs/blender_sliders.md`. One object of {_COUNT:,} Gaussians,
-median of {_REPEATS} moves, until Blender has its new instances; goal 0.2 s.
+_LEVELS = 3
+"""Number of levels between part and whole."""
 
-| Blender | slider | CPU s | wall s | drawn before and after |
+_REPEATS = 10
+"""Number of changes of each slider."""
+
+_HEAD = f"""# Response time of the sliders in Blender
+
+Written by `python -m benchmarks.blender_sliders --out docs/blender_sliders.md`. The times run from changing a property
+of an object with {_COUNT:,} Gaussians until Blender has the new instances, medians of {_REPEATS} changes. The goal is
+0.2 s.
+
+| Blender | slider | CPU s | wall s | instances before, after |
 | --- | --- | ---: | ---: | --- |
 """
 
 
 def main() -> int:
-    """Measure in each Blender, print, and write where wanted."""
+    """Measure in each Blender and print the table, and write it to the file given by ``--out``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="Markdown file for the table")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.here:
-        _say_and_leave()
+        _measure_and_exit()
     text = _HEAD
     for name in blender_environments():
         command = [str(python_of(name)), "-m", "benchmarks.blender_sliders", "--here"]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-        if done.returncode:
-            print(f"{name}: {done.stderr.strip().splitlines()[-1]}", file=sys.stderr)
+        process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        if process.returncode:
+            print(f"{name}: {process.stderr.strip().splitlines()[-1]}", file=sys.stderr)
             return 1
-        for row in json.loads(done.stdout.splitlines()[-1]):
-            text += f"| {row['blender']} | {row['slider']} | {row['cpu']:.3f} | {row['wall']:.3f} | {row['drawn']} |\n"
+        for row in json.loads(process.stdout.splitlines()[-1]):
+            text += (
+                f"| {row['blender']} | {row['slider']} | {row['cpu']:.3f} | {row['wall']:.3f} | {row['instances']} |\n"
+            )
     print(text)
     if arguments.out:
         arguments.out.write_text(text, encoding="utf-8")
     return 0
 
 
-def _say_and_leave() -> NoReturn:
+def _measure_and_exit() -> NoReturn:
+    """Print the measurements of this Blender as JSON and end the process."""
     code = 1
     try:
         print(json.dumps(measure()), flush=True)
         code = 0
     except Exception as error:
         print(repr(error), file=sys.stderr, flush=True)
-    # Blender's own clearing up waits forever where references to its data are left, as after an error.
+    # Blender's clean-up waits forever if references to its data are left, as after an error.
     os._exit(code)
 
 
 def measure() -> list[dict[str, Any]]:
-    """Return a row for each slider of this very Blender."""
+    """Return one row of the table for each slider, measured in the Blender of this process."""
     import bpy
 
     with tempfile.TemporaryDirectory() as name:
@@ -84,26 +97,26 @@ def measure() -> list[dict[str, Any]]:
 
         gaussian_heritage.register()
         bpy.ops.wm.read_homefile(use_empty=True)
-        obj = _object(folder / "project")
-        said = obj.heritage
+        obj = _create_object(folder / "project")
+        properties = obj.heritage
 
-        def threshold(number: int) -> None:
-            said.threshold = 0.3 + 0.05 * (number % 8)
+        def set_threshold(number: int) -> None:
+            properties.threshold = 0.3 + 0.05 * (number % 8)
 
-        def level(number: int) -> None:
-            said.part_to_whole = number % _LEVELS / (_LEVELS - 1)
+        def set_level(number: int) -> None:
+            properties.part_to_whole = number % _LEVELS / (_LEVELS - 1)
 
         version = ".".join(map(str, bpy.app.version))
         return [
-            {"blender": version, "slider": words, **_cost(obj, move)}
-            for words, move in (("threshold", threshold), ("part to whole", level))
+            {"blender": version, "slider": slider, **_cost(obj, change)}
+            for slider, change in (("threshold", set_threshold), ("part to whole", set_level))
         ]
 
 
-def _object(project: Path) -> Any:
-    """Return an isolated object of a project with levels on the disk."""
+def _create_object(project: Path) -> Any:
+    """Return an isolated object of a project whose levels are stored on the disk."""
     import bpy
-    from gaussian_heritage.engine.gaussians.gaussians import Gaussians
+    from gaussian_heritage.engine.scene import Gaussians
     from gaussian_heritage.gaussian_heritage_addon.splats import SplatScene
 
     rng = np.random.default_rng(0)
@@ -125,31 +138,33 @@ def _object(project: Path) -> Any:
     splats = SplatScene.create("vase", gaussians, bpy.context.scene.collection, membership=levels[0])
     obj = splats.object
     obj["heritage_count"] = _COUNT
-    said = obj.heritage
-    said.role, said.project, said.object_id, said.n_levels = "OBJECT", str(project), "vase", _LEVELS
-    said.threshold = 0.5
+    properties = obj.heritage
+    properties.role, properties.project, properties.object_id = "OBJECT", str(project), "vase"
+    properties.n_levels = _LEVELS
+    properties.threshold = 0.5
     bpy.context.view_layer.update()
     return obj
 
 
-def _cost(obj: Any, move: Callable[[int], None]) -> dict[str, Any]:
-    """Return the median cost of a move, and what was drawn before the first and after the last."""
+def _cost(obj: Any, change: Callable[[int], None]) -> dict[str, Any]:
+    """Return the median CPU and wall seconds of a change, and the instances before the first and after the last one."""
     import bpy
 
-    drawn, costs = [_drawn(obj)], []
+    instances, costs = [_n_instances(obj)], []
     for number in range(1, _REPEATS + 1):
         cpu, wall = time.process_time(), time.perf_counter()
-        move(number)
+        change(number)
         bpy.context.view_layer.update()
         costs.append((time.process_time() - cpu, time.perf_counter() - wall))
-    drawn.append(_drawn(obj))
-    if obj.heritage.problem or drawn[0] == drawn[1]:
-        raise RuntimeError(f"The slider moved nothing: {obj.heritage.problem or drawn}")
+    instances.append(_n_instances(obj))
+    if obj.heritage.problem or instances[0] == instances[1]:
+        raise RuntimeError(f"The slider changed nothing: {obj.heritage.problem or instances}")
     cpu, wall = np.median(costs, axis=0)
-    return {"cpu": float(cpu), "wall": float(wall), "drawn": f"{drawn[0]:,}, {drawn[1]:,}"}
+    return {"cpu": float(cpu), "wall": float(wall), "instances": f"{instances[0]:,}, {instances[1]:,}"}
 
 
-def _drawn(obj: Any) -> int:
+def _n_instances(obj: Any) -> int:
+    """Return how many instances Blender draws of an object."""
     import bpy
 
     instances = bpy.context.evaluated_depsgraph_get().object_instances

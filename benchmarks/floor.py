@@ -1,4 +1,4 @@
-"""The least time the arithmetic of blending can take: as many operations as must be done, all of them FMAs."""
+"""Lower bound on the time of blending: the time of the same number of operations if all of them were FMAs."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from engine.rasterizer.jit import JIT
 from engine.rasterizer.simd import fma, load, store
 from engine.rasterizer.threads import Share, run_shared
 
-__all__ = ["least_time", "operations", "spin_on"]
+__all__ = ["arithmetic_floor_ms", "count_operations", "time_fmas_ms"]
 
 _CHAINS = 8
-"""Independent sums, so that the latency of one FMA is hidden."""
+"""Number of independent sums, which hide the latency of an FMA."""
 
 FORWARD, BACKWARD = 28, 52
-"""Operations a pixel-Gaussian pair besides its channels, an FMA counting two: offsets 2, whitened distance 4, its
-square 3, power of two 14, alpha 2, transmittance 2, weight 1; backward the same again, then 2 for the ratio of alphas,
-2 to sum, 6 for the distance once more and 14 for six moments and what lies behind."""
+"""Operations for a pixel and a Gaussian besides those for channels; an FMA counts as two. Forward: offsets 2, whitened
+distance 4, its square 3, power of two 14, alpha 2, transmittance 2, weight 1. Backward: the same again, then 2 for the
+ratio of alphas, 2 for sums, 6 for the distance again and 14 for six moments and the sum over the Gaussians behind."""
 _PER_CHANNEL = 2 + 4
-"""Forward one FMA a channel; backward two: the product with the incoming gradient, and the colour's own gradient."""
+"""Operations for a channel. Forward: one FMA. Backward: two, for the product with the incoming gradient and for the
+gradient of the colour."""
 
 
 @njit(**JIT)
-def _spin(n: int, x: NDArray[np.float32]) -> None:
-    """Do `n` times `_CHAINS` FMAs on the 32 numbers `x`, which are changed."""
+def _compute_fmas(n: int, x: NDArray[np.float32]) -> None:
+    """Compute `n` times `_CHAINS` FMAs on vectors from the 32 numbers `x`, which change."""
     a, b = load(x, 0), load(x, 16)
     s0, s1, s2, s3, s4, s5, s6, s7 = a, a, a, a, a, a, a, a
     for _ in range(n):
@@ -42,36 +43,36 @@ def _spin(n: int, x: NDArray[np.float32]) -> None:
     store(x, 0, ((s0 + s1) + (s2 + s3)) + ((s4 + s5) + (s6 + s7)))
 
 
-def least_time(n_operations: float) -> float:
-    """Return the CPU milliseconds in which one core does so many operations right now, all of them FMAs on vectors."""
+def arithmetic_floor_ms(n_operations: float) -> float:
+    """Return the CPU milliseconds that one core currently needs for `n_operations` if all are FMAs on vectors."""
     x = np.full(32, 0.5, np.float32)
-    _spin(10, x)
+    _compute_fmas(10, x)
     x[:] = 0.5
     start = time.process_time()
-    _spin(round(n_operations / (_CHAINS * 16 * 2)), x)
+    _compute_fmas(round(n_operations / (_CHAINS * 16 * 2)), x)
     return 1e3 * (time.process_time() - start)
 
 
-def spin_on(n_threads: int) -> float:
-    """Return the wall milliseconds of the same FMAs shared between threads: what the machine's cores give right now."""
-    each = 2_000_000 // n_threads
+def time_fmas_ms(n_threads: int) -> float:
+    """Return the wall milliseconds of a fixed number of FMAs on `n_threads` threads, a measure of the free cores."""
+    n_per_thread = 2_000_000 // n_threads
 
     def work(_: Share) -> None:
-        _spin(each, np.full(32, 0.5, np.float32))
+        _compute_fmas(n_per_thread, np.full(32, 0.5, np.float32))
 
-    _spin(10, np.full(32, 0.5, np.float32))
+    _compute_fmas(10, np.full(32, 0.5, np.float32))
     start = time.perf_counter()
     run_shared(work, n_threads)
     return 1e3 * (time.perf_counter() - start)
 
 
-def operations(masks: NDArray[np.uint16], n_channels: int) -> float:
-    """Return the operations of one forward and backward pass.
+def count_operations(masks: NDArray[np.uint16], n_channels: int) -> float:
+    """Return the number of operations of one forward and backward pass.
 
     Parameters
     ----------
-    masks : array of shape [M], uint16
-        Blocks of 4x4 pixels that each pair of a tile and a Gaussian changes.
+    masks : uint16 array of shape [M]
+        Blocks of 4x4 pixels that each pair of a tile and a Gaussian changes, one bit for each block.
     n_channels : int
     """
     n_blocks = int(np.bitwise_count(masks).sum())

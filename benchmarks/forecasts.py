@@ -1,7 +1,7 @@
-"""Forecasts beside what the work took: ``python -m benchmarks.forecasts PROJECT... [--out FILE.md]``.
+"""Comparison of forecasts with measured runs: ``python -m benchmarks.forecasts PROJECT... [--out FILE.md]``.
 
-Each PROJECT was made by `reconstruct` without interruption. For a fair table name an empty calibration beforehand
-(``GAUSSIAN_HERITAGE_CALIBRATION``, another file for each): otherwise earlier runs on this machine have corrected it.
+Each PROJECT must have been made by `reconstruct` without interruption. For a fair table, give each run an empty
+calibration (``GAUSSIAN_HERITAGE_CALIBRATION`` with a new file); otherwise earlier runs on this machine correct it.
 
 example: python -m benchmarks.forecasts statue/project banana/project --out docs/forecasts.md
 """
@@ -16,10 +16,13 @@ from typing import Any
 from engine.machine import describe_machine
 from engine.project_folder import ProjectFolder, atomic_write
 
-_HEAD = """| photo set | stage | forecast s | took s | took / forecast | forecast MB | took MB | took / forecast |
-| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"""
-_GOALS = """Goals: time of a whole run within 30 %, its memory (of the largest stage) within 25 %.
-Training is compared with a forecast of all its steps, also where its curve was flat before the last one."""
+_HEAD = (
+    "| photo set | stage | forecast s | measured s | measured / forecast "
+    "| forecast MB | measured MB | measured / forecast |\n"
+    "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
+)
+_GOALS = """Goals: the time of a whole run within 30 %, its memory (that of the largest stage) within 25 %.
+Training is compared with a forecast of all its steps, even if it stopped early because its curve was flat."""
 
 
 def rows(project: ProjectFolder) -> list[str]:
@@ -30,25 +33,25 @@ def rows(project: ProjectFolder) -> list[str]:
     for stage in forecast["stages"]:
         record = project.stage_record(stage["stage"])
         if record is None or record["continued"]:
-            raise SystemExit(f"{project.path} was interrupted in its stage {stage['stage']}: make it anew.")
+            raise SystemExit(f"{project.path} was interrupted in its stage {stage['stage']}: make it again.")
         seconds.append((stage["seconds"], record["wall_seconds"]))
         memory.append((stage["memory"], record["peak_memory"]))
         lines.append(_row(name, stage["stage"], seconds[-1], memory[-1]))
-    whole = sum(expected for expected, _ in seconds), sum(took for _, took in seconds)
+    whole = sum(expected for expected, _ in seconds), sum(measured for _, measured in seconds)
     lines.append(_row(f"**{name}**", "**whole**", whole, (max(m for m, _ in memory), max(m for _, m in memory))))
     return lines
 
 
-def _row(name: str, stage: str, seconds: tuple[float, float], memory: tuple[float, float]) -> str:
-    (expected, took), (foreseen, held) = seconds, memory
+def _row(name: str, stage: str, time: tuple[float, float], memory: tuple[float, float]) -> str:
+    (forecast_seconds, seconds), (forecast_bytes, used_bytes) = time, memory
     return (
-        f"| {name} | {stage} | {expected:,.1f} | {took:,.1f} | {took / expected:.2f} "
-        f"| {foreseen / 1e6:,.0f} | {held / 1e6:,.0f} | {held / foreseen:.2f} |"
+        f"| {name} | {stage} | {forecast_seconds:,.1f} | {seconds:,.1f} | {seconds / forecast_seconds:.2f} "
+        f"| {forecast_bytes / 1e6:,.0f} | {used_bytes / 1e6:,.0f} | {used_bytes / forecast_bytes:.2f} |"
     )
 
 
 def main() -> None:
-    """Print the table, and write it when asked to."""
+    """Print the table, and write it to the file given by ``--out``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("projects", type=Path, nargs="+", help="project folders")
     parser.add_argument("--out", type=Path, help="file for the table")
@@ -57,7 +60,8 @@ def main() -> None:
     table = "\n".join([_HEAD, *(line for project in projects for line in rows(project))])
     cores = describe_machine().cores
     text = (
-        "# Forecasts beside what the work took\n\n```\npython -m benchmarks.forecasts PROJECT... --out FILE.md\n```\n\n"
+        "# Forecasts compared with measured runs\n\n"
+        "```\npython -m benchmarks.forecasts PROJECT... --out FILE.md\n```\n\n"
         f"{table}\n\n{_GOALS}\n\n{cores} cores, {platform.system()} {platform.machine()}.\n"
     )
     print(text)

@@ -1,10 +1,10 @@
-"""What joint features cost, what each part of their training is worth, and whether the paper's own are trained to the
-end.
+"""Cost of joint features, contribution of each part of their training, and convergence of the paper's features.
 
-Trains one of our scenes with the standard budget and picture size several times: without features and with them, by
-the same seed for the same number of steps; with one part of their training at a time as the paper has it or left out;
-and with the paper's feature losses, start and rates for more and more steps, or evaluated more and more often. Cameras
-and masks are made once, in OUT/scene; what is trained is kept, and a further run goes on.
+One of our scenes is trained several times with the Gaussians and image size of the standard preset: with and without
+features, for the same seed and number of steps; with one part of the feature training at a time replaced by the paper's
+or left out; and with the paper's feature losses, initialisation and learning rates, for increasing numbers of steps or
+of evaluations of L_CC. Cameras and masks are computed once, in OUT/scene. Trained projects are kept, and a later run
+reuses them.
 
 example: python -m benchmarks.joint_features demo/museum_room --out out/joint --paper-steps 750,1500,3000,6000
 """
@@ -19,20 +19,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from engine.bench.prepared import prepare, prepare_masks, train_prepared
 from engine.cameras.settings import CameraSettings
 from engine.evaluation import INTRODUCTION, MEANINGS, evaluate_project, mean_of, write_section
 from engine.evaluation.settings import EvaluationSettings
 from engine.events import ignore_events, never_stop
 from engine.grounding import load_default_detector
 from engine.masks import load_default_sam
-from engine.pipeline import PipelineSettings, Prepared, prepare, prepare_masks, train_prepared
+from engine.pipeline import PipelineSettings
 from engine.planning import PlanSettings, WorkPlan, plan_work
 from engine.project_folder import ProjectFolder, atomic_write
 from engine.training.settings import PRESETS, TrainingSettings
 
-_STANDARD = replace(PRESETS["standard"], stop_when_flat=0.0)
-_OF_THE_PAPER = (
-    "feature_init", "feature_gradient", "lr_features", "clustering_interval", "clustering_pixels", "regularisation",
+_STANDARD = PRESETS["standard"].changed(stop_when_flat=0.0)
+_PAPER_FIELDS = (
+    "feature_init", "feature_gradient", "clustering_interval", "clustering_pixels", "regularisation",
     "regularisation_interval", "lambda_ray",
 )  # fmt: skip
 _PARTS = {
@@ -40,14 +41,32 @@ _PARTS = {
     "L_CC in one step of 50": {"clustering_interval": 50},
     "the paper's neighbours in L_reg": {"regularisation": "paper"},
     "no variance along the ray": {"lambda_ray": 0.0},
-    "features blended as they are": {"feature_init": "paper", "lambda_ray": 0.0},
+    "features blended without normalisation": {"feature_init": "paper", "lambda_ray": 0.0},
 }
-_PAPER_FEATURES = replace(_STANDARD, **{name: getattr(PRESETS["paper"], name) for name in _OF_THE_PAPER})
+_PAPER_FEATURES = _STANDARD.changed(
+    **{name: getattr(PRESETS["paper"].features, name) for name in _PAPER_FIELDS},
+    lr_features=PRESETS["paper"].optimiser.lr_features,
+)
 
 
 @dataclass(frozen=True)
-class Converged:
-    """How well objects come out, in percent, after a number of steps; means over the objects by their true masks."""
+class TrainingResult:
+    """Quality of the objects after a training; means over all objects, prompted by their true masks.
+
+    Attributes
+    ----------
+    features : str
+        Which features were trained, for the table.
+    steps : int
+    evaluations : int
+        Number of evaluations of L_CC.
+    paper, better : (float, float)
+        IoU and boundary IoU in percent with this preset.
+    psnr : float
+        On held-out photos, dB.
+    cpu_seconds : float
+        Of the training.
+    """
 
     features: str
     steps: int
@@ -59,7 +78,7 @@ class Converged:
 
 
 class Bench:
-    """A scene of ours whose cameras and masks are made."""
+    """One of our scenes, with computed cameras and masks."""
 
     def __init__(self, scene: Path, out: Path) -> None:
         self.scene, self.out = scene, out
@@ -70,22 +89,25 @@ class Bench:
         )
 
     def _plan(self, features: bool) -> WorkPlan:
-        wishes = PlanSettings(preset="standard", wants_objects=features)
-        given = self.prepared.camera_set.poses_given
+        settings = PlanSettings(preset="standard", wants_objects=features)
+        poses_given = self.prepared.camera_set.poses_given
         return plan_work(
-            self.prepared.photo_set, self.prepared.looks, wishes, cameras=CameraSettings(), poses_given=given,
-            points_given=given,
+            self.prepared.photo_set, self.prepared.statistics, settings, cameras=CameraSettings(),
+            poses_given=poses_given, points_given=poses_given,
         )  # fmt: skip
 
     def trained(self, name: str, training: TrainingSettings) -> ProjectFolder:
-        """Return a project of its own, trained so; what was trained before is taken as it is."""
+        """Return the project `name` after training with these settings; a training of an earlier run is reused."""
         sys.stderr.write(f"{name}...\n")
-        folder, given = self.out / name, self.prepared
-        prepared = (
-            given if training.features else Prepared(given.photo_set, given.looks, given.camera_set, {}, given.earlier)
-        )
+        folder, prepared = self.out / name, self.prepared
+        prepared = prepared if training.features.train_features else replace(prepared, label_maps={})
         project = train_prepared(
-            prepared, folder, self._plan(training.features), training, emit=ignore_events, should_stop=never_stop
+            prepared,
+            folder,
+            self._plan(training.features.train_features),
+            training,
+            emit=ignore_events,
+            should_stop=never_stop,
         )
         for part in ("cameras", "masks"):
             shutil.copytree(self.out / "scene" / part, folder / part, dirs_exist_ok=True)
@@ -93,7 +115,7 @@ class Bench:
             project.put("photo_folder", str((self.scene / "photos").resolve()))
         return project
 
-    def converged(self, features: str, name: str, training: TrainingSettings) -> Converged:
+    def train_and_evaluate(self, features: str, name: str, training: TrainingSettings) -> TrainingResult:
         """Train, and isolate every object by its true mask."""
         project = self.trained(name, training)
         rows = evaluate_project(
@@ -101,72 +123,72 @@ class Bench:
             sam_factory=load_default_sam, emit=ignore_events, should_stop=never_stop,
         ).rows  # fmt: skip
         scores = {
-            way: tuple(
-                100 * mean_of([getattr(row, measure) for row in rows if row.way == way])
+            method: tuple(
+                100 * mean_of([getattr(row, measure) for row in rows if row.method == method])
                 for measure in ("iou", "boundary_iou")
             )
-            for way in ("paper", "better")
+            for method in ("paper", "better")
         }
         figures = (project.stage_record("training") or {})["figures"]
         paper, better = scores["paper"], scores["better"]
-        evaluations = training.steps // training.clustering_interval
-        return Converged(
-            features, training.steps, evaluations, (paper[0], paper[1]), (better[0], better[1]), figures["psnr"],
-            figures["cpu_seconds"],
+        evaluations = training.schedule.steps // training.features.clustering_interval
+        return TrainingResult(
+            features, training.schedule.steps, evaluations, (paper[0], paper[1]), (better[0], better[1]),
+            figures["psnr"], figures["cpu_seconds"],
         )  # fmt: skip
 
 
 def cost(bench: Bench, seeds: Sequence[int]) -> str:
-    """Return the table of what features cost the pictures."""
+    """Return the table of trainings with and without features, and the loss of PSNR."""
     lines = [
         "| seed | features | steps | PSNR dB | SSIM | L1 | CPU s |",
         "| ---: | --- | ---: | ---: | ---: | ---: | ---: |",
     ]
-    lost = []
+    losses = []
     for seed in seeds:
         psnr = {}
         for features in (False, True):
             name = f"{'joint' if features else 'none'}-{seed}"
-            training = replace(_STANDARD, features=features, seed=seed)
+            training = _STANDARD.changed(train_features=features, seed=seed)
             figures = (bench.trained(name, training).stage_record("training") or {})["figures"]
             psnr[features] = figures["psnr"]
             lines.append(
                 f"| {seed} | {'joint' if features else 'none'} | {figures['steps']:,} | {figures['psnr']:.2f} "
                 f"| {figures['ssim']:.4f} | {figures['l1']:.4f} | {figures['cpu_seconds']:.0f} |"
             )
-        lost.append(psnr[False] - psnr[True])
-    each = ", ".join(f"{value:+.2f}" for value in lost)
+        losses.append(psnr[False] - psnr[True])
+    values = ", ".join(f"{loss:+.2f}" for loss in losses)
     return (
-        "\n".join(lines) + f"\n\nPSNR lost through the features: {mean_of(lost):+.2f} dB"
-        f"{f' on average ({each})' if len(lost) > 1 else ''}, on held-out photos; same seed, same steps."
+        "\n".join(lines) + "\n\nLoss of PSNR on held-out photos with features, for the same seed and steps: "
+        f"{mean_of(losses):+.2f} dB{f' on average ({values})' if len(losses) > 1 else ''}."
     )
 
 
 def parts(bench: Bench) -> str:
-    """Return the table of our features with one part of their training exchanged at a time."""
-    rows = [bench.converged("ours", f"joint-{_STANDARD.seed}", _STANDARD)]
+    """Return the table of our features with one part of their training replaced at a time."""
+    rows = [bench.train_and_evaluate("ours", f"joint-{_STANDARD.seed}", _STANDARD)]
     rows += [
-        bench.converged(name, "joint-" + "-".join(name.lower().split()), replace(_STANDARD, **changed))
+        bench.train_and_evaluate(name, "joint-" + "-".join(name.lower().split()), _STANDARD.changed(**changed))
         for name, changed in _PARTS.items()
     ]
     return _table(rows)
 
 
 def convergence(bench: Bench, steps: Sequence[int], intervals: Sequence[int]) -> tuple[str, bytes]:
-    """Return the table of the paper's features after more and more evaluations, ours beside them; and its picture."""
-    rows = [bench.converged("ours", f"joint-{_STANDARD.seed}", _STANDARD)]
-    trainings = {f"paper-{count}": replace(_PAPER_FEATURES, steps=count) for count in sorted(steps)}
+    """Return the table and the plot (PNG) of the paper's features for increasing numbers of evaluations, with ours."""
+    rows = [bench.train_and_evaluate("ours", f"joint-{_STANDARD.seed}", _STANDARD)]
+    trainings = {f"paper-{count}": _PAPER_FEATURES.changed(steps=count) for count in sorted(steps)}
     trainings |= {
-        f"paper-every-{interval}": replace(_PAPER_FEATURES, clustering_interval=interval)
+        f"paper-every-{interval}": _PAPER_FEATURES.changed(clustering_interval=interval)
         for interval in sorted(intervals, reverse=True)
     }
-    rows += [bench.converged("the paper's", name, training) for name, training in trainings.items()]
-    return _table(rows), picture(rows)
+    rows += [bench.train_and_evaluate("the paper's", name, training) for name, training in trainings.items()]
+    return _table(rows), plot_iou(rows)
 
 
-def _table(rows: Sequence[Converged]) -> str:
+def _table(rows: Sequence[TrainingResult]) -> str:
     lines = [
-        "| features | steps | L_CC evaluated | `paper` IoU | BIoU | `better` IoU | BIoU | PSNR dB | CPU s |",
+        "| features | steps | evaluations of L_CC | `paper` IoU | BIoU | `better` IoU | BIoU | PSNR dB | CPU s |",
         "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
     ]
     for row in rows:
@@ -178,20 +200,24 @@ def _table(rows: Sequence[Converged]) -> str:
     return "\n".join(lines)
 
 
-def picture(rows: Sequence[Converged]) -> bytes:
-    """Draw mean IoU against evaluations of L_CC: a line a way of isolating, on the paper's features; ours as stars."""
+def plot_iou(rows: Sequence[TrainingResult]) -> bytes:
+    """Plot mean IoU against evaluations of L_CC: a line per method on the paper's features, and stars for ours."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 3.8), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
-    for way, colour in (("paper", "#8a4b2a"), ("better", "#3f6673")):
+    for method, colour in (("paper", "#8a4b2a"), ("better", "#3f6673")):
         for features, style in (("the paper's", "o-"), ("ours", "*")):
-            own = sorted((row for row in rows if row.features == features), key=lambda row: row.evaluations)
-            values = [getattr(row, way)[0] for row in own]
+            selected = sorted((row for row in rows if row.features == features), key=lambda row: row.evaluations)
+            values = [getattr(row, method)[0] for row in selected]
             axes.plot(
-                [row.evaluations for row in own], values, style, color=colour, label=f"`{way}`, features: {features}"
+                [row.evaluations for row in selected],
+                values,
+                style,
+                color=colour,
+                label=f"`{method}`, features: {features}",
             )
     axes.set_xscale("log")
     axes.set_xlabel("evaluations of L_CC", fontsize=8)
@@ -204,17 +230,21 @@ def picture(rows: Sequence[Converged]) -> bytes:
 
 
 def main() -> None:
-    """Train, compare and, if wanted, write."""
+    """Train, compare and print the tables, and write them to the file given by ``--doc``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", type=Path, help="folder with photos/ and truth/, one of ours")
-    parser.add_argument("--out", type=Path, required=True, help="folder for what is trained")
+    parser.add_argument("scene", type=Path, help="folder of one of our scenes, with photos/ and truth/")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the trained projects")
     parser.add_argument(
-        "--seeds", default="0", metavar="N,N", help="to train by, with and without (default: 0); '' for none"
+        "--seeds", default="0", metavar="N,N", help="seeds to train with and without features (default: 0); '' for none"
     )
-    parser.add_argument("--paper-steps", default="", metavar="N,N", help="to train the paper's features for")
-    parser.add_argument("--paper-intervals", default="", metavar="N,N", help="steps between evaluations of its L_CC")
-    parser.add_argument("--parts", action="store_true", help="exchange one part of our training at a time")
-    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write sections there")
+    parser.add_argument(
+        "--paper-steps", default="", metavar="N,N", help="numbers of steps to train the paper's features for"
+    )
+    parser.add_argument(
+        "--paper-intervals", default="", metavar="N,N", help="numbers of steps between evaluations of the paper's L_CC"
+    )
+    parser.add_argument("--parts", action="store_true", help="replace one part of our feature training at a time")
+    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="file for the sections")
     arguments = parser.parse_args()
     bench = Bench(arguments.scene, arguments.out)
     name, seeds, steps = arguments.scene.name, _numbers(arguments.seeds), _numbers(arguments.paper_steps)
@@ -222,40 +252,44 @@ def main() -> None:
     command = f"python -m benchmarks.joint_features demo/{name} --out out/joint"
     if seeds:
         table = cost(bench, seeds)
-        _tell(
+        _write(
             arguments.doc,
-            f"{name}: what joint features cost",
+            f"{name}: cost of joint features",
             f"```\n{command} --seeds {arguments.seeds}\n```\n\n{table}",
         )
     if arguments.parts:
-        _tell(
+        _write(
             arguments.doc,
-            f"{name}: what each part of training the features is worth",
+            f"{name}: contribution of each part of the feature training",
             f"```\n{command} --seeds '' --parts\n```\n\n{parts(bench)}\n\n"
-            "Every row trained anew by the same seed. All objects by their true masks, held-out photos.",
+            "Every row is a new training with the same seed. All objects are prompted by their true masks and "
+            "evaluated on held-out photos.",
         )
     if steps or intervals:
         table, image = convergence(bench, steps, intervals)
-        asked = f"--paper-steps {arguments.paper_steps} --paper-intervals {arguments.paper_intervals}"
-        text = f"```\n{command} --seeds '' {asked}\n```\n\n{table}\n\n"
+        options = f"--paper-steps {arguments.paper_steps} --paper-intervals {arguments.paper_intervals}"
+        text = f"```\n{command} --seeds '' {options}\n```\n\n{table}\n\n"
         text += (
-            "The paper's feature losses, start, rates and intervals on the standard preset's Gaussians and pictures, "
-            "every row trained anew with a schedule of its length. All objects by their true masks, held-out photos. "
-            "The published 30,000 steps evaluate L_CC 600 times, one step in 50: as often as 3,000 steps with one in 5."
+            "The paper's feature losses, initialisation, learning rates and intervals, with the Gaussians and image "
+            "size of the standard preset. Every row is a new training with a schedule of its length. All objects are "
+            "prompted by their true masks and evaluated on held-out photos. The published 30,000 steps evaluate L_CC "
+            "in one step of 50, 600 times, as often as 3,000 steps with one in 5."
         )
         if arguments.doc:
             file = arguments.doc.with_name(f"{arguments.doc.stem}_{name}_steps.png")
             with atomic_write(file) as stream:
                 stream.write(image)
             text += f"\n\n![IoU against evaluations of L_CC]({file.name})"
-        _tell(arguments.doc, f"{name}: the paper's features, trained for longer", text)
+        _write(arguments.doc, f"{name}: the paper's features with longer training", text)
 
 
 def _numbers(text: str) -> list[int]:
+    """Return the integers of a comma-separated list."""
     return [int(number) for number in text.split(",") if number.strip()]
 
 
-def _tell(doc: Path | None, title: str, body: str) -> None:
+def _write(doc: Path | None, title: str, body: str) -> None:
+    """Print a section, and write it to `doc` if given."""
     sys.stdout.write(f"{title}\n\n{body}\n\n")
     sys.stdout.flush()
     if doc:

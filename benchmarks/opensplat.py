@@ -1,7 +1,8 @@
-"""A training step of OpenSplat on the CPU beside ours, on the same COLMAP project, in one run.
+"""Comparison of a training step with OpenSplat on the CPU, on the same COLMAP project, in one run.
 
-Builds and downloads nothing: it needs OpenSplat's program. Both train colour alone on the sparse points, at full size,
-before any Gaussian is added; the cost of a step is the difference between a longer and a shorter run.
+It needs OpenSplat's program and neither builds nor downloads it. Both programs train only colours, from the sparse
+points, at full image size, before Gaussians are added. The cost of a step is computed from the difference between a
+longer and a shorter run.
 
 example: python -m benchmarks.opensplat path/to/opensplat path/to/colmap_project
 """
@@ -14,7 +15,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,30 +27,30 @@ from engine.training import load_views, start_gaussians, train
 from engine.training.settings import PRESETS
 
 _SHORT, _LONG = 20, 60
-"""Steps; OpenSplat adds Gaussians after 500."""
+"""Numbers of steps of the two runs. OpenSplat adds Gaussians after 500 steps."""
 
 
-def theirs(program: Path, project: Path, steps: int, folder: Path) -> tuple[float, float]:
-    """Return CPU and wall seconds of OpenSplat for `steps` steps on `project` (``images`` and ``sparse/0``)."""
+def measure_opensplat(program: Path, project: Path, steps: int, folder: Path) -> tuple[float, float]:
+    """Return CPU and wall seconds of OpenSplat for `steps` steps on `project` (with ``images`` and ``sparse/0``)."""
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [program, project, "-n", steps, "--cpu", "--num-downscales", 0, "--sh-degree", 1]
-    done = subprocess.run(
-        [str(part) for part in [*command, "-o", folder / "theirs.ply"]], capture_output=True, text=True, check=False
+    process = subprocess.run(
+        [str(part) for part in [*command, "-o", folder / "opensplat.ply"]], capture_output=True, text=True, check=False
     )
-    if done.returncode:
-        raise SystemExit(f"{program} ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
+    if process.returncode:
+        raise SystemExit(f"{program} ended with code {process.returncode}: {process.stderr.strip()[-500:]}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return cpu, time.perf_counter() - started
 
 
-def ours(project: Path, steps: int, folder: Path) -> tuple[float, float, int]:
+def measure_ours(project: Path, steps: int, folder: Path) -> tuple[float, float, int]:
     """Return CPU and wall seconds of our training for `steps` steps on `project`, and the number of Gaussians."""
     photos = read_photos(project / "images", PhotoSettings(), emit=ignore_events)
     cameras = read_cameras(project / "sparse" / "0", photos)
     n_points = len(cameras.points)
-    settings = replace(
-        PRESETS["standard"], steps=steps, max_gaussians=n_points, background=0.0, features=False, coarse_levels=0,
+    settings = PRESETS["standard"].changed(
+        steps=steps, max_gaussians=n_points, background_fraction=0.0, train_features=False, coarse_levels=0,
         max_side=max(max(photo.width, photo.height) for photo in photos.photos), grow_from=1.0, grow_until=1.0,
         curve_points=1, checkpoint_interval=steps,
     )  # fmt: skip
@@ -61,9 +61,9 @@ def ours(project: Path, steps: int, folder: Path) -> tuple[float, float, int]:
 
 
 def main() -> None:
-    """Time both and print the ratio."""
+    """Measure both programs and print the ratio of their times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("opensplat", type=Path, help="OpenSplat's program")
+    parser.add_argument("opensplat", type=Path, help="path to OpenSplat's program")
     parser.add_argument("project", type=Path, help="folder with images/ and sparse/0/")
     arguments = parser.parse_args()
     for path in (arguments.opensplat, arguments.project / "images", arguments.project / "sparse" / "0"):
@@ -71,19 +71,19 @@ def main() -> None:
             parser.error(f"{path} does not exist")
     per_step = []
     with tempfile.TemporaryDirectory() as folder:
-        for measure in (theirs, ours):
+        for measure in (measure_opensplat, measure_ours):
             runs = []
-            for steps in (1, _SHORT, _LONG):  # the first loads compiled code and photos, and does not count
-                place = Path(folder) / f"{measure.__name__}-{steps}"
-                place.mkdir()
-                extra = (arguments.opensplat,) if measure is theirs else ()
-                runs.append(measure(*extra, arguments.project, steps, place))  # type: ignore[operator]
+            for steps in (1, _SHORT, _LONG):  # The first run loads compiled code and photos and does not count.
+                run_folder = Path(folder) / f"{measure.__name__}-{steps}"
+                run_folder.mkdir()
+                program = (arguments.opensplat,) if measure is measure_opensplat else ()
+                runs.append(measure(*program, arguments.project, steps, run_folder))  # type: ignore[operator]
             per_step.append(1e3 * (np.array(runs[2][:2]) - np.array(runs[1][:2])) / (_LONG - _SHORT))
-    (their_cpu, their_wall), (our_cpu, our_wall) = per_step
+    (opensplat_cpu, opensplat_wall), (our_cpu, our_wall) = per_step
     sys.stdout.write(
-        f"OpenSplat  {their_cpu:9.1f} CPU ms  {their_wall:9.1f} wall ms a step\n"
-        f"ours       {our_cpu:9.1f} CPU ms  {our_wall:9.1f} wall ms a step, {runs[2][2]:,} Gaussians\n"
-        f"ratio      {their_cpu / our_cpu:9.1f} in CPU time  {their_wall / our_wall:9.1f} in wall time\n"
+        f"OpenSplat  {opensplat_cpu:9.1f} CPU ms  {opensplat_wall:9.1f} wall ms per step\n"
+        f"ours       {our_cpu:9.1f} CPU ms  {our_wall:9.1f} wall ms per step, {runs[2][2]:,} Gaussians\n"
+        f"ratio      {opensplat_cpu / our_cpu:9.1f} in CPU time  {opensplat_wall / our_wall:9.1f} in wall time\n"
     )
 
 

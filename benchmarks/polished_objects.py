@@ -1,7 +1,7 @@
-"""What polishing does to objects, and for how long: ``python -m benchmarks.polished_objects PROJECT [--out FILE.md]``.
+"""Quality of polished objects and cost of polishing: ``python -m benchmarks.polished_objects PROJECT [--out FILE.md]``.
 
-PROJECT is our museum room, trained, with its exhibits isolated by their words, as `make demo` leaves it. Each object is
-rendered alone and compared with the true masks of the photos held out from training.
+PROJECT is the trained museum room whose exhibits were isolated by text prompts; `make demo` creates it. Each object is
+rendered alone and compared with the true masks of the held-out photos.
 
 example: python -m benchmarks.polished_objects out/museum_room/project
 """
@@ -23,7 +23,7 @@ from engine.cameras import undistort
 from engine.evaluation import read_ground_truth, write_section
 from engine.events import never_stop
 from engine.gaussians import load_gaussians
-from engine.objects import View, Views, eroded, list_objects, load_membership, polish
+from engine.objects import View, Views, erode_mask, list_objects, load_membership, polish
 from engine.objects.settings import BETTER
 from engine.photos import load_pixels
 from engine.pictures import Scene
@@ -32,30 +32,38 @@ from engine.scene import Camera, Gaussians, read_camera_set
 
 _SCENE = Path(__file__).parent.parent / "demo" / "museum_room"
 _STEPS = (0, 25, 50, 100, 200, 400, 800)
-_FEWEST_PIXELS = 200
-_IN_FRONT = 0.25
-_RIM = 2
-_INTRODUCTION = """# Objects alone, before and after polishing
+"""Numbers of polishing steps that are compared."""
 
-Each object, found by its word, is rendered without the rest of the scene in the photos that training did not see, 480
-pixels wide. In percent of its true mask's pixels:
+_MIN_PIXELS = 200
+"""Smallest true mask that is evaluated, in pixels."""
 
-- beyond: how much the object alone covers beside its true mask, a pixel that is half covered counting half; not where
-  the scene has something that is nearer by more than a quarter of its radius: that may well hide it.
-- missing: true pixels that it covers by half or less. What its word did not bring, polishing cannot bring either.
-- shines through: how much of what is behind it arrives, the mean over true pixels that are more than 2 pixels from the
-  mask's edge. An hourglass has glass.
-- PSNR: over black, with the photo, over those pixels.
+_OCCLUDER_DISTANCE = 0.25
+"""How much closer to the camera the scene must be to count as an occluder, as a fraction of the object's radius."""
 
-Views that the words were found in are rendered already; CPU seconds are of polishing alone, one thread, reading nothing
-from the disk. What is beyond and what shines through go on falling with more steps, but by little: 200 are the
-default."""
+_EDGE_WIDTH = 2
+"""Width in pixels of the band along the edge of the true mask that is not evaluated for colour and transmittance."""
+
+_INTRODUCTION = """# Polishing: objects before and after
+
+Each object was found by a text prompt. It is rendered without the rest of the scene, 480 pixels wide, from the cameras
+of the held-out photos. The columns beyond, missing and shines through are percentages of the pixels of its true mask:
+
+- beyond: coverage outside of the true mask; a half-covered pixel counts half. Pixels where the scene is closer to the
+  camera by more than a quarter of the object's radius do not count, because the object may be hidden there.
+- missing: pixels of the true mask that the object covers by half or less. Polishing cannot add Gaussians that the
+  prompt did not find.
+- shines through: mean transmittance of the object over the pixels of the true mask that are more than 2 pixels from its
+  edge. The hourglass is made of glass, so its value is not zero.
+- PSNR: between the object rendered on black and the photo, over the same pixels.
+
+CPU seconds are those of polishing alone, on one thread. The views are rendered before, and nothing is read from the
+disk. With more steps, beyond and shines through decrease further, but only a little; the default is 200 steps."""
 _HEAD = "| --- | ---: | ---: | ---: | ---: | ---: |"
 
 
 @dataclass(frozen=True)
 class Figures:
-    """Of one object, see the introduction."""
+    """Figures of one object, see `_INTRODUCTION`."""
 
     beyond: float
     missing: float
@@ -64,20 +72,20 @@ class Figures:
     cpu_seconds: float
 
     @classmethod
-    def mean(cls, several: Sequence[Figures]) -> Figures:
-        """Return the mean of each."""
-        return cls(*np.mean([list(vars(one).values()) for one in several], axis=0).tolist())
+    def mean(cls, figures: Sequence[Figures]) -> Figures:
+        """Return the mean of each figure over several objects."""
+        return cls(*np.mean([list(vars(each).values()) for each in figures], axis=0).tolist())
 
     def row(self, name: str) -> str:
-        """Return a line of a table."""
+        """Return a row of the table."""
         return (
             f"| {name} | {self.beyond:.1f} | {self.missing:.1f} | {self.shines_through:.1f} | {self.psnr:.1f} "
             f"| {self.cpu_seconds:.1f} |"
         )
 
 
-class Room:
-    """A trained scene with objects, and its truth."""
+class TrainedScene:
+    """A trained scene with objects, and its ground truth."""
 
     def __init__(self, project: Path, scene: Path) -> None:
         self.cameras = read_camera_set(project / "cameras")
@@ -95,34 +103,35 @@ class Room:
         }
 
     def measure(self, name: str, n_steps: int) -> Figures:
-        """Return the figures of an object polished in `n_steps`."""
+        """Return the figures of an object after `n_steps` steps of polishing; 0 steps leave it as it is."""
         exhibit, members = self.objects[name]
         settings = replace(BETTER, polish_steps=n_steps)
         for camera in self.cameras.cameras:
             self.views.of(camera)
         started = time.process_time()
         polished = polish(self.views, members, settings, should_stop=never_stop)
-        spent = time.process_time() - started
+        cpu_seconds = time.process_time() - started
         trained = self.views.scene.gaussians[members]
         alone = trained if polished is None else replace(polished.gaussians, features=None)
         low, high = np.percentile(trained.means, [2, 98], axis=0)
-        hides = _IN_FRONT * float(np.linalg.norm(high - low)) / 2
-        found = [self._compare(alone, camera, exhibit, hides) for camera in self.held_out]
-        mean = np.mean([one for one in found if one is not None], axis=0).tolist()
-        return Figures(*mean, cpu_seconds=spent)
+        occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
+        by_view = [self._compare(alone, camera, exhibit, occluder_distance) for camera in self.held_out]
+        mean = np.mean([figures for figures in by_view if figures is not None], axis=0).tolist()
+        return Figures(*mean, cpu_seconds=cpu_seconds)
 
     def _compare(
-        self, alone: Gaussians, camera: Camera, exhibit: str, hides: float
+        self, alone: Gaussians, camera: Camera, exhibit: str, occluder_distance: float
     ) -> tuple[float, float, float, float] | None:
+        """Return beyond, missing, shines through and PSNR in one view; None if the exhibit is hardly visible there."""
         masks, view = self.truth.masks(camera.photo), self.views.of(camera)
         if exhibit not in masks:
             return None
         truth = view.from_photo(masks[exhibit])
-        if truth.sum() < _FEWEST_PIXELS:
+        if truth.sum() < _MIN_PIXELS:
             return None
-        alpha, depth, color = _seen(Scene(alone), view)
-        hidden = _seen(self.views.scene, view)[1] < depth - hides
-        inner = eroded(truth, _RIM)
+        alpha, depth, color = _render(Scene(alone), view)
+        hidden = _render(self.views.scene, view)[1] < depth - occluder_distance
+        inner = erode_mask(truth, _EDGE_WIDTH)
         pixels = load_pixels(self.photos / camera.photo, max_side=2 * BETTER.render_side)
         photo = np.asarray(undistort(pixels, camera, view.frame, interpolation="linear"), np.float32) / 255
         error = float(((color[inner] - photo[inner]) ** 2).mean())
@@ -134,29 +143,29 @@ class Room:
         )
 
 
-def _seen(scene: Scene, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return alpha, mean depth and colour over black."""
+def _render(scene: Scene, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return alpha, mean depth and colour on black of a scene."""
     rendered = scene.render(view.frame, color=True, channels=scene.depth_of(view.frame)[:, None])
     depth = rendered.channels[..., 3] / np.maximum(rendered.alpha, 1e-3)
     return rendered.alpha, depth, rendered.channels[..., :3]
 
 
 def main() -> None:
-    """Measure, print and, if wanted, write."""
+    """Measure and print the tables, and write them to the file given by ``--out``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("project", type=Path, help="our museum room, trained, with objects")
+    parser.add_argument("project", type=Path, help="project of the trained museum room with objects")
     parser.add_argument("--out", type=Path, help="Markdown file for the tables")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    room = Room(arguments.project, _SCENE)
-    room.measure(next(iter(room.objects)), 2)  # compiles
-    figures = {n_steps: {name: room.measure(name, n_steps) for name in room.objects} for n_steps in _STEPS}
+    trained = TrainedScene(arguments.project, _SCENE)
+    trained.measure(next(iter(trained.objects)), 2)  # The first call compiles kernels.
+    figures = {n_steps: {name: trained.measure(name, n_steps) for name in trained.objects} for n_steps in _STEPS}
     columns = "beyond | missing | shines through | PSNR dB | CPU s |"
-    by_steps = [f"| mean of {len(room.objects)} objects, steps | {columns}", _HEAD]
-    by_steps += [Figures.mean(list(of.values())).row(str(n_steps)) for n_steps, of in figures.items()]
+    by_steps = [f"| mean of {len(trained.objects)} objects, steps | {columns}", _HEAD]
+    by_steps += [Figures.mean(list(by_name.values())).row(str(n_steps)) for n_steps, by_name in figures.items()]
     by_object = [f"| object | {columns}", _HEAD]
-    for name in room.objects:
+    for name in trained.objects:
         before, after = figures[0][name], figures[BETTER.polish_steps][name]
         by_object += [before.row(f"{name}, as in the scene"), after.row(f"{name}, polished")]
     command = "python -m benchmarks.polished_objects out/museum_room/project"

@@ -1,4 +1,4 @@
-"""One row of `benchmarks.raster`, measured in a process of its own; its figures are the last line printed, as JSON."""
+"""One case of `benchmarks.raster`, measured in its own process, which prints the figures as JSON on its last line."""
 
 from __future__ import annotations
 
@@ -17,22 +17,23 @@ import numpy as np
 import torch
 
 from engine.rasterizer import AdamState, Target, adam_step, photometric_loss, rasterize
-from engine.rasterizer.blend_backward import MOMENTS, blend_tiles_backward
-from engine.rasterizer.blend_forward import GEOMETRY, blend_tiles
-from engine.rasterizer.settings import RasterSettings
+from engine.rasterizer.blend_backward import MOMENTS_SIZE, blend_tiles_backward
+from engine.rasterizer.blend_forward import GEOMETRY_SIZE, blend_tiles
+from engine.rasterizer.settings import RADIUS_SIGMAS, RasterSettings
 from engine.rasterizer.threads import Share, run_shared
 from engine.rasterizer.tiles import make_tile_lists
 from engine.scene import PinholeCamera
 
-from .floor import least_time, operations, spin_on
+from .floor import arithmetic_floor_ms, count_operations, time_fmas_ms
 from .raster import Case
 from .textbook import Ellipses, TextbookRaster
 
 _FOCAL = 500.0
+"""Focal length of the camera in pixels."""
 
 
 def make_scene(case: Case) -> tuple[dict[str, torch.Tensor], PinholeCamera]:
-    """Return Gaussians that fill the picture, with radii of 2 to 15 pixels whatever its size, and the camera."""
+    """Return Gaussians that fill the image, with radii of 2 to 15 pixels for any image size, and the camera."""
     rng = np.random.default_rng(3)
     n, width, height = case.n, case.width, case.height
     depth = rng.uniform(1, 10, n)
@@ -54,8 +55,8 @@ def make_scene(case: Case) -> tuple[dict[str, torch.Tensor], PinholeCamera]:
     return scene, PinholeCamera(np.eye(4), k, width, height)
 
 
-def least(work: Callable[[], object], repeats: int) -> dict[str, float]:
-    """Return the least CPU and wall milliseconds of `work`, after one call that does not count."""
+def shortest_times(work: Callable[[], object], repeats: int) -> dict[str, float]:
+    """Return the shortest CPU and wall time of `work` in milliseconds, after one call that is not measured."""
     work()
     cpu, wall = [], []
     for _ in range(repeats):
@@ -76,7 +77,7 @@ class _Ours:
         self.upstream = torch.randn(case.height, case.width, case.channels)
 
     def render(self) -> torch.Tensor:
-        """Return the picture."""
+        """Return the image."""
         geometry = [self.scene[name] for name in ("means", "quats", "scales", "opacities")]
         return rasterize(
             *geometry,
@@ -87,14 +88,14 @@ class _Ours:
             backend=self.backend,  # type: ignore[arg-type]
         ).image
 
-    def both(self) -> None:
-        """Render and take all gradients."""
+    def forward_backward(self) -> None:
+        """Render and compute all gradients."""
         for parameter in self.scene.values():
             parameter.grad = None
         self.render().backward(self.upstream)
 
     def masks(self) -> np.ndarray:
-        """Return the blocks that each pair changes."""
+        """Return the blocks that each pair of a tile and a Gaussian changes."""
         view = self.render().grad_fn.view  # type: ignore[union-attr]
         masks: np.ndarray = view.masks
         return masks
@@ -102,27 +103,30 @@ class _Ours:
 
 def _cpu(case: Case) -> dict[str, float]:
     ours = _Ours(case)
-    return {**least(ours.both, case.repeats), "pairs": len(ours.masks())}
+    return {**shortest_times(ours.forward_backward, case.repeats), "pairs": len(ours.masks())}
 
 
 def _speed_up(case: Case) -> dict[str, float]:
-    """One thread and two in turn, so that both meet the same neighbours on a shared machine; and bare arithmetic on
-    one and two, which tells whether two cores were there to be had."""
-    one, two = _Ours(replace(case, threads=1)), _Ours(replace(case, threads=2))
-    works = {
-        "one_wall_ms": lambda: least(one.both, 1)["wall_ms"],
-        "two_wall_ms": lambda: least(two.both, 1)["wall_ms"],
-        "one_spin_ms": lambda: spin_on(1),
-        "two_spin_ms": lambda: spin_on(2),
+    """Measure one and two threads alternately, so that other programs slow both down equally.
+
+    Plain arithmetic on one and two threads shows whether two cores were free.
+    """
+    one_thread, two_threads = _Ours(replace(case, threads=1)), _Ours(replace(case, threads=2))
+    measurements = {
+        "one_wall_ms": lambda: shortest_times(one_thread.forward_backward, 1)["wall_ms"],
+        "two_wall_ms": lambda: shortest_times(two_threads.forward_backward, 1)["wall_ms"],
+        "one_fma_ms": lambda: time_fmas_ms(1),
+        "two_fma_ms": lambda: time_fmas_ms(2),
     }
-    times = [{name: work() for name, work in works.items()} for _ in range(case.repeats)]
-    return {name: min(time[name] for time in times) for name in works}
+    times = [{name: measure() for name, measure in measurements.items()} for _ in range(case.repeats)]
+    return {name: min(time[name] for time in times) for name in measurements}
 
 
 def _blend(case: Case) -> dict[str, float]:
-    """Tile lists and blending alone, forward and backward, for ellipses that are there: what the textbook row does.
+    """Measure tile lists and blending without the projection, forward and backward, as for the textbook rasterizer.
 
-    In turn with as much bare arithmetic, so that both meet the same clock and the same neighbours.
+    Each repeat is followed by the same amount of plain arithmetic, so that clock speed and other programs affect both
+    equally.
     """
     ours = _Ours(case)
     projected = ours.render().grad_fn.view.projected  # type: ignore[union-attr]
@@ -131,17 +135,17 @@ def _blend(case: Case) -> dict[str, float]:
     image, transmittance = np.empty(upstream.shape, np.float32), np.empty(case.width * case.height, np.float32)
     size = (case.width, case.height)
 
-    def both() -> None:
+    def forward_backward() -> None:
         lists = make_tile_lists(projected, *size, case.threads)
         masks = np.empty(len(lists.gaussians), np.uint16)
-        geometry = np.empty(len(masks) * GEOMETRY, np.float32)
-        pairs = np.empty(len(masks) * (MOMENTS + n_colors), np.float32)
+        geometry = np.empty(len(masks) * GEOMETRY_SIZE, np.float32)
+        pairs = np.empty(len(masks) * (MOMENTS_SIZE + n_colors), np.float32)
 
         def forward(share: Share) -> None:
             blend_tiles(
                 share, lists.all_tiles, *size, lists.tile_start, lists.gaussians, projected.pixels.reshape(-1),
-                projected.roots.reshape(-1), projected.limits, projected.faded, colors, n_colors, case.channels, image,
-                transmittance, masks, geometry,
+                projected.roots.reshape(-1), projected.limits, projected.screen_opacities, colors, n_colors,
+                case.channels, image, transmittance, masks, geometry,
             )  # fmt: skip
 
         def backward(share: Share) -> None:
@@ -153,54 +157,57 @@ def _blend(case: Case) -> dict[str, float]:
         run_shared(forward, case.threads)
         run_shared(backward, case.threads)
 
-    n_operations = operations(ours.masks(), case.channels)
-    times = [{**least(both, 1), "floor_ms": least_time(n_operations)} for _ in range(case.repeats)]
+    n_operations = count_operations(ours.masks(), case.channels)
+    times = [
+        {**shortest_times(forward_backward, 1), "floor_ms": arithmetic_floor_ms(n_operations)}
+        for _ in range(case.repeats)
+    ]
     shortest = {name: min(time[name] for time in times) for name in times[0]}
     return {**shortest, "peak_gflops": 1e-6 * n_operations / shortest["floor_ms"]}
 
 
 def _reference(case: Case) -> dict[str, float]:
-    return least(_Ours(case, "reference").both, case.repeats)
+    return shortest_times(_Ours(case, "reference").forward_backward, case.repeats)
 
 
 def _accuracy(case: Case) -> dict[str, float]:
-    """Relative errors of the gradients against float64, a row a Gaussian; the worst of all parameters.
+    """Return the relative error of each Gaussian's gradients against float64, for the worst of all parameters.
 
-    A row that is less than a thousandth of the typical one is measured against that thousandth.
+    For a row with a norm below a thousandth of the median norm, the error is relative to that thousandth.
     """
     ours, truth = _Ours(case), _Ours(case, "reference")
     truth.scene = {name: value.detach().double().requires_grad_() for name, value in ours.scene.items()}
     truth.upstream = ours.upstream.double()
-    ours.both()
-    truth.both()
-    found = {"median": 0.0, "99.9 %": 0.0}
+    ours.forward_backward()
+    truth.forward_backward()
+    quantiles = {"median": 0.0, "99.9 %": 0.0}
     for name in truth.scene:
-        exact, nearly = (scene[name].grad.double().reshape(case.n, -1) for scene in (truth.scene, ours.scene))
+        exact, approximate = (scene[name].grad.double().reshape(case.n, -1) for scene in (truth.scene, ours.scene))
         size = exact.norm(dim=1)
-        errors = (nearly - exact).norm(dim=1) / size.clamp(min=1e-3 * float(size[size > 0].median()))
-        for key, share in zip(found, (0.5, 0.999), strict=True):
-            found[key] = max(found[key], float(errors.quantile(share)))
-    return found
+        errors = (approximate - exact).norm(dim=1) / size.clamp(min=1e-3 * float(size[size > 0].median()))
+        for key, share in zip(quantiles, (0.5, 0.999), strict=True):
+            quantiles[key] = max(quantiles[key], float(errors.quantile(share)))
+    return quantiles
 
 
 def _textbook(case: Case) -> dict[str, float]:
     scene, camera = make_scene(case)
-    numbers = {name: value.detach().numpy() for name, value in scene.items()}
-    raster = TextbookRaster(_ellipses(numbers, camera), _colors(numbers, case), case.width, case.height)
+    arrays = {name: value.detach().numpy() for name, value in scene.items()}
+    raster = TextbookRaster(_ellipses(arrays, camera), _colors(arrays, case), case.width, case.height)
     upstream = np.random.default_rng(0).normal(size=(case.height, case.width, case.channels)).astype(np.float32)
-    return least(lambda: raster.forward_backward(upstream), case.repeats)
+    return shortest_times(lambda: raster.forward_backward(upstream), case.repeats)
 
 
-def _colors(numbers: dict[str, np.ndarray], case: Case) -> np.ndarray:
-    """What is blended has no influence on the time: constant colours stand in for harmonics."""
-    parts = [np.full((case.n, 3), 0.5, np.float32)] if "sh" in numbers else []
-    return np.concatenate(parts + ([numbers["channels"]] if "channels" in numbers else []), axis=1)
+def _colors(arrays: dict[str, np.ndarray], case: Case) -> np.ndarray:
+    """Return colours [N, K] to blend, constant ones instead of harmonics, because the values do not affect the time."""
+    parts = [np.full((case.n, 3), 0.5, np.float32)] if "sh" in arrays else []
+    return np.concatenate(parts + ([arrays["channels"]] if "channels" in arrays else []), axis=1)
 
 
-def _ellipses(numbers: dict[str, np.ndarray], camera: PinholeCamera) -> Ellipses:
-    """Project as the textbook does, in NumPy and outside of the measured time."""
-    x, y, z = numbers["means"].astype(np.float64).T
-    w, i, j, k = (numbers["quats"] / np.linalg.norm(numbers["quats"], axis=1, keepdims=True)).astype(np.float64).T
+def _ellipses(arrays: dict[str, np.ndarray], camera: PinholeCamera) -> Ellipses:
+    """Project the Gaussians in NumPy, outside of the measured time."""
+    x, y, z = arrays["means"].astype(np.float64).T
+    w, i, j, k = (arrays["quats"] / np.linalg.norm(arrays["quats"], axis=1, keepdims=True)).astype(np.float64).T
     rotation = np.array(
         [
             [1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)],
@@ -210,25 +217,26 @@ def _ellipses(numbers: dict[str, np.ndarray], camera: PinholeCamera) -> Ellipses
     ).transpose(2, 0, 1)
     zero = np.zeros_like(z)
     jacobian = _FOCAL * np.array([[1 / z, zero, -x / z**2], [zero, 1 / z, -y / z**2]]).transpose(2, 0, 1)
-    m = jacobian @ rotation * numbers["scales"][:, None, :]
-    cov = m @ m.transpose(0, 2, 1) + 0.3 * np.eye(2)
+    m = jacobian @ rotation * arrays["scales"][:, None, :]
+    cov = m @ m.transpose(0, 2, 1) + RasterSettings().low_pass * np.eye(2)
     inverse = np.linalg.inv(cov)
     pixels = _FOCAL * np.stack([x / z, y / z], 1) + camera.K[:2, 2]
     return Ellipses(
         pixels.astype(np.float32),
         np.stack([inverse[:, 0, 0], inverse[:, 0, 1], inverse[:, 1, 1]], 1).astype(np.float32),
-        numbers["opacities"],
+        arrays["opacities"],
         z.astype(np.float32),
-        np.ceil(3 * np.sqrt(np.linalg.eigvalsh(cov)[:, 1])).astype(np.float32),
+        np.ceil(RADIUS_SIGMAS * np.sqrt(np.linalg.eigvalsh(cov)[:, 1])).astype(np.float32),
     )
 
 
 def _step(case: Case) -> dict[str, float]:
-    """Projection, harmonics of degree 1, blending, loss, backward and Adam: a training step without features."""
-    return least(_Step(case).run, case.repeats)
+    """Measure a training step without features, with projection, harmonics of degree 1, blending, loss and Adam."""
+    return shortest_times(_Step(case).run, case.repeats)
 
 
 def _parts(case: Case) -> dict[str, float]:
+    """Return the CPU milliseconds of each part of a training step."""
     step = _Step(case)
     leaf = torch.rand(case.height, case.width, 3, requires_grad=True)
 
@@ -238,11 +246,11 @@ def _parts(case: Case) -> dict[str, float]:
 
     work: dict[str, Callable[[], object]] = {
         "forward": forward,
-        "forward and backward": step.ours.both,
+        "forward and backward": step.ours.forward_backward,
         "loss L1 + SSIM and its gradient": lambda: photometric_loss(leaf, step.target).backward(),
         "Adam": step.adam,
     }
-    return {name: least(call, case.repeats)["cpu_ms"] for name, call in work.items()}
+    return {name: shortest_times(call, case.repeats)["cpu_ms"] for name, call in work.items()}
 
 
 class _Step:
@@ -253,57 +261,57 @@ class _Step:
         self.target = Target(torch.rand(case.height, case.width, 3, generator=torch.Generator().manual_seed(1)))
         self.parameters = list(self.ours.scene.values())
         self.states = [AdamState.zeros_like(parameter) for parameter in self.parameters]
-        self.ours.both()
+        self.ours.forward_backward()
 
     def run(self) -> None:
-        """Do the step."""
+        """Run the step once."""
         for parameter in self.parameters:
             parameter.grad = None
         photometric_loss(self.ours.render(), self.target).backward()
         self.adam()
 
     def adam(self) -> None:
-        """Update the parameters with a rate of zero, which costs as much as any other."""
+        """Update the parameters with a learning rate of zero, which takes as long as any other rate."""
         groups = [(p, p.grad, 0.0) for p in self.parameters if p.grad is not None]
         adam_step(groups, self.states)
 
 
 def _memory(case: Case) -> dict[str, float]:
-    """Most memory of a forward and backward pass beyond the scene, its gradients and the compiled code."""
-    _Ours(Case("cpu", n=100, channels=case.channels)).both()
+    """Return the peak memory of a forward and backward pass without the scene and the compiled code."""
+    _Ours(Case("cpu", n=100, channels=case.channels)).forward_backward()
     ours = _Ours(case)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    ours.both()
+    ours.forward_backward()
     return {"bytes": 1024.0 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)}
 
 
 def _compile(case: Case) -> dict[str, float]:
-    """Seconds until every kernel is there, with an empty and then a filled cache, imports left out."""
+    """Return the seconds of `compile_kernels`, without imports, with an empty and then with a filled cache."""
     code = (
-        "import os, time, torch; torch.set_num_threads(1); from engine.rasterizer.compilation import warm_up; "
-        "cpu = lambda: sum(os.times()[:4]); wall, used = time.perf_counter(), cpu(); warm_up(); "
+        "import os, time, torch; torch.set_num_threads(1); from engine.rasterizer.compilation import compile_kernels; "
+        "cpu = lambda: sum(os.times()[:4]); wall, used = time.perf_counter(), cpu(); compile_kernels(); "
         "print(time.perf_counter() - wall, cpu() - used)"
     )
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
-        (wall, cpu), (_, again) = (
+        (wall, cpu), (_, cpu_cached) = (
             map(float, subprocess.run(
                 [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
             ).stdout.split())
             for _ in range(2)
         )  # fmt: skip
-    return {"first_wall_s": wall, "first_cpu_s": cpu, "again_s": again}
+    return {"first_wall_s": wall, "first_cpu_s": cpu, "cached_cpu_s": cpu_cached}
 
 
 def main() -> None:
-    """Measure the case given as JSON."""
-    torch.set_num_threads(1)  # its OpenMP threads spin at barriers: on a busy machine they cost more than the work
+    """Measure the case that is given as JSON."""
+    torch.set_num_threads(1)  # On a busy machine, spinning OpenMP threads cost more than they save.
     case = Case(**json.loads(sys.argv[1]))
-    kinds = {
+    measurements = {
         "cpu": _cpu, "speed_up": _speed_up, "blend": _blend, "reference": _reference, "accuracy": _accuracy,
         "textbook": _textbook, "step": _step, "parts": _parts, "memory": _memory, "compile": _compile,
     }  # fmt: skip
-    print(json.dumps(kinds[case.what](case)))
+    print(json.dumps(measurements[case.what](case)))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""How well words find a generated scene's exhibits: ``python -m benchmarks.text_prompts PROJECT [--out FILE.md]``.
+"""Quality of text prompts on a generated scene: ``python -m benchmarks.text_prompts PROJECT [--out FILE.md]``.
 
-PROJECT is a photo set of ours, trained: what `make demo` leaves in out/museum_room/project. Every exhibit is asked for
-by its prompt, and so are things that are not there. The truth is that of the scene the photos were rendered from.
+PROJECT is one of our trained scenes; `make demo` creates out/museum_room/project. The prompts are those of all exhibits
+and some for absent things. The ground truth is that of the scene from which the photos were rendered.
 
 example: python -m benchmarks.text_prompts out/museum_room/project
 """
@@ -28,7 +28,7 @@ from engine.gaussians import load_gaussians
 from engine.grounding import load_default_detector
 from engine.masks import EmbeddingFolder, load_default_sam
 from engine.objects import (
-    NothingAlike,
+    NoMatchError,
     Photos,
     SegmentationContext,
     TextPrompt,
@@ -43,7 +43,7 @@ from engine.pictures import Scene
 from engine.scene import read_camera_set
 
 _DEMO = Path(__file__).parent.parent / "demo"
-_NOT_THERE = {
+_ABSENT = {
     "museum_room": (
         "guitar", "piano", "dog", "bicycle", "umbrella", "lamp", "laptop", "banana", "pillow", "wall clock", "bookcase",
         "candle", "sword", "helmet", "car", "teddy bear",
@@ -53,54 +53,56 @@ _NOT_THERE = {
         "teddy bear", "bell", "drum", "obelisk", "hourglass", "teapot", "flowerpot",
     ),
 }  # fmt: skip
-"""Words for what no photo of a scene shows, not even as part of something else."""
+"""Prompts for things that no photo of a scene shows, not even as part of something else."""
 
-_INTRODUCTION = """# Words and what they find
+_INTRODUCTION = """# Objects found by text prompts
 
-The offline vocabulary (EfficientNet-Lite2, MiniLM) on SAM's segments and on groups of Gaussians. The first word of a
-process loads the models, and the first of a scene classifies the segments of eight photos and looks at the groups (a
-minute of CPU). SAM's embeddings lie ready, as the masks stage leaves them. Equal exhibits share a word, and either is
-right. Confidence is that of the first object; of a refused word, of what came nearest.
+The offline vocabulary (EfficientNet-Lite2 and MiniLM) is applied to SAM's segments and to groups of Gaussians. The
+first prompt of a process loads the models. The first prompt of a scene also classifies the segments of eight photos and
+computes the appearance of the groups, which takes a minute of CPU. SAM's embeddings are already stored, as after the
+masks stage. Identical exhibits share a prompt, and each of them is right. The confidence is that of the first object;
+for a refused prompt, that of the best candidate.
 
-What a find must score was chosen on the museum room alone, trained twice: half-way between its exhibits (0.48 and more)
-and what is not there (0.43 and less, but for the lamp). Groups of Gaussians, and that what stands out counts more, were
-thought of with both rooms at hand, so neither room's figures are quite those to expect elsewhere.
+The minimum score was chosen on two trainings of the museum room: halfway between its exhibits (0.48 and higher) and
+absent things (0.43 and lower, except for the lamp). The groups of Gaussians and the higher weight of prominent objects
+were designed with both rooms, so the figures of neither room are quite what to expect for other scenes.
 
-What is cut where a figure widens on the way down (`engine/objects/standing.py`) is a version of a find too, since
-exhibits stand on plinths. On four trainings of the museum room it took the goblet from refused to 0.92 and more, IoU
-of the Gaussians, and the hourglass, 0.61 and 0.81 on two of them, to 0.93 and more; in the store room the abacus from
-0.58 to 0.73.
-Seconds are until the objects are found; polishing takes some 2 more for each (docs/polished_objects.md)."""
-_WAYS = {
-    "as it is": BETTER,
+Versions cut off at a support plane (`engine/objects/support_plane.py`) are considered as well, because exhibits stand
+on plinths. On four trainings of the museum room, this raised the goblet from refused to an IoU of the Gaussians of 0.92
+and higher, and the hourglass from 0.61 and 0.81 on two of them to 0.93 and higher. In the store room, it raised the
+abacus from 0.58 to 0.73.
+
+The seconds are the time until the objects are found. Polishing takes about 2 more each (docs/polished_objects.md)."""
+_VARIANTS = {
+    "default settings": BETTER,
     "without groups of Gaussians": replace(BETTER, n_groups=0, n_rescored=8),
-    "without looking again from all sides": replace(BETTER, n_rescored=0, least_candidate=0.0),
+    "without rescoring from all sides": replace(BETTER, n_rescored=0, least_candidate=0.0),
 }
-_SINGLE, _EVERYTHING = "each photo by itself", "every object, without a word"
-_SHOWN = 0.002
-"""Of a photo: an exhibit that covers less of it is not expected to be found there."""
-_HEAD = """| word | first object (mean IoU) | right | objects | confidence | CPU s | wall s |
+_SINGLE, _EVERYTHING = "single photos", "all objects without a prompt"
+_MIN_AREA = 0.002
+"""Smallest fraction of a photo that an exhibit must cover to be counted in that photo."""
+_HEAD = """| prompt | first object (mean IoU) | right | objects | confidence | CPU s | wall s |
 | --- | --- | --- | ---: | ---: | ---: | ---: |"""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What one word brought.
+    """Result of one prompt.
 
     Attributes
     ----------
-    word : str
+    prompt : str
     found : str
-        The prompt of the exhibit that the first object is, ``something else``, or empty when the word was refused.
+        Prompt of the exhibit that is the first object, ``something else``, or empty if the prompt was refused.
     iou : float
-        Of the first object with that exhibit's true masks, the mean over photos spread over the room.
+        Of the first object with the true masks of that exhibit, the mean over photos from all directions.
     n_objects : int
     score : float
-        Of the first object; when the word was refused, of what came nearest.
+        Of the first object; if the prompt was refused, of the best candidate.
     cpu_seconds, wall_seconds : float
     """
 
-    word: str
+    prompt: str
     found: str
     iou: float
     n_objects: int
@@ -109,49 +111,54 @@ class Answer:
     wall_seconds: float
 
 
-class Room:
-    """A trained scene and its truth; SAM's embeddings of its photos are kept from word to word."""
+class TrainedScene:
+    """A trained scene and its ground truth, with SAM's embeddings of its photos."""
 
     def __init__(self, project: Path, scene: Path, embeddings: Path) -> None:
         self.embeddings = EmbeddingFolder(embeddings)
-        self.looks_file = embeddings / "looks.npz"
+        self.appearance_file = embeddings / "looks.npz"
         self.sam_factory = functools.cache(load_default_sam)
         self.photos = scene / "photos"
         self.cameras = read_camera_set(project / "cameras")
         self.gaussians = load_gaussians(project / "gaussians")
         self.scene = Scene(self.gaussians)
         self.label_maps = label_maps_of(project, self.cameras)
-        # As the masks stage leaves them.
+        # The masks stage stores these embeddings.
         for photo in self.label_maps:
             pixels = load_pixels(self.photos / photo, max_side=BETTER.photo_side)
             self.embeddings.encode(photo, pixels, self.sam_factory())
         self.truth = read_ground_truth(scene / "truth", [camera.photo for camera in self.cameras.cameras])
 
-    def ask(self, word: str, settings: SegmentSettings) -> Answer:
-        """Look for `word`."""
+    def find(self, prompt: str, settings: SegmentSettings) -> Answer:
+        """Segment the scene by a text prompt and compare the result with the ground truth."""
         cpu, wall = time.process_time(), time.perf_counter()
         try:
+            context = SegmentationContext(
+                Views(Scene(self.gaussians), self.cameras, render_side=settings.render_side),
+                Photos(self.photos, settings.photo_side, self.sam_factory, self.embeddings),
+                self.label_maps,
+                self.appearance_file,
+            )
             objects = find_objects(
-                self.gaussians, self.cameras, self.photos, TextPrompt(word), settings,
-                label_maps=self.label_maps, detector_factory=load_default_detector, sam_factory=self.sam_factory,
-                emit=ignore_events, should_stop=never_stop, embeddings=self.embeddings, looks_file=self.looks_file,
+                context, TextPrompt(prompt), settings,
+                detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop,
             )  # fmt: skip
         except PromptError as error:
-            objects, nearest = [], error.candidates[0][0] if isinstance(error, NothingAlike) else 0.0
-        spent = (time.process_time() - cpu, time.perf_counter() - wall)
+            objects, best_score = [], error.candidates[0][0] if isinstance(error, NoMatchError) else 0.0
+        seconds = (time.process_time() - cpu, time.perf_counter() - wall)
         if not objects:
-            return Answer(word, "", 0.0, 0, nearest, *spent)
+            return Answer(prompt, "", 0.0, 0, best_score, *seconds)
         ious = self._ious(objects[0].membership >= 0.5)
         best = max(ious, key=lambda name: ious[name])
         found = self.truth.prompts[best] if ious[best] >= 0.3 else "something else"
-        return Answer(word, found, ious[best], len(objects), objects[0].score, *spent)
+        return Answer(prompt, found, ious[best], len(objects), objects[0].score, *seconds)
 
     def in_single_photos(self, scene: str, n_photos: int) -> str:
-        """Return how often the detector's best segment of one photo is the exhibit that a word names."""
+        """Return how often the detector's best segment of a single photo is the exhibit of the prompt."""
         detector = load_default_detector()
         photos = sorted(self.label_maps)
-        words, absent = list(dict.fromkeys(self.truth.prompts.values())), _NOT_THERE[scene]
-        right, shown, refused = dict.fromkeys(words, 0), dict.fromkeys(words, 0), 0
+        prompts, absent = list(dict.fromkeys(self.truth.prompts.values())), _ABSENT[scene]
+        right, shown, refused = dict.fromkeys(prompts, 0), dict.fromkeys(prompts, 0), 0
         photos = photos[:: max(1, len(photos) // n_photos)][:n_photos]
         for photo in photos:
             pixels = load_pixels(self.photos / photo, max_side=BETTER.photo_side)
@@ -159,31 +166,32 @@ class Room:
             masks = self.truth.masks(photo)
             shape = next((mask.shape for mask in masks.values()), labels.shape)
             shown_labels = cv2.resize(labels, shape[::-1], interpolation=cv2.INTER_NEAREST)
-            for word in words:
-                named = [mask for name, mask in masks.items() if self.truth.prompts[name] == word]
-                named = [mask for mask in named if mask.mean() >= _SHOWN]
-                if not named:
+            for prompt in prompts:
+                true_masks = [mask for name, mask in masks.items() if self.truth.prompts[name] == prompt]
+                true_masks = [mask for mask in true_masks if mask.mean() >= _MIN_AREA]
+                if not true_masks:
                     continue
-                shown[word] += 1
-                for best in detector.detect(pixels, word, labels=labels)[:1]:
-                    right[word] += max(iou(shown_labels == best.region, mask) for mask in named) >= 0.5
+                shown[prompt] += 1
+                for best in detector.detect(pixels, prompt, labels=labels)[:1]:
+                    right[prompt] += max(iou(shown_labels == best.region, mask) for mask in true_masks) >= 0.5
             refused += sum(
-                not (detector.knows(word).known and detector.detect(pixels, word, labels=labels)) for word in absent
+                not (detector.check_prompt(prompt).known and detector.detect(pixels, prompt, labels=labels))
+                for prompt in absent
             )
-        lines = ["| word | photos that show it | best segment is it |", "| --- | ---: | ---: |"]
-        lines += [f"| {word} | {shown[word]} | {right[word]} |" for word in words]
+        lines = ["| prompt | photos that show it | best segment is right |", "| --- | ---: | ---: |"]
+        lines += [f"| {prompt} | {shown[prompt]} | {right[prompt]} |" for prompt in prompts]
         return (
-            f"`{_command(scene)} --way '{_SINGLE}'`\n\n"
-            f"The best segment of a single photo, of {len(photos)}, is the exhibit (IoU of 0.5 and more with its true "
-            f"mask) in {sum(right.values())} of {sum(shown.values())} cases "
-            f"({100 * sum(right.values()) / sum(shown.values()):.0f} %), and {refused} of {len(photos) * len(absent)} "
-            f"times nothing was found for a word for what is not there "
+            f"`{_command(scene)} --section '{_SINGLE}'`\n\n"
+            f"In {len(photos)} photos, the best segment is the exhibit (IoU of at least 0.5 with its true mask) in "
+            f"{sum(right.values())} of {sum(shown.values())} cases "
+            f"({100 * sum(right.values()) / sum(shown.values()):.0f} %). For prompts for absent things, no segment is "
+            f"found in {refused} of {len(photos) * len(absent)} cases "
             f"({100 * refused / (len(photos) * len(absent)):.0f} %).\n\n" + "\n".join(lines)
         )
 
     def everything(self, scene: str) -> str:
-        """Return what comes of asking for all objects without a word."""
-        trained = SegmentationContext(
+        """Return the section on the segmentation of all objects without a prompt."""
+        context = SegmentationContext(
             Views(self.scene, self.cameras, render_side=BETTER.render_side),
             Photos(self.photos, BETTER.photo_side, self.sam_factory, self.embeddings),
             self.label_maps,
@@ -191,22 +199,23 @@ class Room:
         load_default_detector()
         cpu, wall = time.process_time(), time.perf_counter()
         objects = find_everything(
-            trained, BETTER, detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop
+            context, BETTER, detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop
         )
-        spent = (time.process_time() - cpu, time.perf_counter() - wall)
-        ious = [self._ious(one.members) for one in objects]
+        cpu_seconds, wall_seconds = time.process_time() - cpu, time.perf_counter() - wall
+        ious = [self._ious(found_object.members) for found_object in objects]
         lines = ["| exhibit | best object's mean IoU | suggested name |", "| --- | ---: | --- |"]
         best = {name: int(np.argmax([values[name] for values in ious])) for name in self.truth.objects}
         lines += [f"| {name} | {ious[i][name]:.2f} | {objects[i].name or '-'} |" for name, i in best.items()]
         found = [ious[i][name] for name, i in best.items()]
         return (
-            f"`{_command(scene)} --way '{_EVERYTHING}'`\n\n{len(objects)} objects in {spent[1]:.0f} s wall "
-            f"({spent[0]:.0f} CPU s). {sum(value >= 0.5 for value in found)} of {len(found)} exhibits are among them "
-            f"(mean IoU of 0.5 and more); mean of all {np.mean(found):.2f}.\n\n" + "\n".join(lines)
+            f"`{_command(scene)} --section '{_EVERYTHING}'`\n\n{len(objects)} objects in {wall_seconds:.0f} s wall "
+            f"time ({cpu_seconds:.0f} CPU s). {sum(value >= 0.5 for value in found)} of {len(found)} exhibits are "
+            f"among them (mean IoU of at least 0.5); the mean of all exhibits is {np.mean(found):.2f}.\n\n"
+            + "\n".join(lines)
         )
 
     def _ious(self, members: np.ndarray) -> dict[str, float]:
-        """Return the mean IoU of a set of Gaussians with every exhibit, over photos spread over the room."""
+        """Return the mean IoU of a set of Gaussians with each exhibit, over every sixth photo."""
         sums: dict[str, list[float]] = {name: [] for name in self.truth.objects}
         for camera in self.cameras.cameras[::6]:
             (shown,) = visible_masks(self.scene, camera, [members])
@@ -215,37 +224,38 @@ class Room:
         return {name: float(np.mean(values)) if values else 0.0 for name, values in sums.items()}
 
 
-def rows(answers: list[Answer], there: bool) -> Iterator[str]:
-    """Yield the lines of a table."""
+def rows(answers: list[Answer], present: bool) -> Iterator[str]:
+    """Yield the rows of the table, for prompts for exhibits (`present`) or for absent things."""
     for a in answers:
-        right = (a.found == a.word) if there else a.n_objects == 0
+        right = (a.found == a.prompt) if present else a.n_objects == 0
         found = f"{a.found} ({a.iou:.2f})" if a.n_objects else "refused"
         yield (
-            f"| {a.word} | {found} | {'yes' if right else '**no**'} | {a.n_objects} | {a.score:.2f} "
+            f"| {a.prompt} | {found} | {'yes' if right else '**no**'} | {a.n_objects} | {a.score:.2f} "
             f"| {a.cpu_seconds:.0f} | {a.wall_seconds:.0f} |"
         )
 
 
 def main() -> None:
-    """Ask, print and, if wanted, write."""
+    """Measure and print the sections, and write them to the file given by ``--out``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("project", type=Path, help="one of our scenes, trained")
+    parser.add_argument("project", type=Path, help="project of one of our trained scenes")
     parser.add_argument(
-        "--scene", choices=sorted(_NOT_THERE), default="museum_room", help="which (default: %(default)s)"
+        "--scene", choices=sorted(_ABSENT), default="museum_room", help="scene of the project (default: %(default)s)"
     )
-    parser.add_argument("--way", choices=[*_WAYS, _SINGLE, _EVERYTHING], help="one section only (default: all)")
-    parser.add_argument("--out", type=Path, help="Markdown file for the tables; its sections on other scenes stay")
+    parser.add_argument("--section", choices=[*_VARIANTS, _SINGLE, _EVERYTHING], help="measure one section only")
+    parser.add_argument("--out", type=Path, help="Markdown file for the sections; its other sections stay")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
-        room = Room(arguments.project, _DEMO / arguments.scene, Path(folder))
+        trained = TrainedScene(arguments.project, _DEMO / arguments.scene, Path(folder))
         sections = {
-            title: functools.partial(_section, room, arguments.scene, settings) for title, settings in _WAYS.items()
+            title: functools.partial(_section, trained, arguments.scene, settings)
+            for title, settings in _VARIANTS.items()
         }
-        sections[_SINGLE] = functools.partial(room.in_single_photos, arguments.scene, BETTER.n_text_views)
-        sections[_EVERYTHING] = functools.partial(room.everything, arguments.scene)
+        sections[_SINGLE] = functools.partial(trained.in_single_photos, arguments.scene, BETTER.n_text_views)
+        sections[_EVERYTHING] = functools.partial(trained.everything, arguments.scene)
         for title, section in sections.items():
-            if arguments.way not in (None, title):
+            if arguments.section not in (None, title):
                 continue
             body = section()
             sys.stdout.write(f"{arguments.scene}, {title}\n\n{body}\n\n")
@@ -258,18 +268,18 @@ def _command(scene: str) -> str:
     return f"python -m benchmarks.text_prompts out/{scene}/project --scene {scene}"
 
 
-def _section(room: Room, scene: str, settings: SegmentSettings) -> str:
-    """Ask for everything once and return the figures as Markdown."""
-    found = [room.ask(word, settings) for word in dict.fromkeys(room.truth.prompts.values())]
-    missing = [room.ask(word, settings) for word in _NOT_THERE[scene]]
-    n_right = sum(a.found == a.word for a in found)
-    n_refused = sum(a.n_objects == 0 for a in missing)
-    walls = [a.wall_seconds for a in [*found[1:], *missing]]
+def _section(trained: TrainedScene, scene: str, settings: SegmentSettings) -> str:
+    """Use every prompt once and return the section."""
+    present = [trained.find(prompt, settings) for prompt in dict.fromkeys(trained.truth.prompts.values())]
+    absent = [trained.find(prompt, settings) for prompt in _ABSENT[scene]]
+    n_right = sum(answer.found == answer.prompt for answer in present)
+    n_refused = sum(answer.n_objects == 0 for answer in absent)
+    seconds = [answer.wall_seconds for answer in [*present[1:], *absent]]
     return (
         f"`{_command(scene)}`\n\n"
-        f"{n_right} of {len(found)} exhibits right, {n_refused} of {len(missing)} things that are not there refused. "
-        f"Words after the first took {np.median(walls):.0f} s wall in the median, {max(walls):.0f} s at most.\n\n"
-        + "\n".join([_HEAD, *rows(found, True), *rows(missing, False)])
+        f"{n_right} of {len(present)} exhibits are right, and {n_refused} of {len(absent)} prompts for absent things "
+        f"are refused. Prompts after the first took {np.median(seconds):.0f} s wall time in the median, "
+        f"{max(seconds):.0f} s at most.\n\n" + "\n".join([_HEAD, *rows(present, True), *rows(absent, False)])
     )
 
 

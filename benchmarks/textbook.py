@@ -1,8 +1,9 @@
-"""The rasterizer as textbooks and the first CUDA code have it, in plain Numba: the yardstick of `benchmarks.raster`.
+"""A rasterizer in plain Numba with the algorithm of the original CUDA code, as the baseline of `benchmarks.raster`.
 
-Square tile rectangles of three standard deviations, one scalar loop over pixels and Gaussians, and a backward pass
-from back to front that rebuilds the transmittance by division (Kerbl et al. 2023). Blending only: it is given ellipses
-on the screen and returns gradients of those, which leaves projection and harmonics out of its time, in its favour.
+A Gaussian is listed in all tiles of the square of three standard deviations around it. One scalar loop runs over pixels
+and Gaussians, and the backward pass runs from back to front and rebuilds the transmittance by division (Kerbl et al.
+2023). The rasterizer only blends: it takes ellipses on the screen and returns their gradients, so its time does not
+include projection and spherical harmonics.
 """
 
 from __future__ import annotations
@@ -14,15 +15,32 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from engine.rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN
+
 __all__ = ["Ellipses", "TextbookRaster"]
 
 TILE = 16
+"""Side of a tile in pixels."""
+
 Float32 = NDArray[np.float32]
+
+_ALPHA_MIN, _ALPHA_MAX, _T_MIN = np.float32(ALPHA_MIN), np.float32(ALPHA_MAX), np.float32(T_MIN)
 
 
 @dataclass(frozen=True)
 class Ellipses:
-    """Gaussians on the screen: centres [N, 2] px, inverse covariances xx, xy, yy [N, 3], opacity and depth [N]."""
+    """Gaussians on the screen.
+
+    Attributes
+    ----------
+    pixels : float32 array of shape [N, 2]
+        Centres in pixels.
+    conics : float32 array of shape [N, 3]
+        xx, xy and yy of the inverse covariances, pixels^-2.
+    opacities, depths : float32 arrays of shape [N]
+    radii : float32 array of shape [N]
+        Three standard deviations along the longer axis, pixels.
+    """
 
     pixels: Float32
     conics: Float32
@@ -32,21 +50,21 @@ class Ellipses:
 
 
 class TextbookRaster:
-    """Forward and backward of `ellipses` with `colors` [N, K] in a picture of `width` x `height`."""
+    """Forward and backward pass of `ellipses` with `colors` [N, K] in an image of `width` x `height` pixels."""
 
     def __init__(self, ellipses: Ellipses, colors: Float32, width: int, height: int) -> None:
         self.ellipses, self.colors, self.width, self.height = ellipses, colors, width, height
 
     def forward_backward(self, upstream: Float32) -> tuple[Float32, Float32]:
-        """Return the picture [H, W, K] and the gradients [N, 6 + K] of centre, conic, opacity and colour."""
+        """Return the image [H, W, K] and the gradients [N, 6 + K] of centre, conic, opacity and colour."""
         e = self.ellipses
         starts, order = _bin(e.pixels, e.radii, e.depths, self.width, self.height)
         image = np.zeros((self.height, self.width, self.colors.shape[1]), np.float32)
         last = np.zeros((self.height, self.width), np.int32)
-        rest = np.ones((self.height, self.width), np.float32)
-        _forward(starts, order, e.pixels, e.conics, e.opacities, self.colors, image, last, rest)
+        transmittance = np.ones((self.height, self.width), np.float32)
+        _forward(starts, order, e.pixels, e.conics, e.opacities, self.colors, image, last, transmittance)
         pairs = np.zeros((len(order), 6 + self.colors.shape[1]), np.float32)
-        _backward(starts, order, e.pixels, e.conics, e.opacities, self.colors, upstream, last, rest, pairs)
+        _backward(starts, order, e.pixels, e.conics, e.opacities, self.colors, upstream, last, transmittance, pairs)
         gradients = np.zeros((len(self.colors), pairs.shape[1]), np.float32)
         _sum_pairs(order, pairs, gradients)
         return image, gradients
@@ -56,7 +74,7 @@ class TextbookRaster:
 def _bin(
     pixels: Float32, radii: Float32, depths: Float32, width: int, height: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where each tile's list begins [tiles + 1], and the lists of Gaussians, near ones first."""
+    """Return the start of each tile's list [n_tiles + 1], and all lists of Gaussians in turn, nearest first."""
     n_x, n_y = (width + TILE - 1) // TILE, (height + TILE - 1) // TILE
     order = np.argsort(depths)
     counts = np.zeros(n_x * n_y + 1, np.int64)
@@ -81,7 +99,7 @@ def _bin(
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _forward(starts, order, pixels, conics, opacities, colors, image, last, rest):  # type: ignore[no-untyped-def]
+def _forward(starts, order, pixels, conics, opacities, colors, image, last, transmittance):  # type: ignore[no-untyped-def]
     height, width, n_channels = image.shape
     n_x = (width + TILE - 1) // TILE
     for tile in prange(len(starts) - 1):
@@ -96,21 +114,21 @@ def _forward(starts, order, pixels, conics, opacities, colors, image, last, rest
                 power = np.float32(-0.5) * (conics[g, 0] * dx * dx + conics[g, 2] * dy * dy) - conics[g, 1] * dx * dy
                 if power > 0:
                     continue
-                alpha = min(np.float32(0.99), opacities[g] * math.exp(power))
-                if alpha < np.float32(1.0 / 255.0):
+                alpha = min(_ALPHA_MAX, opacities[g] * math.exp(power))
+                if alpha < _ALPHA_MIN:
                     continue
                 t_next = t * (np.float32(1.0) - alpha)
-                if t_next < np.float32(1e-4):
+                if t_next < _T_MIN:
                     break
                 for k in range(n_channels):
                     image[y, x, k] += colors[g, k] * alpha * t
                 t = t_next
                 last[y, x] = pair - starts[tile] + 1
-            rest[y, x] = t
+            transmittance[y, x] = t
 
 
 @njit(parallel=True, cache=True, fastmath=True)
-def _backward(starts, order, pixels, conics, opacities, colors, upstream, last, rest, pairs):  # type: ignore[no-untyped-def]
+def _backward(starts, order, pixels, conics, opacities, colors, upstream, last, transmittance, pairs):  # type: ignore[no-untyped-def]
     height, width, n_channels = upstream.shape
     n_x = (width + TILE - 1) // TILE
     for tile in prange(len(starts) - 1):
@@ -119,7 +137,7 @@ def _backward(starts, order, pixels, conics, opacities, colors, upstream, last, 
             x, y = (tile % n_x) * TILE + i % TILE, (tile // n_x) * TILE + i // TILE
             if x >= width or y >= height:
                 continue
-            t = rest[y, x]
+            t = transmittance[y, x]
             behind[:] = np.float32(0.0)
             for pair in range(starts[tile] + last[y, x] - 1, starts[tile] - 1, -1):
                 g = order[pair]
@@ -128,8 +146,8 @@ def _backward(starts, order, pixels, conics, opacities, colors, upstream, last, 
                 if power > 0:
                     continue
                 density = math.exp(power)
-                alpha = min(np.float32(0.99), opacities[g] * density)
-                if alpha < np.float32(1.0 / 255.0):
+                alpha = min(_ALPHA_MAX, opacities[g] * density)
+                if alpha < _ALPHA_MIN:
                     continue
                 t = t / (np.float32(1.0) - alpha)
                 d_alpha = np.float32(0.0)

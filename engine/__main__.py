@@ -3,13 +3,13 @@
 import os
 import sys
 
-# Torch's OpenMP threads spin at barriers; beside our own threads on few cores that made a step eight times slower.
+# Torch's OpenMP threads must sleep at barriers: with our own threads on few cores, spinning made a step 8 times slower.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def start() -> int:
-    """Run the command line; a Python that cannot even load it is told in a sentence what it lacks."""
-    if sys.version_info < (3, 11):  # noqa: UP036 the Python that is asked may be any
+    """Run the command line; where it cannot be imported, print what this Python lacks."""
+    if sys.version_info < (3, 11):  # noqa: UP036 users may choose any Python
         print(f"Error: {sys.executable} is too old: the engine needs Python 3.11 or newer.", file=sys.stderr)
         return 1
     try:
@@ -26,5 +26,5 @@ if __name__ == "__main__":
     try:
         sys.exit(start())
     except KeyboardInterrupt:
-        # Before the first command began, or the person's second Ctrl-C while the last one ended.
+        # Before the command began, or a second Ctrl-C while it ended.
         sys.exit(130)

@@ -1,4 +1,4 @@
-"""The command line: ``python -m engine COMMAND``. Parses, runs one command, turns our errors into one sentence."""
+"""The command line, ``python -m engine COMMAND``: parses the arguments, runs one command and reports its errors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from .commands import COMMANDS
+from .commands import COMMANDS, warn_of_deprecated_options
 from .doctor import missing_package
 from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
 from .events import Emit, ErrorEvent, StopCheck
@@ -49,12 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Without the program's name; those of the process by default.
+        Without the name of the program; by default those of the process.
     """
     options = build_parser().parse_args(arguments)
     project: Path | None = options.find_project(options)
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
+        warn_of_deprecated_options(options, output)
         with _StopOnSignal() as should_stop:
             code: int = options.run(options, output, should_stop)
         return code
@@ -66,25 +67,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return Cancelled.exit_code
     except Exception as error:
         output.write_log(traceback.format_exc())
-        told = _as_ours(error, project)
-        output(ErrorEvent(str(told), type(told).__name__))
-        return told.exit_code
+        translated = _translate(error, project)
+        output(ErrorEvent(str(translated), type(translated).__name__))
+        return translated.exit_code
     finally:
         output.close()
 
 
 class _StopOnSignal:
-    """Becomes true on the first Ctrl-C, Ctrl-Break or terminate signal; the second one stops at once."""
+    """A `StopCheck` that becomes true on the first Ctrl-C, Ctrl-Break or SIGTERM; the second one stops at once."""
 
     # Blender's Cancel sends Ctrl-Break on Windows, where SIGBREAK exists.
     _NAMES = ("SIGINT", "SIGTERM", "SIGBREAK")
 
     def __init__(self) -> None:
-        self._asked = False
+        self._requested = False
 
     def __enter__(self) -> _StopOnSignal:
         numbers = [getattr(signal, name) for name in self._NAMES if hasattr(signal, name)]
-        self._before = {number: signal.signal(number, self._ask) for number in numbers}
+        self._before = {number: signal.signal(number, self._request) for number in numbers}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -92,19 +93,19 @@ class _StopOnSignal:
             signal.signal(number, handler)
 
     def __call__(self) -> bool:
-        return self._asked
+        return self._requested
 
-    def _ask(self, number: int, frame: object) -> None:
-        if self._asked:
+    def _request(self, number: int, frame: object) -> None:
+        if self._requested:
             raise KeyboardInterrupt
-        self._asked = True
-        # Not print: the signal may come while something is being printed, which Python does not allow to nest.
+        self._requested = True
+        # Not print: the signal may arrive during a print, and Python does not allow nested writes.
         with contextlib.suppress(OSError):
             os.write(2, b"Stopping at the next safe point (once more: at once) ...\n")
 
 
-def _as_ours(error: Exception, project: Path | None) -> HeritageError:
-    """Return a sentence for an error no room foresaw."""
+def _translate(error: Exception, project: Path | None) -> HeritageError:
+    """Return the error to report for an exception that no package translated."""
     if is_out_of_memory(error):
         return EnvironmentProblem("The memory of this machine is full. Choose a smaller preset or fewer photos.")
     if isinstance(error, ModuleNotFoundError):
@@ -113,4 +114,4 @@ def _as_ours(error: Exception, project: Path | None) -> HeritageError:
         which = error.filename or project or "A file"
         return DiskError(f"{which} cannot be used: {error.strerror}. Check the disk and permissions, then run again.")
     where = f" Details are in {project / 'log.jsonl'}." if project and (project / "log.jsonl").exists() else ""
-    return HeritageError(f"Something unforeseen went wrong: {type(error).__name__}: {error}.{where}")
+    return HeritageError(f"An unexpected error occurred: {type(error).__name__}: {error}.{where}")

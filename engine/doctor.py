@@ -1,4 +1,4 @@
-"""What this machine has and lacks for the engine."""
+"""Checks of this machine: packages, models, GPU, disk and memory."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ _MIN_FREE_GB = 2.0
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the examination.
+    """Result of one check.
 
     Attributes
     ----------
     name : str
     ok : bool
     required : bool
-        Whether the engine cannot work without.
+        Whether the engine cannot run without it.
     detail : str
-        What was found, or what to do.
+        What was found, or what to do about it.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Check:
 
 
 def missing_package(name: str | None) -> EnvironmentProblem:
-    """Return the sentence for a package that this Python does not have."""
+    """Return the error for a package that this Python does not have."""
     return EnvironmentProblem(
         f"This Python ({sys.executable}) has no package {name!r}. "
         "Run `make setup` and use .venv/engine, or install the engine's requirements."
@@ -62,7 +62,7 @@ def missing_package(name: str | None) -> EnvironmentProblem:
 
 
 def examine() -> list[Check]:
-    """Return every check of this machine, in the order a person would read them."""
+    """Return the results of all checks, in the order in which they are shown."""
     checks = [_python()]
     checks += [_package(module, distribution) for module, distribution in _REQUIRED_PACKAGES.items()]
     if all(check.ok for check in checks):
@@ -92,7 +92,7 @@ def _gpu() -> Check:
         return Check(
             "NVIDIA GPU", True, False, f"{torch.cuda.get_device_name()}; training uses the CPU in this version"
         )
-    return Check("NVIDIA GPU", False, False, "none seen; training uses the CPU")
+    return Check("NVIDIA GPU", False, False, "not found; training uses the CPU")
 
 
 def _models() -> list[Check]:

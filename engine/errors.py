@@ -1,7 +1,7 @@
-"""What can go wrong, as sentences for the person at the screen.
+"""The exceptions of the engine. Their messages are shown to users as they are.
 
-Every message says what is wrong, with which file, and what to do. Only two places catch the root: the engine's
-entry point (an ``error`` event, one sentence, an exit code that is not 0) and a Blender operator (``report``)::
+Every message says what is wrong, with which file, and what to do. Only two places catch the base class: the
+engine's entry point (an ``error`` event, one sentence, a nonzero exit code) and a Blender operator (``report``)::
 
     HeritageError
     |-- SettingsError       a setting, flag or number that cannot be used
@@ -10,14 +10,14 @@ entry point (an ``error`` event, one sentence, an exit code that is not 0) and a
     |-- MaskError           a mask image that cannot be used
     |-- TrainingError       Gaussians could not be trained
     |-- NumericalError      a value that is not finite, with the name of its array
-    |-- ObjectError         an object that was asked for and cannot be given
-    |   `-- PromptError     a prompt that found nothing, or is not understood
-    |-- FormatError         a PLY, glTF or JSON file that is not what it should be
-    |-- ProjectError        the project folder: in use, not one of ours, changed underneath
+    |-- ObjectError         a requested object that does not exist or cannot be made
+    |   `-- PromptError     a prompt that matched nothing or was not understood
+    |-- FormatError         a PLY, glTF or JSON file with invalid content
+    |-- ProjectError        the project folder: in use, not a project, changed meanwhile
     |   `-- DiskError       full, read-only or unreachable
     |-- ModelFileError      a weight file that is missing or damaged
     |-- EnvironmentProblem  this machine lacks something the engine needs
-    `-- Cancelled           the person asked to stop; everything done so far is kept
+    `-- Cancelled           the user stopped the work; everything done so far is kept
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ __all__ = [
 
 
 class HeritageError(Exception):
-    """Root of all errors a user may see. ``exit_code`` is what the command line returns."""
+    """Base class of all errors a user may see. ``exit_code`` is what the command line returns."""
 
     exit_code = 1
 
@@ -71,21 +71,21 @@ class TrainingError(HeritageError):
 
 
 class NumericalError(HeritageError):
-    """A value that is not finite; the message names the array."""
+    """A value is not finite; the message names the array."""
 
 
 class ObjectError(HeritageError):
-    """An object that was asked for and cannot be given."""
+    """A requested object does not exist or cannot be made."""
 
 
 class PromptError(ObjectError):
-    """A prompt that found nothing or is outside what the detector knows."""
+    """A prompt matched nothing, or is outside of the detector's vocabulary."""
 
     exit_code = 3
 
 
 class FormatError(HeritageError):
-    """A file that is not what its name says."""
+    """The content of a file is not what its format demands."""
 
 
 class ProjectError(HeritageError):
@@ -105,21 +105,21 @@ class EnvironmentProblem(HeritageError):
 
 
 class Cancelled(HeritageError):
-    """The person asked to stop. The project folder stays and the next run continues."""
+    """The user stopped the work. The project folder stays, and the next run continues."""
 
     exit_code = 130
 
 
-_SAID_WITHOUT_MEMORY = (
+_OUT_OF_MEMORY_TEXTS = (
     "can't allocate memory",  # torch
     "not enough memory",  # torch on Windows
     "out of memory",  # torch on a GPU
     "Insufficient memory",  # OpenCV
-    "Cannot allocate memory",  # the system
+    "Cannot allocate memory",  # the operating system
     "can't start new thread",
 )
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Return whether `error` means that memory is full; most libraries say so without a `MemoryError`."""
-    return isinstance(error, MemoryError) or any(words in str(error) for words in _SAID_WITHOUT_MEMORY)
+    """Return whether `error` means that memory is full; most libraries do not raise `MemoryError` for that."""
+    return isinstance(error, MemoryError) or any(text in str(error) for text in _OUT_OF_MEMORY_TEXTS)

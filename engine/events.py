@@ -1,6 +1,6 @@
-"""The progress protocol: one JSON line per event, written by the engine, read by Blender, tests and people's scripts.
+"""The progress protocol: one JSON line per event, written by the engine, read by Blender, tests and users' scripts.
 
-Rooms get ``emit`` and ``should_stop`` as arguments and never print. A reader skips kinds it does not know.
+Packages get ``emit`` and ``should_stop`` as arguments and never print. A reader skips kinds it does not know.
 Standard library only: Blender imports this module too.
 """
 
@@ -63,7 +63,7 @@ class StageFinished(Event):
 
 @dataclass(frozen=True)
 class Progress(Event):
-    """``fraction`` of the stage is done, 0 to 1; ``seconds_left`` is for this stage, None when unknown."""
+    """Progress of a stage: ``fraction`` in [0, 1]; ``seconds_left`` of this stage, None when unknown."""
 
     kind: ClassVar[str] = "progress"
     stage: str
@@ -74,7 +74,7 @@ class Progress(Event):
 
 @dataclass(frozen=True)
 class Metric(Event):
-    """A measured number, e.g. ``psnr`` at a training step; ``seconds`` is the stage's own clock where it keeps one."""
+    """A measured number, such as ``psnr`` at a training step, ``seconds`` after the stage began where that is known."""
 
     kind: ClassVar[str] = "metric"
     stage: str
@@ -86,7 +86,7 @@ class Metric(Event):
 
 @dataclass(frozen=True)
 class Preview(Event):
-    """A picture worth showing now lies at ``path``."""
+    """A preview picture was written to ``path``."""
 
     kind: ClassVar[str] = "preview"
     stage: str
@@ -95,7 +95,7 @@ class Preview(Event):
 
 @dataclass(frozen=True)
 class Warned(Event):
-    """Something the person should know and that does not stop the work."""
+    """A message for the user that does not stop the work."""
 
     kind: ClassVar[str] = "warning"
     message: str
@@ -103,7 +103,7 @@ class Warned(Event):
 
 @dataclass(frozen=True)
 class ErrorEvent(Event):
-    """The work stopped. ``message`` is one sentence for the person; ``error`` the name of our exception type."""
+    """The work stopped. ``message`` is one sentence for the user, ``error`` the name of the exception type."""
 
     kind: ClassVar[str] = "error"
     message: str
@@ -112,7 +112,7 @@ class ErrorEvent(Event):
 
 @dataclass(frozen=True)
 class Finished(Event):
-    """The command ended well. ``outputs`` maps a name to the path or value it left."""
+    """The command succeeded. ``outputs`` maps names to paths and values."""
 
     kind: ClassVar[str] = "finished"
     message: str = ""
@@ -151,20 +151,20 @@ def from_json_line(line: str) -> Event | None:
 
 
 def ignore_events(event: Event) -> None:
-    """An `Emit` for callers who do not care."""
+    """Ignore `event`; an `Emit` for callers that need no progress."""
 
 
 def part_of(emit: Emit, number: int, count: int) -> Emit:
-    """Return `emit` for part `number` of `count` equal ones: its progress is told as that of the whole."""
+    """Return `emit` for part `number` of `count` equal parts: progress of the part becomes progress of the whole."""
 
-    def told(event: Event) -> None:
+    def emit_part(event: Event) -> None:
         if isinstance(event, Progress):
             event = replace(event, fraction=(number + event.fraction) / count, seconds_left=None)
         emit(event)
 
-    return told
+    return emit_part
 
 
 def never_stop() -> bool:
-    """A `StopCheck` that lets the work run to its end."""
+    """Return False; a `StopCheck` that lets the work run to its end."""
     return False

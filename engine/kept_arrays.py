@@ -1,5 +1,4 @@
-"""Arrays that can be made anew, kept on disk with the recipe they were made by: ``.npz`` of which a damaged or outdated
-one does not count, and which a disk that refuses only costs time."""
+"""A cache of arrays in ``.npz`` files. Each holds the hash of its inputs; a damaged or outdated file is ignored."""
 
 from __future__ import annotations
 
@@ -23,13 +22,13 @@ _HEADER = "header"
 
 
 def keep_arrays(path: Path, recipe: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays to `path`; only logged when the disk refuses.
+    """Write arrays to `path`. A file that cannot be written is only logged, since it can be computed again.
 
     Parameters
     ----------
     path : Path
     recipe : str
-        Of everything that the arrays were made from, as by `engine.project_folder.stage_key`.
+        Hash of everything that the arrays were computed from, see `engine.project_folder.stage_key`.
     arrays : mapping of str to array
     """
     entries: dict[str, Any] = {_HEADER: np.array(json.dumps({"recipe": recipe})), **arrays}
@@ -41,12 +40,12 @@ def keep_arrays(path: Path, recipe: str, arrays: Mapping[str, NDArray[Any]]) -> 
 
 
 def read_kept_arrays(path: Path, recipe: str) -> dict[str, NDArray[Any]] | None:
-    """Return the arrays of `path`; None unless it is there, whole and of `recipe`."""
+    """Return the arrays of `path`; None when it is missing, damaged or was made from another `recipe`."""
     try:
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             if json.loads(str(archive[_HEADER]))["recipe"] != recipe:
                 return None
             return {name: archive[name] for name in archive.files if name != _HEADER}
-    # A broken header of a zip file ends in RuntimeError.
+    # NumPy raises RuntimeError for a damaged zip header.
     except (OSError, ValueError, KeyError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile):
         return None

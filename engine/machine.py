@@ -1,4 +1,4 @@
-"""This machine: its cores, the memory that is free, and how much of it this process took. Standard library only."""
+"""Cores, free memory and peak memory of this machine. Standard library only."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 @dataclass(frozen=True)
 class Machine:
-    """What planning needs to know.
+    """Properties of a machine that the plan and the forecast depend on.
 
     Attributes
     ----------
     cores : int
-        That this process may use.
+        Processor cores that this process may use.
     free_bytes : int or None
-        Memory a new process could take without swapping; None where the system does not say.
+        Memory that a new process could use without swapping; None where the system does not report it.
     backend : str
-        Which rasterizer trains.
+        Rasterizer that is used for training.
     name : str
         Processor and system, part of the calibration's key.
     """
@@ -40,7 +40,7 @@ class Machine:
 
 
 def describe_machine() -> Machine:
-    """Return this machine as it is now."""
+    """Return the properties of this machine, with the memory that is free now."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     name = f"{platform.system()} {platform.machine()} {_processor()}, {cores} cores"
     return Machine(cores, free_memory(), "cpu", name)
@@ -55,18 +55,18 @@ def _processor() -> str:
 
 
 def cpu_seconds() -> float:
-    """Return the processor seconds of this process and its children that ended."""
+    """Return the CPU seconds of this process and of its finished child processes."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 def free_memory() -> int | None:
-    """Return the bytes a new process could take without swapping, None where the system does not say.
+    """Return the bytes that a new process could use without swapping, None where the system does not report them.
 
     Notes
     -----
-    Linux: ``MemAvailable``, less where a container's limit (cgroup v2) leaves less. Windows: ``ullAvailPhys``. macOS:
-    free, inactive and speculative pages of ``vm_stat``.
+    Linux: ``MemAvailable``, or what the limit of a container (cgroup v2) leaves, if that is less. Windows:
+    ``ullAvailPhys``. macOS: free, inactive and speculative pages of ``vm_stat``.
     """
     if sys.platform == "win32":
         return _free_on_windows()
@@ -84,7 +84,7 @@ def free_memory() -> int | None:
 
 
 def _kibibytes(file: str, name: str) -> int | None:
-    """Return the bytes that ``name: 123 kB`` stands for in a file of /proc."""
+    """Return the bytes of the entry ``name: 123 kB`` in a file of /proc."""
     try:
         lines = Path(file).read_text(encoding="ascii", errors="replace").splitlines()
     except OSError:
@@ -122,11 +122,11 @@ def _free_on_mac() -> int | None:
 
 
 def peak_memory() -> int | None:
-    """Return the most bytes this process held at once so far (since the last reset on Linux), None when not known."""
+    """Return the peak memory of this process in bytes (on Linux since the last reset), None when not known."""
     if sys.platform == "win32":
         return _peak_on_windows()
     if sys.platform.startswith("linux"):
-        # Unlike ru_maxrss this starts anew when it is reset.
+        # Unlike ru_maxrss, VmHWM can be reset.
         return _kibibytes("/proc/self/status", "VmHWM")
     import resource
 
@@ -151,7 +151,7 @@ def _peak_on_windows() -> int | None:
 
 @dataclass
 class PeakMemory:
-    """The peak of one stretch of work, filled in at its end; None where the system cannot tell it."""
+    """Peak memory of a block of code, set at its end; None where the system cannot measure it."""
 
     bytes: int | None = None
 
@@ -162,8 +162,8 @@ class PeakMemory:
 
         Notes
         -----
-        Linux resets the peak (``clear_refs``). Elsewhere it only ever rises: when the block did not raise it, its own
-        peak is not known, and is not told.
+        Linux resets the peak (``clear_refs``). Elsewhere it never falls: when the block did not raise it, the peak of
+        the block is unknown, and `bytes` stays None.
         """
         found = cls()
         was_reset = _reset_peak()

@@ -1,8 +1,8 @@
-"""The job on disk: one folder that a killed run leaves in order and the next run continues.
+"""The project folder: a killed run leaves it intact, and the next run continues it.
 
 Every file is written under a temporary name and renamed; a stage counts as done only when its key (a hash of
-everything it read) stands in ``project.json``. One writer at a time. Standard library and NumPy only: Blender
-reads project folders too.
+everything that it read) is in ``project.json``. A lock admits one writer at a time. Standard library and NumPy only:
+Blender reads project folders too.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
     Parameters
     ----------
     path : Path
-        Its folder is made when missing.
+        Its folder is created when missing.
     mode : {"wb", "w"}
         Text is UTF-8.
 
     Raises
     ------
     DiskError
-        When the disk is full, read-only or unreachable. `path` is then as it was before.
+        When the disk is full, read-only or unreachable. `path` is unchanged then.
     """
     temporary: Path | None = None
     try:
@@ -86,16 +86,16 @@ def write_json(path: Path, data: Any) -> None:
     Raises
     ------
     ValueError
-        When a number is not finite: JSON has no NaN, and other programs refuse files with one.
+        When a number is not finite: JSON has no NaN, and other programs reject files with one.
     DiskError
-        When it cannot be written.
+        When the file cannot be written.
     """
     with atomic_write(path, "w") as stream:
         json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def finite_or_null(value: Any) -> Any:
-    """Return the JSON value `value` with None in the place of numbers that are not finite."""
+    """Return the JSON value `value` with None in place of every number that is not finite."""
     if isinstance(value, dict):
         return {key: finite_or_null(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -115,23 +115,23 @@ def file_sha256(path: Path) -> str:
 
 
 def stage_key(*parts: Any) -> str:
-    """Return one hash of `parts` (JSON values): settings and the keys of the stages before."""
+    """Return the SHA-256 of `parts` (JSON values): settings, file hashes and the keys of earlier stages."""
     text = json.dumps(parts, sort_keys=True, ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class ProjectFolder:
-    """A project folder, see the module docstring.
+    """A project folder.
 
     Parameters
     ----------
     path : Path
-        The folder. `create` makes it, `open_existing` reads it.
+        The folder. Use `create` or `open_existing` instead of the constructor.
 
     Notes
     -----
     Layout: ``project.json``, ``photos/``, ``cameras/``, ``masks/``, ``gaussians/scene.ply`` and ``features.npy``,
-    ``checkpoints/``, ``groups/`` (derived; made with the first text), ``objects/<id>/``, ``report/``, ``log.jsonl``.
+    ``checkpoints/``, ``groups/`` (cache; made by the first text prompt), ``objects/<id>/``, ``report/``, ``log.jsonl``.
     """
 
     def __init__(self, path: Path) -> None:
@@ -141,12 +141,12 @@ class ProjectFolder:
 
     @classmethod
     def create(cls, path: Path) -> ProjectFolder:
-        """Return the project at `path`, made new when there is none.
+        """Return the project at `path`, which is created when there is none.
 
         Raises
         ------
         ProjectError
-            When `path` is a folder with other things in it, or a file.
+            When `path` is a file, or a folder that holds other files.
         DiskError
             When it cannot be written.
         """
@@ -173,7 +173,7 @@ class ProjectFolder:
         Raises
         ------
         ProjectError
-            When there is none.
+            When `path` is not a project.
         """
         if not (path / PROJECT_FILE).is_file():
             raise ProjectError(f"{path} is not a Gaussian Heritage project (it has no {PROJECT_FILE}).")
@@ -197,16 +197,16 @@ class ProjectFolder:
         write_json(self.path / PROJECT_FILE, self._data)
 
     def __enter__(self) -> ProjectFolder:
-        """Take the folder for writing and clear what a killed run left half-written.
+        """Lock the folder for writing and delete temporary files that a killed run left.
 
         Raises
         ------
         ProjectError
-            When another job is writing here.
+            When another job holds the lock.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            # Held open until __exit__: the operating system frees the lock even after kill -9.
+            # Held open until __exit__; the operating system releases the lock even after kill -9.
             stream = (self.path / _LOCK_FILE).open("a+", encoding="utf-8")
         except OSError as error:
             raise DiskError(
@@ -219,7 +219,7 @@ class ProjectFolder:
             )
         self._lock = stream
         if (self.path / PROJECT_FILE).exists():
-            # Another job may have ended between reading the folder and taking it.
+            # Another job may have finished after the folder was read and before it was locked.
             self._read()
         for leftover in self.path.rglob(_TEMPORARY_PREFIX + "*"):
             leftover.unlink(missing_ok=True)
@@ -242,11 +242,11 @@ class ProjectFolder:
         self._write()
 
     def stage_is_done(self, stage: str, key: str) -> bool:
-        """Return whether `stage` ended with exactly this `key`."""
+        """Return whether `stage` was finished with exactly this `key`."""
         return bool(self._data["stages"].get(stage, {}).get("key") == key)
 
     def stage_record(self, stage: str) -> dict[str, Any] | None:
-        """Return what `finish_stage` stored: key, seconds and figures; None when the stage is not done."""
+        """Return what `finish_stage` stored for `stage`; None when the stage is not done."""
         record: dict[str, Any] | None = self._data["stages"].get(stage)
         return record
 
@@ -267,13 +267,13 @@ class ProjectFolder:
         ----------
         stage, key : str
         wall_seconds, cpu_seconds : float
-            Of the run that ended it.
+            Time that the finishing run spent on the stage.
         figures : dict
-            For the report, null where they are not finite.
+            Results for the report; numbers that are not finite are stored as null.
         peak_memory : int or None
-            Most bytes the process held meanwhile, None where the system cannot tell.
+            Peak memory of the process in bytes, None where the system does not report it.
         continued : bool
-            Whether an earlier run had begun it: the seconds are then not those of the whole stage.
+            Whether an earlier run had begun the stage, so that the seconds cover only a part of it.
         """
         self._data["stages"][stage] = {
             "key": key,

@@ -1,4 +1,4 @@
-"""Where events go: JSON lines for programs, a progress bar for people, and always the project's log."""
+"""Output of events: JSON lines for programs, a progress bar for users, and the log of the project."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["EventOutput"]
 
 
 class _LogLines(logging.Handler):
-    """Writes what libraries log into the project's log as lines of kind ``log``, which event readers skip."""
+    """Writes log records of libraries into the log of the project as lines of kind ``log``; event readers skip them."""
 
     def __init__(self, output: EventOutput) -> None:
         super().__init__(logging.INFO)
@@ -34,14 +34,14 @@ class _LogLines(logging.Handler):
 
 
 class EventOutput:
-    """The one place that prints.
+    """Prints events and appends them to the log; nothing else prints.
 
     Parameters
     ----------
     json_lines : bool
         Events on standard output as JSON lines; otherwise a progress bar and sentences on standard error.
     log : Path or None
-        File that gets every event too, once its folder is a project.
+        File to which every event is appended once its folder is a project.
     """
 
     def __init__(self, *, json_lines: bool, log: Path | None) -> None:
@@ -52,19 +52,19 @@ class EventOutput:
         logging.getLogger().addHandler(self._handler)
 
     def close(self) -> None:
-        """Close the bar and stop listening to the libraries' logs."""
+        """Close the progress bar and stop logging the records of libraries."""
         self._close_bar()
         logging.getLogger().removeHandler(self._handler)
 
     def write_log(self, line: str) -> None:
-        """Append `line` to the project's log, if there is a project by now."""
+        """Append `line` to the log of the project, if the project exists already."""
         if self._log is None or not (self._log.parent / PROJECT_FILE).is_file():
             return
         try:
             with self._log.open("a", encoding="utf-8") as stream:
                 stream.write(line + "\n")
         except OSError:
-            # A full disk is reported by the work itself, in a sentence; its log must not hide that.
+            # The stage itself reports a full disk; a failing log must not hide that message.
             self._log = None
 
     def __call__(self, event: Event) -> None:
@@ -74,13 +74,13 @@ class EventOutput:
             try:
                 print(line, flush=True)
             except BrokenPipeError:
-                # The reader (Blender) went away; the job goes on and its log tells the rest.
+                # The reader (Blender) was closed; the job continues, and later events are in its log.
                 self._json_lines = False
                 sys.stdout = sys.stderr
         else:
-            self._tell(event)
+            self._show(event)
 
-    def _tell(self, event: Event) -> None:
+    def _show(self, event: Event) -> None:
         if isinstance(event, StageStarted):
             self._close_bar()
         elif isinstance(event, Progress):
@@ -89,14 +89,14 @@ class EventOutput:
             self._bar.set_postfix_str(f"{event.name} {event.value:.4g}")
         elif isinstance(event, StageFinished):
             self._close_bar()
-            how = "unchanged, kept" if event.reused else f"done in {event.seconds:.1f} s"
-            self._say(f"{event.stage}: {how}")
+            outcome = "unchanged, kept" if event.reused else f"done in {event.seconds:.1f} s"
+            self._print(f"{event.stage}: {outcome}")
         elif isinstance(event, Warned):
-            self._say(f"Note: {event.message}")
+            self._print(f"Note: {event.message}")
         elif isinstance(event, ErrorEvent):
             self._close_bar()
-            # To stop when asked is no error.
-            self._say(event.message if event.error == Cancelled.__name__ else f"Error: {event.message}")
+            # Stopping on request is no error.
+            self._print(event.message if event.error == Cancelled.__name__ else f"Error: {event.message}")
         elif isinstance(event, Finished):
             self._close_bar()
             if event.message:
@@ -118,7 +118,7 @@ class EventOutput:
             self._bar.close()
             self._bar = None
 
-    def _say(self, sentence: str) -> None:
+    def _print(self, sentence: str) -> None:
         if self._bar is None:
             print(sentence, file=sys.stderr)
         else:

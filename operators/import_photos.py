@@ -3,63 +3,86 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
 
 from ..engine.errors import HeritageError, PhotoError
+from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.project import default_project_folder
+from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
-
-def _presets(operator: bpy.types.Operator, context: bpy.types.Context, typed: str) -> list[str]:
-    return ["preview", "standard", "best"]
+OFFERED_PRESETS = [preset for preset in PRESET_LIST if preset.offered]
 
 
+def _search_presets(operator: bpy.types.Operator, context: bpy.types.Context, typed: str) -> list[tuple[str, str]]:
+    return [(preset.name, preset.description) for preset in OFFERED_PRESETS]
+
+
+@blender_properties
 class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
-    """Turn a folder of photos into a Gaussian scene; an earlier run is continued"""
+    """Turn a folder of photos into a Gaussian scene. Resumes an earlier import of the same folder"""
 
     bl_idname = "heritage.import_photo_folder"
     bl_label = "Import Photo Folder"
     bl_options = {"REGISTER", "UNDO"}
 
-    directory: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Photos", description="Folder with the photos", subtype="DIR_PATH"
-    )
-    project: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Project", description="Where to work; empty: beside the photos", subtype="DIR_PATH", options={"SKIP_SAVE"}
-    )
-    prompts: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Objects", description='What to isolate at the end, e.g. "vase;bust"', options={"SKIP_SAVE"}
-    )
-    cameras: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Cameras",
-        description="COLMAP model or transforms.json to use instead of estimating the cameras",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
-    )
-    # Text, not a fixed list: the engine knows its presets and says so when a name is wrong.
-    preset: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Preset",
-        description="How much work: preview, standard or best",
-        default="standard",
-        search=_presets,
-    )
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
-    filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
+    directory: Annotated[str, StringProperty(name="Photos", description="Folder with the photos", subtype="DIR_PATH")]
+    project: Annotated[
+        str,
+        StringProperty(
+            name="Project",
+            description="Project folder; empty: create it next to the photo folder",
+            subtype="DIR_PATH",
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    prompts: Annotated[
+        str,
+        StringProperty(
+            name="Objects",
+            description='Objects to isolate at the end, separated by ";" (vase;bust)',
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    cameras: Annotated[
+        str,
+        StringProperty(
+            name="Cameras",
+            description="COLMAP model or transforms.json with known cameras; empty: estimate the cameras",
+            subtype="FILE_PATH",
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    # A string, not an enum: scripts may name any preset of the engine, which rejects unknown names.
+    preset: Annotated[
+        str,
+        StringProperty(
+            name="Preset",
+            description="How much work. "
+            + " ".join(f"{preset.name}: {preset.description}" for preset in OFFERED_PRESETS),
+            default="standard",
+            search=_search_presets,
+        ),
+    ]
+    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
+    filter_image: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
+        """Open the file browser to select the folder."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Start the engine; the result is imported when it is done."""
+        """Start the engine. The result is imported when it has finished."""
         try:
             photos = Path(bpy.path.abspath(self.directory))
             if not self.directory or not photos.is_dir():
-                raise PhotoError(f"{self.directory or 'Nothing'} is not a folder of photos. Choose one.")
+                raise PhotoError(f"{self.directory or 'An empty path'} is not a folder. Choose a folder of photos.")
             project = Path(bpy.path.abspath(self.project)) if self.project else default_project_folder(photos)
             arguments = ["reconstruct", str(photos), "--out", str(project), "--preset", self.preset]
             arguments += ["--prompts", self.prompts] if self.prompts.strip() else []
@@ -68,7 +91,8 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         except HeritageError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, "Working in the background; see the Heritage panel." if state is None else state.message)
+        message = "Working in the background; see the Heritage panel." if state is None else state.message
+        self.report({"INFO"}, message)
         return {"FINISHED"}
 
 

@@ -1,9 +1,10 @@
-"""One module per command of ``python -m engine``: its name, help, example, arguments and what it runs."""
+"""The commands of ``python -m engine``, one module each: name, help, example, arguments and `run`."""
 
 from __future__ import annotations
 
 from . import bench, doctor, evaluate, export, models, plan, reconstruct, render, report, segment, stability
+from .deprecated import warn_of_deprecated_options
 
-__all__ = ["COMMANDS"]
+__all__ = ["COMMANDS", "warn_of_deprecated_options"]
 
 COMMANDS = (plan, reconstruct, segment, export, render, report, evaluate, bench, models, doctor, stability)

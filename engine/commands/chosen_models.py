@@ -1,4 +1,4 @@
-"""``--sam``, which several commands share, and the models that answer a prompt; no command of its own."""
+"""The option ``--sam`` and the models it selects, shared by several commands; no command of its own."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 
 from ..masks.settings import SAM_MODELS
 
-__all__ = ["add_sam_argument", "models_of"]
+__all__ = ["add_sam_argument", "model_factories"]
 
 
 def add_sam_argument(parser: argparse.ArgumentParser) -> None:
     """Add ``--sam``."""
     parser.add_argument(
-        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="which Segment Anything (default: %(default)s)"
+        "--sam", choices=SAM_MODELS, default=SAM_MODELS[0], help="Segment Anything model (default: %(default)s)"
     )
 
 
-def models_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return `detector_factory` and `sam_factory`; nothing is loaded before one of them is called."""
+def model_factories(options: argparse.Namespace) -> dict[str, Any]:
+    """Return `detector_factory` and `sam_factory` for the options. Each loads its model when it is called."""
     from ..grounding import load_default_detector
     from ..masks import load_sam
 

@@ -1,4 +1,4 @@
-"""``doctor``: what this machine has and lacks."""
+"""``doctor``: check what this machine has and lacks."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..events import Emit, Finished, StopCheck
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
 NAME = "doctor"
-HELP = "Say what this machine has and lacks for the engine."
+HELP = "Check what this machine has and lacks for the engine."
 EXAMPLE = "python -m engine doctor"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add this command's arguments: none of its own."""
+    """Add no arguments."""
 
 
 def project_folder(options: argparse.Namespace) -> None:
-    """No project, no log."""
+    """Return None: there is no project and no log."""
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
-    """Examine the machine and tell."""
+    """Check the machine and print the results."""
     checks = examine()
     marks = {(True, True): "ok", (True, False): "ok", (False, True): "MISSING", (False, False): "without"}
     lines = [f"{marks[check.ok, check.required]:>8}  {check.name}: {check.detail}" for check in checks]

@@ -1,4 +1,4 @@
-"""``export``: the scene or one object as PLY or glTF."""
+"""``export``: write the scene or an object as PLY or glTF."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.g
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
-    parser.add_argument("--object", help="name or id of an object; the whole scene without")
+    parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
     parser.add_argument("--format", choices=("ply", "glb"), required=True)
     parser.add_argument("--out", type=Path, required=True, help="file to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     parser.add_argument(
         "--frame",
         choices=("upright", "original"),
-        help="upright: Z up (glTF: Y up), about unit size; original: that of the given or estimated poses "
+        help="upright: Z up (glTF: Y up), about unit size; original: the frame of the given or estimated poses "
         "(default: original where poses were given)",
     )
 
 
 def project_folder(options: argparse.Namespace) -> Path:
-    """Return where the log goes."""
+    """Return the project whose log is written."""
     path: Path = options.project
     return path
 
@@ -48,9 +48,11 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.is_dir():
         raise ProjectError(f"{out} is a folder. Choose a file name.")
     if out.suffix.lower() != f".{options.format}":
-        raise SettingsError(f"--format {options.format} writes {options.format.upper()}, but {out} has another ending.")
+        raise SettingsError(
+            f"--format {options.format} writes {options.format.upper()}, but {out} has another extension."
+        )
     if out.exists() and not options.overwrite:
-        raise ProjectError(f"{out} exists already. Choose another name or add --overwrite.")
+        raise ProjectError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
     gaussians = load_gaussians(project.path / "gaussians")
     title = "scene"

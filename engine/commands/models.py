@@ -23,61 +23,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("action", choices=("list", "fetch", "verify"))
     parser.add_argument(
-        "names", nargs="*", help="models or files from `models list` (default: those the engine cannot do without)"
+        "names", nargs="*", help="models or files from `models list` (default: all that are not optional)"
     )
     parser.add_argument(
         "--from",
         dest="offline",
         type=Path,
         metavar="FOLDER",
-        help="fetch: take the files a colleague downloaded from FOLDER (default: all it holds), and nothing from the "
-        "network; proxies are those of HTTPS_PROXY and NO_PROXY",
+        help="fetch: copy the files from FOLDER, downloaded on another computer, without using the network (default: "
+        "all model files in FOLDER); downloads use the proxies in HTTPS_PROXY and NO_PROXY",
     )
 
 
 def project_folder(options: argparse.Namespace) -> None:
-    """No project, no log."""
+    """Return None: this command has no project and therefore no log."""
 
 
-def _chosen(options: argparse.Namespace) -> list[ModelFile]:
-    from ..models import CATALOGUE, find_together, holds, models_folder
+def _select_models(options: argparse.Namespace) -> list[ModelFile]:
+    """Return the models that the arguments name or imply."""
+    from ..models import CATALOGUE, find_model_files, folder_contains, models_folder
 
     if options.names:
-        chosen = {model.name: model for name in options.names for model in find_together(name)}
-        return list(chosen.values())
+        selected = {model.name: model for name in options.names for model in find_model_files(name)}
+        return list(selected.values())
     if options.offline is not None:
-        there = [model for model in CATALOGUE.values() if holds(options.offline, model)]
-        if not there:
-            raise ModelFileError(f"The folder {options.offline} holds no model file of the catalogue.")
-        return there
+        offered = [model for model in CATALOGUE.values() if folder_contains(options.offline, model)]
+        if not offered:
+            raise ModelFileError(f"The folder {options.offline} contains no model file of the catalogue.")
+        return offered
     return [
         model
         for model in CATALOGUE.values()
         if options.action == "list"
         or not model.optional
-        # What is there must be right, wanted or not.
+        # A stored file is verified even if it is optional.
         or (options.action == "verify" and (models_folder() / model.file).exists())
     ]
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
-    """List, fetch or verify."""
+    """List, fetch or verify the selected weight files."""
     from ..models import fetch, locate
 
     if options.offline is not None:
         if options.action != "fetch":
-            raise ModelFileError("--from goes with `models fetch` only.")
+            raise ModelFileError("--from can only be used with `models fetch`.")
         if not options.offline.is_dir():
-            raise ModelFileError(f"There is no folder {options.offline}. Name the one that holds the model files.")
-    models = _chosen(options)
+            raise ModelFileError(
+                f"There is no folder {options.offline}. Name the folder that contains the model files."
+            )
+    models = _select_models(options)
     lines: list[str] = []
     states: dict[str, str] = {}
     problems: list[str] = []
-    for done, model in enumerate(models):
+    for index, model in enumerate(models):
         if options.action == "fetch":
             path = fetch(
                 model.name,
-                emit=part_of(emit, done, len(models)),
+                emit=part_of(emit, index, len(models)),
                 should_stop=should_stop,
                 offline=options.offline,
                 network=options.offline is None,

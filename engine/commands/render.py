@@ -1,4 +1,4 @@
-"""``render``: a picture of the scene from a photo's camera or a given one."""
+"""``render``: render the scene from the camera of a photo or a given camera."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     camera = parser.add_mutually_exclusive_group(required=True)
     camera.add_argument("--view", metavar="PHOTO_NAME", help="a registered photo")
     camera.add_argument("--camera", metavar="FILE.json", type=Path, help="width, height, fx, fy, cx, cy, viewmat (4x4)")
-    parser.add_argument("--object", help="name or id of an object: only it (mask: where it is visible)")
+    parser.add_argument(
+        "--object", help="render this object only, by name or id (with --what mask: where it is visible)"
+    )
     parser.add_argument("--what", choices=("rgb", "mask", "depth", "features", "instances"), default="rgb")
     parser.add_argument("--click", metavar="x,y", help="with features or instances: the cosine-0.7 mask at that pixel")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
@@ -31,13 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def project_folder(options: argparse.Namespace) -> Path:
-    """Return where the log goes."""
+    """Return the project whose log is written."""
     path: Path = options.project
     return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
-    """Write the picture."""
+    """Render and write the picture."""
     from ..cameras import read_camera_json
     from ..gaussians import load_gaussians
     from ..objects import load_membership, load_object, object_gaussians
@@ -48,9 +50,9 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.is_dir():
         raise SettingsError(f"{out} is a folder. Choose a file name.")
     if out.suffix.lower() != ".png":
-        raise SettingsError(f"Pictures are written as PNG, but {out} has another ending.")
+        raise SettingsError(f"Pictures are written as PNG, but {out} has another extension.")
     if out.exists() and not options.overwrite:
-        raise SettingsError(f"{out} exists already. Choose another name or add --overwrite.")
+        raise SettingsError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
     camera: Camera | PinholeCamera
     if options.view is not None:

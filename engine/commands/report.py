@@ -1,4 +1,4 @@
-"""``report``: lay out again what the stages measured."""
+"""``report``: write the report again from what the stages measured."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def project_folder(options: argparse.Namespace) -> Path:
-    """Return where the log goes."""
+    """Return the project whose log is written."""
     path: Path = options.project
     return path
 

@@ -1,4 +1,4 @@
-"""``segment``: isolate objects of a trained scene by text, click, box or a given mask, correct them, or find all."""
+"""``segment``: isolates objects of a trained scene by text, click, box or mask, corrects them, or finds all of them."""
 
 from __future__ import annotations
 
@@ -11,88 +11,94 @@ from ..events import Emit, Finished, StopCheck
 from ..objects import parse_point, parse_prompt, parse_texts
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
-from .chosen_models import add_sam_argument, models_of
+from .chosen_models import add_sam_argument, model_factories
+from .deprecated import add_deprecated_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
 NAME = "segment"
-HELP = "Isolate objects of a scene by text, click, box or a given mask image; correct one; or find all."
+HELP = "Isolate objects of a trained scene by text, click, box or mask; correct an object; or find all objects."
 EXAMPLE = "python -m engine segment scene --click IMG_3023.jpg=364,500 --not IMG_3023.jpg=364,700 --name statue"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
-    what = parser.add_argument_group("what; exactly one, and --refine may go with --click")
-    what.add_argument("--prompt", metavar="TEXT", help='what it is, in words; several: "vase;teapot"')
-    what.add_argument(
+    action = parser.add_argument_group(
+        "action", "Give exactly one of these options. --refine may be combined with --click."
+    )
+    action.add_argument("--prompt", metavar="TEXT", help='name of the object in words; several: "vase;teapot"')
+    action.add_argument(
         "--click", action="append", default=[], metavar="PHOTO=x,y",
-        help="a pixel of a photo, from its top left corner; several, in any photos, mean one object",
+        help="a pixel of the object, from the photo's top left corner; several, in any photos, mean one object",
     )  # fmt: skip
-    what.add_argument("--box", metavar="PHOTO=x0,y0,x1,y1", help="a box in a photo, in pixels")
-    what.add_argument(
-        "--seed-mask", metavar="PHOTO=MASK.png", help="a mask of the photo's size, white where the object is"
+    action.add_argument("--box", metavar="PHOTO=x0,y0,x1,y1", help="a box around the object, in pixels of a photo")
+    mask = action.add_argument(
+        "--mask", metavar="PHOTO=MASK.png", help="a mask of the photo's size, white where the object is"
     )
-    what.add_argument("--all", action="store_true", help="every object of the scene, and the background")
-    what.add_argument("--complement", action="store_true", help="the background: what belongs to no object so far")
-    what.add_argument(
-        "--accept", type=int, metavar="N", help="candidate N of objects/candidates.json, left by a refused text"
+    add_deprecated_option(action, "--seed-mask", replaced_by=mask)
+    action.add_argument("--all", action="store_true", help="every object of the scene, and the background")
+    action.add_argument("--complement", action="store_true", help="the background: all that belongs to no object yet")
+    action.add_argument(
+        "--accept", type=int, metavar="N", help="candidate N of objects/candidates.json, stored for a refused text"
     )
-    what.add_argument(
-        "--refine", metavar="OBJECT", help="correct this object: --click adds, --not takes away, --level part or whole"
+    action.add_argument(
+        "--refine", metavar="OBJECT", help="correct this object: --click adds, --not removes, --level selects a level"
     )
     parser.add_argument(
         "--not", dest="excluded", action="append", default=[], metavar="PHOTO=x,y",
-        help="a pixel of what does not belong to the object; may be repeated",
+        help="a pixel that does not belong to the object; may be repeated",
     )  # fmt: skip
-    parser.add_argument("--level", type=int, metavar="K", help="with --refine: 0 is the smallest part")
+    parser.add_argument(
+        "--level", type=int, metavar="K", help="level of the object with --refine; 0 is the smallest part"
+    )
     parser.add_argument("--name", help="name of the object (default: the text, or 'object')")
     parser.add_argument(
-        "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="method (default: %(default)s)"
+        "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="preset of the method (default: %(default)s)"
     )
     add_sam_argument(parser)
 
 
 def project_folder(options: argparse.Namespace) -> Path:
-    """Return where the log goes."""
+    """Return the folder of the log."""
     path: Path = options.project
     return path
 
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
-    """Isolate, correct or accept, and store the result in the project."""
-    what = _what(options)
+    """Run the action of the options and store its result in the project."""
+    action = _action(options)
     with ProjectFolder.open_existing(options.project) as project:
-        message, outputs = _DO[what](project, options, emit, should_stop)
+        message, outputs = _ACTIONS[action](project, options, emit, should_stop)
     emit(Finished(message, outputs))
     return 0
 
 
-def _what(options: argparse.Namespace) -> str:
-    """Return the one thing that is asked for."""
+def _action(options: argparse.Namespace) -> str:
+    """Return the one action that the options name."""
     given = {
         "prompt": options.prompt is not None,
-        "pointed": bool(options.click) or options.box is not None or options.seed_mask is not None,
+        "pointed": bool(options.click) or options.box is not None or options.mask is not None,
         "all": options.all,
         "complement": options.complement,
         "accept": options.accept is not None,
         "refine": options.refine is not None,
     }
-    if given["refine"] and options.box is None and options.seed_mask is None:
+    if given["refine"] and options.box is None and options.mask is None:
         given["pointed"] = False
-    wanted = [name for name, there in given.items() if there]
-    if len(wanted) != 1:
+    actions = [name for name, is_given in given.items() if is_given]
+    if len(actions) != 1:
         raise SettingsError(
-            "Say exactly one thing: --prompt, --click, --box, --seed-mask, --all, --complement, --accept or --refine."
+            "Give exactly one of --prompt, --click, --box, --mask, --all, --complement, --accept and --refine."
         )
-    what = wanted[0]
-    if options.excluded and what not in ("pointed", "refine"):
-        raise SettingsError("--not goes with --click, --box, --seed-mask or --refine.")
-    if options.level is not None and what != "refine":
-        raise SettingsError("--level goes with --refine.")
-    if options.name is not None and what in ("all", "complement", "refine"):
-        raise SettingsError(f"--name does not go with --{what}.")
-    return what
+    action = actions[0]
+    if options.excluded and action not in ("pointed", "refine"):
+        raise SettingsError("--not requires --click, --box, --mask or --refine.")
+    if options.level is not None and action != "refine":
+        raise SettingsError("--level requires --refine.")
+    if options.name is not None and action in ("all", "complement", "refine"):
+        raise SettingsError(f"--name cannot be combined with --{action}.")
+    return action
 
 
 def _texts(
@@ -102,10 +108,12 @@ def _texts(
 
     texts = parse_texts(options.prompt)
     if options.name is not None and len(texts) > 1:
-        raise SettingsError("One name does not fit several texts. Leave --name out: each is named after its text.")
+        raise SettingsError(
+            "--name cannot be combined with several texts. Without it, each object is named after its text."
+        )
     records, refused = segment_texts(
         project, texts, options.name, PRESETS[options.preset],
-        **models_of(options), emit=emit, should_stop=should_stop,
+        **model_factories(options), emit=emit, should_stop=should_stop,
     )  # fmt: skip
     outputs: dict[str, Any] = {"objects": [record.id for record in records]}
     if refused:
@@ -119,10 +127,10 @@ def _pointed(
 ) -> tuple[str, dict[str, Any]]:
     from ..objects import segment_project
 
-    prompt = parse_prompt(click=options.click, box=options.box, seed_mask=options.seed_mask, excluded=options.excluded)
+    prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
     name = "object" if options.name is None else options.name
     records = segment_project(
-        project, prompt, name, PRESETS[options.preset], **models_of(options), emit=emit, should_stop=should_stop
+        project, prompt, name, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop
     )
     return _isolated(records), {"objects": [record.id for record in records]}
 
@@ -134,7 +142,7 @@ def _accept(
 
     records = accept_candidate(
         project, options.accept, options.name, PRESETS[options.preset],
-        **models_of(options), emit=emit, should_stop=should_stop,
+        **model_factories(options), emit=emit, should_stop=should_stop,
     )  # fmt: skip
     return _isolated(records), {"objects": [record.id for record in records]}
 
@@ -147,19 +155,19 @@ def _refine(
     clicks = [parse_point(text) for text in options.click]
     excluded = [parse_point(text) for text in options.excluded]
     if options.level is not None and (clicks or excluded):
-        raise SettingsError("--level goes without clicks: they change the object, and its levels are then gone.")
+        raise SettingsError("--level cannot be combined with clicks: they change the object and delete its levels.")
     if options.level is not None:
         record = choose_level(
             project, options.refine, options.level, PRESETS[options.preset],
-            sam_factory=models_of(options)["sam_factory"], emit=emit, should_stop=should_stop,
+            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop,
         )  # fmt: skip
     elif clicks or excluded:
         record = refine_object(
             project, options.refine, clicks, excluded, PRESETS[options.preset],
-            sam_factory=models_of(options)["sam_factory"], emit=emit, should_stop=should_stop,
+            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop,
         )  # fmt: skip
     else:
-        raise SettingsError("--refine needs --click for what is missing, --not for what is too much, or --level.")
+        raise SettingsError("--refine requires --click to add something, --not to remove something, or --level.")
     return f"{record.name} has {record.n_gaussians:,} Gaussians now.", {"objects": [record.id]}
 
 
@@ -177,15 +185,15 @@ def _all(
 ) -> tuple[str, dict[str, Any]]:
     from ..objects import segment_everything_in
 
-    made, kept, background = segment_everything_in(
-        project, PRESETS[options.preset], **models_of(options), emit=emit, should_stop=should_stop
+    created, kept, background = segment_everything_in(
+        project, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop
     )
-    ids = [record.id for record in [*made, background]]
-    message = f"{_isolated(made)} {len(kept)} were there before." if kept else _isolated(made)
+    ids = [record.id for record in [*created, background]]
+    message = f"{_isolated(created)} {len(kept)} existing objects were kept." if kept else _isolated(created)
     return message, {"objects": ids, "background": background.id, "kept": kept}
 
 
-_DO = {
+_ACTIONS = {
     "prompt": _texts,
     "pointed": _pointed,
     "all": _all,

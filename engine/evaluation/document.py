@@ -1,4 +1,4 @@
-"""A Markdown document that several measurements share: each writes its own section and leaves the others alone."""
+"""Markdown documents with one section per measurement. Writing one section leaves the others unchanged."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ _HEADING = "## "
 
 
 def write_section(path: Path, *, introduction: str, title: str, body: str, closing: str = "") -> None:
-    """Write one section; a section of this title is replaced where it stands, a new one comes after the others.
+    """Write one section. It replaces the section of the same title, or is appended.
 
     Parameters
     ----------
     path : Path
-        Made if it is not there.
+        Created when missing.
     introduction : str
-        What stands above all sections, heading included.
+        Text above all sections, with the heading.
     title : str
-        Of the section.
+        Title of the section.
     body : str
-        Without its heading; it may have deeper ones.
+        Text of the section without its heading.
     closing : str
-        Heading and text of the last section, which explains the others; none if empty.
+        Heading and text of a last section that explains the others; none if empty.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""True masks of a scene's photos, in our own layout and in those the benchmarks are shipped in."""
+"""True masks of photos, in our own layout and in the layouts of three benchmarks."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ Layout = Literal["museum", "lerf-mask", "3d-ovs", "lerf-ovs"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 Mask = NDArray[np.bool_]
 
-_LEAST_PIXELS = 100
-"""Of an object in a picture of instance ids: nobody would draw by hand what a rendered picture shows of less."""
+_MIN_PIXELS = 100
+"""Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
 
-_WHAT_THERE_IS = (
+_KNOWN_LAYOUTS = (
     "museum: masks/ and names.json; lerf-mask: test_mask/VIEW/PROMPT.png; 3d-ovs: segmentations/VIEW/CLASS.png and "
     "segmentations/classes.txt; lerf-ovs: JSON files with `info` and `objects`"
 )
@@ -31,23 +31,23 @@ _WHAT_THERE_IS = (
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """Which pixels of which photos show what.
+    """Which pixels of which photos show which object.
 
     Attributes
     ----------
     layout : str
-        What it was read from, one of `LAYOUTS`.
+        Layout of the folder, one of `LAYOUTS`.
     photos : tuple of str
         Photos with at least one mask, by their names in the project, in order.
     objects : tuple of str
-        All that is named in any photo, in order.
+        All objects of all photos, in order.
     prompts : mapping of str to str
-        What each object is asked for by as a text; equal objects share theirs.
+        Text that names each object; equal objects share one.
     unplaced : tuple of str
         Views with masks whose photo has no camera in the project.
     every_pixel : bool
-        Whether a pixel in no mask is known to show none of the objects. Then the masks of all photos together say
-        which Gaussian belongs to what.
+        Whether a pixel in no mask is known to show none of the objects. Then the masks of all photos together
+        determine the object of each Gaussian.
     """
 
     layout: Layout
@@ -61,7 +61,7 @@ class GroundTruth:
     def masks(self, photo: str) -> dict[str, Mask]:
         """Return the masks of a photo by object, bool [h, w]: the whole photo, upright, at any resolution.
 
-        What the photo does not show has no mask: none is empty.
+        Objects that the photo does not show are missing; no mask is empty.
 
         Raises
         ------
@@ -74,12 +74,12 @@ class GroundTruth:
 def read_ground_truth(
     folder: Path, placed: Sequence[str], unregistered: Sequence[str] = (), *, layout: Layout | Literal["auto"] = "auto"
 ) -> GroundTruth:
-    """Find out what masks a folder holds. They are read when they are asked for.
+    """Return the true masks in a folder. Each file is read when it is needed.
 
     Parameters
     ----------
     folder : Path
-        In one of the layouts:
+        Folder in one of these layouts:
 
         - ``museum``: ``masks/<photo>.png`` with instance ids and ``names.json`` (id: prompt, and a name where several
           share one).
@@ -93,22 +93,22 @@ def read_ground_truth(
 
         The folder itself, or ``test_mask`` or ``segmentations`` in it.
     placed : sequence of str
-        Photos that have a camera.
+        Photos with a camera.
     unregistered : sequence of str
         Further photos of the scene.
     layout : str
-        ``auto`` recognises it.
+        ``auto`` detects it.
 
     Raises
     ------
     FormatError
-        When the folder has another layout, or no mask of any placed photo.
+        When the folder has another layout, or no mask of a photo with a camera.
     MaskError
         When a file cannot be read.
     """
     if not folder.is_dir():
-        raise FormatError(f"{folder} is no folder. Name the one with the true masks: {_WHAT_THERE_IS}.")
-    known = layout if layout != "auto" else _recognised(folder)
+        raise FormatError(f"{folder} is not a folder. Name the folder with the true masks: {_KNOWN_LAYOUTS}.")
+    known = layout if layout != "auto" else _detect_layout(folder)
     readers = {"museum": _museum, "lerf-mask": _lerf_mask, "3d-ovs": _three_d_ovs, "lerf-ovs": _lerf_ovs}
     views, named = readers[known](folder, _Photos(placed, unregistered))
     found = {photo: read for photo, read in views.items() if photo in placed}
@@ -124,11 +124,11 @@ def read_ground_truth(
 
 
 _Read = tuple[dict[str, Callable[[], dict[str, Mask]]], Mapping[str, str] | Sequence[str]]
-"""A reader by photo, or by the view's own name where no photo is called like it; and all objects, with prompts where
-those are not their names."""
+"""Readers by photo, or by the name of the view where no photo has it; and all objects, with prompts where these differ
+from their names."""
 
 
-def _recognised(folder: Path) -> Layout:
+def _detect_layout(folder: Path) -> Layout:
     if (folder / "masks").is_dir() and (folder / "names.json").is_file():
         return "museum"
     if (_below(folder, "segmentations") / "classes.txt").is_file():
@@ -137,7 +137,7 @@ def _recognised(folder: Path) -> Layout:
         return "lerf-mask"
     if any(folder.glob("*.json")):
         return "lerf-ovs"
-    raise FormatError(f"{folder} holds true masks in no layout that is known ({_WHAT_THERE_IS}).")
+    raise FormatError(f"{folder} holds true masks in no known layout ({_KNOWN_LAYOUTS}).")
 
 
 def _below(folder: Path, name: str) -> Path:
@@ -146,23 +146,23 @@ def _below(folder: Path, name: str) -> Path:
 
 
 class _Photos:
-    """Names of a project's photos, asked for by what a benchmark calls its views."""
+    """The photos of a project, looked up by the names that a benchmark gives its views."""
 
     def __init__(self, placed: Sequence[str], unregistered: Sequence[str]) -> None:
         self.names = sorted({*placed, *unregistered})
 
     def called(self, view: str) -> str:
-        """Return the photo whose name is `view` with any ending; `view` itself when there is none.
+        """Return the photo whose name without extension is `view`; `view` itself when there is none.
 
         Raises
         ------
         FormatError
-            When there are several.
+            When several photos have that name.
         """
         same = [name for name in self.names if Path(name).with_suffix("").as_posix() == view]
         same = same or [name for name in self.names if Path(name).stem == view]
         if len(same) > 1:
-            raise FormatError(f"The masks are of {view}, but several photos are called so: {', '.join(same[:3])}.")
+            raise FormatError(f"The masks are of {view}, but several photos have that name: {', '.join(same[:3])}.")
         return same[0] if same else view
 
     def of_views(self, folders: Sequence[Path], counted: Sequence[str] | None, how: str) -> dict[str, Path]:
@@ -171,7 +171,7 @@ class _Photos:
         Raises
         ------
         FormatError
-            When they are numbers that count nothing; `how` says what to do then.
+            When the numbers exceed the list; `how` tells the user what to do then.
         """
         by_name = {self.called(folder.name): folder for folder in folders}
         if all(photo in self.names for photo in by_name):
@@ -202,14 +202,12 @@ def _museum(folder: Path, photos: _Photos) -> _Read:
 
     def read(file: Path) -> dict[str, Mask]:
         ids = _picture(file, "ids")
-        return {
-            name: ids == number for number, name in names.items() if np.count_nonzero(ids == number) >= _LEAST_PIXELS
-        }
+        return {name: ids == number for number, name in names.items() if np.count_nonzero(ids == number) >= _MIN_PIXELS}
 
     files = sorted((folder / "masks").glob("*.png"))
     if not files:
         raise FormatError(f"{folder / 'masks'} holds no PNG with instance ids.")
-    return {photos.called(file.stem): _later(read, file) for file in files}, {
+    return {photos.called(file.stem): _deferred(read, file) for file in files}, {
         name: prompts[number] for number, name in names.items()
     }
 
@@ -225,7 +223,7 @@ def _lerf_mask(folder: Path, photos: _Photos) -> _Read:
     how = "They count the pictures that are not in images_train: put that folder beside test_mask, as it is shipped."
     found = photos.of_views(views, counted, how)
     prompts = sorted({file.stem for view in views for file in view.glob("*.png")})
-    return {photo: _later(_white_pictures, view) for photo, view in found.items()}, prompts
+    return {photo: _deferred(_white_pictures, view) for photo, view in found.items()}, prompts
 
 
 def _three_d_ovs(folder: Path, photos: _Photos) -> _Read:
@@ -246,7 +244,7 @@ def _three_d_ovs(folder: Path, photos: _Photos) -> _Read:
     def read(view: Path) -> dict[str, Mask]:
         return {name: _picture(view / f"{name}.png", "white") for name in classes}
 
-    return {photo: _later(read, view) for photo, view in found.items()}, classes
+    return {photo: _deferred(read, view) for photo, view in found.items()}, classes
 
 
 def _lerf_ovs(folder: Path, photos: _Photos) -> _Read:
@@ -263,11 +261,11 @@ def _lerf_ovs(folder: Path, photos: _Photos) -> _Read:
             view = Path(str(data["info"]["name"])).stem
         except (KeyError, TypeError, ValueError) as error:
             raise FormatError(
-                f"{file} is no label of LERF-OVS: it needs `info` with name, width and height, and `objects` with "
+                f"{file} is not a label of LERF-OVS: it needs `info` with name, width and height, and `objects` with "
                 f"category and segmentation ({error!r})."
             ) from error
         prompts.update(category for category, _ in polygons)
-        found[photos.called(view)] = _later(_filled, (size, polygons))
+        found[photos.called(view)] = _deferred(_filled, (size, polygons))
     if not found:
         raise FormatError(f"{folder} holds no JSON label. Name the folder of one scene, label/SCENE.")
     return found, sorted(prompts)
@@ -287,7 +285,7 @@ def _white_pictures(view: Path) -> dict[str, Mask]:
     return {file.stem: _picture(file, "white") for file in sorted(view.glob("*.png"))}
 
 
-def _later(read: Callable[[Any], dict[str, Mask]], what: object) -> Callable[[], dict[str, Mask]]:
+def _deferred(read: Callable[[Any], dict[str, Mask]], what: object) -> Callable[[], dict[str, Mask]]:
     return lambda: read(what)
 
 
@@ -299,11 +297,11 @@ def _view_folders(masks: Path, form: str) -> list[Path]:
 
 
 def _stems(folder: Path) -> list[str] | None:
-    """Return the names without endings of the pictures in `folder`, in order; None without the folder."""
+    """Return the names without extension of the pictures in `folder`, in order; None without the folder."""
     if not folder.is_dir():
         return None
-    endings = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff")
-    return sorted(path.stem for path in folder.iterdir() if path.suffix.lower() in endings)
+    extensions = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff")
+    return sorted(path.stem for path in folder.iterdir() if path.suffix.lower() in extensions)
 
 
 def _json(file: Path) -> Any:
@@ -314,7 +312,7 @@ def _json(file: Path) -> Any:
 
 
 def _picture(file: Path, what: Literal["ids", "white"]) -> NDArray[Any]:
-    """Return a picture's ids, int32 [h, w], or where it is lighter than half (128, as the benchmarks have it)."""
+    """Return the ids of a picture, int32 [h, w], or the pixels lighter than 128, as the benchmarks define masks."""
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -325,5 +323,5 @@ def _picture(file: Path, what: Literal["ids", "white"]) -> NDArray[Any]:
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise MaskError(f"The mask {file} cannot be read: {error}.") from error
     if ids.ndim != 2:
-        raise MaskError(f"{file} is a colour picture; instance ids are one number a pixel.")
+        raise MaskError(f"{file} is a colour picture; instance ids are one number per pixel.")
     return ids.astype(np.int32)

@@ -1,4 +1,4 @@
-"""How far a picture is from a photo: PSNR, SSIM and mean absolute difference of 8-bit or float pictures."""
+"""Image metrics: PSNR, SSIM and mean absolute difference of 8-bit or float pictures."""
 
 from __future__ import annotations
 
@@ -72,5 +72,5 @@ def _unit(picture: NDArray[Any]) -> NDArray[np.float64]:
     if picture.dtype == np.uint8:
         return picture.astype(np.float64) / 255.0
     if not np.isfinite(picture).all():
-        raise NumericalError("A picture to be compared is not finite. Render it again.")
+        raise NumericalError("A picture to compare has values that are not finite. Render it again.")
     return np.clip(picture.astype(np.float64), 0.0, 1.0)

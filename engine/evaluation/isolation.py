@@ -1,4 +1,4 @@
-"""Objects of a trained project isolated in several ways and compared with the true masks; nothing is stored there."""
+"""Isolates the objects of a trained project with several methods and compares them with the true masks."""
 
 from __future__ import annotations
 
@@ -23,9 +23,12 @@ from ..objects import (
     ClickPrompt,
     DetectorFactory,
     MaskPrompt,
+    Photos,
     Prompt,
     SamFactory,
+    SegmentationContext,
     TextPrompt,
+    Views,
     find_objects,
     label_maps_of,
     photo_folder_of,
@@ -39,47 +42,48 @@ from .ground_truth import GroundTruth, Layout, read_ground_truth
 from .image_metrics import psnr
 from .mask_metrics import boundary_iou, halo, holes, iou, stray
 from .segment_agreement import innermost_pixel
-from .settings import EvaluationSettings, SeedKind, Way, ways_of
+from .settings import EvaluationSettings, Method, PromptKind, methods_of
 
 __all__ = ["Evaluation", "Row", "evaluate_project", "mean_of", "visible_masks"]
 
 STAGE = "evaluation"
 Mask = NDArray[np.bool_]
 
-_AT_ONCE = 16
-"""Objects rendered in one pass: a float a pixel each."""
-
-_SHARE_OF_FINDING = 0.8
-_PROPORTIONS = 0.02
+_MAX_OBJECTS_PER_PASS = 16
+"""Objects rendered in one pass. Each needs one float per pixel."""
+_ISOLATION_SHARE = 0.8
+"""Share of the progress bar that isolating takes; comparing takes the rest."""
+_MAX_ASPECT_DEVIATION = 0.02
+"""Largest relative difference of the aspect ratios of a photo and its mask."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One object, isolated in one way. Shares are 0 to 1, means over the views; NaN where nothing could be measured.
+    """One object, isolated with one method. Shares are 0 to 1, means over the views; NaN where nothing was measured.
 
     Attributes
     ----------
     object : str
-    way : str
+    method : str
     found : bool
-        Whether anything was: if not, `iou` and `boundary_iou` are 0 and `holes` 1.
+        Whether the object was found. If not, `iou` and `boundary_iou` are 0 and `holes` is 1.
     iou, boundary_iou, halo, stray, holes : float
         See `engine.evaluation.mask_metrics`.
     psnr : float
-        dB, of the object alone over black with the photo, over the true mask.
+        PSNR in dB between the object rendered alone on black and the photo, within the true mask.
     gaussian_iou : float
         See `engine.evaluation.gaussian_truth`.
     seconds, cpu_seconds : float
-        From the prompt to the Gaussians.
+        Time from the prompt to the Gaussians.
     n_views : int
-    seed : str
-        Photo with the true mask or the click; empty for a text.
+    prompt_photo : str
+        Photo of the true mask or the click; empty for a text.
     remark : str
-        Why nothing was found.
+        Reason why nothing was found.
     """
 
     object: str
-    way: str
+    method: str
     found: bool
     iou: float
     boundary_iou: float
@@ -91,31 +95,31 @@ class Row:
     seconds: float
     cpu_seconds: float
     n_views: int
-    seed: str
+    prompt_photo: str
     remark: str = ""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All rows, object by object, and what they were measured on.
+    """Results of an evaluation, object by object, and the data that they were measured on.
 
     Attributes
     ----------
     rows : tuple of Row
     settings : EvaluationSettings
     layout : str
-        Of the true masks.
+        Layout of the true masks.
     photos : tuple of str
-        Evaluated.
+        Evaluated photos.
     n_trained_on : int
-        Of `photos`, those that training saw.
+        Number of `photos` that training saw.
     unplaced : tuple of str
-        Views with true masks that have no camera, and were left out.
+        Views with true masks that were left out, since they have no camera.
     left_out : tuple of str
-        Objects that no photo is left to evaluate in.
+        Objects that were left out, since no photo is left to evaluate them in.
     n_gaussians : int
     stages : tuple of (str, float, float)
-        What the project's making took: stage, wall seconds, CPU seconds.
+        Stage, wall seconds and CPU seconds of the run that made the project.
     """
 
     rows: tuple[Row, ...]
@@ -131,16 +135,16 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class _Task:
-    """An object, how and in which photo (None for a text) it is asked for, and those it is looked at in."""
+    """An object, its prompt and the photo of the prompt (None for a text), and the photos it is evaluated in."""
 
     object: str
-    kind: SeedKind
-    seed: str | None
+    kind: PromptKind
+    prompt_photo: str | None
     photos: tuple[str, ...]
 
 
 class _Scores(NamedTuple):
-    """Of one view, or their means."""
+    """Scores of one view, or their means over the views."""
 
     iou: float
     boundary_iou: float
@@ -155,7 +159,7 @@ _NOTHING_FOUND = _Scores(0.0, 0.0, np.nan, np.nan, 1.0, np.nan)
 
 @dataclass(frozen=True)
 class _Answer:
-    """What a prompt brought, the best first, bool [N] each; or why nothing."""
+    """Objects that a prompt returned, the best first, bool [N] each; or the reason why there are none."""
 
     finds: tuple[Mask, ...]
     seconds: float
@@ -165,10 +169,10 @@ class _Answer:
 
 @dataclass
 class _Result:
-    """What of one way's answer is taken for one object, bool [N] or None; and its scores in each view."""
+    """The Gaussians that one method returned for one object, bool [N] or None, and their scores in each view."""
 
     task: _Task
-    way: Way
+    method: Method
     answer: _Answer
     members: Mask | None
     scores: list[_Scores]
@@ -185,7 +189,7 @@ def evaluate_project(
     emit: Emit,
     should_stop: StopCheck,
 ) -> Evaluation:
-    """Isolate every object in every way and compare it with its true masks.
+    """Isolate every object with every method and compare it with its true masks.
 
     Parameters
     ----------
@@ -213,9 +217,9 @@ def evaluate_project(
 
     Notes
     -----
-    With ``views="held-out"``, SAM's segments of the evaluated photos neither vote nor are they searched for a text.
-    Of an evaluated photo nothing is then used, but for the crops that finds of a text are judged by. Objects are seen
-    as `render --what mask` shows them.
+    With ``views="held-out"``, SAM's segments of the evaluated photos neither vote nor are searched for a text. Only the
+    crops by which results of a text are scored come from evaluated photos. Predicted masks are those of
+    `render --what mask`.
     """
     cameras = read_camera_set(project.path / "cameras")
     gaussians = load_gaussians(project.path / "gaussians")
@@ -231,24 +235,24 @@ def evaluate_project(
     if settings.views == "held-out":
         label_maps = {photo: labels for photo, labels in label_maps.items() if photo not in photos}
     answers: dict[tuple[str, str], _Answer] = {}
-    asked: list[tuple[_Task, Way, _Answer]] = []
-    ways = ways_of(settings)
+    asked: list[tuple[_Task, Method, _Answer]] = []
+    methods = methods_of(settings)
     with tempfile.TemporaryDirectory() as kept:
         scene = _TrainedScene(
             gaussians, cameras, photo_folder_of(project), label_maps, Path(kept), detector_factory, sam_factory
         )
-        for number, (task, way) in enumerate((task, way) for task in tasks for way in ways):
+        for number, (task, method) in enumerate((task, method) for task in tasks for method in methods):
             if should_stop():
                 raise Cancelled("Stopped while isolating; nothing was written.")
-            share = _SHARE_OF_FINDING * number / (len(tasks) * len(ways))
-            emit(Progress(STAGE, share, message=f"{task.object}: {way.name}"))
-            # Equal objects are asked for by one text, once.
-            key = (truth.prompts[task.object] if task.seed is None else task.object, way.name)
+            share = _ISOLATION_SHARE * number / (len(tasks) * len(methods))
+            emit(Progress(STAGE, share, message=f"{task.object}: {method.name}"))
+            # Equal objects share one text, which is asked for once.
+            key = (truth.prompts[task.object] if task.prompt_photo is None else task.object, method.name)
             if key not in answers:
-                answers[key] = scene.isolate(task, way, truth, should_stop)
-            asked.append((task, way, answers[key]))
+                answers[key] = scene.isolate(task, method, truth, should_stop)
+            asked.append((task, method, answers[key]))
     labels = gaussian_truth(Scene(gaussians), cameras, truth, should_stop) if truth.every_pixel else None
-    results = [_Result(task, way, answer, _own(task, answer, truth, labels), []) for task, way, answer in asked]
+    results = [_Result(task, method, answer, _own(task, answer, truth, labels), []) for task, method, answer in asked]
     _score(scene, results, truth, photos, emit, should_stop)
     return Evaluation(
         rows=tuple(_row(result, truth, labels) for result in results),
@@ -269,14 +273,14 @@ def _stages(project: ProjectFolder) -> tuple[tuple[str, float, float], ...]:
 
 
 def _own(task: _Task, answer: _Answer, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Mask | None:
-    """Return the find that counts for an object: the first, unless equal objects were asked for by one text.
+    """Return the result that counts for an object: the first, unless equal objects share one text.
 
-    Then as many finds as there are objects count, and each object gets one of its own, so that the IoU of the Gaussians
-    is largest in all.
+    Then as many results as there are objects count. They are assigned to the objects so that the sum of the IoU of the
+    Gaussians is largest.
     """
     prompt = truth.prompts[task.object]
     equal = [name for name in truth.objects if truth.prompts[name] == prompt]
-    if task.seed is not None or labels is None or len(equal) == 1:
+    if task.prompt_photo is not None or labels is None or len(equal) == 1:
         return answer.finds[0] if answer.finds else None
     finds = answer.finds[: len(equal)]
     likeness = np.array(
@@ -288,20 +292,20 @@ def _own(task: _Task, answer: _Answer, truth: GroundTruth, labels: NDArray[np.in
 
 
 def visible_masks(scene: Scene, camera: Camera, members: Sequence[Mask]) -> Iterator[Mask]:
-    """Yield where each set of Gaussians is more than half of what the photo's camera sees, bool [height, width].
+    """Yield for each set of Gaussians where it makes up more than half of a pixel of the photo, bool [height, width].
 
-    The same as `engine.pictures.render.render_view` with ``what="mask"``, several in one pass.
+    The same as `engine.pictures.render_view` with ``what="mask"``, for several sets in one pass.
     """
     frame = covering_pinhole(camera)
-    for start in range(0, len(members), _AT_ONCE):
-        weights = np.stack(members[start : start + _AT_ONCE], axis=1).astype(np.float32)
+    for start in range(0, len(members), _MAX_OBJECTS_PER_PASS):
+        weights = np.stack(members[start : start + _MAX_OBJECTS_PER_PASS], axis=1).astype(np.float32)
         shares = scene.render(frame, channels=weights).channels
         for channel in range(shares.shape[2]):
             yield np.asarray(distort(np.ascontiguousarray(shares[..., channel]), frame, camera) > 0.5)
 
 
 class _TrainedScene:
-    """What is needed to isolate and to look."""
+    """A trained scene with everything that isolating and comparing need."""
 
     def __init__(
         self,
@@ -314,48 +318,52 @@ class _TrainedScene:
         sam_factory: SamFactory,
     ) -> None:
         self.gaussians, self.cameras, self.photo_folder = gaussians, cameras, photo_folder
-        # What the groups look like is made once, as in a project, which is only read here.
-        self._looks_file = kept / "looks.npz"
+        # The appearance of the groups is computed once, as in a project; the project itself is only read here.
+        self._appearance_file = kept / "looks.npz"
         self.camera_of = {camera.photo: camera for camera in cameras.cameras}
         self._label_maps = label_maps
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
 
-    def isolate(self, task: _Task, way: Way, truth: GroundTruth, should_stop: StopCheck) -> _Answer:
-        """Ask for an object."""
+    def isolate(self, task: _Task, method: Method, truth: GroundTruth, should_stop: StopCheck) -> _Answer:
+        """Return the answer of a method to the prompt for an object."""
         found, remark = [], ""
         with tempfile.TemporaryDirectory() as folder:
             prompt = self._prompt(task, truth, Path(folder))
             started, started_cpu = time.perf_counter(), time.process_time()
             try:
                 found = find_objects(
-                    self.gaussians,
-                    self.cameras,
-                    self.photo_folder,
+                    self._context(method),
                     prompt,
-                    way.settings,
-                    label_maps=self._label_maps if way.snaps else {},
+                    method.settings,
                     detector_factory=self._detector_factory,
-                    sam_factory=self._sam_factory,
                     emit=ignore_events,
                     should_stop=should_stop,
-                    looks_file=self._looks_file,
                 )
             except PromptError as error:
                 remark = str(error)
             seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
         return _Answer(tuple(one.membership >= THRESHOLD for one in found), seconds, cpu_seconds, remark)
 
+    def _context(self, method: Method) -> SegmentationContext:
+        settings = method.settings
+        return SegmentationContext(
+            Views(Scene(self.gaussians), self.cameras, render_side=settings.render_side),
+            Photos(self.photo_folder, settings.photo_side, self._sam_factory),
+            self._label_maps if method.snaps else {},
+            self._appearance_file,
+        )
+
     def _prompt(self, task: _Task, truth: GroundTruth, folder: Path) -> Prompt:
-        if task.seed is None:
+        if task.prompt_photo is None:
             return TextPrompt(truth.prompts[task.object])
-        camera = self.camera_of[task.seed]
-        mask = _resized(truth.masks(task.seed)[task.object], (camera.height, camera.width), task.seed)
+        camera = self.camera_of[task.prompt_photo]
+        mask = _resized(truth.masks(task.prompt_photo)[task.object], (camera.height, camera.width), task.prompt_photo)
         if task.kind == "click":
             y, x = innermost_pixel(mask)
-            return ClickPrompt(task.seed, x, y)
+            return ClickPrompt(task.prompt_photo, x, y)
         file = folder / "mask.png"
         write_png(file, np.where(mask, np.uint8(255), np.uint8(0)))
-        return MaskPrompt(task.seed, file)
+        return MaskPrompt(task.prompt_photo, file)
 
 
 def _held_out(project: ProjectFolder) -> tuple[str, ...]:
@@ -368,7 +376,7 @@ def _evaluated(truth: GroundTruth, held_out: Sequence[str], settings: Evaluation
     if not photos:
         raise SettingsError(
             f"Training saw all of the {len(truth.photos)} photos with true masks. Compare those with --views all; the "
-            "table then says so."
+            "table then states that."
         )
     return photos
 
@@ -383,7 +391,7 @@ def _wanted(truth: GroundTruth, settings: EvaluationSettings) -> tuple[str, ...]
 def _tasks(
     truth: GroundTruth, wanted: Sequence[str], photos: Sequence[str], settings: EvaluationSettings
 ) -> list[_Task]:
-    """Return what is to be asked for, without objects that no photo is left for."""
+    """Return the objects to ask for, without those that no photo is left to evaluate in."""
     shown: dict[str, dict[str, tuple[bool, float]]] = {name: {} for name in wanted}
     for photo in truth.photos:
         for name, mask in truth.masks(photo).items():
@@ -393,14 +401,14 @@ def _tasks(
     tasks = []
     for name, sizes in shown.items():
         looked_at = [photo for photo in photos if photo in sizes]
-        seed = None
-        if settings.seed != "text" and sizes:
-            # Whole before cut by the picture's edge, then by size. Where all photos are evaluated, one is given up.
+        prompt_photo = None
+        if settings.prompt_kind != "text" and sizes:
+            # Photos that show the object whole come first, then the largest. If all are evaluated, one is given up.
             spare = [photo for photo in sizes if photo not in looked_at]
-            seed = max(spare or sizes, key=lambda photo: sizes[photo])
-        others = tuple(photo for photo in looked_at if photo != seed)
+            prompt_photo = max(spare or sizes, key=lambda photo: sizes[photo])
+        others = tuple(photo for photo in looked_at if photo != prompt_photo)
         if others:
-            tasks.append(_Task(name, settings.seed, seed, others))
+            tasks.append(_Task(name, settings.prompt_kind, prompt_photo, others))
     if not tasks:
         raise SettingsError(
             f"None of {', '.join(wanted)} is in two photos: there is nothing to compare. Use --views all."
@@ -416,12 +424,12 @@ def _score(
     emit: Emit,
     should_stop: StopCheck,
 ) -> None:
-    """Add the scores of every photo to the results that are looked at in it."""
+    """Add the scores of every photo to the results that are evaluated in it."""
     whole = Scene(scene.gaussians)
     for number, photo in enumerate(photos):
         if should_stop():
             raise Cancelled("Stopped while comparing; nothing was written.")
-        share = _SHARE_OF_FINDING + (1 - _SHARE_OF_FINDING) * number / len(photos)
+        share = _ISOLATION_SHARE + (1 - _ISOLATION_SHARE) * number / len(photos)
         emit(Progress(STAGE, share, message=f"Comparing with {photo}"))
         camera, masks = scene.camera_of[photo], truth.masks(photo)
         looked_at = [result for result in results if photo in result.task.photos]
@@ -455,14 +463,15 @@ def _resized(mask: Mask, shape: tuple[int, ...], photo: str) -> Mask:
     Raises
     ------
     MaskError
-        When it has other proportions: it is then not of this photo.
+        When its aspect ratio differs, so that it cannot belong to this photo.
     """
     if mask.shape == shape:
         return mask
     (height, width), (new_height, new_width) = mask.shape, shape
-    if abs(width / height * new_height / new_width - 1) > _PROPORTIONS:
+    if abs(width / height * new_height / new_width - 1) > _MAX_ASPECT_DEVIATION:
         raise MaskError(
-            f"The true masks of {photo} are not of its shape: {width} x {height} pixels and {new_width} x {new_height}."
+            f"The true masks of {photo} have another aspect ratio: {width} x {height} pixels and "
+            f"{new_width} x {new_height}."
         )
     return np.asarray(cv2.resize(mask.astype(np.uint8), (new_width, new_height), interpolation=cv2.INTER_NEAREST) > 0)
 
@@ -472,19 +481,20 @@ def _row(result: _Result, truth: GroundTruth, labels: NDArray[np.int32] | None) 
     index = truth.objects.index(result.task.object)
     return Row(
         object=result.task.object,
-        way=result.way.name,
+        method=result.method.name,
         found=result.members is not None,
         **means._asdict(),
         gaussian_iou=float("nan") if labels is None else gaussian_iou(result.members, labels, index),
         seconds=result.answer.seconds,
         cpu_seconds=result.answer.cpu_seconds,
         n_views=len(result.scores),
-        seed=result.task.seed or "",
-        remark=result.answer.remark or ("" if result.members is not None else "Fewer were found than there are."),
+        prompt_photo=result.task.prompt_photo or "",
+        remark=result.answer.remark
+        or ("" if result.members is not None else "Fewer objects were found than there are."),
     )
 
 
 def mean_of(values: Sequence[float]) -> float:
-    """Return the mean of the values that are numbers, NaN without any."""
+    """Return the mean of the values that are not NaN; NaN when there are none."""
     numbers = [value for value in values if not np.isnan(value)]
     return float(np.mean(numbers)) if numbers else float("nan")

@@ -1,4 +1,4 @@
-"""How well a mask matches the true one, by the definitions of the LERF-Mask benchmark. NumPy only."""
+"""Metrics of a predicted mask against the true one, as defined by the LERF-Mask benchmark. NumPy only."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..masks import mask_iou
 
 __all__ = ["boundary", "boundary_iou", "feature_agreement", "halo", "holes", "iou", "stray"]
 
@@ -18,8 +20,8 @@ def iou(predicted: Mask | None, truth: Mask) -> float:
     Parameters
     ----------
     predicted : bool array of shape [H, W], or None
-        None when nothing was found: that counts 0. (The benchmark's own script skips missing predictions, which
-        rewards saying nothing.)
+        None when nothing was found, which counts 0. (The benchmark's own script skips missing predictions, which
+        rewards predicting nothing.)
     truth : bool array of shape [H, W]
 
     Returns
@@ -34,16 +36,15 @@ def iou(predicted: Mask | None, truth: Mask) -> float:
     """
     if predicted is None:
         return 0.0
-    _refuse_two_shapes(predicted, truth)
-    union = int(np.logical_or(predicted, truth).sum())
-    return int(np.logical_and(predicted, truth).sum()) / union if union else 0.0
+    _require_same_shape(predicted, truth)
+    return mask_iou(predicted, truth)
 
 
 def boundary(mask: Mask) -> Mask:
-    """Return the band inside of a mask along its rim and along the picture's edge.
+    """Return the band inside of a mask along its border and along the border of the picture.
 
-    The band is d = max(1, round(0.02 * sqrt(h^2 + w^2))) pixels wide: what d erosions with a 3 x 3 square remove from
-    the mask after it was padded with one pixel of nothing.
+    The band is d = max(1, round(0.02 * sqrt(h^2 + w^2))) pixels wide: it is removed by d
+    erosions with a 3 x 3 square from the mask padded with one empty pixel.
 
     Parameters
     ----------
@@ -53,19 +54,19 @@ def boundary(mask: Mask) -> Mask:
     -------
     bool array of shape [H, W]
     """
-    # d erosions with a 3x3 square keep a pixel when the (2d+1) x (2d+1) square around it is full; the padding beyond
-    # one pixel changes nothing, for one empty pixel already erodes d deep.
+    # d erosions with a 3x3 square keep a pixel when the (2d+1) x (2d+1) square around it is full; padding beyond
+    # one pixel changes nothing, since one empty pixel already erodes d pixels deep.
     distance = _band(mask.shape)
     return np.logical_and(mask, _count_around(mask, distance) < (2 * distance + 1) ** 2)
 
 
 def _band(shape: tuple[int, ...]) -> int:
-    """Return the benchmark's width of a rim in pixels: 0.02 of the picture's diagonal."""
+    """Return the width of the boundary band in pixels: 0.02 of the picture's diagonal."""
     return max(1, round(0.02 * math.hypot(*shape)))
 
 
 def _count_around(mask: Mask, distance: int) -> NDArray[np.int64]:
-    """Return how many pixels of the mask lie in the square around each pixel that reaches `distance` far."""
+    """Return for each pixel how many pixels of the mask lie in the square of radius `distance` around it."""
     # Counted with a summed-area table.
     padded = np.pad(mask, distance).astype(np.int64)
     table = np.pad(padded, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
@@ -75,7 +76,7 @@ def _count_around(mask: Mask, distance: int) -> NDArray[np.int64]:
 
 
 def boundary_iou(predicted: Mask | None, truth: Mask) -> float:
-    """Return the intersection over union of the two masks' rims, see `boundary`.
+    """Return the intersection over union of the boundaries of two masks, see `boundary`.
 
     Parameters
     ----------
@@ -89,12 +90,12 @@ def boundary_iou(predicted: Mask | None, truth: Mask) -> float:
     """
     if predicted is None:
         return 0.0
-    _refuse_two_shapes(predicted, truth)
+    _require_same_shape(predicted, truth)
     return iou(boundary(predicted), boundary(truth))
 
 
 def halo(predicted: Mask, truth: Mask) -> float:
-    """Return how wide a mask reaches over the true one's edge.
+    """Return the share of predicted pixels just outside of the true mask.
 
     Parameters
     ----------
@@ -112,25 +113,25 @@ def halo(predicted: Mask, truth: Mask) -> float:
 
 
 def stray(predicted: Mask, truth: Mask) -> float:
-    """Return the predicted pixels outside of the truth that are farther away than `halo` counts, by true pixels."""
+    """Return the predicted pixels farther outside of the truth than `halo` counts, divided by the true pixels."""
     return _outside(predicted, truth, near=False)
 
 
 def holes(predicted: Mask | None, truth: Mask) -> float:
-    """Return the part of the true mask, not empty, that is missing in the prediction: 1 for None."""
+    """Return the share of the true mask, not empty, that the prediction misses; 1 for None."""
     if predicted is None:
         return 1.0
-    _refuse_two_shapes(predicted, truth)
+    _require_same_shape(predicted, truth)
     return int((truth & ~predicted).sum()) / int(truth.sum())
 
 
 def _outside(predicted: Mask, truth: Mask, *, near: bool) -> float:
-    _refuse_two_shapes(predicted, truth)
+    _require_same_shape(predicted, truth)
     close = _count_around(truth, _band(truth.shape)) > 0
     return int((predicted & ~truth & (close == near)).sum()) / int(truth.sum())
 
 
-def _refuse_two_shapes(predicted: Mask, truth: Mask) -> None:
+def _require_same_shape(predicted: Mask, truth: Mask) -> None:
     if predicted.shape != truth.shape:
         raise ValueError(f"masks must have one shape, got {predicted.shape} and {truth.shape}")
 
@@ -143,22 +144,22 @@ def feature_agreement(
     cosine: float = 0.7,
     min_pixels: int = 100,
 ) -> float:
-    """Return how well rendered features give back the segments of a label map they were not trained on.
+    """Return how well rendered features reproduce the segments of a label map that they were not trained on.
 
-    Every segment's mean feature is used as a prompt; the pixels with at least `cosine` to it are compared with the
-    segment.
+    The mean feature of each segment selects the pixels whose feature has a cosine of at least `cosine` with it. They
+    are compared with the segment.
 
     Parameters
     ----------
     features : array of shape [H, W, D], float
-        Rendered, of any length.
+        Rendered features of any length.
     labels : int array of shape [H, W]
-        Segments 1, 2, ...; 0 where there is none (not counted for or against).
+        Segments 1, 2, ...; pixels of 0 are ignored.
     alpha : array of shape [H, W], optional
-        Coverage; pixels of 0.5 or less match nothing.
+        Pixels of 0.5 or less are not selected.
     cosine : float
     min_pixels : int
-        Smaller segments are not asked for.
+        Smaller segments are skipped.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The evaluation of objects as a picture: how well against how long."""
+"""Plot of an evaluation: IoU against CPU seconds."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import io
 from collections.abc import Sequence
 
 from .isolation import Evaluation, Row, mean_of
-from .settings import ways_of
+from .settings import methods_of
 
 __all__ = ["curve_picture"]
 
@@ -16,28 +16,30 @@ _INK = "#2b2a27"
 def curve_picture(evaluation: Evaluation) -> bytes:
     """Return mean IoU and boundary IoU against mean CPU seconds as a PNG picture.
 
-    A line joins the numbers of views of a preset, which stand beside its points; other ways are points.
+    A line connects the numbers of views of a preset, which are written beside its points. Other methods are points.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.6, 4.2), layout="constrained")
     FigureCanvasAgg(figure)
-    ways = ways_of(evaluation.settings)
+    methods = methods_of(evaluation.settings)
     for axes, title in zip(figure.subplots(1, 2, sharex=True), ("IoU", "boundary IoU"), strict=True):
         for preset in evaluation.settings.presets:
             points = sorted(
-                (way.n_views, *_point(evaluation.rows, way.name, title)) for way in ways if way.preset == preset
+                (method.n_views, *_point(evaluation.rows, method.name, title))
+                for method in methods
+                if method.preset == preset
             )
             axes.plot([x for _, x, _ in points], [y for *_, y in points], marker="o", markersize=4, label=preset)
             for n_views, x, y in points:
                 if n_views:
                     axes.annotate(f"{n_views}", (x, y), (3, 4), textcoords="offset points", fontsize=7, color=_INK)
-        for way in ways:
-            if not way.preset:
-                x, y = _point(evaluation.rows, way.name, title)
-                axes.plot([x], [y], linestyle="", marker="x", markersize=6, label=way.name)
-        axes.set_title(f"{title}, % (beside the points: photos looked at)", fontsize=9, color=_INK, loc="left")
+        for method in methods:
+            if not method.preset:
+                x, y = _point(evaluation.rows, method.name, title)
+                axes.plot([x], [y], linestyle="", marker="x", markersize=6, label=method.name)
+        axes.set_title(f"{title}, % (beside the points: number of photos)", fontsize=9, color=_INK, loc="left")
         axes.set_xlabel("CPU seconds from the prompt to the object", fontsize=8, color=_INK)
         axes.grid(alpha=0.25, linewidth=0.6)
         axes.tick_params(labelsize=8, colors=_INK)
@@ -48,7 +50,7 @@ def curve_picture(evaluation: Evaluation) -> bytes:
     return buffer.getvalue()
 
 
-def _point(rows: Sequence[Row], way: str, measure: str) -> tuple[float, float]:
-    own = [row for row in rows if row.way == way]
+def _point(rows: Sequence[Row], method: str, measure: str) -> tuple[float, float]:
+    own = [row for row in rows if row.method == method]
     values = [row.iou if measure == "IoU" else row.boundary_iou for row in own]
     return mean_of([row.cpu_seconds for row in own]), 100 * mean_of(values)

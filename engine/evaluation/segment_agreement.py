@@ -1,4 +1,4 @@
-"""How well segmentation features agree with SAM's segments on photos that were not trained on."""
+"""Agreement of segmentation features with SAM's segments in photos that were not trained on."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..gaussians import initial_features
+from ..masks import mask_iou
 from ..rasterizer import rasterize
 from ..scene import Gaussians
 from ..training import TrainingView
@@ -18,7 +19,8 @@ from ..training import TrainingView
 __all__ = ["SegmentAgreement", "segment_agreement", "innermost_pixel", "untrained_features"]
 
 Float32 = NDArray[np.float32]
-_LEAST_COVER = 0.5
+_MIN_ALPHA = 0.5
+"""Alpha below which a pixel is not selected: too little of it is covered by Gaussians."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +48,21 @@ def segment_agreement(
     threshold: float = 0.7,
     min_pixels: int = 100,
 ) -> SegmentAgreement:
-    """Return the mean IoU between segments and what one click inside them selects.
+    """Return the mean IoU between segments and the pixels that one click inside them selects.
 
-    The click is the pixel of the segment farthest from its border; it selects the pixels of which the rendered feature
-    has a cosine of at least `threshold` with its own (Dahaghin et al. 2024) and that Gaussians cover by half or more.
+    The click is the pixel of the segment farthest from its border. It selects the pixels whose rendered feature has a
+    cosine of at least `threshold` with its own (Dahaghin et al. 2024) and whose alpha is at least 0.5.
 
     Parameters
     ----------
     gaussians : Gaussians
         With features.
     views : sequence of TrainingView
-        Held-out photos with labels; those without labels are passed over.
+        Held-out photos with labels; those without labels are skipped.
     threshold : float
         Cosine, -1 to 1.
     min_pixels : int
-        Smaller segments are passed over.
+        Smaller segments are skipped.
     """
     if gaussians.features is None:
         raise ValueError("these Gaussians have no features")
@@ -77,14 +79,14 @@ def segment_agreement(
 
 
 def untrained_features(gaussians: Gaussians, *, seed: int = 0) -> Gaussians:
-    """Return the same Gaussians with random features: the baseline for `segment_agreement`."""
+    """Return the same Gaussians with random features, the baseline of `segment_agreement`."""
     dim = 16 if gaussians.features is None else gaussians.features.shape[1]
     features = initial_features(len(gaussians), dim, np.random.default_rng(seed), "unit")
     return replace(gaussians, features=features)
 
 
 def _render_features(gaussians: Gaussians, view: TrainingView) -> tuple[Float32, Float32]:
-    """Return rendered features of unit length [h, w, F] and how far Gaussians cover each pixel [h, w]."""
+    """Return rendered features of unit length [h, w, F] and alpha [h, w]."""
     assert gaussians.features is not None
     with torch.no_grad():
         raster = rasterize(
@@ -107,14 +109,13 @@ def _segment_ious(
     for segment_id in ids[(ids > 0) & (counts >= min_pixels)]:
         segment = labels == segment_id
         y, x = innermost_pixel(segment)
-        selected = (features @ features[y, x] >= threshold) & (cover >= _LEAST_COVER)
-        union = np.count_nonzero(selected | segment)
-        found.append(float(np.count_nonzero(selected & segment) / union))
+        selected = (features @ features[y, x] >= threshold) & (cover >= _MIN_ALPHA)
+        found.append(mask_iou(selected, segment))
     return found
 
 
 def innermost_pixel(segment: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return row and column of the pixel of `segment` farthest from its border and the picture's."""
+    """Return row and column of the pixel of `segment` farthest from its border and that of the picture."""
     framed = np.pad(segment.astype(np.uint8), 1)
     distance = cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1]
     y, x = np.unravel_index(int(np.argmax(distance)), segment.shape)

@@ -1,4 +1,4 @@
-"""Settings of the evaluation of objects, and the ways of isolating that it compares."""
+"""Settings of the evaluation of objects, and the segmentation methods that it compares."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from typing import Literal
 from ..objects.settings import BETTER, PRESETS, SegmentSettings
 from ..settings import require
 
-__all__ = ["EvaluationSettings", "SeedKind", "Way", "ways_of"]
+__all__ = ["EvaluationSettings", "PromptKind", "Method", "methods_of"]
 
-SeedKind = Literal["text", "mask", "click"]
+PromptKind = Literal["text", "mask", "click"]
 
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """What is isolated, how, and where it is looked at.
+    """Objects, methods and photos of an evaluation.
 
     Attributes
     ----------
     presets : tuple of str
-        Of `engine.objects.settings.PRESETS`.
-    seed : {"text", "mask", "click"}
-        What every object is asked for with: its text; or, in the photo outside of the evaluated ones that shows it
-        largest, its true mask or a click in the middle of that.
+        Names in `engine.objects.settings.PRESETS`.
+    prompt_kind : {"text", "mask", "click"}
+        Prompt for every object: its text; or its true mask, or a click in the middle of that mask, in the photo that
+        shows it largest among those not evaluated.
     views : {"held-out", "all"}
-        Photos with true masks that are compared: those that training did not see, or all but the seed's.
+        Photos with true masks that are compared: those that training did not see, or all except that of the prompt.
     ablations : bool
-        Also ``better`` with one ingredient switched off at a time.
+        Also compare ``better`` with one ingredient switched off at a time.
     view_counts : tuple of int
-        Also every preset with so many photos looked at, where that makes a difference to it: those that vote, and for
-        a text those that are searched.
+        Also compare every preset with these numbers of photos, where it uses them: photos that vote, and photos that
+        are searched for a text.
     objects : tuple of str
-        Only these; all by default.
+        Objects to evaluate; all by default.
     """
 
     presets: tuple[str, ...] = ("paper", "better")
-    seed: SeedKind = "mask"
+    prompt_kind: PromptKind = "mask"
     views: Literal["held-out", "all"] = "held-out"
     ablations: bool = False
     view_counts: tuple[int, ...] = ()
@@ -51,13 +51,13 @@ class EvaluationSettings:
         require(self, "view_counts", all(count >= 1 for count in self.view_counts), "at least 1 each")
         different = len(set(self.view_counts)) == len(self.view_counts)
         require(self, "view_counts", different, "different from each other")
-        require(self, "seed", self.seed in ("text", "mask", "click"), "'text', 'mask' or 'click'")
+        require(self, "prompt_kind", self.prompt_kind in ("text", "mask", "click"), "'text', 'mask' or 'click'")
         require(self, "views", self.views in ("held-out", "all"), "'held-out' or 'all'")
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way of isolating; a row of the table.
+class Method:
+    """One segmentation method; a row of the table.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ class Way:
     snaps : bool
         Whether votes may snap to SAM's segments.
     preset : str
-        Whose number of views is varied, where the way is one of those or the preset itself; else empty.
+        Preset whose number of views the method varies, or the preset itself; empty for ablations.
     n_views : int
-        That number; 0 without `preset`.
+        Number of views; 0 without `preset`.
     """
 
     name: str
@@ -78,37 +78,37 @@ class Way:
     n_views: int = 0
 
 
-def ways_of(settings: EvaluationSettings) -> list[Way]:
-    """Return the presets, then the ablations and then the numbers of views that are asked for.
+def methods_of(settings: EvaluationSettings) -> list[Method]:
+    """Return the presets, the ablations and the variants with other numbers of views, in this order.
 
-    Snapping can only be left out where segments are not what a text is looked for in.
+    Snapping is not an ablation for texts, since a text is searched for in the same segments.
     """
-    counts = {name: _n_views(PRESETS[name], settings.seed) for name in settings.presets}
-    ways = [Way(name, PRESETS[name], preset=name, n_views=counts[name]) for name in settings.presets]
+    counts = {name: _n_views(PRESETS[name], settings.prompt_kind) for name in settings.presets}
+    methods = [Method(name, PRESETS[name], preset=name, n_views=counts[name]) for name in settings.presets]
     if settings.ablations:
-        ways += [
-            Way("better, one part", replace(BETTER, parts=1)),
-            Way("better, no votes", replace(BETTER, refinement="none")),
-            Way("better, one vote round", replace(BETTER, vote_rounds=1)),
-            Way("better, hull filled in", replace(BETTER, completion="hull")),
+        methods += [
+            Method("better, one part", replace(BETTER, parts=1)),
+            Method("better, no votes", replace(BETTER, refinement="none")),
+            Method("better, one vote round", replace(BETTER, vote_rounds=1)),
+            Method("better, hull filled in", replace(BETTER, completion="hull")),
         ]
-        if settings.seed == "mask":
-            ways.append(Way("better, given mask only by its features", replace(BETTER, keep_given=False)))
-        if settings.seed != "text":
-            ways.append(Way("better, no snapping to segments", BETTER, snaps=False))
+        if settings.prompt_kind == "mask":
+            methods.append(Method("better, given mask only by its features", replace(BETTER, keep_given=False)))
+        if settings.prompt_kind != "text":
+            methods.append(Method("better, no snapping to segments", BETTER, snaps=False))
     for name in settings.presets:
         for count in settings.view_counts:
             if counts[name] not in (0, count):
                 fewer = replace(PRESETS[name], n_text_views=count, n_vote_views=count)
-                ways.append(
-                    Way(f"{name}, {count} {'view' if count == 1 else 'views'}", fewer, preset=name, n_views=count)
+                methods.append(
+                    Method(f"{name}, {count} {'view' if count == 1 else 'views'}", fewer, preset=name, n_views=count)
                 )
-    return ways
+    return methods
 
 
-def _n_views(settings: SegmentSettings, seed: SeedKind) -> int:
-    """Return how many photos are looked at, at most; 0 where only the one that the person gave."""
+def _n_views(settings: SegmentSettings, prompt_kind: PromptKind) -> int:
+    """Return the largest number of photos that a preset uses; 0 where it uses that of the prompt only."""
     return max(
-        settings.n_text_views if seed == "text" else 0,
+        settings.n_text_views if prompt_kind == "text" else 0,
         settings.n_vote_views if settings.refinement == "votes" else 0,
     )

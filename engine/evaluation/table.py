@@ -1,4 +1,4 @@
-"""The evaluation of objects as Markdown: means over the objects, then every object."""
+"""Markdown tables of an evaluation: means over the objects, then every object."""
 
 from __future__ import annotations
 
@@ -14,88 +14,88 @@ from ..project_folder import atomic_write
 from .document import write_section
 from .isolation import Evaluation, Row, mean_of
 from .picture import curve_picture
-from .settings import SeedKind
+from .settings import PromptKind
 
 __all__ = ["INTRODUCTION", "MEANINGS", "markdown", "write_evaluation"]
 
 _MEASURES = "IoU | BIoU | halo | stray | holes | Gaussians | PSNR dB | CPU s | wall s"
 _RIGHT = " | ".join(["---:"] * 9)
-_ASKED: dict[SeedKind, str] = {
-    "mask": "its true mask in the photo, outside of those compared, that shows it largest and whole",
-    "click": "a click in the middle of its true mask, in the photo outside of those compared that shows it largest",
+_PROMPTS: dict[PromptKind, str] = {
+    "mask": "its true mask in the photo that shows it largest and whole among those not compared",
+    "click": "a click in the middle of its true mask, in the photo that shows it largest among those not compared",
     "text": (
-        "its text; of several finds the first counts, or as many as there are equal objects, each for the one that it "
-        "is most like"
+        "its text; of several results the first counts. Equal objects share a text: as many results as there are "
+        "objects count, each for the object that it matches best"
     ),
 }
-_BY: dict[SeedKind, str] = {"mask": "true masks", "click": "clicks", "text": "texts"}
+_PROMPTED_BY: dict[PromptKind, str] = {"mask": "true masks", "click": "clicks", "text": "texts"}
 
-INTRODUCTION = """# How well objects are isolated
+INTRODUCTION = """# Segmentation of objects
 
-Every section was written by the command above its table."""
+The command above each table writes the whole section."""
 
 MEANINGS = """## What the columns mean
 
-- IoU, BIoU: in percent as in Gaussian Grouping's script, means over the views of an object and then over the objects;
-  the boundary is the band inside of a mask that is 0.02 of the picture's diagonal wide. What was not found counts 0
-  (that script skips it).
-- halo: pixels outside of the true mask, up to that band's width away from it; stray: those farther away; holes: true
-  pixels that are missing. In percent of the true mask's pixels.
-- Gaussians: IoU of the Gaussians with those that truly belong, by the true masks of all photos, in percent; none where
-  masks do not say of every pixel what it shows.
-- PSNR: of the object alone over black with the photo, over the true mask.
-- CPU s, wall s: from the prompt to the Gaussians, every view rendered anew; loading a model counts for the first that
-  needs it."""
+- IoU, BIoU: as in the script of Gaussian Grouping, in percent; means over the views of an object, then over all
+  objects. The boundary is the band inside of a mask with a width of 0.02 of the picture's diagonal. Objects that were
+  not found count 0 (that script skips them).
+- halo: predicted pixels outside of the true mask within that band's width; stray: those farther away; holes: missing
+  pixels of the true mask. All in percent of the true mask's pixels.
+- Gaussians: IoU with the Gaussians of the object, determined from the true masks of all photos, in percent. Empty where
+  the masks do not label every pixel.
+- PSNR: between the object rendered alone on black and the photo, within the true mask.
+- CPU s, wall s: from the prompt to the Gaussians. All views are rendered for each object; loading a model counts for
+  the first object that needs it."""
 
 
 def markdown(evaluation: Evaluation) -> str:
-    """Return the tables and the remarks: means over the objects for every way, and each object for the presets."""
+    """Return the tables and remarks: means over the objects for every method, and each object for the presets."""
     rows = evaluation.rows
-    ways = list(dict.fromkeys(row.way for row in rows))
+    methods = list(dict.fromkeys(row.method for row in rows))
     objects = list(dict.fromkeys(row.object for row in rows))
     lines = [f"| mean of {len(objects)} objects | not found | {_MEASURES} |", f"| --- | ---: | {_RIGHT} |"]
-    for way in ways:
-        of_way = [row for row in rows if row.way == way]
+    for method in methods:
+        of_way = [row for row in rows if row.method == method]
         missing = sum(not row.found for row in of_way)
-        lines.append(f"| {way} | {missing} | {_cells(of_way)} |")
-    lines += ["", f"| object | way | views | {_MEASURES} |", f"| --- | --- | ---: | {_RIGHT} |"]
+        lines.append(f"| {method} | {missing} | {_cells(of_way)} |")
+    lines += ["", f"| object | method | views | {_MEASURES} |", f"| --- | --- | ---: | {_RIGHT} |"]
     for row in rows:
-        if row.way not in evaluation.settings.presets:
+        if row.method not in evaluation.settings.presets:
             continue
-        way = row.way if row.found else f"{row.way} (**not found**)"
-        lines.append(f"| {_cell(row.object)} | {way} | {row.n_views} | {_cells([row])} |")
+        method = row.method if row.found else f"{row.method} (**not found**)"
+        lines.append(f"| {_cell(row.object)} | {method} | {row.n_views} | {_cells([row])} |")
     remarks = list(_remarks(evaluation))
     return "\n".join([*lines, *([""] + remarks if remarks else [])])
 
 
 def write_evaluation(path: Path, evaluation: Evaluation, *, title: str, command: str) -> None:
-    """Write one section of a Markdown file, and a picture beside it; sections of other titles stay.
+    """Write one section of a Markdown file and its plot beside it; other sections stay unchanged.
 
     Parameters
     ----------
     path : Path
     evaluation : Evaluation
     title : str
-        Of the scene.
+        Name of the scene.
     command : str
-        That made the table, stands above it.
+        Command that makes the table, shown above it.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When the file cannot be written.
     """
     machine = describe_machine()
-    seed = evaluation.settings.seed
-    image = path.with_name(f"{path.stem}_{re.sub('[^0-9A-Za-z_-]+', '-', title)}_{seed}.png")
+    prompt_kind = evaluation.settings.prompt_kind
+    image = path.with_name(f"{path.stem}_{re.sub('[^0-9A-Za-z_-]+', '-', title)}_{prompt_kind}.png")
     with atomic_write(image) as stream:
         stream.write(curve_picture(evaluation))
     body = (
-        f"```\n{command}\n```\n\n{markdown(evaluation)}\n\n![How well against how long]({image.name})\n\n"
+        f"```\n{command}\n```\n\n{markdown(evaluation)}\n\n![IoU against CPU seconds]({image.name})\n\n"
         f"{_conditions(evaluation)}\n\n"
         f"Gaussian Heritage {__version__}, {machine.cores} cores, {platform.system()} {platform.machine()}."
     )
-    heading = f"{title}, asked for by {_BY[seed]}"
+    heading = f"{title}, prompted by {_PROMPTED_BY[prompt_kind]}"
     write_section(path, introduction=INTRODUCTION, title=heading, body=body, closing=MEANINGS)
 
 
@@ -105,10 +105,10 @@ def _conditions(evaluation: Evaluation) -> str:
     stages = ", ".join(f"{stage} {wall:.0f} s ({cpu:.0f})" for stage, wall, cpu in evaluation.stages)
     return (
         f"{evaluation.n_gaussians:,} Gaussians; {len(photos)} photos with true masks ({evaluation.layout}) are "
-        f"compared, and {seen}: {', '.join(photos)}. Every object is asked for with "
-        f"{_ASKED[evaluation.settings.seed]}. It is compared where it is more than half of what one sees, occluded "
-        "by the rest of the scene, in the frame of the photo."
-        + (f" Before the first prompt, in wall (CPU) seconds: {stages}." if stages else "")
+        f"compared; {seen}: {', '.join(photos)}. The prompt for every object is "
+        f"{_PROMPTS[evaluation.settings.prompt_kind]}. A predicted mask holds the pixels of the photo of which the "
+        "object makes up more than half, with the rest of the scene in front of it."
+        + (f" Stages before the first prompt, in wall (CPU) seconds: {stages}." if stages else "")
     )
 
 
@@ -133,9 +133,9 @@ def _cell(text: str) -> str:
 
 def _remarks(evaluation: Evaluation) -> Iterator[str]:
     for row in evaluation.rows:
-        if row.remark and row.way in evaluation.settings.presets:
-            yield f"- {row.object}, {row.way}: {row.remark}"
+        if row.remark and row.method in evaluation.settings.presets:
+            yield f"- {row.object}, {row.method}: {row.remark}"
     for name in evaluation.left_out:
-        yield f"- {name}: left out, no photo is left to compare it in."
+        yield f"- {name}: left out, since no photo is left to compare it in."
     if evaluation.unplaced:
         yield f"- Left out, since no camera is known: {', '.join(evaluation.unplaced)}."

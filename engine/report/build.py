@@ -31,30 +31,32 @@ __all__ = ["build_report"]
 
 log = logging.getLogger(__name__)
 
-SHEET = "objects.png"
-_MOST_PAIRS = 3
+SHEET_FILE = "objects.png"
+"""Name of the picture of all objects."""
+_MAX_PAIRS = 3
+"""Held-out photos that are shown beside their renders."""
 
 
 def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
-    """Write the report of what was done so far and return the page's path.
+    """Write the report of a project and return the path of the page.
 
     Parameters
     ----------
     project : ProjectFolder
-        Held for writing; stages that are not done or were left out are left out of the report too.
+        Held for writing. Stages that are not done are missing in the report too.
     backend : {"cpu", "reference"}
-        Renders the pictures.
+        Rasterizer of the pictures.
 
     Returns
     -------
     Path
-        ``report/report.html``, one file with all its pictures; beside it lie ``report.json`` and, where there are
-        objects, ``objects.png``: each of them from four sides.
+        ``report/report.html``, one file with all its pictures. ``report.json`` and, where there are objects,
+        ``objects.png`` with four views of each are written beside it.
 
     Raises
     ------
     DiskError
-        When it cannot be written.
+        When the report cannot be written.
     HeritageError
         When a part of the project is damaged.
     """
@@ -77,9 +79,9 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
     names = {record["id"]: str(record["name"]) for record in facts["objects"]}
     sheet = picture_sheet([(names[key], sides) for key, sides in pictures.objects.items()], PAPER_WHITE)
     if sheet is not None:
-        write_png(folder / SHEET, sheet, description="Every object from four sides")
+        write_png(folder / SHEET_FILE, sheet, description="Every object from four sides")
     else:
-        (folder / SHEET).unlink(missing_ok=True)
+        (folder / SHEET_FILE).unlink(missing_ok=True)
     write_json(folder / "report.json", finite_or_null(facts))
     path = folder / "report.html"
     with atomic_write(path, "w") as stream:
@@ -95,10 +97,8 @@ def _held_out_pairs(
     backend: Backend,
 ) -> dict[str, PhotoPair]:
     names = [name for name in training.get("held_out") or training.get("measured_photos") or () if name in cameras]
-    # Evenly over those there are: neighbours in order look alike.
-    picked = [
-        names[i] for i in sorted({round(i) for i in np.linspace(0, len(names) - 1, min(len(names), _MOST_PAIRS))})
-    ]
+    # Evenly spaced: consecutive photos look alike.
+    picked = [names[i] for i in sorted({round(i) for i in np.linspace(0, len(names) - 1, min(len(names), _MAX_PAIRS))})]
     folder = Path(str(project.get("photo_folder", "")))
     pairs = {}
     for name in picked:

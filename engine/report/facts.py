@@ -1,4 +1,4 @@
-"""What the stages stored, gathered into plain JSON values for the report. Nothing is measured here."""
+"""The facts of the report, gathered from what the stages stored, as JSON values. Nothing is measured here."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import importlib.metadata
 import os
 import platform
 from collections.abc import Iterable
-from dataclasses import asdict
 from pathlib import PurePath
 from typing import Any
 
 from .. import __version__
 from ..objects import list_objects
 from ..project_folder import ProjectFolder
+from ..settings import to_dict
 
 __all__ = ["REPORT_VERSION", "STAGES", "collect_facts"]
 
@@ -31,18 +31,18 @@ _PACKAGES = (
 
 
 def collect_facts(project: ProjectFolder) -> dict[str, Any]:
-    """Return everything the report says, as JSON values.
+    """Return the facts of the report as JSON values.
 
     Parameters
     ----------
     project : ProjectFolder
-        In any state: a stage that was left out or is not done gives an empty part.
+        In any state; a stage that is not done gives an empty part.
 
     Returns
     -------
     dict
         ``stages`` (name, wall and CPU seconds), ``photos``, ``cameras``, ``masks``, ``training``, ``objects``,
-        ``refused_prompts``, ``plan``, ``forecast`` (per stage, beside what it took), ``left_out``,
+        ``refused_prompts``, ``plan``, ``forecast`` (per stage, with the actual cost), ``left_out``,
         ``measured_savings``, ``software`` and ``machine``.
     """
     records = {stage: project.stage_record(stage) for stage in STAGES}
@@ -64,13 +64,13 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         "cameras": figures["cameras"],
         "masks": figures["masks"],
         "training": training,
-        "objects": [_without_settings(asdict(record)) for record in list_objects(project.path)],
+        "objects": [_without_settings(to_dict(record)) for record in list_objects(project.path)],
         "refused_prompts": figures["objects"].get("refused", {}),
         "plan": project.get("work_plan") or {},
         "forecast": _forecast(project.get("forecast"), records),
         "left_out": [
             *(dict(item) for item in plan.get("left_out", ())),
-            *_tried_in_vain(training),
+            *_rejected_by_trials(training),
             *_steps_left_out(training),
         ],
         "measured_savings": (project.get("measured_savings") or {}).get(str(training.get("preset"))),
@@ -88,7 +88,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
 
 
 def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
-    """Return for each stage of the plan what was forecast and what it took, None where that is not known."""
+    """Return the forecast and the actual cost of each stage of the plan; None where the cost is unknown."""
     rows = []
     for expected in (forecast or {}).get("stages", ()):
         record = records.get(expected["stage"]) or {}
@@ -104,8 +104,8 @@ def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any]
     return rows
 
 
-def _tried_in_vain(training: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return what trials found not worth its steps, with what it would have changed on the held-out photos."""
+def _rejected_by_trials(training: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what trials rejected, with its effect on the held-out photos."""
     return [
         {
             "what": "the brightness correction per photo"
@@ -127,15 +127,15 @@ def _steps_left_out(training: dict[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             "what": f"{planned - training['steps']:,} of {planned:,} training steps",
-            "why": f"stopped at step {training['steps']:,}: the curve is flat, the rest would have gained about "
-            f"{max(0.0, stopped['expected_gain']):.2f} dB, less than {stopped['limit']:g}",
+            "why": f"stopped at step {training['steps']:,}: the curve is flat, and the remaining steps would "
+            f"have gained about {max(0.0, stopped['expected_gain']):.2f} dB, less than {stopped['limit']:g}",
             "saved": f"about {stopped['wall_seconds_saved']:.0f} s, from the speed of the last steps",
         }
     ]
 
 
 def _title(project: ProjectFolder) -> str:
-    """Return the photo folder's name, or that of the project where photos lie in a folder called just that."""
+    """Return the name of the photo folder, or of the project where the photo folder has a generic name."""
     photos = PurePath(str(project.get("photo_folder") or ""))
     generic = ("", "photos", "images", "pictures", "fotos", "dcim")
     return photos.name if photos.name.lower() not in generic else project.path.resolve().name

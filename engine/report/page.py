@@ -1,4 +1,4 @@
-"""The report as one HTML page that needs no other file."""
+"""The report as one HTML page that loads no other file."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _STAGE_NAMES = {
 _GUARD_NAMES = {
     "refused_steps": "training steps skipped because a gradient was not finite",
     "gaussians_not_updated": "updates of single Gaussians skipped because a gradient was not finite",
-    "clamped_positions": "positions held within the scene",
-    "reset_rotations": "rotations without direction reset",
+    "clamped_positions": "positions clamped to the scene",
+    "reset_rotations": "rotations of length zero reset",
 }
 _LIMIT_NAMES = {
     "scales_at_limit": "at the largest elongation (1:50) or the smallest or largest size",
@@ -45,9 +45,9 @@ class Pictures:
     Attributes
     ----------
     held_out : dict of str to PhotoPair
-        By photo name.
+        Pairs by photo name.
     objects : dict of str to list of uint8 arrays [H, W, 3]
-        By object id.
+        Pictures by object id.
     """
 
     held_out: dict[str, PhotoPair] = field(default_factory=dict)
@@ -60,7 +60,7 @@ def page(facts: dict[str, Any], pictures: Pictures) -> str:
     Parameters
     ----------
     facts : dict
-        Of `collect_facts`.
+        As returned by `collect_facts`.
     pictures : Pictures
 
     Returns
@@ -99,7 +99,7 @@ def _head(facts: dict[str, Any]) -> str:
             _number(last.get("psnr"), "{:.1f} dB"),
         ),
         ("SSIM", _number(last.get("ssim"), "{:.3f}")),
-        ("from photos to here", _duration(sum(stage["wall_seconds"] for stage in facts["stages"]))),
+        ("total run time", _duration(sum(stage["wall_seconds"] for stage in facts["stages"]))),
     ]
     shown = "".join(f"<div><b>{value}</b><span>{name}</span></div>" for name, value in tiles if value)
     waiting = [_STAGE_NAMES[stage].lower() for stage in facts["not_done"] if stage not in ("objects", "masks")]
@@ -117,7 +117,8 @@ def _objects(facts: dict[str, Any], pictures: Pictures) -> str:
         images = "".join(_image(side, f"{record['name']}, side {i}") for i, side in enumerate(sides, start=1))
         seeds = len({seed["photo"] for seed in record["seeds"]})
         details = (
-            f"{_asked(record['prompt'])}; {_count(record['n_gaussians'])} Gaussians; confidence {record['score']:.2f}; "
+            f"{_describe_prompt(record['prompt'])}; {_count(record['n_gaussians'])} Gaussians; "
+            f"confidence {record['score']:.2f}; "
             f"agreement with its mask {record['fit']:.2f}; "
             f"seen in {seeds} photo{'s' if seeds != 1 else ''}; {record['seconds']:.0f} s"
         )
@@ -127,14 +128,14 @@ def _objects(facts: dict[str, Any], pictures: Pictures) -> str:
         )
     refused = "".join(f"<li>{html.escape(str(reason))}</li>" for reason in facts["refused_prompts"].values())
     if refused:
-        cards.append(f"<h3>Asked for and not found</h3><ul>{refused}</ul>")
+        cards.append(f"<h3>Not found</h3><ul>{refused}</ul>")
     return _section("Objects", "".join(cards) or "<p>No object was isolated yet.</p>")
 
 
-def _asked(prompt: dict[str, Any]) -> str:
+def _describe_prompt(prompt: dict[str, Any]) -> str:
     if prompt.get("kind") == "text":
-        return f"asked for as “{prompt['text']}”"
-    return f"picked by {prompt.get('kind', 'hand')} in {prompt.get('photo', 'a photo')}"
+        return f"prompt “{prompt['text']}”"
+    return f"selected by {prompt.get('kind', 'hand')} in {prompt.get('photo', 'a photo')}"
 
 
 def _held_out(facts: dict[str, Any], pictures: Pictures) -> str:
@@ -142,14 +143,14 @@ def _held_out(facts: dict[str, Any], pictures: Pictures) -> str:
         return ""
     rows = "".join(
         f"<figure>{_image(pair.photo, 'photo')}{_image(pair.render, 'render')}"
-        f"<figcaption>{html.escape(name)}: the photo, and the scene from the same place</figcaption></figure>"
+        f"<figcaption>{html.escape(name)}: the photo, and the scene rendered from its camera</figcaption></figure>"
         for name, pair in pictures.held_out.items()
     )
     kept = facts["training"].get("held_out")
     text = (
-        "These photos were never trained on, so the second of each pair is what the scene knows by itself."
+        "These photos were never trained on: the second picture of each pair is a new view for the scene."
         if kept
-        else "The photos were too few to spare one; these were trained on."
+        else "There were too few photos to hold one out; these were trained on."
     )
     return _section("Photo and scene", f'<p>{text}</p><div class="pairs">{rows}</div>')
 
@@ -161,7 +162,7 @@ def _curve(facts: dict[str, Any]) -> str:
         return ""
     table = [
         ("steps", _count((training.get("curve") or [{}])[-1].get("step"))),
-        ("time a step", _number(training.get("step_ms"), "{:.0f} ms")),
+        ("time per step", _number(training.get("step_ms"), "{:.0f} ms")),
         ("preset", html.escape(str(training.get("preset") or ""))),
     ]
     agreement = training.get("feature_agreement")
@@ -170,8 +171,8 @@ def _curve(facts: dict[str, Any]) -> str:
             _number(agreement.get("trained"), "{:.2f}"),
             _number(agreement.get("untrained"), "{:.2f}"),
         )
-        table.append(("features give back held-out segments (IoU)", f"{trained} (untrained {untrained})"))
-    text = "How the error falls with run time, for photos that were not trained on." if training.get("held_out") else ""
+        table.append(("segments of held-out photos reproduced by features (IoU)", f"{trained} (untrained {untrained})"))
+    text = "Error on photos that were not trained on, over run time." if training.get("held_out") else ""
     return _section("Error against run time", f'<p>{text}</p><div class="plot">{svg}</div>{_pairs(table)}')
 
 
@@ -187,7 +188,7 @@ def _stages(facts: dict[str, Any]) -> str:
     return _section(
         "Time",
         f"<table><thead><tr><th>stage</th><th>wall</th><th>CPU</th></tr></thead><tbody>{body}</tbody>"
-        f"<tfoot><tr><td>together</td><td>{total[0]}</td><td>{total[1]}</td></tr></tfoot></table>",
+        f"<tfoot><tr><td>total</td><td>{total[0]}</td><td>{total[1]}</td></tr></tfoot></table>",
     )
 
 
@@ -195,24 +196,24 @@ def _photos(facts: dict[str, Any]) -> str:
     photos, cameras = facts["photos"], facts["cameras"]
     table = [
         ("readable photos", _count(photos.get("n_photos"))),
-        ("placed", _count(cameras.get("n_registered"))),
+        ("registered", _count(cameras.get("n_registered"))),
         ("reprojection error", _number(cameras.get("reprojection_error"), "{:.2f} px")),
         ("camera poses", "given" if cameras.get("poses_given") else "estimated" if cameras else ""),
         ("photos with segments", _count(facts["masks"].get("n_photos"))),
-        ("time a segmented photo", _number(facts["masks"].get("seconds_per_photo"), "{:.1f} s")),
+        ("time per segmented photo", _number(facts["masks"].get("seconds_per_photo"), "{:.1f} s")),
     ]
     rejected = [f"<b>{html.escape(p['name'])}</b> {html.escape(p['reason'])}" for p in photos.get("rejected", ())]
     unplaced = [html.escape(name) for name in cameras.get("unregistered", ())]
     return _section(
         "Photos",
         _pairs(table)
-        + _list("Not used", rejected, "Every photo could be used.")
-        + _list("Could not be placed among the others", unplaced, "Every photo could be placed."),
+        + _list("Not used", rejected, "Every photo was used.")
+        + _list("Not registered", unplaced, "Every photo was registered."),
     )
 
 
 def _plan(facts: dict[str, Any]) -> str:
-    """Return what was decided before the work, and what was forecast beside what it took."""
+    """Return the plan, and the forecast with the actual cost."""
     plan, training = facts["plan"], facts["training"]
     if not plan:
         return ""
@@ -221,11 +222,11 @@ def _plan(facts: dict[str, Any]) -> str:
         ("training pictures", f"{plan['width']} x {plan['height']}"),
         ("pairs matched", f"{pairs} {_count(plan['n_pairs'])}" if plan["n_pairs"] else pairs),
         ("photos with segments", _count(plan["n_mask_photos"])),
-        ("Gaussians, at most", _count(plan["max_gaussians"])),
-        ("colour bands up to degree", f"{training.get('sh_degree', plan['sh_degree'])} of {plan['sh_degree']}"),
+        ("maximum number of Gaussians", _count(plan["max_gaussians"])),
+        ("degree of spherical harmonics", f"{training.get('sh_degree', plan['sh_degree'])} of {plan['sh_degree']}"),
         ("segmentation features", "yes" if plan["features"] else "no"),
-        ("brightness correction a photo", "yes" if "exposure" in training else "no"),
-        ("steps, at most", _count(plan["steps"])),
+        ("brightness correction per photo", "yes" if "exposure" in training else "no"),
+        ("maximum number of steps", _count(plan["steps"])),
     ]
     return _section("Plan and forecast", _pairs(table) + _forecast(facts["forecast"]))
 
@@ -242,9 +243,9 @@ def _forecast(rows: list[dict[str, Any]]) -> str:
         for row in rows
     )
     return (
-        "<p>Forecast before the work, with the range that 8 of 10 runs are expected in, beside what it took.</p>"
-        "<table><thead><tr><th>stage</th><th>time, forecast</th><th>took</th><th>memory, forecast</th><th>peak</th>"
-        f"</tr></thead><tbody>{body}</tbody></table>"
+        "<p>Forecast before the run, with the range in which 8 of 10 runs are expected, and the actual cost.</p>"
+        "<table><thead><tr><th>stage</th><th>time, forecast</th><th>actual</th><th>memory, forecast</th>"
+        f"<th>actual peak</th></tr></thead><tbody>{body}</tbody></table>"
     )
 
 
@@ -255,7 +256,7 @@ def _actual_time(row: dict[str, Any]) -> str:
 
 
 def _memory(value: Any) -> str:
-    return f"{value / 1e9:.2f} GB" if isinstance(value, int | float) else "not known"
+    return f"{value / 1e9:.2f} GB" if isinstance(value, int | float) else "unknown"
 
 
 def _left_out(facts: dict[str, Any]) -> str:
@@ -264,7 +265,7 @@ def _left_out(facts: dict[str, Any]) -> str:
         f'<span class="small">Saved: {html.escape(item.get("saved") or "not measured")}.</span>'
         for item in facts["left_out"]
     ]
-    return _section("Left out, and why", _list("", items, "Nothing was left out.") + _savings(facts))
+    return _section("What was left out", _list("", items, "Nothing was left out.") + _savings(facts))
 
 
 def _savings(facts: dict[str, Any]) -> str:
@@ -284,25 +285,25 @@ def _guards(facts: dict[str, Any]) -> str:
         f"<b>{_count(n)}</b> {html.escape(_GUARD_NAMES.get(name, name.replace('_', ' ')))}" for name, n in fired.items()
     ]
     return _section(
-        "Signs of numerical trouble",
-        _list("", items, "None: every number stayed finite and in the scene.") + _limits(facts),
+        "Numerical problems",
+        _list("", items, "None: all numbers stayed finite and within bounds.") + _limits(facts),
     )
 
 
 def _limits(facts: dict[str, Any]) -> str:
-    """Return how many Gaussians the method's own limits held on average; met in every run, so not among the signs."""
+    """Return how many Gaussians the limits of the method clamped on average. That is normal and no problem."""
     training = facts["training"]
     limits, steps = training.get("limits") or {}, training.get("steps") or 0
-    held = [
-        f"{_count(round(limits[name] / steps))} {words}"
-        for name, words in _LIMIT_NAMES.items()
+    clamped = [
+        f"{_count(round(limits[name] / steps))} {description}"
+        for name, description in _LIMIT_NAMES.items()
         if steps and name in limits
     ]
-    if not held:
+    if not clamped:
         return ""
     return (
-        f'<p class="small">As in every run, limits of the method held some Gaussians. On average over the steps: '
-        f"{', '.join(held)}; of {_count(training.get('n_gaussians'))} at the end.</p>"
+        f'<p class="small">As in every run, limits of the method clamped some Gaussians. On average over the steps: '
+        f"{', '.join(clamped)}; of {_count(training.get('n_gaussians'))} at the end.</p>"
     )
 
 
@@ -310,7 +311,7 @@ def _software(facts: dict[str, Any]) -> str:
     machine = facts["machine"]
     versions = ", ".join(f"{html.escape(name)} {html.escape(version)}" for name, version in facts["software"].items())
     return _section(
-        "Made with",
+        "Software",
         f'<p class="small">{versions}. {html.escape(machine["system"])}, {html.escape(machine["processor"])}, '
         f"{machine['cores']} cores.</p>",
     )
@@ -344,7 +345,7 @@ def _image(pixels: NDArray[np.uint8], text: str) -> str:
 
 
 def _count(value: Any) -> str:
-    # A narrow no-break space parts thousands in every language.
+    # A narrow no-break space separates thousands in every language.
     return f"{int(value):,}".replace(",", "\u202f") if isinstance(value, int | float) and np.isfinite(value) else ""
 
 

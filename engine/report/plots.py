@@ -1,4 +1,4 @@
-"""Curves of the report as SVG, and those of several presets as a picture."""
+"""Plots of error against run time: one run as SVG, several runs as PNG."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     Parameters
     ----------
     curve : sequence of dict
-        ``wall_seconds``, ``cpu_seconds``, ``psnr``, ``ssim`` and ``l1`` of each measurement. Points that were not
-        measured or are not finite are left out.
+        ``wall_seconds``, ``cpu_seconds``, ``psnr``, ``ssim`` and ``l1`` of each measurement. Values that
+        are missing or not finite are left out.
 
     Returns
     -------
@@ -79,9 +79,9 @@ def compare_curves(
     Parameters
     ----------
     curves : sequence of (str, sequence of dict)
-        Name and measurements of each run, as for `error_curve`; those of one name are drawn alike.
+        Name and measurements of each run, as for `error_curve`; runs of one name share a colour.
     front : sequence of (float, float)
-        CPU seconds and PSNR of the runs on the Pareto front, all measured at one picture size; drawn as a line.
+        CPU seconds and PSNR of the runs on the Pareto front, all measured at one picture size.
 
     Returns
     -------
@@ -105,9 +105,9 @@ def compare_curves(
                     continue
                 drawn = True
                 xs, ys = [p[time] for p in points], [p[key] for p in points]
-                told = name in axes.get_legend_handles_labels()[1]
+                has_label = name in axes.get_legend_handles_labels()[1]
                 axes.plot(xs, ys, color=colors[name], marker="o", markersize=3, linewidth=1.2,
-                          label=None if told else name)  # fmt: skip
+                          label=None if has_label else name)  # fmt: skip
             if key == "psnr" and time == "cpu_seconds":
                 if front:
                     ends = sorted(front)

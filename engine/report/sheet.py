@@ -1,4 +1,4 @@
-"""Objects alone, clean-edged on a neutral ground, and all of them on one sheet from four sides each."""
+"""Pictures of objects alone on a plain background, and one sheet of all objects."""
 
 from __future__ import annotations
 
@@ -11,64 +11,69 @@ from numpy.typing import NDArray
 from ..pictures import Backend, Scene
 from ..scene import Gaussians, PinholeCamera
 
-__all__ = ["alone", "picture_sheet"]
+__all__ = ["picture_sheet", "render_alone"]
 
 Pixels = NDArray[np.uint8]
 
-_FAINT, _SOLID = 0.3, 0.7
-"""Coverage that becomes ground and object: between them Gaussians fade out, wider than a silhouette in a photo does."""
-
-_REACH = 2
+_MIN_ALPHA, _FULL_ALPHA = 0.3, 0.7
+"""Alpha that becomes background, and alpha that becomes opaque: Gaussians fade out over more pixels than an outline."""
+_SPECK_MARGIN = 2
+"""Pixels by which the kept areas grow, so that their soft edge is kept too."""
 _GAP = 8
-_CAPTION = 34
-_INK = (60, 56, 50)
+"""Space between pictures, pixels."""
+_CAPTION_HEIGHT = 34
+"""Height of a caption, pixels."""
+_CAPTION_COLOR = (60, 56, 50)
+"""Colour of captions, sRGB, 0 to 255."""
 
 
-def alone(gaussians: Gaussians, camera: PinholeCamera, ground: Sequence[float], *, backend: Backend = "cpu") -> Pixels:
-    """Return Gaussians before a plain ground with a clean edge, uint8 [H, W, 3].
+def render_alone(
+    gaussians: Gaussians, camera: PinholeCamera, background: Sequence[float], *, backend: Backend = "cpu"
+) -> Pixels:
+    """Return a picture of Gaussians on a plain background with a clean edge, uint8 [H, W, 3].
 
     Parameters
     ----------
     gaussians : Gaussians
-        The object's.
+        Those of the object.
     camera : PinholeCamera
-    ground : sequence of 3 floats
+    background : sequence of 3 floats
         sRGB in [0, 1].
     backend : {"cpu", "reference"}
 
     Notes
     -----
-    What covers less than three tenths of a pixel is left out, what covers seven tenths is opaque. Specks that hang
-    together with nothing large are left out too.
+    Alpha below 0.3 becomes background, alpha above 0.7 opaque. Connected areas smaller than a hundredth of the largest
+    one are removed.
     """
     rendered = Scene(gaussians, backend=backend).render(camera, color=True)
     alpha = rendered.alpha
-    step = np.clip((alpha - _FAINT) / (_SOLID - _FAINT), 0, 1)
+    step = np.clip((alpha - _MIN_ALPHA) / (_FULL_ALPHA - _MIN_ALPHA), 0, 1)
     edge = step * step * (3 - 2 * step)
     count, areas, stats, _ = cv2.connectedComponentsWithStats((alpha > 0.5).astype(np.uint8))
     if count > 1:
         sizes = stats[1:, cv2.CC_STAT_AREA]
         kept = np.isin(areas, 1 + np.flatnonzero(sizes >= 0.01 * sizes.max()))
-        side = 2 * _REACH + 1
+        side = 2 * _SPECK_MARGIN + 1
         edge = edge * (cv2.dilate(kept.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
     color = rendered.channels / np.maximum(alpha, 1e-3)[..., None]
-    blended = edge[..., None] * np.clip(color, 0, 1) + (1 - edge[..., None]) * np.asarray(ground, np.float32)
+    blended = edge[..., None] * np.clip(color, 0, 1) + (1 - edge[..., None]) * np.asarray(background, np.float32)
     return np.rint(np.clip(blended, 0, 1) * 255).astype(np.uint8)
 
 
-def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], ground: Sequence[float]) -> Pixels | None:
-    """Return one picture with a row for each object: its name, and under it its sides.
+def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], background: Sequence[float]) -> Pixels | None:
+    """Return one picture with a row for each object: its name, and its pictures below.
 
     Parameters
     ----------
     rows : sequence of (str, sequence of uint8 arrays [h, w, 3])
-        All pictures of one size; objects without any are left out.
-    ground : sequence of 3 floats
+        Name and pictures of each object, all of one size; objects without pictures are left out.
+    background : sequence of 3 floats
         sRGB in [0, 1].
 
     Returns
     -------
-    array of shape [H, W, 3], uint8, or None when there is nothing to show
+    array of shape [H, W, 3], uint8, or None when there are no pictures
     """
     from PIL import Image, ImageDraw, ImageFont
 
@@ -77,14 +82,16 @@ def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], ground: Sequence
         return None
     height, width = shown[0][1][0].shape[:2]
     columns = max(len(sides) for _, sides in shown)
-    paper = tuple(int(round(255 * value)) for value in ground)
-    size = (columns * (width + _GAP) + _GAP, len(shown) * (height + _CAPTION + _GAP) + _GAP)
+    paper = tuple(int(round(255 * value)) for value in background)
+    size = (columns * (width + _GAP) + _GAP, len(shown) * (height + _CAPTION_HEIGHT + _GAP) + _GAP)
     sheet = Image.new("RGB", size, paper)
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(20)
     for number, (name, sides) in enumerate(shown):
-        top = _GAP + number * (height + _CAPTION + _GAP)
-        # The built-in font has no letters beyond Latin: what it lacks would be drawn as boxes.
-        draw.text((_GAP, top), name if name.isascii() else name.encode("ascii", "replace").decode(), _INK, font)
+        top = _GAP + number * (height + _CAPTION_HEIGHT + _GAP)
+        # The built-in font has ASCII letters only; others would be drawn as boxes.
+        draw.text(
+            (_GAP, top), name if name.isascii() else name.encode("ascii", "replace").decode(), _CAPTION_COLOR, font
+        )
         for column, side in enumerate(sides):
-            sheet.paste(Image.fromarray(side), (_GAP + column * (width + _GAP), top + _CAPTION))
+            sheet.paste(Image.fromarray(side), (_GAP + column * (width + _GAP), top + _CAPTION_HEIGHT))
     return np.asarray(sheet)

@@ -1,4 +1,4 @@
-"""Pictures of the report: held-out photos beside their renders, and objects from several sides."""
+"""Pictures of the report: held-out photos with their renders, and objects from several sides."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import covering_pinhole, shows, training_pinhole, undistort
+from ..cameras import covering_pinhole, is_point_visible, training_pinhole, undistort
 from ..evaluation import feature_agreement
 from ..objects import spread_cameras
 from ..pictures import Backend, Scene, render_view
 from ..scene import Camera, Gaussians, PinholeCamera
-from .sheet import alone
+from .sheet import render_alone
 
 __all__ = [
     "PAPER_WHITE",
@@ -27,33 +27,41 @@ __all__ = [
 ]
 
 PAPER_WHITE = (0.965, 0.957, 0.937)
-"""Behind objects: the page's own colour."""
+"""Background of objects, sRGB in [0, 1]: the colour of the page."""
 
 _PAIR_SIDE = 760
+"""Longest side of a photo and its render, pixels."""
 _ORBIT_SIDE = 360
+"""Side of the picture of an object, pixels."""
 _FIELD_OF_VIEW = np.radians(35.0)
-_STEEPEST = np.radians(60.0)
-_SEEN_SIDE = 160
-_MOST_PHOTOS = 24
-_NEARLY_AS_MUCH = 0.9
-_NARROWEST = np.radians(40.0)
+"""Field of view of the pictures of objects."""
+_MAX_ELEVATION = np.radians(60.0)
+"""Largest elevation of the cameras around an object, up or down."""
+_VISIBILITY_SIDE = 160
+"""Longest side of the renders in which the visible pixels of objects are counted, pixels."""
+_MAX_PHOTOS = 24
+"""Photos in which the visible pixels of an object are counted."""
+_MIN_VISIBLE_RATIO = 0.9
+"""A photo shows an object whole when it shows at least this part of what the best photo shows."""
+_MIN_ARC = np.radians(40.0)
+"""Smallest angle about the vertical axis that the cameras around an object span."""
 
 
 @dataclass(frozen=True)
 class PhotoPair:
-    """A photo and the scene from the same camera, both without lens distortion, uint8 [H, W, 3]."""
+    """A photo and a render from its camera, both without lens distortion, uint8 [H, W, 3]."""
 
     photo: NDArray[np.uint8]
     render: NDArray[np.uint8]
 
 
 def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: Backend = "cpu") -> PhotoPair:
-    """Return a photo beside its render.
+    """Return a photo and its render.
 
     Parameters
     ----------
     folder : Path
-        Where the photos lie.
+        The photo folder.
     camera : Camera
     gaussians : Gaussians
     backend : {"cpu", "reference"}
@@ -61,7 +69,7 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
     Raises
     ------
     PhotoError
-        When the photo cannot be read any more.
+        When the photo can no longer be read.
     """
     from ..photos import load_pixels
 
@@ -72,7 +80,7 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
 
 
 def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: Sequence[Camera]) -> list[list[Camera]]:
-    """Return for each object the cameras that see nearly as much of it as the one that sees most.
+    """Return for each object the cameras that see almost as much of it as the camera that sees most.
 
     Parameters
     ----------
@@ -84,34 +92,35 @@ def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: 
     Returns
     -------
     list of list of Camera
-        Of those that have its middle in their picture, at most 24 spread ones. Nothing hides so much of it there, nor
-        the picture's edge; nearly as much is nine tenths. None for an object that no picture shows.
+        Chosen among at most 24 spread cameras whose picture contains the centre of the object. A camera is returned
+        when the visible share of the object, which other Gaussians and the picture's border reduce, is at least nine
+        tenths of the largest. Empty for an object that no picture shows.
     """
     alone_in = [Scene(scene.gaussians[one], backend=scene.backend) for one in members]
-    asked: list[set[str]] = []
+    candidates: list[set[str]] = []
     for one in alone_in:
         middle = np.median(one.gaussians.means, axis=0) if len(one) else None
-        facing = [camera for camera in cameras if middle is not None and shows(camera, middle)]
-        asked.append({camera.photo for camera in spread_cameras(facing, _MOST_PHOTOS)})
+        facing = [camera for camera in cameras if middle is not None and is_point_visible(camera, middle)]
+        candidates.append({camera.photo for camera in spread_cameras(facing, _MAX_PHOTOS)})
     parts: list[dict[str, float]] = [{} for _ in members]
     for camera in cameras:
-        frame = covering_pinhole(camera, max_side=_SEEN_SIDE)
-        wanted = [i for i, photos in enumerate(asked) if camera.photo in photos]
+        frame = covering_pinhole(camera, max_side=_VISIBILITY_SIDE)
+        wanted = [i for i, photos in enumerate(candidates) if camera.photo in photos]
         if not wanted:
             continue
         among = np.column_stack([members[i] for i in wanted]).astype(np.float32)
         seen = scene.render(frame, color=True, channels=among).channels[..., 3:].sum(axis=(0, 1))
         for i, pixels in zip(wanted, seen.tolist(), strict=True):
             parts[i][camera.photo] = pixels / max(1.0, _covered(alone_in[i], frame))
-    least = [_NEARLY_AS_MUCH * max(one.values(), default=0.0) for one in parts]
+    least = [_MIN_VISIBLE_RATIO * max(shares.values(), default=0.0) for shares in parts]
     return [
-        [camera for camera in cameras if one.get(camera.photo, 0.0) >= enough > 0]
-        for one, enough in zip(parts, least, strict=True)
+        [camera for camera in cameras if shares.get(camera.photo, 0.0) >= enough > 0]
+        for shares, enough in zip(parts, least, strict=True)
     ]
 
 
 def _covered(alone_in: Scene, frame: PinholeCamera) -> float:
-    """Return how many pixels the object alone covers, up to half a picture beyond the edges too."""
+    """Return how many pixels the object alone covers, counted up to half a picture beyond the borders."""
     K = frame.K.copy()
     K[:2, 2] += (frame.width / 2, frame.height / 2)
     around = PinholeCamera(frame.viewmat, K, 2 * frame.width, 2 * frame.height)
@@ -119,16 +128,16 @@ def _covered(alone_in: Scene, frame: PinholeCamera) -> float:
 
 
 def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, count: int = 4) -> list[PinholeCamera]:
-    """Return cameras around an object on the sides from which it was photographed.
+    """Return cameras around an object, on the sides from which it was photographed.
 
     Parameters
     ----------
     points : array of shape [M, 3], float
         Centres of the object's Gaussians, at least one; world units, Z up.
     cameras : sequence of Camera
-        Of the photos that see it. All around the object when those that have its middle in their picture were, else
-        over the angles that eight of ten of them lie within, at least 40 degrees: what is behind a shield on a wall no
-        photo shows. As far above it as they.
+        Cameras of the photos that see the object. If those whose picture contains its centre surround it, so do the
+        returned ones; else these span the angles between the 10th and 90th percentile of those cameras, at least 40
+        degrees, since no photo shows the back of a shield on a wall. Their elevation is the median of the photos'.
     count : int
 
     Returns
@@ -139,7 +148,7 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
     center = (low + high) / 2
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
     distance = 1.25 * radius / np.sin(_FIELD_OF_VIEW / 2)
-    facing = [camera for camera in cameras if shows(camera, center)]
+    facing = [camera for camera in cameras if is_point_visible(camera, center)]
     away = np.array([camera.center - center for camera in facing or cameras]).reshape(-1, 3)
     sides = away[:, :2] / np.maximum(np.linalg.norm(away[:, :2], axis=1, keepdims=True), 1e-9)
     mean = sides.mean(axis=0) if len(sides) else np.zeros(2)
@@ -149,11 +158,11 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
     else:
         beside = np.angle(np.exp(1j * (np.arctan2(sides[:, 1], sides[:, 0]) - front)))
         first, last = np.percentile(beside, [10, 90])
-        wider = max(0.0, _NARROWEST - (last - first)) / 2
+        wider = max(0.0, _MIN_ARC - (last - first)) / 2
         first, last = first - wider, last + wider
         angles = front + np.linspace(first, last, count)
     above = np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1))
-    elevation = float(np.clip(np.median(above), -_STEEPEST, _STEEPEST)) if len(away) else 0.0
+    elevation = float(np.clip(np.median(above), -_MAX_ELEVATION, _MAX_ELEVATION)) if len(away) else 0.0
     focal = _ORBIT_SIDE / 2 / np.tan(_FIELD_OF_VIEW / 2)
     K = np.array([[focal, 0, _ORBIT_SIDE / 2], [0, focal, _ORBIT_SIDE / 2], [0, 0, 1.0]])
     viewmats = [_look_at(center, distance, angle, elevation) for angle in angles]
@@ -161,7 +170,7 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
 
 
 def _look_at(center: NDArray[np.floating], distance: float, angle: float, elevation: float) -> NDArray[np.float64]:
-    """Return the world-to-camera matrix that looks at `center` from `angle` about Z and `elevation` above it."""
+    """Return the world-to-camera matrix that looks at `center` from `angle` about Z and from `elevation`."""
     away = np.array([np.cos(angle) * np.cos(elevation), np.sin(angle) * np.cos(elevation), np.sin(elevation)])
     forward = -away
     right = np.cross(forward, [0.0, 0.0, 1.0])
@@ -176,11 +185,11 @@ def _look_at(center: NDArray[np.floating], distance: float, angle: float, elevat
 def orbit_pictures(
     gaussians: Gaussians, cameras: Sequence[Camera], *, backend: Backend = "cpu"
 ) -> list[NDArray[np.uint8]]:
-    """Return an object's Gaussians alone from several sides, each uint8 [H, W, 3]; none when there are none."""
+    """Return pictures of an object alone from several sides, each uint8 [H, W, 3]; none without Gaussians."""
     if len(gaussians) == 0:
         return []
     sides = orbit_cameras(gaussians.means, cameras)
-    return [alone(gaussians, camera, PAPER_WHITE, backend=backend) for camera in sides]
+    return [render_alone(gaussians, camera, PAPER_WHITE, backend=backend) for camera in sides]
 
 
 def measure_feature_agreement(
@@ -190,7 +199,7 @@ def measure_feature_agreement(
     backend: Backend = "cpu",
     seed: int = 0,
 ) -> dict[str, float] | None:
-    """Return how well features give back SAM segments of photos, and what random features reach.
+    """Return how well features reproduce SAM segments of photos, and how well random features do.
 
     Parameters
     ----------
@@ -199,7 +208,7 @@ def measure_feature_agreement(
         Held-out photos with their label maps.
     backend : {"cpu", "reference"}
     seed : int
-        Of the random features.
+        Random seed of the random features.
 
     Returns
     -------

@@ -35,7 +35,7 @@ class Answer:
         assert self.code != 0
         assert not self.of_kind("finished")
         message: str = error["message"]
-        assert "Traceback" not in message and "unforeseen" not in message and "\n" not in message, message
+        assert "Traceback" not in message and "unexpected error" not in message and "\n" not in message, message
         return message
 
     @property

@@ -117,7 +117,7 @@ def test_prompts_without_objects_contradict(tmp_path: Path, capsys: pytest.Captu
     assert error["error"] == "SettingsError"
 
 
-def test_unforeseen_error_is_a_sentence_and_its_trace_in_the_log(
+def test_unexpected_error_is_a_sentence_and_its_trace_in_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from engine.commands import reconstruct

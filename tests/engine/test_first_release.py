@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +40,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_finished_project_is_continued_and_nothing_but_its_report_is_made_anew(
     release: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    preset = replace(PRESETS["test"], steps=500, curve_points=6, max_side=128, max_gaussians=400, grow_interval=20)
+    preset = PRESETS["test"].changed(steps=500, curve_points=6, max_side=128, max_gaussians=400, grow_interval=20)
     monkeypatch.setitem(PRESETS, "test", preset)
     project = release / "project"
     kept = [contents(project / name) for name in ("cameras", "masks", "gaussians", "objects")]

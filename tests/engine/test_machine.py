@@ -1,4 +1,4 @@
-"""This machine's memory and cores: told where the system tells them."""
+"""Memory and cores of this machine are reported where the operating system reports them."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def test_machine_is_described() -> None:
     assert str(machine.cores) in machine.name
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="what /proc says")
-def test_peak_is_that_of_the_work_and_not_of_what_came_before() -> None:
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_peak_is_that_of_the_block_and_not_of_earlier_work() -> None:
     large = np.ones(40_000_000)  # 320 MB
     with PeakMemory.of() as with_large:
         pass
@@ -30,7 +30,7 @@ def test_peak_is_that_of_the_work_and_not_of_what_came_before() -> None:
     assert (free_memory() or 0) > 0 and (peak_memory() or 0) > 0
 
 
-def test_peak_that_cannot_be_told_is_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_peak_is_reported_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("engine.machine._reset_peak", lambda: False)
     monkeypatch.setattr("engine.machine.peak_memory", lambda: 5)
     with PeakMemory.of() as peak:

@@ -1,4 +1,4 @@
-"""When memory is full the person reads one sentence, whichever library said so, and the project goes on afterwards."""
+"""When memory is full, the user reads one sentence, whichever library ran out, and the project continues later."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import torch
 from engine.commands import doctor
 from engine.errors import is_out_of_memory
 from engine.project_folder import ProjectFolder
-from engine.stability.starved import ENVIRONMENT
+from engine.stability.memory_limit import MALLOC_ENVIRONMENT
 from engine.training.checkpoint import CHECKPOINT_FILE
 from tests.engine.command_line import call, call_alone
 from tests.engine.museum import VIEWS, write_cameras, write_photos
@@ -22,20 +22,20 @@ from tests.engine.museum import VIEWS, write_cameras, write_photos
 LARGER = """
 from dataclasses import replace
 from engine.training.settings import PRESETS
-PRESETS["test"] = replace(PRESETS["test"], max_side=192, checkpoint_interval=5)
+PRESETS["test"] = PRESETS["test"].changed(max_side=192, checkpoint_interval=5)
 """
 
 STARVING = (
     LARGER
     + """
-from engine.stability.starved import take_memory_away
+from engine.stability.memory_limit import limit_memory
 from engine.training import loop as module
 whole = module.train
 def starving(*arguments, should_stop, **named):
     asked = iter(range(10**9))
     def ask():
         if next(asked) == 12:
-            take_memory_away()
+            limit_memory()
         return should_stop()
     return whole(*arguments, should_stop=ask, **named)
 module.train = starving
@@ -84,7 +84,7 @@ def test_any_command_that_runs_out_of_memory_says_so(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps a limit on a process")
 def test_project_goes_on_where_memory_ran_out_while_training(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, value in ENVIRONMENT.items():
+    for name, value in MALLOC_ENVIRONMENT.items():
         monkeypatch.setenv(name, value)
     photos, scene = write_photos(tmp_path / "photos"), tmp_path / "scene"
     (tmp_path / "cameras").mkdir()

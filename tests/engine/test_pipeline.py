@@ -1,4 +1,4 @@
-"""The corridor survives kill -9 in every stage and Ctrl-C: the next run goes on and gives the same scene."""
+"""The pipeline survives kill -9 in every stage and Ctrl-C: the next run continues and gives the same scene."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import os
 import signal
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,10 @@ from engine.errors import Cancelled
 from engine.events import Event, Metric, Progress, StageFinished, Warned, ignore_events, never_stop
 from engine.masks.storage import label_map_path, read_label_map
 from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
-from engine.pipeline import STAGES, PipelineSettings, reconstruct
+from engine.pipeline import PipelineSettings, reconstruct
 from engine.planning.decisions import PlanSettings
 from engine.project_folder import ProjectFolder
+from engine.stages import STAGES
 from engine.training.settings import PRESETS
 from tests.engine.command_line import Answer, call_alone, start
 from tests.engine.models.weights import fetched
@@ -36,7 +37,7 @@ from engine.cameras.settings import CameraSettings
 from engine.commands import reconstruct
 from engine.masks.settings import MaskSettings
 from engine.training.settings import PRESETS
-PRESETS["test"] = replace(PRESETS["test"], steps=400, curve_points=20)
+PRESETS["test"] = PRESETS["test"].changed(steps=400, curve_points=20)
 CAMERAS = CameraSettings(threads=1)
 MASKS = MaskSettings(max_prompts=8, grid=0)
 reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, cameras=CAMERAS, masks=MASKS)
@@ -73,7 +74,7 @@ KILLS: dict[str, When] = {
 
 
 def interrupted(number: int, stage: str, when: When, scene: Path, command: list[object]) -> Answer:
-    """Run the command, send the signal at the moment wanted, and return what it had said."""
+    """Run the command, send the signal when `when` is true, and return the events until then."""
     process = start(*command, before=QUICK)
     assert process.stdout is not None and process.stderr is not None
     now, events = "", []
@@ -98,8 +99,8 @@ def segmented(scene: Path) -> list[str]:
     return names
 
 
-def what_matters(scene: Path) -> dict[str, Any]:
-    """Everything of a scene that a person would miss, as values that compare."""
+def results_of(scene: Path) -> dict[str, Any]:
+    """Everything of a scene that a user would miss, as values that can be compared."""
     stored = json.loads((scene / "project.json").read_text(encoding="utf-8"))
     with np.load(scene / "cameras" / "points.npz") as points:
         clouds = {name: points[name].tolist() for name in points.files}
@@ -152,7 +153,7 @@ def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_ru
 
     whole = tmp_path / "whole"
     assert call_alone(*command(whole), before=QUICK).code == 0
-    killed, expected = what_matters(scene), what_matters(whole)
+    killed, expected = results_of(scene), results_of(whole)
     for part, value in expected.items():
         assert killed[part] == value, part
     assert {"vase"} <= {name for _, name, _, _ in expected["objects"]}
@@ -178,7 +179,7 @@ def test_ctrl_c_is_one_sentence_and_the_next_run_continues(tmp_path: Path) -> No
 
 @dataclass(frozen=True)
 class Small:
-    """A scene that is done, and what makes it anew with another seed of training."""
+    """A finished scene, and how to train it again with another random seed."""
 
     photos: Path
     path: Path
@@ -189,7 +190,7 @@ class Small:
         """Reconstruct in this process and return the events."""
         events: list[Event] = []
         with self.monkeypatch.context() as patch:
-            patch.setitem(PRESETS, "test", replace(PRESETS["test"], seed=seed))
+            patch.setitem(PRESETS, "test", PRESETS["test"].changed(seed=seed))
             reconstruct(self.photos, self.path, self.settings, emit=events.append, should_stop=should_stop)
         return events
 
@@ -233,7 +234,7 @@ def test_objects_stay_until_the_scene_they_belong_to_is_replaced_and_are_kept_th
         if isinstance(event, Metric):
             asked.append(event)
 
-    small.monkeypatch.setitem(PRESETS, "test", replace(PRESETS["test"], seed=2))
+    small.monkeypatch.setitem(PRESETS, "test", PRESETS["test"].changed(seed=2))
     with pytest.raises(Cancelled):
         reconstruct(small.photos, small.path, small.settings, emit=watch, should_stop=stop_in_training)
     assert [record.name for record in list_objects(small.path)] == ["vase"]
@@ -249,7 +250,7 @@ def test_objects_stay_until_the_scene_they_belong_to_is_replaced_and_are_kept_th
 def test_a_run_stopped_with_one_preset_goes_on_after_another_was_tried(small: Small) -> None:
     def stopped_in_training(seed: int) -> None:
         seen: list[Event] = []
-        small.monkeypatch.setitem(PRESETS, "test", replace(PRESETS["test"], seed=seed))
+        small.monkeypatch.setitem(PRESETS, "test", PRESETS["test"].changed(seed=seed))
         with pytest.raises(Cancelled):
             reconstruct(
                 small.photos, small.path, small.settings,
@@ -267,7 +268,7 @@ def test_what_masks_leave_out_of_the_photos_changes_nothing_of_the_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Through the command line, with cameras that are given: the same scene whatever is painted under the masks."""
-    monkeypatch.setitem(PRESETS, "test", replace(PRESETS["test"], steps=20))
+    monkeypatch.setitem(PRESETS, "test", PRESETS["test"].changed(steps=20))
     cameras = write_cameras(tmp_path, {f"view_{view:02}.png": view for view in VIEWS})
     valid = np.ones((144, 192), bool)
     valid[60:100, 50:120] = False

@@ -37,7 +37,7 @@ def test_table_is_told_and_written_and_the_project_untouched(
     ):
         assert line in finished["message"] and line in doc.read_text(encoding="utf-8")
     command = (
-        f"evaluate {tmp_path.name}/project {tmp_path.name}/truth --presets paper,better --seed mask --views held-out"
+        f"evaluate {tmp_path.name}/project {tmp_path.name}/truth --presets paper,better --prompt-kind mask --views held-out"
     )
     assert f"{command} --view-counts 2 --objects 'blue ball' --doc table.md" in doc.read_text(encoding="utf-8")
     assert content() == before
@@ -60,7 +60,7 @@ def test_document_tells_the_command_as_it_was_given(
         (("--objects", "ghost"), "no true masks of 'ghost'"),
         (("--layout", "3d-ovs"), r"classes.txt is missing"),
         (("--doc", "."), "is a folder"),
-        (("--view-counts", "few"), "--view-counts 'few' are no numbers"),
+        (("--view-counts", "few"), "--view-counts 'few' is not a list of numbers"),
     ],
 )
 def test_what_cannot_be_compared_is_said_in_a_sentence(
@@ -83,7 +83,7 @@ def test_the_chosen_segment_anything_answers_and_is_named_in_the_document(
         return FakeSam(blobs)
 
     monkeypatch.setattr("engine.masks.sam.load_sam", load)
-    asked = ("--sam", "mobile-sam", "--seed", "click", "--objects", "blue ball", "--doc", tmp_path / "table.md")
+    asked = ("--sam", "mobile-sam", "--prompt-kind", "click", "--objects", "blue ball", "--doc", tmp_path / "table.md")
     assert call(capsys, "evaluate", scene, tmp_path / "truth", *asked).code == 0
     assert set(asked_for) == {"mobile-sam"}
-    assert "--seed click --views held-out --sam mobile-sam" in (tmp_path / "table.md").read_text(encoding="utf-8")
+    assert "--prompt-kind click --views held-out --sam mobile-sam" in (tmp_path / "table.md").read_text(encoding="utf-8")

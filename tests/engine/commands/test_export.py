@@ -38,7 +38,7 @@ def test_existing_file_is_replaced_only_when_asked_and_never_halved(
 ) -> None:
     out = tmp_path / f"out.{kind}"
     out.write_text("precious")
-    assert "exists already" in write(capsys, kind, scene, out).error
+    assert "already exists" in write(capsys, kind, scene, out).error
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
@@ -65,7 +65,7 @@ def test_name_that_promises_another_format_is_refused(
 ) -> None:
     answer = write(capsys, kind, scene, tmp_path / name)
     assert answer.code == 2
-    assert "another ending" in answer.error
+    assert "another extension" in answer.error
 
 
 def test_both_formats_hold_the_whole_scene(

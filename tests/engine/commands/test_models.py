@@ -1,4 +1,4 @@
-"""`models`: one line a file, and a name that is none is said."""
+"""`models`: one line per file, and an error for an unknown name."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ from pathlib import Path
 import pytest
 
 from engine.cli import main
-from engine.models.catalogue import CACHE_VARIABLE, CATALOGUE, ModelFile
+from engine.models.cache import CACHE_VARIABLE
+from engine.models.catalogue import CATALOGUE, ModelFile
 from tests.engine.command_line import call
 
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A catalogue of two files, both there."""
+    """A catalogue of two files, both stored."""
     (tmp_path / "models").mkdir()
     models = {}
     for name in ("one", "two"):
@@ -29,12 +30,12 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "models"
 
 
-def test_fetching_prints_one_line_a_file(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fetching_prints_one_line_per_file(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["models", "fetch"]) == 0
     assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines()] == ["one", "two"]
 
 
-def test_bar_runs_once_through_all_files(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_covers_all_files_once(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fractions = [event["fraction"] for event in call(capsys, "models", "fetch").of_kind("progress")]
     assert fractions == [0.5, 1.0]
 
@@ -47,7 +48,7 @@ def test_damaged_file_is_found_by_verify(cache: Path, capsys: pytest.CaptureFixt
     assert "is damaged" in capsys.readouterr().out
 
 
-def test_blender_is_told_which_files_are_wrong(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_outputs_for_blender_list_the_damaged_files(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (cache / "two").write_bytes(b"2")
     for action, code in (("list", 0), ("verify", 1)):
         answer = call(capsys, "models", action)
@@ -60,7 +61,7 @@ def test_unknown_name_lists_the_known_ones(cache: Path, capsys: pytest.CaptureFi
 
 @pytest.fixture
 def optional(cache: Path, monkeypatch: pytest.MonkeyPatch) -> ModelFile:
-    """A third file that is not needed, and not there, whose hash nobody knows yet."""
+    """An optional third file that is missing and whose hash is not known yet."""
     model = ModelFile(
         "three", "https://models.invalid/r1/three", "", "three", None, None, "MIT", "anyone", optional=True
     )
@@ -68,7 +69,7 @@ def optional(cache: Path, monkeypatch: pytest.MonkeyPatch) -> ModelFile:
     return model
 
 
-def test_optional_files_are_listed_with_their_pin_but_neither_fetched_nor_missed(
+def test_optional_files_are_listed_with_their_pin_but_neither_fetched_nor_verified(
     cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["models", "list"]) == 0
@@ -80,25 +81,23 @@ def test_optional_files_are_listed_with_their_pin_but_neither_fetched_nor_missed
     assert "three" not in capsys.readouterr().out
 
 
-def test_optional_file_that_is_there_is_verified(
-    cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_stored_optional_file_is_verified(cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]) -> None:
     (cache / "three").write_bytes(b"three")
     assert main(["models", "verify"]) == 1
-    assert "put there by hand" in capsys.readouterr().out
+    assert "copied here by hand" in capsys.readouterr().out
 
 
-def test_colleagues_folder_gives_what_it_holds_and_never_the_network(
+def test_offline_folder_delivers_its_files_without_the_network(
     cache: Path, optional: ModelFile, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stick = tmp_path / "stick"
-    assert "no folder" in call(capsys, "models", "fetch", "--from", stick).error
-    stick.mkdir()
-    assert "holds no model file" in call(capsys, "models", "fetch", "--from", stick).error
-    (stick / "three").write_bytes(b"three")
-    assert call(capsys, "models", "fetch", "--from", stick).code == 0
+    offline = tmp_path / "offline"
+    assert "no folder" in call(capsys, "models", "fetch", "--from", offline).error
+    offline.mkdir()
+    assert "contains no model file" in call(capsys, "models", "fetch", "--from", offline).error
+    (offline / "three").write_bytes(b"three")
+    assert call(capsys, "models", "fetch", "--from", offline).code == 0
     assert (cache / "three").read_bytes() == b"three"
     assert main(["models", "verify"]) == 0
     (cache / "one").unlink()
-    assert "holds neither one nor" in call(capsys, "models", "fetch", "one", "--from", stick).error
-    assert "goes with `models fetch` only" in call(capsys, "models", "list", "--from", stick).error
+    assert "contains neither one nor" in call(capsys, "models", "fetch", "one", "--from", offline).error
+    assert "can only be used with `models fetch`" in call(capsys, "models", "list", "--from", offline).error

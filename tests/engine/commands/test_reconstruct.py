@@ -169,7 +169,7 @@ def test_result_that_was_deleted_is_made_again(photos: Path, tmp_path: Path, run
 def test_prompts_that_name_nothing_are_refused_before_any_work(photos: Path, tmp_path: Path, run: Run) -> None:
     answer = run(photos, "--prompts", " ; ")
     assert answer.code == 2
-    assert "names nothing" in answer.error
+    assert "names no object" in answer.error
     assert not (tmp_path / "scene").exists()
 
 

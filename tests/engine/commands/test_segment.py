@@ -1,4 +1,4 @@
-"""`segment`: any name is a name, unclear prompts are refused with what to do, and nothing is overwritten."""
+"""`segment`: any name is valid, unclear prompts are refused with advice, and nothing is overwritten."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def scene(blobs: BlobScene, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def blue(blobs: BlobScene, tmp_path: Path) -> str:
-    """The mask of the blue ball as `--seed-mask` wants it: needs no model."""
+    """The mask of the blue ball for `--mask`, which needs no model."""
     mask = (blobs.labels["view_1.png"] == BLUE).astype(np.uint8) * 255
     Image.fromarray(mask).save(tmp_path / "blue.png")
     return f"view_1.png={tmp_path / 'blue.png'}"
@@ -35,7 +35,7 @@ def blue(blobs: BlobScene, tmp_path: Path) -> str:
 def test_any_name_is_kept_and_found_again_in_a_folder_every_system_takes(
     name: str, folder: str, scene: Path, blue: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    answer = call(capsys, "segment", scene, "--seed-mask", blue, "--name", name)
+    answer = call(capsys, "segment", scene, "--mask", blue, "--name", name)
     assert answer.code == 0
     assert answer.of_kind("finished")[0]["outputs"] == {"objects": [folder]}
     assert [path.name for path in (scene / "objects").iterdir()] == [folder]
@@ -47,8 +47,17 @@ def test_any_name_is_kept_and_found_again_in_a_folder_every_system_takes(
 
 def test_same_name_twice_makes_a_second_object(scene: Path, blue: str, capsys: pytest.CaptureFixture[str]) -> None:
     for _ in range(2):
-        assert call(capsys, "segment", scene, "--seed-mask", blue, "--name", "ball").code == 0
+        assert call(capsys, "segment", scene, "--mask", blue, "--name", "ball").code == 0
     assert [record.name for record in list_objects(scene)] == ["ball", "ball-2"]
+
+
+def test_old_name_of_the_mask_option_works_with_a_warning(
+    scene: Path, blue: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = call(capsys, "segment", scene, "--seed-mask", blue, "--name", "ball")
+    assert answer.code == 0
+    assert ["Use --mask instead." in event["message"] for event in answer.of_kind("warning")] == [True]
+    assert [record.name for record in list_objects(scene)] == ["ball"]
 
 
 def test_empty_prompt_says_what_to_type(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -138,14 +147,14 @@ def test_all_objects_and_the_background_without_a_prompt(scene: Path, capsys: py
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ((), "exactly one thing"),
-        (("--all", "--prompt", "vase"), "exactly one thing"),
-        (("--refine", "vase", "--box", "a=1,2,3,4"), "exactly one thing"),
-        (("--refine", "vase"), "--refine needs"),
-        (("--refine", "vase", "--level", "0", "--click", "a=1,2"), "--level goes without clicks"),
-        (("--prompt", "vase", "--not", "a=1,2"), "--not goes with"),
-        (("--click", "a=1,2", "--level", "0"), "--level goes with --refine"),
-        (("--all", "--name", "x"), "--name does not go with --all"),
+        ((), "exactly one of"),
+        (("--all", "--prompt", "vase"), "exactly one of"),
+        (("--refine", "vase", "--box", "a=1,2,3,4"), "exactly one of"),
+        (("--refine", "vase"), "--refine requires"),
+        (("--refine", "vase", "--level", "0", "--click", "a=1,2"), "--level cannot be combined with clicks"),
+        (("--prompt", "vase", "--not", "a=1,2"), "--not requires"),
+        (("--click", "a=1,2", "--level", "0"), "--level requires --refine"),
+        (("--all", "--name", "x"), "--name cannot be combined with --all"),
     ],
 )
 def test_options_that_do_not_go_together_say_so(

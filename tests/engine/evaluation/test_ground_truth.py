@@ -89,9 +89,9 @@ def test_missing_class_is_named(tmp_path: Path) -> None:
 
 
 def test_folder_without_masks_says_what_is_read(tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match="no layout that is known .museum: masks/ and names.json; lerf-mask"):
+    with pytest.raises(FormatError, match="no known layout .museum: masks/ and names.json; lerf-mask"):
         read_ground_truth(tmp_path, PHOTOS)
-    with pytest.raises(FormatError, match="is no folder"):
+    with pytest.raises(FormatError, match="is not a folder"):
         read_ground_truth(tmp_path / "nothing", PHOTOS)
 
 
@@ -132,7 +132,7 @@ def test_masks_of_other_photos_are_refused(tmp_path: Path) -> None:
 
 
 def test_two_photos_of_one_name_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match="several photos are called so"):
+    with pytest.raises(FormatError, match="several photos have that name"):
         read_ground_truth(MAKERS["museum"](tmp_path), ["left/view_07.jpg", "right/view_07.jpg"])
 
 
@@ -146,7 +146,7 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
         read_ground_truth(folder, PHOTOS).masks("view_07.jpg")
     labels = as_lerf_ovs(tmp_path / "label", TRUE_VIEWS)
     (labels / "view_07.json").write_text('{"info": {}}', encoding="utf-8")
-    with pytest.raises(FormatError, match=r"view_07\.json is no label of LERF-OVS"):
+    with pytest.raises(FormatError, match=r"view_07\.json is not a label of LERF-OVS"):
         read_ground_truth(labels, PHOTOS)
     (folder / "names.json").write_text("[]", encoding="utf-8")
     with pytest.raises(FormatError, match=r"names\.json is not of the form"):

@@ -16,7 +16,7 @@ from engine.errors import Cancelled, MaskError, SettingsError
 from engine.evaluation.gaussian_truth import UNSEEN, gaussian_iou, gaussian_truth
 from engine.evaluation.ground_truth import read_ground_truth
 from engine.evaluation.isolation import Evaluation, evaluate_project, mean_of, visible_masks
-from engine.evaluation.settings import EvaluationSettings, ways_of
+from engine.evaluation.settings import EvaluationSettings, methods_of
 from engine.evaluation.table import markdown, write_evaluation
 from engine.events import Progress, Warned, ignore_events, never_stop
 from engine.masks.storage import label_map_path, write_label_map
@@ -70,11 +70,11 @@ def evaluate(blobs: BlobScene, project: ProjectFolder, tmp_path: Path) -> Callab
     return ask
 
 
-@pytest.mark.parametrize("seed", ["mask", "click"])
-def test_perfect_scene_scores_high_in_photos_not_trained_on(evaluate, project: ProjectFolder, seed: str) -> None:
-    found = evaluate(seed=seed)
+@pytest.mark.parametrize("prompt_kind", ["mask", "click"])
+def test_perfect_scene_scores_high_in_photos_not_trained_on(evaluate, project: ProjectFolder, prompt_kind: str) -> None:
+    found = evaluate(prompt_kind=prompt_kind)
     assert found.photos == HELD_OUT and found.n_trained_on == 0 and found.layout == "museum"
-    assert [(row.object, row.way) for row in found.rows] == [
+    assert [(row.object, row.method) for row in found.rows] == [
         (o, w) for o in NAMES.values() for w in ("paper", "better")
     ]
     for row in found.rows:
@@ -82,15 +82,15 @@ def test_perfect_scene_scores_high_in_photos_not_trained_on(evaluate, project: P
         assert row.holes < 0.06 and row.halo < 0.06 and row.stray == 0.0, row
         # The photos are pictures of these very Gaussians: only the balls' soft rims differ.
         assert row.psnr > 20, row
-        assert 1 <= row.n_views <= 2 and row.seed not in HELD_OUT and row.seconds > 0, row
+        assert 1 <= row.n_views <= 2 and row.prompt_photo not in HELD_OUT and row.seconds > 0, row
     assert list_objects(project.path) == []
 
 
 def test_text_that_finds_nothing_counts_0_and_says_why(evaluate, blobs: BlobScene, tmp_path: Path) -> None:
     names = {BLUE: "blue ball", RED: "unicorn"}
-    found = evaluate(write_truth(blobs, tmp_path / "texts", names=names), seed="text", presets=("paper",))
+    found = evaluate(write_truth(blobs, tmp_path / "texts", names=names), prompt_kind="text", presets=("paper",))
     ball, unicorn = sorted(found.rows, key=lambda row: row.object)
-    assert ball.found and ball.iou > 0.93 and ball.seed == ""
+    assert ball.found and ball.iou > 0.93 and ball.prompt_photo == ""
     assert not unicorn.found and (unicorn.iou, unicorn.boundary_iou, unicorn.holes) == (0.0, 0.0, 1.0)
     assert math.isnan(unicorn.psnr) and math.isnan(unicorn.halo) and unicorn.gaussian_iou == 0.0
     table = markdown(found)
@@ -104,18 +104,18 @@ def test_equal_objects_asked_for_by_one_text_get_a_find_each(
     asked = []
 
     def counted(*arguments, **others):  # type: ignore[no-untyped-def]
-        asked.append(arguments[3])
+        asked.append(arguments[1])
         # In the order that the truth does not have them in.
         return find_objects(*arguments, **others)[::-1]
 
     monkeypatch.setattr("engine.evaluation.isolation.find_objects", counted)
     truth = write_truth(blobs, tmp_path / "twins", prompts={RED: "red ball", TWIN: "red ball", BLUE: "blue ball"})
-    found = evaluate(truth, seed="text", presets=("better",))
+    found = evaluate(truth, prompt_kind="text", presets=("better",))
     assert [row.object for row in found.rows] == list(NAMES.values()) and len(asked) == 2
     for row in found.rows:
         assert row.found and row.iou > 0.9 and row.gaussian_iou > 0.9, row
-    (only,) = evaluate(truth, seed="text", presets=("better",), objects=("other red ball",)).rows
-    assert only.iou > 0.9 and only.seed == ""
+    (only,) = evaluate(truth, prompt_kind="text", presets=("better",), objects=("other red ball",)).rows
+    assert only.iou > 0.9 and only.prompt_photo == ""
 
 
 def test_equal_object_without_a_find_of_its_own_counts_0(
@@ -123,19 +123,19 @@ def test_equal_object_without_a_find_of_its_own_counts_0(
 ) -> None:
     monkeypatch.setattr("engine.evaluation.isolation.find_objects", lambda *a, **o: find_objects(*a, **o)[:1])
     truth = write_truth(blobs, tmp_path / "twins", prompts={RED: "red ball", TWIN: "red ball", BLUE: "blue ball"})
-    rows = evaluate(truth, seed="text", presets=("better",), objects=("red ball", "other red ball")).rows
+    rows = evaluate(truth, prompt_kind="text", presets=("better",), objects=("red ball", "other red ball")).rows
     assert sorted(row.found for row in rows) == [False, True]
     (missing,) = [row for row in rows if not row.found]
-    assert (missing.iou, missing.holes, missing.remark) == (0.0, 1.0, "Fewer were found than there are.")
+    assert (missing.iou, missing.holes, missing.remark) == (0.0, 1.0, "Fewer objects were found than there are.")
 
 
 def test_numbers_of_views_are_compared_where_they_make_a_difference(evaluate) -> None:
     found = evaluate(view_counts=(1, 8, 24), objects=("blue ball",))
-    assert [row.way for row in found.rows] == ["paper", "better", "better, 1 view", "better, 8 views"]
-    one = ways_of(found.settings)[2]
+    assert [row.method for row in found.rows] == ["paper", "better", "better, 1 view", "better, 8 views"]
+    one = methods_of(found.settings)[2]
     assert (one.settings.n_vote_views, one.n_views, one.preset) == (1, 1, "better")
-    by_text = ways_of(replace(found.settings, seed="text", presets=("paper",)))
-    assert [(way.name, way.settings.n_text_views) for way in by_text] == [
+    by_text = methods_of(replace(found.settings, prompt_kind="text", presets=("paper",)))
+    assert [(method.name, method.settings.n_text_views) for method in by_text] == [
         ("paper", 8), ("paper, 1 view", 1), ("paper, 24 views", 24)
     ]  # fmt: skip
 
@@ -144,20 +144,20 @@ def test_all_views_leave_out_only_the_seeds(evaluate, blobs: BlobScene) -> None:
     found = evaluate(views="all", presets=("paper",), objects=("blue ball",))
     (row,) = found.rows
     shown = [photo for photo, labels in blobs.labels.items() if (labels == BLUE).sum() >= 100]
-    assert row.n_views == len(shown) - 1 and row.seed in shown
+    assert row.n_views == len(shown) - 1 and row.prompt_photo in shown
     assert len(found.photos) == 8 and found.n_trained_on == 6
 
 
 def test_ablations_switch_one_ingredient_off_each(evaluate) -> None:
     found = evaluate(ablations=True, objects=("blue ball",))
-    assert [row.way for row in found.rows] == [way.name for way in ways_of(found.settings)]
-    changed = [way for way in ways_of(found.settings) if way.name not in PRESETS]
-    for way in changed:
-        differing = [name for name in vars(BETTER) if getattr(way.settings, name) != getattr(BETTER, name)]
-        assert len(differing) + (not way.snaps) == 1, way
+    assert [row.method for row in found.rows] == [method.name for method in methods_of(found.settings)]
+    changed = [method for method in methods_of(found.settings) if method.name not in PRESETS]
+    for method in changed:
+        differing = [name for name in vars(BETTER) if getattr(method.settings, name) != getattr(BETTER, name)]
+        assert len(differing) + (not method.snaps) == 1, method
     assert len(changed) == 6
-    assert [way.snaps for way in ways_of(replace(found.settings, seed="text"))] == [True] * 6
-    assert len(ways_of(replace(found.settings, seed="click"))) == 7
+    assert [method.snaps for method in methods_of(replace(found.settings, prompt_kind="text"))] == [True] * 6
+    assert len(methods_of(replace(found.settings, prompt_kind="click"))) == 7
 
 
 def test_segments_of_evaluated_photos_take_no_part(
@@ -167,8 +167,8 @@ def test_segments_of_evaluated_photos_take_no_part(
         write_label_map(label_map_path(project.path / "masks", photo), blobs.labels[photo])
     handed = []
 
-    def record(*arguments, label_maps, **others):  # type: ignore[no-untyped-def]
-        handed.append(set(label_maps))
+    def record(context, *arguments, **others):  # type: ignore[no-untyped-def]
+        handed.append(set(context.label_maps))
         raise Cancelled("seen enough")
 
     monkeypatch.setattr("engine.evaluation.isolation.find_objects", record)
@@ -196,7 +196,7 @@ def test_masks_of_all_photos_tell_what_a_gaussian_belongs_to(blobs: BlobScene, t
     assert (labels[seen] == true[seen]).mean() > 0.95
     assert gaussian_iou(labels == 2, labels, 2) == 1.0
     assert gaussian_iou(np.zeros(len(labels), bool), labels, 2) == 0.0 == gaussian_iou(None, labels, 2)
-    # What no photo shows counts neither way.
+    # What no photo shows counts neither method.
     assert gaussian_iou((labels == 2) | ~seen, labels, 2) == 1.0
 
 
@@ -245,9 +245,7 @@ def test_document_holds_its_command_and_where_it_was_measured(evaluate, tmp_path
     write_evaluation(tmp_path / "docs" / "table.md", found, title="blobs", command="python -m engine evaluate blobs")
     text = (tmp_path / "docs" / "table.md").read_text(encoding="utf-8")
     assert "python -m engine evaluate blobs" in text and markdown(found) in text
-    assert (
-        "2 photos with true masks (museum) are compared, and training saw none of them: view_2.png, view_6.png" in text
-    )
+    assert "2 photos with true masks (museum) are compared; training saw none of them: view_2.png, view_6.png" in text
     assert str(tmp_path) not in text
     with Image.open(tmp_path / "docs" / "table_blobs_mask.png") as picture:
         assert picture.format == "PNG"
@@ -261,22 +259,22 @@ def test_document_keeps_the_sections_of_other_scenes(evaluate, tmp_path: Path) -
     text = doc.read_text(encoding="utf-8")
     headings = [line for line in text.splitlines() if line.startswith("#")]
     assert headings == [
-        "# How well objects are isolated",
-        "## one, asked for by true masks",
-        "## two, asked for by true masks",
+        "# Segmentation of objects",
+        "## one, prompted by true masks",
+        "## two, prompted by true masks",
         "## What the columns mean",
     ]
     assert "command 1" not in text and text.index("command 3") < text.index("command 2")
 
 
 def test_settings_that_make_no_sense_are_refused() -> None:
-    for wrong in ({"presets": ()}, {"presets": ("best",)}, {"presets": ("paper", "paper")}, {"seed": "box"},
+    for wrong in ({"presets": ()}, {"presets": ("best",)}, {"presets": ("paper", "paper")}, {"prompt_kind": "box"},
         {"view_counts": (0,)}, {"view_counts": (4, 4)}):  # fmt: skip
         with pytest.raises(SettingsError):
             EvaluationSettings(**wrong)
     with pytest.raises(SettingsError, match="better among them"):
         EvaluationSettings(presets=("paper",), ablations=True)
-    assert [way.settings for way in ways_of(EvaluationSettings())] == [PAPER, BETTER]
+    assert [method.settings for method in methods_of(EvaluationSettings())] == [PAPER, BETTER]
 
 
 def test_mean_passes_over_what_could_not_be_measured() -> None:

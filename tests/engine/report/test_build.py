@@ -100,7 +100,7 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
     assert checker.pictures == 2 * 2 + 4
     for words in (
         "<b>Kugel & Co", "blurred.png", "It is <blurred>.", "lost.png", "0.61 px", "a lens model per photo",
-        "7 rotations without direction reset",
+        "7 rotations of length zero reset",
         "200 at the largest elongation", "'unicorn' is not known.", "25.0 dB", "torch", "estimated", "3.2 s",
     ):  # fmt: skip
         assert words in checker.text, words
@@ -126,7 +126,7 @@ def test_report_of_a_run_without_masks_objects_and_held_out_photos(blobs: BlobSc
     figures = {"curve": [{**CURVE[-1], "psnr": float("nan")}], "held_out": [], "measured_photos": ["view_1.png"]}
     project.finish_stage("training", "key", wall_seconds=5.0, cpu_seconds=9.0, figures=figures)
     checker = read(build_report(project))
-    assert "No object was isolated yet." in checker.text and "too few to spare one" in checker.text
+    assert "No object was isolated yet." in checker.text and "too few photos to hold one out" in checker.text
 
 
 def test_report_of_an_empty_project_says_what_is_missing(tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_report_of_a_stage_that_was_continued_does_not_judge_its_forecast(projec
     })  # fmt: skip
     project.finish_stage("masks", "key", wall_seconds=5.0, cpu_seconds=9.0, figures={}, continued=True)
     text = read(build_report(project)).text
-    assert "5.0 s (continued)" in text and "not known" in text
+    assert "5.0 s (continued)" in text and "unknown" in text
 
 
 def test_picture_of_several_presets_shows_what_was_measured() -> None:

@@ -1,0 +1,44 @@
+"""Options that several commands share which train or plan a scene; no command of its own."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..planning import PlanSettings
+from ..training.settings import PRESET_LIST
+
+__all__ = ["add_camera_options", "add_no_objects_option", "add_preset_option", "describe_presets"]
+
+
+def describe_presets() -> str:
+    """Return the names of the presets with what each is for."""
+    return " ".join(f"{preset.name}: {preset.description}" for preset in PRESET_LIST)
+
+
+def add_preset_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--preset``."""
+    parser.add_argument(
+        "--preset",
+        choices=[preset.name for preset in PRESET_LIST],
+        default=PlanSettings().preset,
+        help=f"how much work. {describe_presets()} (default: %(default)s)",
+    )
+
+
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--cameras`` and ``--photo-masks``."""
+    parser.add_argument(
+        "--cameras", type=Path, help="COLMAP model folder or transforms.json to use instead of estimating the cameras"
+    )
+    parser.add_argument(
+        "--photo-masks",
+        type=Path,
+        metavar="FOLDER",
+        help="masks named like photo.jpg.png: pixels that are black in them are ignored in photo.jpg",
+    )
+
+
+def add_no_objects_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--no-objects``."""
+    parser.add_argument("--no-objects", action="store_true", help="only the scene: no masks, no segmentation features")
