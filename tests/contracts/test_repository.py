@@ -1,4 +1,4 @@
-"""House rules that a newcomer would otherwise have to be told."""
+"""Rules of the repository that a newcomer could not guess."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_module_says_what_it_is_and_imports_relatively(module: Path) -> None:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_every_room_lists_its_public_names(package: str) -> None:
+def test_every_package_lists_its_public_names(package: str) -> None:
     for file in (ROOT / package).rglob("__init__.py"):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         names = {

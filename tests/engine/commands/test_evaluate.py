@@ -37,7 +37,8 @@ def test_table_is_told_and_written_and_the_project_untouched(
     ):
         assert line in finished["message"] and line in doc.read_text(encoding="utf-8")
     command = (
-        f"evaluate {tmp_path.name}/project {tmp_path.name}/truth --presets paper,better --prompt-kind mask --views held-out"
+        f"evaluate {tmp_path.name}/project {tmp_path.name}/truth --presets paper,better --prompt-kind mask"
+        " --views held-out"
     )
     assert f"{command} --view-counts 2 --objects 'blue ball' --doc table.md" in doc.read_text(encoding="utf-8")
     assert content() == before
@@ -86,4 +87,5 @@ def test_the_chosen_segment_anything_answers_and_is_named_in_the_document(
     asked = ("--sam", "mobile-sam", "--prompt-kind", "click", "--objects", "blue ball", "--doc", tmp_path / "table.md")
     assert call(capsys, "evaluate", scene, tmp_path / "truth", *asked).code == 0
     assert set(asked_for) == {"mobile-sam"}
-    assert "--prompt-kind click --views held-out --sam mobile-sam" in (tmp_path / "table.md").read_text(encoding="utf-8")
+    table = (tmp_path / "table.md").read_text(encoding="utf-8")
+    assert "--prompt-kind click --views held-out --sam mobile-sam" in table
