@@ -1,4 +1,4 @@
-"""Gaussian Heritage: photos of a museum scene in, separate 3D objects out. The extension's entry: nothing else."""
+"""Gaussian Heritage: photos of a museum scene in, separate 3D objects out. Entry point of the Blender extension."""
 
 
 def register() -> None:
@@ -10,7 +10,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away again."""
+    """Remove them from Blender."""
     from . import gaussian_heritage_addon, operators
 
     operators.unregister()

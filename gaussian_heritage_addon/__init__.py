@@ -1,4 +1,4 @@
-"""Inside Blender: engine jobs, splat objects, panels and preferences."""
+"""The add-on in Blender: engine jobs, splat objects, panels and preferences."""
 
 import bpy
 
@@ -10,7 +10,7 @@ _CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *panels.CLASSES]
 
 
 def register() -> None:
-    """Add the add-on's classes and properties to Blender."""
+    """Add the classes and properties of the add-on to Blender."""
     for cls in _CLASSES:
         bpy.utils.register_class(cls)
     properties.register()
@@ -18,7 +18,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away again."""
+    """Remove them from Blender."""
     job_runner.unregister()
     pictures.unregister()
     properties.unregister()

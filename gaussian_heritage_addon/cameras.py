@@ -1,4 +1,4 @@
-"""Cameras of a project as Blender cameras. Lens distortion is left out: Blender's pinhole has none."""
+"""The cameras of a project as Blender cameras, without lens distortion: Blender's pinhole camera has none."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import numpy as np
 from mathutils import Matrix
 
 from ..engine.errors import ObjectError
+from ..engine.rasterizer.settings import JACOBIAN_MARGIN
 from ..engine.scene import Camera, focal_and_center
 from .picking import FLIP
-from .properties import heritage_objects
+from .properties import PHOTO_KEY, heritage_objects
 from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
 
-__all__ = ["PHOTO_KEY", "add_cameras", "current_photo", "look_through"]
+__all__ = ["add_cameras", "current_photo", "look_through"]
 
-PHOTO_KEY = "heritage_photo"
-_SENSOR = 36.0
-_MARGIN = 0.15
-"""Of the picture's size around it, where the engine still linearises (`JACOBIAN_MARGIN`)."""
+_SENSOR_WIDTH = 36.0
+"""Sensor width of the Blender cameras in millimetres. Only its ratio to the focal length matters."""
+_SIZE_KEY = "heritage_size"
+"""Custom property of a camera: width and height of its photo in pixels."""
+_PIXEL_ASPECT_KEY = "heritage_pixel_aspect"
+"""Custom property of a camera: focal length in pixels along x, divided by the one along y."""
 
 
 def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> None:
@@ -27,38 +30,38 @@ def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> 
     for camera in cameras:
         fx, fy, cx, cy = focal_and_center(camera)
         data = bpy.data.cameras.new(camera.photo)
-        data.sensor_fit, data.sensor_width = "HORIZONTAL", _SENSOR
-        data.lens = fx * _SENSOR / camera.width
+        data.sensor_fit, data.sensor_width = "HORIZONTAL", _SENSOR_WIDTH
+        data.lens = fx * _SENSOR_WIDTH / camera.width
         data.shift_x = 0.5 - cx / camera.width
-        # Blender counts both shifts in sensor widths, as scaled by the pixels' aspect.
+        # Blender measures both shifts in sensor widths, scaled by the pixel aspect.
         data.shift_y = (cy - camera.height / 2) / camera.width * (fx / fy)
         data.display_size = 0.05
         data.clip_start = 0.001
         obj = bpy.data.objects.new(camera.photo, data)
         obj.matrix_world = Matrix((np.linalg.inv(camera.viewmat) @ FLIP).tolist())
         obj[PHOTO_KEY] = camera.photo
-        obj["heritage_size"] = [camera.width, camera.height]
-        obj["heritage_pixel_aspect"] = fx / fy
+        obj[_SIZE_KEY] = [camera.width, camera.height]
+        obj[_PIXEL_ASPECT_KEY] = fx / fy
         collection.objects.link(obj)
 
 
 def current_photo(scene: bpy.types.Scene) -> str:
-    """Return the name of the photo whose camera is the scene's; empty when it is another camera."""
+    """Return the name of the photo whose camera is the scene camera; empty for any other camera."""
     return "" if scene.camera is None else str(scene.camera.get(PHOTO_KEY, ""))
 
 
 def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, step: int = 0) -> None:
-    """Make the camera of `photo` the scene's, and a render as large as the photo and as soft as the engine's.
+    """Make the camera of `photo` the scene camera and give renders the photo's size and the engine's low-pass filter.
 
     Parameters
     ----------
     scene : Scene
     photo : str
-        Name of the photo; empty for the one looked through now, else the first.
+        Name of the photo; empty for that of the scene camera, or else the first photo.
     longest_side : int
-        Pixels of the longest side; 0 for the photo's own.
+        Longest side of a render in pixels; 0 for that of the photo.
     step : int
-        So many photos further, by name; after the last comes the first.
+        Number of photos to move on from `photo`, by name; the first follows the last.
 
     Raises
     ------
@@ -70,22 +73,23 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, s
     photo = photo or current_photo(scene) or (names[0] if names else "")
     if photo not in names:
         raise ObjectError(f"No camera of the photo {photo!r} is in this scene. Open the project with its cameras.")
-    found = cameras[(names.index(photo) + step) % len(names)]
-    scene.camera = found
-    width, height = found["heritage_size"]
+    camera = cameras[(names.index(photo) + step) % len(names)]
+    scene.camera = camera
+    width, height = camera[_SIZE_KEY]
     shrink = min(1.0, longest_side / max(width, height)) if longest_side else 1.0
     render = scene.render
     render.resolution_x, render.resolution_y = max(1, round(width * shrink)), max(1, round(height * shrink))
     render.resolution_percentage = 100
-    aspect = found["heritage_pixel_aspect"]
-    # Blender wants both aspects to be at least 1.
+    aspect = camera[_PIXEL_ASPECT_KEY]
+    # Blender requires both aspects to be at least 1.
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
-    lens = found.data
-    across = lens.sensor_width / lens.lens
-    reach = 0.5 + _MARGIN
-    reach_x, reach_y = reach * across, reach * across * aspect * height / width
-    middle_x, middle_y = lens.shift_x * across, lens.shift_y * across
+    lens = camera.data
+    # Extents at distance 1 from the camera.
+    picture_width = lens.sensor_width / lens.lens
+    reach = 0.5 + JACOBIAN_MARGIN
+    reach_x, reach_y = reach * picture_width, reach * picture_width * aspect * height / width
+    center_x, center_y = lens.shift_x * picture_width, lens.shift_y * picture_width
     for obj in heritage_objects(scene):
-        set_display_input(obj, PIXEL, across / render.resolution_x)
-        set_display_input(obj, VIEW_LOW, (middle_x - reach_x, middle_y - reach_y, 0.0))
-        set_display_input(obj, VIEW_HIGH, (middle_x + reach_x, middle_y + reach_y, 0.0))
+        set_display_input(obj, PIXEL, picture_width / render.resolution_x)
+        set_display_input(obj, VIEW_LOW, (center_x - reach_x, center_y - reach_y, 0.0))
+        set_display_input(obj, VIEW_HIGH, (center_x + reach_x, center_y + reach_y, 0.0))

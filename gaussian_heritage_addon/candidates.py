@@ -1,4 +1,4 @@
-"""What came nearest to texts that were not found: ``objects/candidates.json`` of a project. No bpy."""
+"""Candidates for prompts that were not found: reads ``objects/candidates.json`` of a project. Does not import bpy."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ __all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
 
 @dataclass(frozen=True)
 class Candidate:
-    """Something that may be what was meant.
+    """A possible match for a prompt that was not found.
 
     Attributes
     ----------
     number : int
-        For ``segment --accept``.
+        Argument of ``segment --accept``.
     text : str
-        What was asked for.
+        The prompt.
     score : float
         Confidence, 0 to 1.
     photo : str
-        Where the picture was cut out.
+        Name of the photo that `picture` was cropped from.
     picture : Path
-        A file that need not be there.
+        Crop of the candidate. The file may be missing.
     """
 
     number: int
@@ -40,14 +40,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class NotFound:
-    """Of the last search by text.
+    """Prompts of the last search by text that were not found.
 
     Attributes
     ----------
     messages : tuple of str
-        A sentence for each text that was refused.
+        One sentence for each prompt.
     candidates : tuple of Candidate
-        Best first for each text.
+        Best first for each prompt.
     """
 
     messages: tuple[str, ...]
@@ -59,7 +59,7 @@ def _file(project: Path) -> Path:
 
 
 def read_not_found(project: Path) -> NotFound | None:
-    """Return what the last search by text did not find; None when it found all, or was taken off the screen.
+    """Return the prompts that the last search by text did not find; None when all were found or the list was closed.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def read_not_found(project: Path) -> NotFound | None:
     return _read(file, changed)
 
 
-# A panel asks at each redraw.
+# Cached, because the panel calls this at each redraw.
 @functools.lru_cache(maxsize=4)
 def _read(file: Path, changed: int) -> NotFound:
     project = file.parent.parent
@@ -85,7 +85,7 @@ def _read(file: Path, changed: int) -> NotFound:
             candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{file} cannot be read: {error!r}. Delete it and ask again.") from error
+        raise FormatError(f"{file} cannot be read: {error!r}. Delete it and search again.") from error
 
 
 def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
@@ -99,12 +99,12 @@ def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
 
 
 def dismiss(project: Path) -> None:
-    """Take the list off the screen.
+    """Close the list by deleting its file.
 
     Raises
     ------
     DiskError
-        When its file cannot be removed.
+        When the file cannot be deleted.
     """
     try:
         _file(project).unlink(missing_ok=True)

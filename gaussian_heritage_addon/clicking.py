@@ -1,4 +1,4 @@
-"""Clicks in the viewport, looking through the camera of a photo: what the modal operator asks of Blender."""
+"""A 3D viewport in which photos are clicked through their cameras. Used by the modal operator `click_object`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..engine.errors import HeritageError, ObjectError
 from ..engine.scene import Camera
 from .backdrop import show_backdrop
 from .cameras import current_photo, look_through
-from .picking import View, photo_pixel, require_same_place
+from .picking import View, photo_pixel, require_aligned
 from .project import photo_camera
 from .prompts import Click
 from .scene_file import whole_scene
@@ -33,26 +33,26 @@ class Viewport:
     ----------
     scene : Scene
     area : Area
-        A ``VIEW_3D``.
-    note : str
-        Why the photo looked through is not shown; empty when it is.
+        An area of type ``VIEW_3D``.
+    photo_problem : str
+        Why the current photo cannot be shown; empty when it is shown.
     """
 
     scene: bpy.types.Scene
     area: bpy.types.Area
-    note: str = ""
+    photo_problem: str = ""
 
     @classmethod
     def of(cls, context: bpy.types.Context) -> Viewport:
-        """Return the viewport the operator was started in, looking through the photo's camera.
+        """Return the viewport of `context`, set to look through the camera of a photo.
 
         Raises
         ------
         ObjectError
-            Outside of a 3D viewport, or without a photo's camera in the scene.
+            When `context` is not a 3D viewport, or the scene has no camera of a photo.
         """
         if context.area is None or context.area.type != "VIEW_3D":
-            raise ObjectError("Objects are clicked in a 3D viewport: press the button in its sidebar (N).")
+            raise ObjectError("Objects are clicked in a 3D viewport. Press the button in its sidebar (N).")
         viewport = cls(context.scene, context.area)
         viewport.show_photo(0)
         return viewport
@@ -66,7 +66,7 @@ class Viewport:
         return self.area.spaces.active
 
     def show_photo(self, step: int) -> None:
-        """Look through the camera of the photo `step` further than the present one, and show it."""
+        """Look through the camera that is `step` photos after the current one, and show its photo."""
         render = self.scene.render
         look_through(self.scene, "", max(render.resolution_x, render.resolution_y), step=step)
         self._space.region_3d.view_perspective = "CAMERA"
@@ -74,20 +74,20 @@ class Viewport:
         try:
             show_backdrop(self.scene.camera, photo_camera(project, current_photo(self.scene)), project)
         except HeritageError as error:
-            # The splats can be clicked as well.
-            self.note = str(error)
+            # Not fatal: the splats can be clicked as well.
+            self.photo_problem = str(error)
         else:
-            self.note = ""
+            self.photo_problem = ""
 
     @property
     def _project(self) -> Path:
         return Path(bpy.path.abspath(self.scene.heritage.project))
 
     def is_over(self, x: int, y: int) -> bool:
-        """Return whether a place of the window lies in the picture, not on a header or sidebar over it."""
+        """Return whether the position (x, y) in the window is in the view, not on a header or sidebar over it."""
 
         def inside(region: bpy.types.Region) -> bool:
-            # A region that is closed has a width or height of 1.
+            # A closed region has a width or height of 1.
             return region.x <= x < region.x + region.width and region.y <= y < region.y + region.height > 1
 
         return inside(self._region) and not any(
@@ -95,18 +95,18 @@ class Viewport:
         )
 
     def click(self, x: int, y: int, wanted: bool) -> tuple[Click, tuple[float, float]]:
-        """Return the pixel of the photo at a place of the window, and its direction, for the mark.
+        """Return the pixel of the photo at the position (x, y) in the window, and its direction, used to draw a mark.
 
         Raises
         ------
         ObjectError
-            When the viewport does not look through a photo's camera.
+            When the viewport does not look through the camera of a photo.
         CameraError
-            When the place lies outside of the photo, or camera and scene were moved apart.
+            When the position is outside the photo, or the camera or the scene was moved.
         """
         camera = self._camera()
         region = self._region
-        # The middle of the window's pixel.
+        # + 0.5: the centre of the pixel.
         direction = self._view().direction(x - region.x + 0.5, y - region.y + 0.5)
         column, row = photo_pixel(camera, direction)
         return Click(camera.photo, column, row, wanted), direction
@@ -114,10 +114,10 @@ class Viewport:
     def _camera(self) -> Camera:
         photo = current_photo(self.scene)
         if not photo or self._space.region_3d.view_perspective != "CAMERA":
-            raise ObjectError("Look through a photo's camera to click (Numpad 0, or the arrow keys).")
+            raise ObjectError("Look through the camera of a photo to click (Numpad 0, or the arrow keys).")
         camera, whole = photo_camera(self._project, photo), whole_scene(self.scene, Path(self.scene.heritage.project))
         if whole is not None:
-            require_same_place(camera, np.array(self.scene.camera.matrix_world), np.array(whole.matrix_world))
+            require_aligned(camera, np.array(self.scene.camera.matrix_world), np.array(whole.matrix_world))
         return camera
 
     def _view(self) -> View:
@@ -129,14 +129,14 @@ class Viewport:
         )
 
     def draw_marks(self, marks: list[tuple[Click, tuple[float, float]]]) -> None:
-        """Draw the clicks on the photo looked through; called by Blender while it draws the viewport."""
+        """Draw the clicks on the current photo. Blender calls this while it draws the viewport."""
         if self._space.region_3d.view_perspective != "CAMERA":
             return
         photo, view = current_photo(self.scene), self._view()
         blf.size(0, _MARK_SIZE)
         for click, direction in marks:
             if click.photo == photo:
-                x, y = view.place(direction)
+                x, y = view.region_position(direction)
                 width, height = blf.dimensions(0, _MARKS[click.wanted])
                 blf.position(0, x - width / 2, y - height / 2, 0)
                 blf.color(0, *_MARK_COLORS[click.wanted])

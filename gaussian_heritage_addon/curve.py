@@ -1,4 +1,4 @@
-"""Error against run time: the points of a training, and a small picture of them. No bpy."""
+"""Training curve, PSNR against run time: reads it from a project and draws it as a small image. No bpy."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from numpy.typing import NDArray
 __all__ = ["Point", "curve_picture", "stored_curve"]
 
 Point = tuple[float, float]
-"""Wall seconds of training, and held-out PSNR in dB."""
+"""Wall seconds of training, and PSNR of the held-out photos in dB."""
 Picture = NDArray[np.float32]
 
 _LINE = np.array([0.92, 0.49, 0.20], np.float32)
 _GRID = np.array([0.55, 0.55, 0.55], np.float32)
 _LEFT, _BOTTOM, _BORDER = 26, 16, 8
-"""Pixels beside the axes: room for the numbers."""
+"""Margins of the plot in pixels. Those on the left and at the bottom hold the numbers."""
 _SCALE = 2
-"""Screen pixels a pixel of the numbers."""
+"""Image pixels for each pixel of a glyph."""
 _GLYPHS = {
     "0": "75557", "1": "26227", "2": "71747", "3": "71717", "4": "55711", "5": "74717", "6": "74757", "7": "71111",
     "8": "75757", "9": "75717", "k": "45655",
 }  # fmt: skip
-"""Rows from above, the bits of an octal digit being three pixels."""
+"""Five rows from the top, each an octal digit whose bits are three pixels."""
 
 
 def stored_curve(project: Path) -> tuple[Point, ...]:
-    """Return what the finished training in `project` measured; empty when there is none or it cannot be read."""
+    """Return the curve of the finished training in `project`; empty when there is none or it cannot be read."""
     file = project / "project.json"
     try:
         return _read(file, file.stat().st_mtime_ns)
     except (OSError, ValueError, KeyError, TypeError):
-        # A picture beside others in a panel: what is wrong with the project is told where it is opened.
+        # The panel then draws no curve. Opening the project reports the error.
         return ()
 
 
@@ -48,45 +48,45 @@ def _read(file: Path, changed: int) -> tuple[Point, ...]:
 
 
 def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) -> Picture | None:
-    """Return PSNR against seconds, drawn for a panel.
+    """Return an image of PSNR against seconds, for a panel.
 
     Parameters
     ----------
     points : sequence of (float, float)
-        Values that are not finite and seconds that are not positive are left out.
+        Points with values that are not finite, or seconds that are not positive, are ignored.
     width, height : int
-        Of the picture in pixels.
+        Size of the image in pixels.
 
     Returns
     -------
     array of shape [height, width, 4], float32, or None
-        RGBA from the bottom row up, as Blender keeps pictures; None for fewer than two points.
+        RGBA with the bottom row first, as in Blender; None for fewer than two points.
     """
     usable = sorted((s, p) for s, p in points if math.isfinite(s) and math.isfinite(p) and s > 0)
     if len(usable) < 2 or usable[0][0] == usable[-1][0]:
         return None
     seconds, psnr = np.array(usable).T
-    along = _Axis(math.log10(seconds[0]), math.log10(seconds[-1]), _LEFT, width - _BORDER)
-    # At least 1 dB: noise of a curve that is flat must not look like a climb.
-    up = _Axis(psnr.min(), max(psnr.max(), psnr.min() + 1.0), _BOTTOM, height - _BORDER)
+    x_axis = _Axis(math.log10(seconds[0]), math.log10(seconds[-1]), _LEFT, width - _BORDER)
+    # At least 1 dB, so that the noise of a flat curve does not look like progress.
+    y_axis = _Axis(psnr.min(), max(psnr.max(), psnr.min() + 1.0), _BOTTOM, height - _BORDER)
     picture = np.zeros((height, width, 4), np.float32)
     for second in _round_seconds(seconds[0], seconds[-1]):
-        column = round(along.at(math.log10(second)))
+        column = round(x_axis.at(math.log10(second)))
         _paint(picture, np.s_[_BOTTOM:, column], _GRID, 0.35)
         text = f"{second // 1000}k" if second >= 1000 else str(second)
         _write(picture, text, column - _width(text) // 2, _BOTTOM - 13)
-    for value in _round_values(up.low, up.high):
-        row = round(up.at(value))
+    for value in _round_values(y_axis.low, y_axis.high):
+        row = round(y_axis.at(value))
         _paint(picture, np.s_[row, _LEFT:], _GRID, 0.35)
         _write(picture, str(value), _LEFT - 4 - _width(str(value)), row - 5)
-    corners = np.stack([along.at(np.log10(seconds)), up.at(psnr)], axis=1)
+    corners = np.stack([x_axis.at(np.log10(seconds)), y_axis.at(psnr)], axis=1)
     distance = _distance_to_line(corners, width, height)
     _paint(picture, np.s_[:, :], _LINE, np.clip(2.0 - distance, 0.0, 1.0))
     return picture
 
 
 class _Axis:
-    """From values to pixels."""
+    """Linear map from values to pixels."""
 
     def __init__(self, low: float, high: float, first: float, last: float) -> None:
         self.low, self.high, self._first, self._last = float(low), float(high), first, last
@@ -97,7 +97,7 @@ class _Axis:
 
 
 def _round_seconds(first: float, last: float) -> Iterator[int]:
-    """Yield 1, 10, 100 ... within the bounds, with 2 and 5 between them where there would be few."""
+    """Yield 1, 10, 100 ... between `first` and `last`, and also their multiples by 2 and 5 when there are few."""
     steps = (1,) if last / first > 300 else (1, 2, 5)
     for power in range(max(0, math.floor(math.log10(first))), math.floor(math.log10(last)) + 1):
         yield from (step * 10**power for step in steps if first <= step * 10**power <= last)
@@ -113,28 +113,28 @@ def _width(text: str) -> int:
 
 
 def _write(picture: Picture, text: str, x: int, y: int) -> None:
-    """Write `text` with its lower left corner at (x, y); what would stand outside is left out."""
+    """Write `text` with its lower left corner at (x, y), without the glyphs that would be outside the image."""
     x = min(x, picture.shape[1] - _width(text))
-    for number, letter in enumerate(text):
-        bits = np.array([[int(row) >> shift & 1 for shift in (2, 1, 0)] for row in reversed(_GLYPHS[letter])])
+    for number, character in enumerate(text):
+        bits = np.array([[int(row) >> shift & 1 for shift in (2, 1, 0)] for row in reversed(_GLYPHS[character])])
         left = x + number * 4 * _SCALE
         if left < 0 or y < 0 or y + 5 * _SCALE > picture.shape[0]:
             continue
-        place = np.s_[y : y + 5 * _SCALE, left : left + 3 * _SCALE]
-        _paint(picture, place, _GRID, np.kron(bits, np.ones((_SCALE, _SCALE))))
+        part = np.s_[y : y + 5 * _SCALE, left : left + 3 * _SCALE]
+        _paint(picture, part, _GRID, np.kron(bits, np.ones((_SCALE, _SCALE))))
 
 
-def _paint(picture: Picture, place: Any, color: Picture, alpha: float | NDArray[np.floating]) -> None:
-    """Lay `color` over a part of the picture; alpha is straight, not premultiplied."""
-    part = picture[place]
-    cover = np.broadcast_to(np.asarray(alpha, np.float32), part.shape[:-1])[..., None]
-    total = cover + part[..., 3:] * (1 - cover)
-    mixed = (color * cover + part[..., :3] * part[..., 3:] * (1 - cover)) / np.maximum(total, 1e-6)
-    picture[place] = np.concatenate([mixed, total], axis=-1)
+def _paint(picture: Picture, part: Any, color: Picture, alpha: float | NDArray[np.floating]) -> None:
+    """Blend `color` over the slice `part` of the picture. Alpha is straight, not premultiplied."""
+    below = picture[part]
+    cover = np.broadcast_to(np.asarray(alpha, np.float32), below.shape[:-1])[..., None]
+    total = cover + below[..., 3:] * (1 - cover)
+    mixed = (color * cover + below[..., :3] * below[..., 3:] * (1 - cover)) / np.maximum(total, 1e-6)
+    picture[part] = np.concatenate([mixed, total], axis=-1)
 
 
 def _distance_to_line(corners: NDArray[np.float64], width: int, height: int) -> NDArray[np.float64]:
-    """Return the distance of each pixel's centre from the line through `corners` [P, 2], shape [height, width]."""
+    """Return the distance of each pixel centre from the polyline through `corners` [P, 2], shape [height, width]."""
     centers = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1)
     nearest = np.full((height, width), np.inf)
     for start, end in zip(corners[:-1], corners[1:], strict=True):

@@ -1,4 +1,4 @@
-"""Asking the engine's Python what it has and lacks (``python -m engine doctor``)."""
+"""Checks the engine's Python environment with ``python -m engine doctor``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = ["check_engine"]
 
 
 def check_engine() -> tuple[Path, list[str], list[str]]:
-    """Return the interpreter, one line for each check, and the names of what is required and missing.
+    """Return the interpreter, one line of text per check, and the names of missing requirements.
 
     Raises
     ------
     HeritageError
-        When there is no interpreter, or the engine does not start in it.
+        When no interpreter is found, or the engine does not start with it.
     """
     python = current_python()
     state = Job.start(

@@ -1,4 +1,4 @@
-"""Which Python runs the engine, and in what surroundings. No bpy."""
+"""The Python interpreter, environment variables and command line of an engine process. Does not import bpy."""
 
 from __future__ import annotations
 
@@ -11,44 +11,43 @@ from ..engine.errors import EnvironmentProblem
 __all__ = ["PYTHON_VARIABLE", "engine_command", "engine_environment", "extension_root", "find_python"]
 
 PYTHON_VARIABLE = "GAUSSIAN_HERITAGE_PYTHON"
+"""Environment variable with the path of the engine's Python."""
 
 
 def extension_root() -> Path:
-    """Return the folder that holds ``engine``: the installed extension, or the repository."""
+    """Return the folder that contains ``engine``: the installed extension or the repository."""
     return Path(__file__).resolve().parent.parent
 
 
-def find_python(chosen: str, environ: Mapping[str, str], root: Path) -> Path:
-    """Return the engine's interpreter: the chosen one, else the environment variable's, else ``.venv/engine``.
+def find_python(preferred: str, environ: Mapping[str, str], root: Path) -> Path:
+    """Return the engine's interpreter: `preferred`, else that of the environment variable, else ``.venv/engine``.
 
     Parameters
     ----------
-    chosen : str
-        From the preferences; empty when the person chose none.
+    preferred : str
+        Path set in the preferences; empty when not set.
     environ : mapping
-        ``GAUSSIAN_HERITAGE_PYTHON`` is looked up here.
+        Environment variables, searched for ``GAUSSIAN_HERITAGE_PYTHON``.
     root : Path
-        ``.venv/engine`` is looked for here and in the folders above.
+        ``.venv/engine`` is searched in this folder and its parents.
 
     Raises
     ------
     EnvironmentProblem
-        When there is none, or the named one is not there.
+        When no interpreter is found, or the configured one does not exist.
     """
-    for source, named in (("the preferences", chosen), (PYTHON_VARIABLE, environ.get(PYTHON_VARIABLE, ""))):
-        if named:
-            # Not resolved: a virtual environment's python is a link, and its own path is what makes it one.
-            python = Path(named).expanduser().absolute()
+    for source, path in (("the preferences", preferred), (PYTHON_VARIABLE, environ.get(PYTHON_VARIABLE, ""))):
+        if path:
+            # Links are not resolved: Python recognises a virtual environment by the path of the link.
+            python = Path(path).expanduser().absolute()
             if python.is_file():
                 return python
-            raise EnvironmentProblem(
-                f"The engine's Python named in {source} is not there: {named}. Choose another one."
-            )
+            raise EnvironmentProblem(f"The engine's Python set in {source} does not exist: {path}. Choose another one.")
     for python in _development_pythons(root):
         if python.is_file():
             return python
     raise EnvironmentProblem(
-        "No Python for the engine is known. Open Preferences > Add-ons > Gaussian Heritage, choose the Python of the "
+        "No Python for the engine was found. Open Preferences > Add-ons > Gaussian Heritage, choose the Python of the "
         "engine's environment and press Check."
     )
 
@@ -59,18 +58,18 @@ def _development_pythons(root: Path) -> Iterable[Path]:
 
 
 def engine_environment(environ: Mapping[str, str], root: Path, cache: Path) -> dict[str, str]:
-    """Return the surroundings of an engine process.
+    """Return the environment variables of an engine process.
 
     Parameters
     ----------
     environ : mapping
-        Of this process.
+        Environment variables of this process.
     root : Path
-        Becomes PYTHONPATH, so that ``python -m engine`` finds this extension's engine and no other.
+        Value of PYTHONPATH, so that ``python -m engine`` runs the engine of this extension.
     cache : Path
-        For compiled kernels: outside the extension, which an upgrade replaces.
+        Folder for compiled kernels. Outside the extension, because an upgrade replaces the extension's folder.
     """
-    # Blender may set PYTHONHOME to its own Python, with which another interpreter cannot start.
+    # Blender may set PYTHONHOME to its own Python; another interpreter cannot start with it.
     kept = {name: value for name, value in environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
     return {
         **kept,
@@ -83,5 +82,5 @@ def engine_environment(environ: Mapping[str, str], root: Path, cache: Path) -> d
 
 
 def engine_command(python: Path, *arguments: str) -> list[str]:
-    """Return the command line of the engine with ``--events``."""
+    """Return the command line that runs the engine with `arguments` and ``--events``."""
     return [str(python), "-m", "engine", *arguments, "--events"]

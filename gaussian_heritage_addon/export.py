@@ -1,4 +1,4 @@
-"""Writing splat objects to files: one for each, named after it, with its record and how it was made."""
+"""Exports splat objects: one file per object, with its catalogue record and paradata (how it was made)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import bpy
 
 from ..engine.errors import DiskError, ObjectError
 from ..engine.formats import write_glb, write_ply
-from .properties import record_of
+from .properties import HeritageObject, record_of
 from .splats import SplatScene
 
 __all__ = ["export_splats"]
@@ -20,23 +20,23 @@ __all__ = ["export_splats"]
 def export_splats(
     objects: Sequence[bpy.types.Object], folder: Path, file_format: str, *, overwrite: bool = False
 ) -> list[Path]:
-    """Write each of `objects` into `folder` in world space, at its threshold, and return the files.
+    """Write each of `objects` to a file in `folder`, in world space and at its threshold, and return the files.
 
     Parameters
     ----------
     objects : sequence of Object
     folder : Path
-        Made when missing.
+        Created when missing.
     file_format : {"ply", "glb"}
     overwrite : bool
-        Replace files that are there; otherwise nothing is written when one of them is.
+        Replace existing files. If False, nothing is written when one of the files exists.
 
     Raises
     ------
     ObjectError
         When there is nothing to export.
     DiskError
-        When a file is there already, or cannot be written.
+        When a file exists already, or cannot be written.
     """
     if not objects:
         raise ObjectError("There is nothing to export. Isolate an object, or select imported splats.")
@@ -44,16 +44,16 @@ def export_splats(
     existing = [file.name for file in files if file.exists()]
     if existing and not overwrite:
         raise DiskError(
-            f"{folder} already holds {', '.join(existing)}. Allow replacing files, or choose another folder."
+            f"{folder} already contains {', '.join(existing)}. Allow replacing files, or choose another folder."
         )
     for obj, file in zip(objects, files, strict=True):
         gaussians = SplatScene.of(obj).gaussians(threshold=obj.heritage.threshold)
-        record, made = record_of(obj), _how_made(obj, len(gaussians))
+        record, paradata = record_of(obj), _paradata(obj, len(gaussians))
         if file_format == "glb":
-            extras = {"record": record.as_dict(), "paradata": made}
+            extras = {"record": record.as_dict(), "paradata": paradata}
             write_glb(file, gaussians, name=record.title or obj.name, copyright=record.rights or None, extras=extras)
         else:
-            comments = [*record.as_comments(), *(f"{key} {value}" for key, value in made.items())]
+            comments = [*record.as_comments(), *(f"{key} {value}" for key, value in paradata.items())]
             write_ply(file, gaussians, comments=comments)
     return files
 
@@ -61,22 +61,22 @@ def export_splats(
 def _file_names(objects: Sequence[bpy.types.Object], folder: Path, file_format: str) -> list[Path]:
     names: list[str] = []
     for obj in objects:
-        # Blender allows names that file systems do not.
+        # Blender allows characters in names that file systems do not.
         name = re.sub(r'[<>:"/\\|?*\x00-\x1f]', "_", obj.name).strip(" .") or "object"
-        while name.casefold() in (taken.casefold() for taken in names):
+        while name.casefold() in (used.casefold() for used in names):
             name += "_"
         names.append(name)
     return [folder / f"{name}.{file_format}" for name in names]
 
 
-def _how_made(obj: bpy.types.Object, count: int) -> dict[str, Any]:
-    said = obj.heritage
-    made: dict[str, Any] = {"generator": "Gaussian Heritage", "gaussians": count}
-    if said.role == "OBJECT":
-        made |= {
-            "object_id": said.object_id,
-            "prompt": said.prompt,
-            "confidence": round(said.score, 4),
-            "threshold": round(said.threshold, 4),
+def _paradata(obj: bpy.types.Object, count: int) -> dict[str, Any]:
+    properties: HeritageObject = obj.heritage
+    paradata: dict[str, Any] = {"generator": "Gaussian Heritage", "gaussians": count}
+    if properties.role == "OBJECT":
+        paradata |= {
+            "object_id": properties.object_id,
+            "prompt": properties.prompt,
+            "confidence": round(properties.score, 4),
+            "threshold": round(properties.threshold, 4),
         }
-    return made
+    return paradata

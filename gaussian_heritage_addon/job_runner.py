@@ -1,4 +1,4 @@
-"""The one engine job this Blender watches: started from operators, polled by one timer, followed up at its end."""
+"""Runs one engine job at a time: operators start it, a timer polls it, and its results are imported at the end."""
 
 from __future__ import annotations
 
@@ -13,60 +13,61 @@ import bpy
 from ..engine.errors import Cancelled, HeritageError, ProjectError
 from .engine_process import engine_command
 from .jobs import Job, JobState
-from .model_files import states_from
-from .preferences import current_environment, current_python, remember_models, user_folder
-from .properties import choose, heritage_objects
+from .model_files import states_of
+from .preferences import current_environment, current_python, store_model_states, user_folder
+from .properties import heritage_objects, select_object
 from .scene_file import add_objects, open_project
 
-__all__ = ["MODELS", "cancel", "current", "problem", "register", "start", "unregister"]
+__all__ = ["MODEL_FILES", "cancel", "current", "problem", "register", "start", "unregister"]
 
 _LOG = logging.getLogger(__name__)
-_INTERVAL = 0.5
-MODELS = Path("model files")
+_POLL_INTERVAL = 0.5
+"""Seconds between two polls of the job."""
+MODEL_FILES = Path("model files")
 """Subject of jobs about model files, which belong to no project."""
-_EDITING = "Leave Edit Mode (Tab): the engine is done, and its result waits to be shown."
+_EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
 _job: Job | None = None
 _problem = ""
 
 
 def current() -> tuple[Job, JobState] | None:
-    """Return the job started or found last, and its state."""
+    """Return the last job and its state, or None."""
     return None if _job is None else (_job, _job.poll())
 
 
 def problem() -> str:
-    """Return what went wrong when a finished job's results were brought into the scene; mostly empty."""
+    """Return why the results of the last job could not be imported; empty when there was no problem."""
     return _problem
 
 
 def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
-    """Run the engine with `arguments`; in background mode wait for it and follow up, else return at once.
+    """Run the engine with `arguments`. In background mode, wait for it and import its results.
 
     Parameters
     ----------
     kind : str
-        ``"reconstruct"`` and ``"segment"`` are followed up by an import, ``"models"`` by the preferences.
+        ``"reconstruct"``, ``"segment"`` or ``"models"``. It determines what is done with the results.
     subject : Path
-        Project folder, or `MODELS`.
+        Project folder, or `MODEL_FILES`.
     arguments
         Command and arguments of the engine.
 
     Returns
     -------
     JobState or None
-        None where the job goes on while Blender is used.
+        Final state in background mode. None otherwise: the job runs while Blender is used.
 
     Raises
     ------
     HeritageError
-        When there is no interpreter, another job runs, or (in background mode) the job failed.
+        When there is no interpreter, another job is running, or (in background mode) the job failed.
     """
     global _job, _problem
     running = current()
     if running is not None and running[1].running:
         raise ProjectError(f"A job is still working on {running[0].subject}. Wait for it or cancel it first.")
-    if _problem == _EDITING:
-        raise ProjectError(_EDITING)
+    if _problem == _EDIT_MODE_MESSAGE:
+        raise ProjectError(_EDIT_MODE_MESSAGE)
     key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
     _job, _problem = (
         Job.start(
@@ -82,26 +83,32 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
         state = _job.wait()
         if state.error:
             raise HeritageError(state.error)
-        _follow_up(_job, state)
+        _import_results(_job, state)
         return state
-    _watch()
+    _start_polling()
     return None
 
 
 def cancel() -> None:
-    """Ask the current job to stop; `Cancelled` when there is none."""
+    """Stop the current job.
+
+    Raises
+    ------
+    Cancelled
+        When no job is running.
+    """
     running = current()
     if running is None or not running[1].running:
         raise Cancelled("No job is running.")
     running[0].cancel()
 
 
-def _watch() -> None:
-    if not bpy.app.timers.is_registered(_tick):
-        bpy.app.timers.register(_tick, first_interval=_INTERVAL, persistent=True)
+def _start_polling() -> None:
+    if not bpy.app.timers.is_registered(_poll_job):
+        bpy.app.timers.register(_poll_job, first_interval=_POLL_INTERVAL, persistent=True)
 
 
-def _tick() -> float | None:
+def _poll_job() -> float | None:
     global _problem
     if _job is None:
         return None
@@ -111,15 +118,15 @@ def _tick() -> float | None:
             if area.type in ("VIEW_3D", "PREFERENCES"):
                 area.tag_redraw()
     if state.running:
-        return _INTERVAL
+        return _POLL_INTERVAL
     if state.finished:
         if _job.kind != "models" and _is_editing():
-            _problem = _EDITING
-            return _INTERVAL
+            _problem = _EDIT_MODE_MESSAGE
+            return _POLL_INTERVAL
         _problem = ""
         try:
-            _follow_up(_job, state)
-            # A result that arrives by itself is still one step to undo; one that changes nothing here adds none.
+            _import_results(_job, state)
+            # An import by the timer is one undo step. Blender adds none if nothing changed.
             bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
         except HeritageError as error:
             _problem = str(error)
@@ -127,43 +134,44 @@ def _tick() -> float | None:
 
 
 def _is_editing() -> bool:
-    """Return whether splats are in Edit Mode, where Blender lets nobody else change a mesh."""
+    """Return whether splats are in Edit Mode, in which their mesh cannot be replaced."""
     return any(obj.mode == "EDIT" for scene in bpy.data.scenes for obj in heritage_objects(scene))
 
 
-def _follow_up(job: Job, state: JobState) -> None:
-    action = _FOLLOW_UPS.get(job.kind)
-    if action is not None:
-        action(Path(job.subject), state)
+def _import_results(job: Job, state: JobState) -> None:
+    importer = _IMPORTERS.get(job.kind)
+    if importer is not None:
+        importer(Path(job.subject), state)
 
 
-def _after_reconstruct(project: Path, state: JobState) -> None:
+def _import_scene(project: Path, state: JobState) -> None:
     open_project(bpy.context.scene, project)
 
 
-def _after_segment(project: Path, state: JobState) -> None:
-    scene = next((one for one in bpy.data.scenes if one.heritage.project == str(project)), bpy.context.scene)
-    made = state.outputs["objects"]
-    there = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
-    # What "find all" found again need not be in this file.
-    add_objects(scene, project, [*made, *(one for one in state.outputs.get("kept", ()) if one not in there)])
+def _import_objects(project: Path, state: JobState) -> None:
+    scenes = (scene for scene in bpy.data.scenes if scene.heritage.project == str(project))
+    scene = next(scenes, bpy.context.scene)
+    new_ids, kept_ids = state.outputs["objects"], state.outputs.get("kept", ())
+    present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
+    # Objects that "find all" kept in the project may be missing in this file.
+    add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
     scene.heritage.show = "OBJECTS"
-    choose(scene, made[0])
+    select_object(scene, new_ids[0])
 
 
-def _after_models(subject: Path, state: JobState) -> None:
-    remember_models(states_from(state.outputs))
+def _store_model_states(subject: Path, state: JobState) -> None:
+    store_model_states(states_of(state.outputs))
 
 
-_FOLLOW_UPS: dict[str, Callable[[Path, JobState], None]] = {
-    "reconstruct": _after_reconstruct,
-    "segment": _after_segment,
-    "models": _after_models,
+_IMPORTERS: dict[str, Callable[[Path, JobState], None]] = {
+    "reconstruct": _import_scene,
+    "segment": _import_objects,
+    "models": _store_model_states,
 }
 
 
 def _find_running_job() -> None:
-    """Watch a job again that went on while Blender was closed."""
+    """Continue to poll a job that kept running while Blender was closed."""
     global _job
     if _job is None:
         for folder in sorted(user_folder("jobs").iterdir()):
@@ -171,18 +179,18 @@ def _find_running_job() -> None:
             if job is not None and job.poll().running:
                 _LOG.info("found a running job on %s", job.subject)
                 _job = job
-                _watch()
+                _start_polling()
                 return
 
 
 def register() -> None:
-    """Look for a job of an earlier session, once Blender has started."""
+    """Search for a running job of an earlier session, once Blender has started."""
     if not bpy.app.background:
         bpy.app.timers.register(_find_running_job, first_interval=1.0)
 
 
 def unregister() -> None:
-    """Stop watching; the job itself goes on."""
-    for timer in (_tick, _find_running_job):
+    """Stop polling. The job itself keeps running."""
+    for timer in (_poll_job, _find_running_job):
         with contextlib.suppress(ValueError):
             bpy.app.timers.unregister(timer)

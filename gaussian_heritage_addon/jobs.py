@@ -1,7 +1,8 @@
-"""An engine process: started, watched without waiting, stopped, and found again after Blender was closed. No bpy.
+"""Engine jobs: start, poll without blocking, cancel, and attach again after Blender was closed. Does not import bpy.
 
-A job has a folder with ``job.json`` (what runs), ``events.jsonl`` (the engine's standard output) and ``errors.txt``.
-It writes to files, not pipes, and in a session of its own, so it goes on when Blender ends.
+A job has a folder with ``job.json`` (its process and command), ``events.jsonl`` (the engine's standard output) and
+``errors.txt`` (its standard error). It writes to files instead of pipes and runs in its own session, so that it
+continues when Blender ends.
 """
 
 from __future__ import annotations
@@ -27,39 +28,39 @@ __all__ = ["Job", "JobState"]
 
 _LOG = logging.getLogger(__name__)
 _JOB, _EVENTS, _ERRORS = "job.json", "events.jsonl", "errors.txt"
-_TELL_EVERY = 15.0
-"""Seconds between two lines of the log about a stage at work."""
+_LOG_INTERVAL = 15.0
+"""Seconds between two log lines about the same stage."""
 
 
 @dataclass
 class JobState:
-    """What is known of a job; the same object is brought up to date by every `Job.poll`.
+    """State of a job. Each `Job.poll` updates the same object.
 
     Attributes
     ----------
     running : bool
-        The process is alive.
+        Whether the process is alive.
     stage : str
-        Name of the stage at work.
+        Name of the current stage.
     fraction : float
-        Of the stage, 0 to 1.
+        Progress of the stage, 0 to 1.
     seconds_left : float or None
-        For the stage.
+        Estimated time left for the stage.
     message : str
-        Last thing said.
+        Last message.
     preview : str
-        Path of the newest picture; empty before the first.
+        Path of the newest preview image; empty before the first.
     metrics : dict
         Last value of each metric, e.g. ``psnr``.
     curve : list of (float, float)
-        Wall seconds of training and the held-out PSNR then, in dB.
+        Wall seconds of training, and PSNR of the held-out photos in dB.
     warnings : list of str
     error : str
-        One sentence when the job failed or was cancelled, else empty.
+        One sentence if the job failed or was cancelled, else empty.
     finished : bool
-        The job ended well.
+        Whether the job ended successfully.
     outputs : dict
-        What it left, see `engine.events.Finished`.
+        Results of the job, see `engine.events.Finished`.
     """
 
     running: bool = True
@@ -75,13 +76,13 @@ class JobState:
     finished: bool = False
     outputs: dict[str, Any] = field(default_factory=dict)
 
-    def line(self) -> str:
-        """Return the stage, how far it is and what is left of it, for a person."""
-        left = "" if self.seconds_left is None else f", {_in_words(self.seconds_left)} left"
+    def progress_line(self) -> str:
+        """Return the stage, its progress and the time left, as a line of text."""
+        left = "" if self.seconds_left is None else f", {_format_seconds(self.seconds_left)} left"
         return f"{self.stage} {self.fraction:.0%}{left}"
 
-    def take(self, event: events.Event) -> None:
-        """Bring the state up to date with `event`."""
+    def update(self, event: events.Event) -> None:
+        """Update the state with `event`."""
         match event:
             case events.StageStarted():
                 self.stage, self.fraction, self.seconds_left, self.message = event.stage, 0.0, None, ""
@@ -105,16 +106,16 @@ class JobState:
 
 
 class Job:
-    """One engine process. Make it with `start` or `attach`.
+    """One engine process. Create it with `start` or `attach`.
 
     Attributes
     ----------
     folder : Path
-        The job's own folder.
+        Folder of the job's files.
     kind : str
-        What it is for; the add-on's follow-up goes by it.
+        Purpose of the job. It determines what the add-on does with the results.
     subject : str
-        What it works on: the project folder.
+        What the job works on, usually the project folder.
     """
 
     def __init__(self, folder: Path, record: Mapping[str, Any], process: subprocess.Popen[bytes] | None) -> None:
@@ -132,29 +133,29 @@ class Job:
     def start(
         cls, command: Sequence[str], folder: Path, *, kind: str, subject: str, environment: Mapping[str, str]
     ) -> Job:
-        """Start `command` and return at once.
+        """Start `command` and return immediately.
 
         Parameters
         ----------
         command : sequence of str
-            Writes event lines to its standard output.
+            Command line of a process that writes event lines to its standard output.
         folder : Path
-            For the job's files; those of an earlier job are replaced.
+            Folder of the job's files. Files of an earlier job are replaced.
         kind, subject : str
             See the class.
         environment : mapping
-            Of the process.
+            Environment variables of the process.
 
         Raises
         ------
         ProjectError
-            When the folder's earlier job is still running.
+            When an earlier job with this folder is still running.
         DiskError
             When the folder cannot be written, or the command cannot be started.
         """
-        before = cls.attach(folder)
-        if before is not None and before.poll().running:
-            raise ProjectError(f"A job is still working on {before.subject}. Wait for it or cancel it first.")
+        earlier = cls.attach(folder)
+        if earlier is not None and earlier.poll().running:
+            raise ProjectError(f"A job is still working on {earlier.subject}. Wait for it or cancel it first.")
         own_group: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
@@ -181,7 +182,7 @@ class Job:
 
     @classmethod
     def attach(cls, folder: Path) -> Job | None:
-        """Return the job whose files lie in `folder`, running or ended; None when there is none."""
+        """Return the job whose files are in `folder`, running or ended; None when there is none."""
         try:
             record = json.loads((folder / _JOB).read_text(encoding="utf-8"))
             return cls(folder, record, None)
@@ -189,16 +190,16 @@ class Job:
             return None
 
     def poll(self) -> JobState:
-        """Read what is new, without waiting, and return the state.
+        """Read new events without blocking, and return the state.
 
         Notes
         -----
-        A cancelled job that outlives its patience is killed here.
+        This also kills a cancelled job whose grace period is over.
         """
         if not self._state.running:
             return self._state
         alive = self._is_alive()
-        # Asked before reading: what a process wrote before it ended is then surely read.
+        # Checked before reading, so that everything a process wrote before it ended is read.
         self._read_events()
         if alive and self._kill_at is not None and time.monotonic() > self._kill_at:
             self._signal(kill=True)
@@ -206,24 +207,24 @@ class Job:
         if not alive:
             self._state.running = False
             if not self._state.finished and not self._state.error:
-                self._state.error = self._last_words()
+                self._state.error = self._unexpected_exit_message()
             self._state.finished = self._state.finished and not self._state.error
         return self._state
 
-    def cancel(self, patience: float = 10.0) -> None:
-        """Ask the job to stop, and have `poll` kill it after `patience` seconds."""
+    def cancel(self, grace_seconds: float = 10.0) -> None:
+        """Interrupt the job, and let `poll` kill it if it still runs after `grace_seconds`."""
         if self.poll().running:
             self._signal(kill=False)
-            self._kill_at = time.monotonic() + patience
+            self._kill_at = time.monotonic() + grace_seconds
 
     def wait(self, interval: float = 0.05) -> JobState:
-        """Poll until the job ended, logging each stage and how far it is; for background use only."""
-        stage, told_at = "", 0.0
+        """Poll until the job has ended, and log its progress. Blocks: for background mode only."""
+        stage, logged_at = "", 0.0
         while self.poll().running:
             state = self._state
-            if state.stage and (state.stage != stage or time.monotonic() - told_at > _TELL_EVERY):
-                stage, told_at = state.stage, time.monotonic()
-                _LOG.info("%s", state.line())
+            if state.stage and (state.stage != stage or time.monotonic() - logged_at > _LOG_INTERVAL):
+                stage, logged_at = state.stage, time.monotonic()
+                _LOG.info("%s", state.progress_line())
             time.sleep(interval)
         return self._state
 
@@ -233,49 +234,52 @@ class Job:
                 stream.seek(self._offset)
                 data = stream.read()
         except OSError:
-            return  # The next poll tries again; a job whose folder vanished ends with its process.
+            return  # The next poll tries again. A job whose folder was deleted ends with its process.
         complete = data.rfind(b"\n") + 1
         self._offset += complete
         for line in data[:complete].decode("utf-8", "replace").splitlines():
             event = events.from_json_line(line)
             if event is not None:
-                self._state.take(event)
+                self._state.update(event)
 
-    def _last_words(self) -> str:
-        """Return a sentence for a process that ended without a last event: killed, crashed, or not our engine."""
+    def _unexpected_exit_message(self) -> str:
+        """Return the error message for a process that ended without a final event, e.g. because it crashed."""
         code = f" (exit code {self._process.returncode})" if self._process is not None else ""
         try:
             lines = (self.folder / _ERRORS).read_text(encoding="utf-8", errors="replace").strip().splitlines()
         except OSError:
             lines = []
-        said = f" Its last words: {lines[-1].strip()}" if lines else ""
-        return f"The engine ended early{code}.{said} What was done is kept; details are in {self.folder / _ERRORS}."
+        last_line = f" Its last line was: {lines[-1].strip()}" if lines else ""
+        return (
+            f"The engine stopped unexpectedly{code}.{last_line} Finished work is kept. "
+            f"Details are in {self.folder / _ERRORS}."
+        )
 
     def _is_alive(self) -> bool:
         if self._process is not None:
             return self._process.poll() is None
-        return _command_of(self._pid, self._command)
+        return _process_runs(self._pid, self._command)
 
     def _signal(self, *, kill: bool) -> None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             if sys.platform == "win32":
                 os.kill(self._pid, signal.SIGTERM if kill else signal.CTRL_BREAK_EVENT)
             else:
-                # The whole group: a stage may have started helpers of its own.
+                # The whole process group: a stage may have started subprocesses.
                 os.killpg(self._pid, signal.SIGKILL if kill else signal.SIGINT)
 
 
-def _in_words(seconds: float) -> str:
+def _format_seconds(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
-def _command_of(pid: int, command: Sequence[str]) -> bool:
-    """Return whether process `pid`, which may have been given to another program since, still runs `command`."""
+def _process_runs(pid: int, command: Sequence[str]) -> bool:
+    """Return whether process `pid` runs `command`: the system may have given the number to another program since."""
     if sys.platform == "win32":
         listing = ["tasklist", "/FI", f"PID eq {pid}", "/NH"]
-        wanted = str(pid)
+        expected = str(pid)
     else:
         listing = ["ps", "-ww", "-o", "stat=,args=", "-p", str(pid)]
-        wanted = " ".join(command[1:])
+        expected = " ".join(command[1:])
     output = subprocess.run(listing, capture_output=True, text=True, errors="replace", check=False).stdout
-    return wanted in output and not output.lstrip().startswith("Z")
+    return expected in output and not output.lstrip().startswith("Z")

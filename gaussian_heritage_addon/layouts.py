@@ -1,4 +1,4 @@
-"""Parts of panels that several of them draw."""
+"""Drawing functions shared by several panels."""
 
 from __future__ import annotations
 
@@ -12,31 +12,32 @@ from .curve import Point
 from .jobs import Job, JobState
 from .pictures import curve_icon, picture_icon
 
-__all__ = ["draw_curve", "draw_job", "say"]
+__all__ = ["draw_curve", "draw_job", "draw_text"]
 
-_LETTER = 6.5
-"""Pixels of a letter, about, at Blender's usual size."""
-_LETTERS_WITHOUT_REGION = 60
+_CHARACTER_WIDTH = 6.5
+"""Mean width of a character in pixels, at Blender's default interface scale."""
+_DEFAULT_LINE_LENGTH = 60
+"""Characters per line where the width of the region is not known."""
 
 
-def say(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", letters: int | None = None) -> None:
-    """Write `text` in lines of at most `letters`, by default as the region is wide: a label does not wrap."""
+def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line_length: int | None = None) -> None:
+    """Draw `text` in lines of at most `line_length` characters, by default to fit the region: labels do not wrap."""
     region = bpy.context.region
-    if letters is None and region is None:
-        letters = _LETTERS_WITHOUT_REGION
-    elif letters is None:
-        letters = max(20, int(region.width / (_LETTER * bpy.context.preferences.system.ui_scale)) - 6)
+    if line_length is None and region is None:
+        line_length = _DEFAULT_LINE_LENGTH
+    elif line_length is None:
+        line_length = max(20, int(region.width / (_CHARACTER_WIDTH * bpy.context.preferences.system.ui_scale)) - 6)
     column = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, letters) or [""]):
+    for number, line in enumerate(textwrap.wrap(text, line_length) or [""]):
         column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
 def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
-    """Draw what a job does, with its picture and curve, or how it ended."""
+    """Draw the progress of a job with its preview image and training curve, or its result."""
     box = layout.box()
     if state.running:
-        say(box, state.message or job.subject)
-        box.progress(factor=state.fraction, text=state.line())
+        draw_text(box, state.message or job.subject)
+        box.progress(factor=state.fraction, text=state.progress_line())
         icon = picture_icon(Path(state.preview)) if state.preview else 0
         if icon:
             box.template_icon(icon_value=icon, scale=8.0)
@@ -44,16 +45,16 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
             box.label(text=f"{name}: {value:.4g}")
         box.operator("heritage.cancel_job", icon="CANCEL")
     elif state.error:
-        say(box, state.error, icon="ERROR")
+        draw_text(box, state.error, icon="ERROR")
     else:
-        say(box, state.message or "Done.", icon="CHECKMARK")
+        draw_text(box, state.message or "Done.", icon="CHECKMARK")
     for warning in state.warnings[-3:]:
-        say(box, warning, icon="INFO")
+        draw_text(box, warning, icon="INFO")
     draw_curve(box, job.subject, state.curve)
 
 
 def draw_curve(layout: bpy.types.UILayout, subject: str, points: Sequence[Point]) -> None:
-    """Draw error against run time; nothing before it was measured."""
+    """Draw PSNR against run time; nothing when `points` is empty."""
     if not points:
         return
     seconds, psnr = points[-1]

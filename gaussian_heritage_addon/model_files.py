@@ -1,4 +1,4 @@
-"""The engine's weight files as the preferences show them: what each model is, who may use it, what to ask. No bpy."""
+"""The engine's models as the preferences show them: files, licences, states and download. Does not import bpy."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..engine.errors import EnvironmentProblem, ModelFileError
-from ..engine.models.entries import CATALOGUE, GROUPS, ModelFile
+from ..engine.models.catalogue import CATALOGUE, GROUPS, ModelFile
 
-__all__ = ["Model", "States", "fetch_arguments", "find_model", "list_models", "merged_states", "states_from"]
+__all__ = ["Model", "States", "fetch_arguments", "find_model", "list_models", "merge_states", "states_of"]
 
 States = dict[str, str]
-"""By file: its path, or the engine's sentence about what is wrong, told apart by a leading ``!``."""
-State = Literal["THERE", "PROBLEM", "UNKNOWN"]
+"""State of each file by its name: its path, or ``!`` followed by the engine's error message."""
+State = Literal["AVAILABLE", "PROBLEM", "UNKNOWN"]
 
 
 @dataclass(frozen=True)
 class Model:
-    """A model and the files it needs together.
+    """A model and its files.
 
     Attributes
     ----------
     name : str
-        As ``models fetch`` knows it.
+        Argument of ``models fetch``.
     files : tuple of ModelFile
     """
 
@@ -34,41 +34,41 @@ class Model:
 
     @property
     def optional(self) -> bool:
-        """Whether the engine works without it."""
+        """Whether the engine works without this model."""
         return all(file.optional for file in self.files)
 
     @property
     def title(self) -> str:
-        """Its name and size for a person."""
-        sizes = [file.size or file.about or 0 for file in self.files]
+        """Name and size, for display."""
+        sizes = [file.size or file.approximate_size or 0 for file in self.files]
         about = "" if all(file.size for file in self.files) else "about "
         return f"{self.name} ({about}{sum(sizes) / 1e6:.0f} MB{', optional' if self.optional else ''})"
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """Licence and who may use it, for each file or several at once."""
+        """Licence and permitted users; files with the same terms share a line."""
         lines: dict[tuple[str, str], list[str]] = {}
         for file in self.files:
             lines.setdefault((file.licence, file.who_may_use), []).append(file.name)
-        whose = {terms: "" if len(lines) == 1 else f"{', '.join(names)}: " for terms, names in lines.items()}
-        return tuple(f"{whose[licence, users]}{licence}. Who may use it: {users}." for licence, users in lines)
+        prefixes = {terms: "" if len(lines) == 1 else f"{', '.join(names)}: " for terms, names in lines.items()}
+        return tuple(f"{prefixes[licence, users]}{licence}. Who may use it: {users}." for licence, users in lines)
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Where its files come from, and what keeps them from being exchanged."""
+        """Source of each file, and what its integrity is checked against."""
         return tuple(dict.fromkeys(f"{file.source}; {file.pin}" for file in self.files))
 
     def state(self, states: States) -> tuple[State, str]:
-        """Return whether it can be used, and the engine's sentence when not."""
+        """Return whether the model can be used, and the engine's error message if not."""
         known = [states.get(file.name, "") for file in self.files]
         problems = [state[1:] for state in known if state.startswith("!")]
         if problems:
             return "PROBLEM", problems[0]
-        return ("THERE", "") if all(known) else ("UNKNOWN", "")
+        return ("AVAILABLE", "") if all(known) else ("UNKNOWN", "")
 
 
 def list_models() -> tuple[Model, ...]:
-    """Return the models of the catalogue, those the engine cannot do without first."""
+    """Return the models of the catalogue, required ones first."""
     models = [Model(name, tuple(CATALOGUE[file] for file in files)) for name, files in GROUPS.items()]
     return tuple(sorted(models, key=lambda model: model.optional))
 
@@ -79,7 +79,7 @@ def find_model(name: str) -> Model:
     Raises
     ------
     ModelFileError
-        When there is none.
+        When there is no such model.
     """
     for model in list_models():
         if model.name == name:
@@ -94,21 +94,21 @@ def fetch_arguments(name: str, folder: str, *, online: bool) -> list[str]:
     ----------
     name : str
     folder : str
-        With the files a colleague downloaded, taken instead of the network; empty for none.
+        Folder with model files, used instead of the network; empty to download.
     online : bool
-        Blender's own permission to use the network.
+        Whether Blender may use the network (*Allow Online Access*).
 
     Raises
     ------
     ModelFileError
         When there is no such model or folder.
     EnvironmentProblem
-        When only the network could give it and Blender may not use it.
+        When the model must be downloaded and Blender may not use the network.
     """
     find_model(name)
     if folder:
         if not Path(folder).is_dir():
-            raise ModelFileError(f"There is no folder {folder}. Choose the one that holds the model files.")
+            raise ModelFileError(f"There is no folder {folder}. Choose the one that contains the model files.")
         return ["models", "fetch", name, "--from", folder]
     if not online:
         raise EnvironmentProblem(
@@ -118,12 +118,12 @@ def fetch_arguments(name: str, folder: str, *, online: bool) -> list[str]:
     return ["models", "fetch", name]
 
 
-def states_from(outputs: Mapping[str, Any]) -> States:
+def states_of(outputs: Mapping[str, Any]) -> States:
     """Return the states in the outputs of ``models list``, ``fetch`` or ``verify``."""
     problems = set(outputs.get("problems", ()))
-    return {name: f"!{said}" if name in problems else str(said) for name, said in outputs.get("models", {}).items()}
+    return {name: f"!{state}" if name in problems else str(state) for name, state in outputs.get("models", {}).items()}
 
 
-def merged_states(stored: str, new: States) -> str:
-    """Return the JSON text `stored` with the states `new`."""
+def merge_states(stored: str, new: States) -> str:
+    """Return the JSON text `stored`, updated with the states `new`."""
     return json.dumps({**(json.loads(stored) if stored else {}), **new})

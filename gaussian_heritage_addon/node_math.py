@@ -1,4 +1,4 @@
-"""Formulas written in Python, built as nodes: ``(a + 0.055) / 1.055`` becomes two Math nodes."""
+"""Builds node trees from formulas in Python: ``(a + 0.055) / 1.055`` becomes two Math nodes."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ Socket = Any
 def new_node(
     tree: bpy.types.NodeTree, kind: str, settings: dict[str, Any] | None = None, **inputs: Any
 ) -> bpy.types.Node:
-    """Add a node, set its properties, and fill or link its inputs by identifier.
+    """Add a node, set its properties, and set or link its inputs.
 
     Parameters
     ----------
     tree : NodeTree
     kind : str
-        ``bl_idname``.
+        ``bl_idname`` of the node.
     settings : dict, optional
-        Properties of the node; set first, since they decide which inputs there are.
+        Properties of the node. They are set first, because they determine its inputs.
     inputs
-        Socket identifier (spaces written as ``__``) to a socket, a `Formula` or a value.
+        Identifier or name of an input (with ``__`` for a space) and its socket, `Formula` or value.
     """
     node = tree.nodes.new(kind)
     for name, value in (settings or {}).items():
@@ -36,7 +36,7 @@ def new_node(
 
 
 def _input(node: bpy.types.Node, identifier: str) -> Socket:
-    # A node with several data types has one socket for each under the same name; only one of them is enabled.
+    # A node with several data types has one socket of the same name for each; only one of them is enabled.
     for socket in node.inputs:
         if socket.enabled and identifier in (socket.identifier, socket.name):
             return socket
@@ -44,7 +44,7 @@ def _input(node: bpy.types.Node, identifier: str) -> Socket:
 
 
 def connect(tree: bpy.types.NodeTree, target: Socket, value: Any) -> None:
-    """Link `target` to a socket or a `Formula`, or give it a value."""
+    """Link `target` to a socket or a `Formula`, or set its value."""
     if isinstance(value, Formula):
         value = value.value
     if isinstance(value, bpy.types.NodeSocket):
@@ -54,7 +54,7 @@ def connect(tree: bpy.types.NodeTree, target: Socket, value: Any) -> None:
 
 
 class Formula:
-    """A number in a node tree: a socket or a constant, with Python's operators."""
+    """A number in a node tree, a socket or a constant, that supports Python's operators."""
 
     def __init__(self, tree: bpy.types.NodeTree, value: Socket | float) -> None:
         self.tree = tree
@@ -89,32 +89,32 @@ class Formula:
     __rmul__ = __mul__
 
     def __lt__(self, other: Formula | float) -> Formula:
-        """1 where smaller, else 0."""
+        """Return 1 where smaller, else 0."""
         return self._math("LESS_THAN", self, other)
 
     def __gt__(self, other: Formula | float) -> Formula:
-        """1 where greater, else 0."""
+        """Return 1 where greater, else 0."""
         return self._math("GREATER_THAN", self, other)
 
     def maximum(self, other: Formula | float) -> Formula:
-        """The greater of the two."""
+        """Return the greater of the two."""
         return self._math("MAXIMUM", self, other)
 
     def minimum(self, other: Formula | float) -> Formula:
-        """The smaller of the two."""
+        """Return the smaller of the two."""
         return self._math("MINIMUM", self, other)
 
     def log(self) -> Formula:
-        """Natural logarithm."""
+        """Return the natural logarithm."""
         return self._math("LOGARITHM", self, 2.718281828459045)
 
     def sqrt(self) -> Formula:
-        """Square root; 0 for negative numbers."""
+        """Return the square root; 0 for negative numbers."""
         return self._math("SQRT", self)
 
 
 def named_attribute(tree: bpy.types.NodeTree, name: str, data_type: str) -> Socket:
-    """Return the values of an attribute; 0 where the geometry has none of this name."""
+    """Return the values of an attribute; 0 where the geometry has no attribute of this name."""
     node = new_node(tree, "GeometryNodeInputNamedAttribute", {"data_type": data_type}, Name=name)
     return node.outputs["Attribute"]
 

@@ -1,4 +1,4 @@
-"""The N-panel *Heritage*: the job, how the scene is shown, and error against run time."""
+"""The tab *Heritage* of the sidebar (N): the project, its running job, display options and training curve."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import bpy
 from . import job_runner, objects_panel
 from .cameras import current_photo
 from .curve import stored_curve
-from .layouts import draw_curve, draw_job, say
+from .layouts import draw_curve, draw_job, draw_text
+from .properties import HeritageScene
 
 __all__ = ["CLASSES"]
 
 
 class HERITAGE_PT_scene(bpy.types.Panel):
-    """The project, the job that works on it, and how it is shown."""
+    """The project, its running job and display options."""
 
     bl_label = "Gaussian Heritage"
     bl_idname = "HERITAGE_PT_scene"
@@ -25,24 +26,25 @@ class HERITAGE_PT_scene(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
-        layout, said = self.layout, context.scene.heritage
-        running = job_runner.current()
-        if running is not None and running[0].kind != "models":
-            draw_job(layout, *running)
+        layout = self.layout
+        properties: HeritageScene = context.scene.heritage
+        current = job_runner.current()
+        if current is not None and current[0].kind != "models":
+            draw_job(layout, *current)
         if job_runner.problem():
-            say(layout, job_runner.problem(), icon="ERROR")
+            draw_text(layout, job_runner.problem(), icon="ERROR")
         layout.operator("heritage.import_photo_folder", icon="IMAGE_DATA")
         layout.operator("heritage.open_project", icon="FILE_FOLDER")
-        if said.project:
-            layout.label(text=said.project)
-            layout.prop(said, "show", expand=True)
-            layout.prop(said, "blending")
+        if properties.project:
+            layout.label(text=properties.project)
+            layout.prop(properties, "show", expand=True)
+            layout.prop(properties, "blending")
             row = layout.row(align=True)
             row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
             row.operator("heritage.look_through_photo", text=current_photo(context.scene) or "Look Through Photo")
             row.operator("heritage.look_through_photo", text="", icon="TRIA_RIGHT").step = 1
             if context.scene.camera is not None and any(context.scene.camera.data.background_images):
-                layout.prop(said, "photo_opacity", slider=True)
+                layout.prop(properties, "photo_opacity", slider=True)
 
 
 class HERITAGE_PT_training(bpy.types.Panel):
@@ -57,7 +59,7 @@ class HERITAGE_PT_training(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where a training was measured."""
+        """Return whether the project has a training curve."""
         return bool(context.scene.heritage.project) and bool(stored_curve(Path(context.scene.heritage.project)))
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -1,4 +1,4 @@
-"""Small pictures for panels: files as they are now, and the curve of a training."""
+"""Preview images for panels: image files, reloaded when they change, and training curves."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .curve import Point, curve_picture
 __all__ = ["curve_icon", "picture_icon", "unregister"]
 
 _previews: bpy.utils.previews.ImagePreviewCollection | None = None
-_shown: dict[str, str] = {}
-"""Which preview stands for a file or curve: previews are told apart by content, so that a new one is drawn anew."""
+_preview_keys: dict[str, str] = {}
+"""Key of the current preview of each file or curve. Keys change with the content, so that changes are redrawn."""
 
 
 def picture_icon(file: Path) -> int:
-    """Return the icon of a picture file as it is now; 0 when it is not there, and in background mode."""
+    """Return the icon of an image file with its current content; 0 when the file is missing, and in background mode."""
     try:
         changed = file.stat().st_mtime_ns
     except OSError:
@@ -30,14 +30,14 @@ def picture_icon(file: Path) -> int:
 
 
 def curve_icon(subject: str, points: Sequence[Point]) -> int:
-    """Return the icon of error against run time; 0 when there is too little to draw, and in background mode.
+    """Return the icon of a training curve; 0 for fewer than two points, and in background mode.
 
     Parameters
     ----------
     subject : str
-        Whose curve: its earlier picture is let go.
+        Name of the curve. A new curve replaces the earlier one of the same name.
     points : sequence of (float, float)
-        Seconds and PSNR.
+        Seconds, and PSNR in dB.
     """
     key = f"curve of {subject} {hash(tuple(points))}"
     if _is_new(f"curve of {subject}", key):
@@ -58,20 +58,20 @@ def _collection() -> bpy.utils.previews.ImagePreviewCollection:
 
 
 def _is_new(subject: str, key: str) -> bool:
-    """Return whether there is no preview `key` yet; the one that stood for `subject` before goes."""
-    before = _shown.get(subject)
-    if before == key:
+    """Return whether the preview `key` must be created, and remove an outdated one of the same `subject`."""
+    earlier_key = _preview_keys.get(subject)
+    if earlier_key == key:
         return False
-    if before is not None:
-        del _collection()[before]
-    _shown[subject] = key
+    if earlier_key is not None:
+        del _collection()[earlier_key]
+    _preview_keys[subject] = key
     return True
 
 
 def unregister() -> None:
-    """Let all pictures go."""
+    """Remove all previews."""
     global _previews
     if _previews is not None:
         bpy.utils.previews.remove(_previews)
     _previews = None
-    _shown.clear()
+    _preview_keys.clear()

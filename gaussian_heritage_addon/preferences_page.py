@@ -1,44 +1,57 @@
-"""The add-on's page in the preferences: the engine's Python, and the model files with who may use them."""
+"""The add-on's page in the preferences: the engine's Python, and the model files with their licences."""
 
 from __future__ import annotations
 
 import json
+from typing import Annotated
 
 import bpy
+from bpy.props import EnumProperty, StringProperty
 
 from ..engine.masks.settings import SAM_MODELS
 from . import job_runner
-from .layouts import draw_job, say
+from .layouts import draw_job, draw_text
 from .model_files import Model, States, list_models
 from .preferences import BASE_PACKAGE
+from .typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
-_ICONS = {"THERE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}
+_ICONS = {"AVAILABLE": "CHECKMARK", "PROBLEM": "ERROR", "UNKNOWN": "QUESTION"}
 
 
+@blender_properties
 class HeritagePreferences(bpy.types.AddonPreferences):
-    """Which Python runs the engine, and which models it has."""
+    """Preferences of the add-on."""
 
     bl_idname = BASE_PACKAGE
 
-    engine_python: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Engine Python",
-        description="Python of the engine's environment; empty: the one in GAUSSIAN_HERITAGE_PYTHON or .venv/engine",
-        subtype="FILE_PATH",
-    )
-    check_result: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    model_folder: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Offline Folder",
-        description="Folder with model files a colleague downloaded; empty: they are fetched from the network",
-        subtype="DIR_PATH",
-    )
-    sam: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Segment Anything",
-        description="Which model cuts out what is clicked or named; all but the first must be fetched",
-        items=[(name, name, "") for name in SAM_MODELS],
-    )
-    model_states: bpy.props.StringProperty(options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+    engine_python: Annotated[
+        str,
+        StringProperty(
+            name="Engine Python",
+            description="Python of the engine's environment; empty: use GAUSSIAN_HERITAGE_PYTHON or .venv/engine",
+            subtype="FILE_PATH",
+        ),
+    ]
+    check_result: Annotated[str, StringProperty(options={"SKIP_SAVE"})]
+    model_folder: Annotated[
+        str,
+        StringProperty(
+            name="Offline Folder",
+            description="Folder with model files that you already have; empty: download them",
+            subtype="DIR_PATH",
+        ),
+    ]
+    sam: Annotated[
+        str,
+        EnumProperty(
+            name="Segment Anything",
+            description="Model that outlines objects in the photos; all except the first must be fetched before use",
+            items=[(name, name, "") for name in SAM_MODELS],
+        ),
+    ]
+    model_states: Annotated[str, StringProperty(options={"SKIP_SAVE", "HIDDEN"})]
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the preferences."""
@@ -52,10 +65,10 @@ class HeritagePreferences(bpy.types.AddonPreferences):
         row.label(text="Models")
         row.operator("heritage.check_models", text="List").verify = False
         row.operator("heritage.check_models", text="Verify").verify = True
-        running = job_runner.current()
-        if running is not None and running[0].kind == "models" and not running[1].finished:
-            # What a finished one found stands at each model below.
-            draw_job(layout, *running)
+        current = job_runner.current()
+        if current is not None and current[0].kind == "models" and not current[1].finished:
+            # The results of a finished job are shown with each model below.
+            draw_job(layout, *current)
         layout.prop(self, "sam")
         layout.prop(self, "model_folder")
         states: States = json.loads(self.model_states) if self.model_states else {}
@@ -67,12 +80,12 @@ def _draw_model(box: bpy.types.UILayout, model: Model, states: States) -> None:
     state, problem = model.state(states)
     row = box.row()
     row.label(text=model.title, icon=_ICONS[state])
-    if state != "THERE":
+    if state != "AVAILABLE":
         row.operator("heritage.fetch_model", text="Fetch ...").name = model.name
     for line in model.terms:
-        say(box, line)
+        draw_text(box, line)
     if problem:
-        say(box, problem, icon="INFO")
+        draw_text(box, problem, icon="INFO")
 
 
 CLASSES = [HeritagePreferences]

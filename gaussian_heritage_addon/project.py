@@ -1,4 +1,4 @@
-"""What Blender reads of a project folder. No bpy."""
+"""Reads a project folder for Blender: scene, objects, memberships and cameras. Does not import bpy."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class ProjectObject:
     Attributes
     ----------
     id, name : str
-        Folder name, and what the person called it.
+        Folder name, and the user's name for the object.
     prompt : str
-        What was asked for, in words.
+        Text of the prompt, or a description of it.
     score, threshold : float
-        Confidence, and the membership from which a Gaussian belongs to the object.
+        Confidence, and the smallest membership of a Gaussian that belongs to the object.
     kind : str
-        How it was asked for: ``"text"``, ``"click"``, ``"all"``, ``"background"``...
+        Kind of prompt: ``"text"``, ``"click"``, ``"all"``, ``"background"``...
     level, n_levels : int
-        Which of the nested levels, part to whole, ``membership.npy`` holds, and how many there are; at least 1.
+        Level that ``membership.npy`` contains (0 is the smallest part), and number of nested levels, at least 1.
     """
 
     id: str
@@ -53,36 +53,36 @@ class ProjectObject:
 
 
 def default_project_folder(photos: Path) -> Path:
-    """Return the project folder beside a photo folder: ``<name>_heritage``."""
+    """Return the default project folder, next to the photo folder: ``<name>_heritage``."""
     return photos.with_name(f"{photos.name}_heritage")
 
 
 def scene_file(project: Path) -> Path:
-    """Return the project's scene.
+    """Return the file of the project's scene.
 
     Raises
     ------
     ProjectError
-        When `project` holds no finished scene.
+        When `project` contains no finished scene.
     """
     file = project / "gaussians" / "scene.ply"
     if not file.is_file():
         raise ProjectError(
-            f"{project} holds no finished scene (no gaussians/scene.ply). Import its photo folder first."
+            f"{project} contains no finished scene (gaussians/scene.ply is missing). Import its photo folder first."
         )
     return file
 
 
 def list_objects(project: Path) -> list[ProjectObject]:
-    """Return the project's objects by name.
+    """Return the objects of the project, sorted by name.
 
     Raises
     ------
     FormatError
         When an ``object.json`` cannot be read.
     """
-    found = [_read_object(file) for file in (project / "objects").glob("*/object.json")]
-    return sorted(found, key=lambda item: (item.name.casefold(), item.id))
+    objects = [_read_object(file) for file in (project / "objects").glob("*/object.json")]
+    return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
 def _read_object(file: Path) -> ProjectObject:
@@ -92,7 +92,7 @@ def _read_object(file: Path) -> ProjectObject:
         return ProjectObject(
             id=file.parent.name,
             name=str(data["name"]),
-            prompt=_in_words(prompt),
+            prompt=_prompt_text(prompt),
             score=float(data.get("score", 0.0)),
             threshold=float(data["threshold"]),
             kind=str(prompt.get("kind", "")) if isinstance(prompt, dict) else "",
@@ -105,7 +105,7 @@ def _read_object(file: Path) -> ProjectObject:
         ) from error
 
 
-def _in_words(prompt: Any) -> str:
+def _prompt_text(prompt: Any) -> str:
     if not isinstance(prompt, dict):
         return str(prompt)
     if prompt.get("text"):
@@ -126,7 +126,7 @@ def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.flo
     Raises
     ------
     FormatError
-        When it cannot be read, or belongs to another scene.
+        When the file cannot be read, or belongs to another scene.
     """
     membership = _load(project, object_id, "membership.npy")
     _require_count(project, object_id, membership.shape, count)
@@ -134,18 +134,18 @@ def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.flo
 
 
 def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray[np.float32]:
-    """Return the membership in an object at one of its levels, shape [count], float32; reads no other level.
+    """Return the membership in an object at one of its levels, shape [count], float32, without reading other levels.
 
     Raises
     ------
     FormatError
-        When it cannot be read, belongs to another scene, or has no such level.
+        When the file cannot be read, belongs to another scene, or has no such level.
     """
     levels = _load(project, object_id, "levels.npy")
     _require_count(project, object_id, levels.shape[1:], count)
     if not 0 <= level < len(levels):
         raise FormatError(
-            f"The object {object_id} of {project} has {len(levels)} levels now, not {level + 1}. "
+            f"The object {object_id} of {project} has only {len(levels)} levels now; level {level + 1} is missing. "
             "Open the project again."
         )
     return np.array(levels[level], np.float32)
@@ -154,8 +154,8 @@ def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray
 def _load(project: Path, object_id: str, name: str) -> NDArray[np.floating[Any]]:
     file = project / "objects" / object_id / name
     try:
-        # Mapped: the slider wants one level of several.
-        return np.load(file, mmap_mode="r", allow_pickle=False)  # type: ignore[no-any-return]
+        # Memory-mapped: the slider needs only one of several levels.
+        return np.load(file, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
 
@@ -163,20 +163,20 @@ def _load(project: Path, object_id: str, name: str) -> NDArray[np.floating[Any]]
 def _require_count(project: Path, object_id: str, shape: tuple[int, ...], count: int) -> None:
     if shape != (count,):
         raise FormatError(
-            f"The object {object_id} of {project} belongs to another state of the scene "
+            f"The object {object_id} of {project} belongs to another version of the scene "
             f"({'x'.join(map(str, shape))} Gaussians, not {count}). Isolate it again."
         )
 
 
 def photo_camera(project: Path, photo: str) -> Camera:
-    """Return the camera of a photo with its lens distortion.
+    """Return the camera of a photo, with its lens distortion.
 
     Raises
     ------
     FormatError
         When the project's cameras cannot be read.
     CameraError
-        When the photo has none.
+        When the photo has no camera.
     """
     for camera in read_camera_set(project / "cameras").cameras:
         if camera.photo == photo:

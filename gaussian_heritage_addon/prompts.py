@@ -1,4 +1,4 @@
-"""What a curator asks for, as arguments of ``python -m engine segment``; and clicks while they are gathered. No bpy."""
+"""Prompts as arguments of ``python -m engine segment``, and the clicks of a click session. Does not import bpy."""
 
 from __future__ import annotations
 
@@ -9,21 +9,29 @@ from typing import Literal
 
 from ..engine.errors import PromptError
 
-__all__ = ["Answer", "Click", "ClickSession", "click_arguments", "refine_arguments", "split_texts", "text_arguments"]
+__all__ = [
+    "Click",
+    "ClickSession",
+    "EventResult",
+    "click_arguments",
+    "refine_arguments",
+    "split_texts",
+    "text_arguments",
+]
 
 
 @dataclass(frozen=True)
 class Click:
-    """A pixel of a photo.
+    """A clicked pixel of a photo.
 
     Attributes
     ----------
     photo : str
-        Its name.
+        Name of the photo.
     x, y : float
-        Pixels from its top left corner, after EXIF rotation.
+        Pixels from the top left corner, after EXIF rotation.
     wanted : bool
-        True where the object lies; False for what is not part of it.
+        True if the pixel is part of the object, False if it is not.
     """
 
     photo: str
@@ -47,105 +55,105 @@ def text_arguments(prompt: str, name: str = "") -> list[str]:
     Raises
     ------
     PromptError
-        When nothing is asked for, or one name is given to several things.
+        When the prompt is empty, or one name is given to several objects.
     """
     texts = split_texts(prompt)
     if not texts:
-        raise PromptError("Say what to isolate: a prompt in words, or a photo with a pixel in it.")
+        raise PromptError("Enter what to isolate: a prompt in words, or clicks on a photo.")
     if name and len(texts) > 1:
-        raise PromptError(f"{len(texts)} things cannot all be called {name!r}. Leave the name empty.")
+        raise PromptError(f"{len(texts)} objects cannot have the same name {name!r}. Leave the name empty.")
     return ["--prompt", ";".join(texts), *(["--name", name] if name else [])]
 
 
 def click_arguments(clicks: Sequence[Click], name: str = "") -> list[str]:
-    """Return the engine's arguments for one object that all `clicks` are about.
+    """Return the engine's arguments for one object from `clicks`.
 
     Raises
     ------
     PromptError
-        When no click says where it is.
+        When no click is on the object.
     """
     if not any(click.wanted for click in clicks):
-        raise PromptError("Click the object at least once; Shift-clicks only say what is not part of it.")
-    return [*(word for click in clicks for word in click.arguments()), *(["--name", name] if name else [])]
+        raise PromptError("Click the object at least once. Shift-clicks only mark what is not part of it.")
+    return [*(argument for click in clicks for argument in click.arguments()), *(["--name", name] if name else [])]
 
 
 def refine_arguments(object_id: str, clicks: Sequence[Click] = (), level: int | None = None) -> list[str]:
-    """Return the engine's arguments that correct an object, or keep another of its levels.
+    """Return the engine's arguments that correct an object by `clicks`, or store another of its levels.
 
     Raises
     ------
     PromptError
-        When nothing would change.
+        When neither clicks nor a level are given.
     """
     if not clicks and level is None:
-        raise PromptError("Click what belongs to the object or, with Shift, what does not.")
-    arguments = ["--refine", object_id, *(word for click in clicks for word in click.arguments())]
+        raise PromptError("Click what belongs to the object, or Shift-click what does not.")
+    arguments = ["--refine", object_id, *(argument for click in clicks for argument in click.arguments())]
     return arguments if level is None else [*arguments, "--level", str(level)]
 
 
-class Answer(Enum):
-    """What becomes of an event of the window."""
+class EventResult(Enum):
+    """Effect of a window event on a click session."""
 
-    LEAVE = "not ours: Blender handles it"
-    TAKEN = "a click was added or taken back, or there is nothing to do"
-    OTHER_PHOTO = "the photo changes by `ClickSession.step`"
-    DONE = "the clicks are complete"
-    STOPPED = "the person changed their mind"
+    IGNORED = "Blender handles the event"
+    HANDLED = "a click was added or removed"
+    CHANGE_PHOTO = "move on by `ClickSession.step` photos"
+    CONFIRMED = "the clicks are complete"
+    CANCELLED = "the user cancelled the session"
 
 
-_DONE_KEYS = {"RET", "NUMPAD_ENTER"}
-_STOP_KEYS = {"ESC", "RIGHTMOUSE"}
-_BACK_KEYS = {"BACK_SPACE", "DEL"}
+_CONFIRM_KEYS = {"RET", "NUMPAD_ENTER"}
+_CANCEL_KEYS = {"ESC", "RIGHTMOUSE"}
+_UNDO_KEYS = {"BACK_SPACE", "DEL"}
 _PHOTO_KEYS: dict[str, Literal[-1, 1]] = {"LEFT_ARROW": -1, "RIGHT_ARROW": 1}
 
 
 @dataclass
 class ClickSession:
-    """Clicks on photos, gathered until Enter.
+    """Clicks on photos, collected until Enter is pressed.
 
     Attributes
     ----------
     clicks : list of Click
     step : int
-        Where `Answer.OTHER_PHOTO` goes: -1 or 1.
+        Direction of `EventResult.CHANGE_PHOTO`: -1 or 1.
     """
 
     clicks: list[Click] = field(default_factory=list)
     step: int = 1
 
-    def handle(self, key: str, *, pressed: bool, negative: bool, click: Callable[[bool], Click]) -> Answer:
-        """Take one event of the window.
+    def handle(self, key: str, *, pressed: bool, negative: bool, click: Callable[[bool], Click]) -> EventResult:
+        """Handle one window event.
 
         Parameters
         ----------
         key : str
             Blender's ``Event.type``.
         pressed : bool
-            Of a key or button that goes down.
+            Whether the key or button is pressed, not released.
         negative : bool
-            Shift or Ctrl is held.
+            Whether Shift or Ctrl is held.
         click : callable
-            Gives the `Click` under the mouse, for its `wanted`; may raise a `HeritageError`.
+            Returns the `Click` under the mouse, given its `wanted`. May raise a `HeritageError`.
         """
         if not pressed:
-            return Answer.LEAVE
+            return EventResult.IGNORED
         if key == "LEFTMOUSE":
             self.clicks.append(click(not negative))
-        elif key in _BACK_KEYS:
+        elif key in _UNDO_KEYS:
             del self.clicks[-1:]
-        elif key in _DONE_KEYS:
-            return Answer.DONE
-        elif key in _STOP_KEYS:
-            return Answer.STOPPED
+        elif key in _CONFIRM_KEYS:
+            return EventResult.CONFIRMED
+        elif key in _CANCEL_KEYS:
+            return EventResult.CANCELLED
         elif key in _PHOTO_KEYS:
             self.step = _PHOTO_KEYS[key]
-            return Answer.OTHER_PHOTO
+            return EventResult.CHANGE_PHOTO
         else:
-            return Answer.LEAVE
-        return Answer.TAKEN
+            return EventResult.IGNORED
+        return EventResult.HANDLED
 
-    def line(self) -> str:
-        """Return how many clicks there are, for a person."""
-        wanted = sum(click.wanted for click in self.clicks)
-        return f"{wanted} on the object, {len(self.clicks) - wanted} beside it"
+    def summary(self) -> str:
+        """Return the number of clicks as text."""
+        positive = sum(click.wanted for click in self.clicks)
+        return f"{positive} on the object, {len(self.clicks) - positive} beside it"

@@ -1,4 +1,4 @@
-"""A project folder as a Blender scene: the splats, the cameras, and a collection for each object."""
+"""Imports a project folder into a Blender scene: the splats, the cameras, and a collection for each object."""
 
 from __future__ import annotations
 
@@ -14,15 +14,19 @@ from ..engine.records import load_record
 from ..engine.scene import Gaussians, load_polished, read_camera_set
 from .cameras import add_cameras, look_through
 from .project import ProjectObject, list_objects, load_level, load_membership, scene_file
-from .properties import apply_blending, heritage_objects, show_parts
+from .properties import COUNT_KEY, HeritageObject, apply_blending, apply_visibility, heritage_objects
 from .splats import SplatScene
 
 __all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
 
-_LONGEST_SIDE = 1280
-"""Of a first render: a photo's own size would take Cycles long."""
-_LOOSEST = 0.05
-"""Lowest membership whose Gaussians are copied: the slider goes no further down."""
+_INITIAL_RENDER_SIDE = 1280
+"""Longest side of renders in pixels, as set on import. Cycles is slow at the full size of a photo."""
+_MIN_COPIED_MEMBERSHIP = 0.05
+"""Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
+
+Setting the threshold below it shows no more Gaussians."""
+_OBJECT_ID_KEY = "heritage_object_id"
+"""Custom property of an object's own collection: the id of the object."""
 
 
 def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken: bool = False) -> SplatScene:
@@ -30,39 +34,39 @@ def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken
     gaussians = read_ply(file, skip_broken=skip_broken)
     splats = SplatScene.create(name, gaussians, scene.collection)
     splats.object.heritage.role = "SCENE"
-    # The mesh may be edited; memberships belong to the scene as it was read.
-    splats.object["heritage_count"] = len(gaussians)
+    splats.object[COUNT_KEY] = len(gaussians)
     apply_blending(scene)
-    show_parts(scene)
+    apply_visibility(scene)
     return splats
 
 
 def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = True) -> SplatScene:
-    """Bring the project folder into `scene`: splats, cameras, and its objects.
+    """Import a project folder into `scene`: splats, cameras and objects.
 
     Parameters
     ----------
     scene : Scene
     project : Path
     with_cameras : bool
-        Add the cameras of the photos; the first becomes the scene's when it has none.
+        Add the cameras of the photos. The first becomes the scene camera if there is none.
 
     Returns
     -------
     SplatScene
-        The whole scene, blended as trained when these are the first splats here.
+        The whole scene. Blending is set to ``"TRAINED"`` if the Blender scene had no splats.
 
     Raises
     ------
     HeritageError
-        When the project has no finished scene, or a file of it cannot be read.
+        When the project has no finished scene, or one of its files cannot be read.
     """
     file = scene_file(project)
     objects = list_objects(project)
-    camera_file = project / "cameras"
-    camera_set = read_camera_set(camera_file) if with_cameras and (camera_file / "cameras.json").is_file() else None
+    camera_folder = project / "cameras"
+    has_cameras = (camera_folder / "cameras.json").is_file()
+    camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
     if not heritage_objects(scene):
-        # Else the person has chosen already.
+        # With splats in the scene, the setting is the user's choice.
         scene.heritage.blending = "TRAINED"
     splats = add_splat_file(scene, file, _title(project))
     splats.object.heritage.project = str(project)
@@ -72,7 +76,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         add_cameras(camera_set.cameras, collection)
         collection.hide_viewport = True
         if scene.camera is None and camera_set.cameras:
-            look_through(scene, "", _LONGEST_SIDE)
+            look_through(scene, "", _INITIAL_RENDER_SIDE)
     prepare_cycles(scene)
     add_objects(scene, project, [item.id for item in objects])
     return splats
@@ -89,120 +93,122 @@ def _new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collec
 
 
 def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> list[SplatScene]:
-    """Give each object of the project in `ids` a collection with its own splats; those in the scene are made anew.
+    """Add or update the objects `ids` of the project. Each has a collection with its own splats.
 
     Returns
     -------
     list of SplatScene
-        By name. One that was in the scene keeps its object, with name, collection, placement, threshold and record.
+        Sorted by name. An updated object keeps its name, collection, placement, threshold and record.
 
     Raises
     ------
     HeritageError
-        When a file of the project cannot be read, or such an object is in Edit Mode.
+        When a file of the project cannot be read, or an object to update is in Edit Mode.
 
     Notes
     -----
-    The rows are copied once from the scene's splats, as many as any level needs; the sliders then only change which of
-    them are drawn and exported. What the engine has polished, the object at its stored level and threshold, comes in
-    its polished form, but for what was moved by hand; what the sliders add comes as it is in the scene, edits included.
+    Each object gets a copy of all Gaussians of the scene that any of its levels needs. The sliders then only change
+    which of them are drawn and exported. Gaussians that the engine has polished, those of the object at its stored
+    level and threshold, are imported in their polished form, except where they were moved by hand. All others are
+    copied from the scene with its edits.
     """
-    present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _of(obj, project)}
-    chosen = set(ids)
-    wanted = [item for item in list_objects(project) if item.id in chosen]
-    if not wanted:
+    present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _belongs_to(obj, project)}
+    id_set = set(ids)
+    items = [item for item in list_objects(project) if item.id in id_set]
+    if not items:
         return []
     whole = whole_scene(scene, project)
     if whole is None:
         whole = add_splat_file(scene, scene_file(project), _title(project)).object
         whole.heritage.project = str(project)
-    made = [
+    splats = [
         _update_object(present[item.id], project, item, whole)
         if item.id in present
         else _add_object(scene, project, item, whole)
-        for item in wanted
+        for item in items
     ]
     apply_blending(scene)
-    show_parts(scene)
-    return made
+    apply_visibility(scene)
+    return splats
 
 
 def whole_scene(scene: bpy.types.Scene, project: Path) -> bpy.types.Object | None:
-    """Return the splats of the whole scene of `project`; None when they were deleted or never imported."""
-    return next((obj for obj in heritage_objects(scene, "SCENE") if _of(obj, project)), None)
+    """Return the splats of the whole scene of `project`; None when they were deleted or not imported."""
+    return next((obj for obj in heritage_objects(scene, "SCENE") if _belongs_to(obj, project)), None)
 
 
-def _of(obj: bpy.types.Object, project: Path) -> bool:
+def _belongs_to(obj: bpy.types.Object, project: Path) -> bool:
     return Path(obj.heritage.project) == project
 
 
-def _rows_of(
+def _object_gaussians(
     project: Path, item: ProjectObject, whole: bpy.types.Object
 ) -> tuple[Gaussians, NDArray[np.int32], NDArray[np.float32]]:
-    """Return the object's Gaussians, their rows in the project's scene, and their membership at its level."""
-    source, count = SplatScene.of(whole), whole["heritage_count"]
+    """Return the Gaussians of an object, their rows in the project's scene, and their memberships at its level."""
+    source, count = SplatScene.of(whole), whole[COUNT_KEY]
     index = source.index
     membership = load_membership(project, item.id, count)
-    loosest = membership
+    highest_membership = membership
     if item.n_levels > 1:
         levels = [load_level(project, item.id, level, count) for level in range(item.n_levels)]
-        loosest = np.max([membership, *levels], axis=0)
-    # Hand-made Gaussians (-1) belong to no object.
-    kept = (index >= 0) & (loosest[index] >= min(_LOOSEST, item.threshold))
+        highest_membership = np.max([membership, *levels], axis=0)
+    # Gaussians added by hand (-1) belong to no object.
+    kept = (index >= 0) & (highest_membership[index] >= min(_MIN_COPIED_MEMBERSHIP, item.threshold))
     rows = index[kept]
     gaussians, polished = source.local_gaussians()[kept], load_polished(project, item.id)
     return gaussians if polished is None else polished.with_polished(gaussians, rows), rows, membership[rows]
 
 
 def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
-    gaussians, index, membership = _rows_of(project, item, whole)
+    gaussians, index, membership = _object_gaussians(project, item, whole)
     collection = _new_collection(scene.collection, item.name)
     splats = SplatScene.create(item.name, gaussians, collection, index=index, membership=membership)
     obj = splats.object
     obj.matrix_world = whole.matrix_world
-    said, record = obj.heritage, load_record(project, item.id)
-    said.is_loading = True
-    said.role, said.project, said.object_id, said.threshold = "OBJECT", str(project), item.id, item.threshold
+    properties: HeritageObject = obj.heritage
+    record = load_record(project, item.id)
+    properties.is_loading = True
+    properties.role, properties.project, properties.object_id = "OBJECT", str(project), item.id
+    properties.threshold = item.threshold
     for name, value in record.as_dict().items():
-        setattr(said, name, value)
-    said.is_loading = False
-    collection["heritage_object_id"] = item.id
-    _tell_of(obj, item, whole)
+        setattr(properties, name, value)
+    properties.is_loading = False
+    collection[_OBJECT_ID_KEY] = item.id
+    _write_object_properties(obj, item, whole)
     return splats
 
 
 def _update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
     splats = SplatScene.of(obj)
-    gaussians, index, membership = _rows_of(project, item, whole)
+    gaussians, index, membership = _object_gaussians(project, item, whole)
     splats.replace(gaussians, index=index, membership=membership)
-    _tell_of(obj, item, whole)
+    _write_object_properties(obj, item, whole)
     return splats
 
 
-def _tell_of(obj: bpy.types.Object, item: ProjectObject, whole: bpy.types.Object) -> None:
-    """Write what the project knows of an object onto it and its collection."""
-    said = obj.heritage
-    said.is_loading = True
-    said.prompt, said.score, said.kind = item.prompt, item.score, item.kind
-    said.n_levels, said.level, said.stored_level = item.n_levels, item.level, item.level
-    said.problem = ""
-    said.is_loading = False
-    obj["heritage_count"] = whole["heritage_count"]
+def _write_object_properties(obj: bpy.types.Object, item: ProjectObject, whole: bpy.types.Object) -> None:
+    """Copy the description of an object in the project to its Blender object and collection."""
+    properties: HeritageObject = obj.heritage
+    properties.is_loading = True
+    properties.prompt, properties.score, properties.kind = item.prompt, item.score, item.kind
+    properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
+    properties.problem = ""
+    properties.is_loading = False
+    obj[COUNT_KEY] = whole[COUNT_KEY]
     for collection in obj.users_collection:
-        # Others that the person put it into are theirs.
-        if collection.get("heritage_object_id") == item.id:
+        # Not the collections that the user added the object to.
+        if collection.get(_OBJECT_ID_KEY) == item.id:
             collection["heritage_prompt"] = item.prompt
             collection["heritage_score"] = item.score
 
 
 def prepare_cycles(scene: bpy.types.Scene) -> None:
-    """Set Cycles so that it draws splats as the engine does: one ray through the middle of each pixel.
+    """Set up Cycles to draw splats as the engine does, with one ray through the centre of each pixel.
 
     Notes
     -----
-    Splats need no more samples; raise them (and the filter's width) when other objects join the scene. A ray ends after
-    256 Gaussians: on a real scene (90,000 Gaussians) that changes a pixel by 10/255 at most and by 0.004/255 on average
-    against 1,024, in 40 % of the time. Letting Cycles end faint rays by chance earlier leaves white specks.
+    Splats need one sample; other objects in the scene need more, and a wider pixel filter. A ray ends after 256
+    Gaussians. Cycles must not end rays at random earlier: that leaves white specks. See docs/design_notes/blender.md.
     """
     scene.render.engine = "CYCLES"
     cycles = scene.cycles

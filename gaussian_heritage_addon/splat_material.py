@@ -1,28 +1,28 @@
-"""The materials that draw one Gaussian on its shape."""
+"""The two materials that draw a Gaussian: one for cards, one for ellipsoids."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..engine.rasterizer.settings import ALPHA_MAX, ALPHA_MIN
 from .node_math import Formula, connect, new_node, vector
 
 __all__ = ["COLOR_ATTRIBUTE", "splat_material"]
 
 COLOR_ATTRIBUTE = "heritage_color"
-"""Colour and opacity of an instance, computed by the node group."""
-_MOST = 0.99
-"""Alpha is clamped to this, as in the engine (`ALPHA_MAX`)."""
+"""Attribute with the colour and opacity of an instance, computed by the node group."""
 
 
 def splat_material(*, flat: bool) -> bpy.types.Material:
-    """Return the material for cards (`flat`) or ellipsoids, built when the file has none yet.
+    """Return the material for cards (`flat`) or ellipsoids. It is created when the file does not contain it yet.
 
     Notes
     -----
-    With opacity ``a`` and the cut-off where the density falls to 1/255, the density at the fraction ``r`` of the way
-    from the centre to the cut-off is ``a (255 a)^(-r^2)``. In object space the cut-off has radius 1: on a card ``r`` is
-    the distance from its middle; a ray through point ``o`` of an ellipsoid with unit direction ``d`` passes the centre
-    at ``r = |o x d|``, without the loss of digits of ``|o|^2 - (o.d)^2``. An ellipsoid is drawn once, on its front.
+    A Gaussian of opacity ``a`` is cut off where its density falls to 1/255 (`ALPHA_MIN`). At the fraction ``r`` of the
+    distance from its centre to the cut-off, the density is ``a (255 a)^(-r^2)``. In object space the cut-off has radius
+    1. On a card, ``r`` is the distance from the centre. For an ellipsoid, ``r = |o x d|`` is the distance between the
+    centre and the ray through point ``o`` with unit direction ``d``; ``|o|^2 - (o.d)^2`` would lose digits. Only the
+    front of an ellipsoid is drawn.
     """
     name = "Gaussian Splat Card" if flat else "Gaussian Splat Ellipsoid"
     material = bpy.data.materials.get(name)
@@ -31,20 +31,20 @@ def splat_material(*, flat: bool) -> bpy.types.Material:
     material = bpy.data.materials.new(name)
     if bpy.app.version < (5, 0, 0):
         material.use_nodes = True
-    # Otherwise Cycles would treat every Gaussian as a lamp and build a light tree of them.
+    # Otherwise Cycles would treat every Gaussian as a lamp and build a light tree from them.
     material.cycles.emission_sampling = "NONE"
     material.surface_render_method = "BLENDED"
     tree = material.node_tree
     tree.nodes.clear()
     instance = new_node(tree, "ShaderNodeAttribute", {"attribute_type": "INSTANCER", "attribute_name": COLOR_ATTRIBUTE})
     opacity = Formula(tree, instance.outputs["Alpha"])
-    radius, visible = _on_card(tree) if flat else _through_ellipsoid(tree)
+    radius, visible = _on_card(tree) if flat else _in_ellipsoid(tree)
     squared = radius * radius
-    density = opacity * (opacity * 255.0) ** -squared * (squared < 1.0) * visible
+    density = opacity * (opacity * (1.0 / ALPHA_MIN)) ** -squared * (squared < 1.0) * visible
     emission = new_node(tree, "ShaderNodeEmission", Color=instance.outputs["Color"])
     clear = new_node(tree, "ShaderNodeBsdfTransparent")
     mix = tree.nodes.new("ShaderNodeMixShader")
-    connect(tree, mix.inputs[0], density.minimum(_MOST))
+    connect(tree, mix.inputs[0], density.minimum(ALPHA_MAX))
     tree.links.new(clear.outputs[0], mix.inputs[1])
     tree.links.new(emission.outputs[0], mix.inputs[2])
     output = tree.nodes.new("ShaderNodeOutputMaterial")
@@ -53,11 +53,13 @@ def splat_material(*, flat: bool) -> bpy.types.Material:
 
 
 def _on_card(tree: bpy.types.NodeTree) -> tuple[Formula, float]:
+    """Return `r`, and 1 where the shape is drawn."""
     point = tree.nodes.new("ShaderNodeTexCoord").outputs["Object"]
     return Formula(tree, vector(tree, "LENGTH", point, output="Value")), 1.0
 
 
-def _through_ellipsoid(tree: bpy.types.NodeTree) -> tuple[Formula, Formula]:
+def _in_ellipsoid(tree: bpy.types.NodeTree) -> tuple[Formula, Formula]:
+    """Return `r`, and 1 where the shape is drawn."""
     point = tree.nodes.new("ShaderNodeTexCoord").outputs["Object"]
     geometry = tree.nodes.new("ShaderNodeNewGeometry")
     towards_camera = new_node(
@@ -67,5 +69,5 @@ def _through_ellipsoid(tree: bpy.types.NodeTree) -> tuple[Formula, Formula]:
         Vector=geometry.outputs["Incoming"],
     )
     direction = vector(tree, "NORMALIZE", towards_camera.outputs["Vector"])
-    passing = vector(tree, "LENGTH", vector(tree, "CROSS_PRODUCT", point, direction), output="Value")
-    return Formula(tree, passing), Formula(tree, geometry.outputs["Backfacing"]) < 0.5
+    distance = vector(tree, "LENGTH", vector(tree, "CROSS_PRODUCT", point, direction), output="Value")
+    return Formula(tree, distance), Formula(tree, geometry.outputs["Backfacing"]) < 0.5

@@ -1,4 +1,4 @@
-"""The geometry nodes that draw a mesh of Gaussians: a shape for each, coloured as the active camera sees it."""
+"""The geometry nodes that draw a mesh of Gaussians: one shape per Gaussian, coloured as seen by the active camera."""
 
 from __future__ import annotations
 
@@ -6,33 +6,35 @@ from typing import Any
 
 import bpy
 
+from ..engine.rasterizer.settings import ALPHA_MIN
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, separate_xyz, vector
 from .splat_material import COLOR_ATTRIBUTE
-from .splat_shapes import Cut, View, add_cards, add_ellipsoids
+from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids
 
 __all__ = ["DISPLAY", "AS_TRAINED", "PIXEL", "THRESHOLD", "VIEW_HIGH", "VIEW_LOW", "add_display", "set_display_input"]
 
 DISPLAY = "Gaussian Splats"
-"""Name of the modifier."""
+"""Name of the modifier, and prefix of the names of its node groups."""
 THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
 PIXEL = "Pixel Size"
 VIEW_LOW, VIEW_HIGH = "View Low", "View High"
+"""Inputs of the modifier, see `_display_group`."""
 _SH_C0 = 0.28209479177387814
 
 
 def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
-    """Add the modifier that draws `obj`, a mesh with the attributes of `splats`."""
+    """Add the modifier that draws `obj`, a mesh with the attributes described in `splats`."""
     modifier = obj.modifiers.new(DISPLAY, "NODES")
     modifier.node_group = _display_group(sh_degree)
 
 
 def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
-    """Set an input of the display modifier of `obj`; nothing when the person removed it."""
+    """Set an input of the display modifier of `obj`; do nothing when the user has removed the modifier."""
     modifier = obj.modifiers.get(DISPLAY)
     if modifier is None or modifier.node_group is None:
         return
-    identifier = next(i.identifier for i in modifier.node_group.interface.items_tree if i.name == name)
+    identifier = next(item.identifier for item in modifier.node_group.interface.items_tree if item.name == name)
     if bpy.app.version >= (5, 2, 0):
         getattr(modifier.properties.inputs, identifier).value = value
     else:
@@ -50,59 +52,61 @@ def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     for in_out in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
     threshold = tree.interface.new_socket(THRESHOLD, in_out="INPUT", socket_type="NodeSocketFloat")
-    threshold.description = "Gaussians whose membership in the object is lower are left out"
+    threshold.description = "Gaussians with a lower membership in the object are hidden"
     trained = tree.interface.new_socket(AS_TRAINED, in_out="INPUT", socket_type="NodeSocketBool")
-    trained.description = "Blend sRGB values, as the scene was trained; needs the view transform Raw"
+    trained.description = "Blend sRGB values, as in training; needs the view transform Raw"
     pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type="NodeSocketFloat")
-    pixel.description = "Of a pixel at distance 1: renders are widened by as much as in training; 0 for not at all"
+    pixel.description = "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
     for bound, sign in ((VIEW_LOW, -1.0), (VIEW_HIGH, 1.0)):
         socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type="NodeSocketVector")
-        socket.description = "Right and up over depth: Gaussians beyond are shaped as if there; the picture's border"
+        socket.description = (
+            "Bound of x and y divided by depth; Gaussians beyond it are projected as if they were on it"
+        )
         socket.default_value = (sign, sign, 0.0)
     _build(tree, sh_degree)
     return tree
 
 
 def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
-    given = tree.nodes.new("NodeGroupInput").outputs
+    inputs = tree.nodes.new("NodeGroupInput").outputs
     base = named_attribute(tree, "radiance:base", "FLOAT_COLOR")
     opacity = Formula(tree, new_node(tree, "FunctionNodeSeparateColor", Color=base).outputs["Alpha"])
     color = _srgb_color(tree, base, sh_degree)
-    stored = tree.nodes.new("FunctionNodeCombineColor")
-    as_trained = Formula(tree, given[AS_TRAINED])
-    for socket, channel in zip(stored.inputs, separate_xyz(tree, color), strict=False):
+    combined = tree.nodes.new("FunctionNodeCombineColor")
+    as_trained = Formula(tree, inputs[AS_TRAINED])
+    for socket, channel in zip(combined.inputs, separate_xyz(tree, color), strict=False):
         positive = channel.maximum(0.0)
         linear = _linear_from_srgb(positive)
         connect(tree, socket, linear + as_trained * (positive - linear))
-    connect(tree, stored.inputs["Alpha"], opacity)
+    connect(tree, combined.inputs["Alpha"], opacity)
     with_color = new_node(
         tree,
         "GeometryNodeStoreNamedAttribute",
         {"data_type": "FLOAT_COLOR", "domain": "POINT"},
-        Geometry=given["Geometry"],
+        Geometry=inputs["Geometry"],
         Name=COLOR_ATTRIBUTE,
-        Value=stored.outputs[0],
+        Value=combined.outputs[0],
     )
     membership = Formula(tree, named_attribute(tree, "membership", "FLOAT"))
-    belongs = Formula(tree, 1.0) - (membership < Formula(tree, given[THRESHOLD]))
+    belongs = Formula(tree, 1.0) - (membership < Formula(tree, inputs[THRESHOLD]))
     points = new_node(tree, "GeometryNodeMeshToPoints", Mesh=with_color.outputs["Geometry"])
-    cut = Cut(
+    cutoff = Cutoff(
         points=points.outputs["Points"],
-        # A Gaussian fainter than the cut-off has nothing to draw.
-        drawn=belongs * (opacity > 1.0 / 255.0),
-        radius=((opacity * 255.0).maximum(1.0).log() * 2.0).sqrt(),
+        # A Gaussian with a lower opacity is invisible.
+        drawn=belongs * (opacity > ALPHA_MIN),
+        radius=((opacity * (1.0 / ALPHA_MIN)).maximum(1.0).log() * 2.0).sqrt(),
     )
-    low, high = (separate_xyz(tree, given[bound]) for bound in (VIEW_LOW, VIEW_HIGH))
-    view = View(Formula(tree, given[PIXEL]), low, high)
-    by_purpose = new_node(
+    low, high = (separate_xyz(tree, inputs[bound]) for bound in (VIEW_LOW, VIEW_HIGH))
+    projection = Projection(Formula(tree, inputs[PIXEL]), low, high)
+    switch = new_node(
         tree,
         "GeometryNodeSwitch",
         {"input_type": "GEOMETRY"},
         Switch=tree.nodes.new("GeometryNodeIsViewport").outputs[0],
-        **{"True": add_ellipsoids(tree, cut), "False": add_cards(tree, cut, view)},
+        **{"True": add_ellipsoids(tree, cutoff), "False": add_cards(tree, cutoff, projection)},
     )
     output = tree.nodes.new("NodeGroupOutput")
-    tree.links.new(by_purpose.outputs[0], output.inputs["Geometry"])
+    tree.links.new(switch.outputs[0], output.inputs["Geometry"])
 
 
 def _srgb_color(tree: bpy.types.NodeTree, base: Any, sh_degree: int) -> Any:
@@ -124,7 +128,7 @@ def _srgb_color(tree: bpy.types.NodeTree, base: Any, sh_degree: int) -> Any:
 
 
 def _sh_basis(direction: Any, degree: int) -> list[Formula]:
-    """The functions of `engine.formats.spherical_harmonics.sh_basis` without the first, as nodes."""
+    """Return the functions of `engine.formats.spherical_harmonics.sh_basis`, except the first, as nodes."""
     x, y, z = direction
     basis = [y * -0.4886025119029199, z * 0.4886025119029199, x * -0.4886025119029199]
     if degree >= 2:
@@ -150,7 +154,7 @@ def _sh_basis(direction: Any, degree: int) -> list[Formula]:
 
 
 def _linear_from_srgb(srgb: Formula) -> Formula:
-    """The sRGB decoding of IEC 61966-2-1, continued above 1."""
+    """Decode sRGB as in IEC 61966-2-1, extended above 1."""
     dark = srgb < 0.04045
     low, high = srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4
     return high + dark * (low - high)

@@ -1,8 +1,8 @@
-"""Geometry nodes that put a shape on each Gaussian: ellipsoids to work with, flat cards for the final picture.
+"""Geometry nodes that create a shape for each Gaussian: ellipsoids in the viewport, flat cards in renders.
 
-Ellipsoids look right from everywhere. Cards face the active camera and are the engine's own projection (Zwicker et
-al. 2001, as in Kerbl et al. 2023): the ellipse of the linearised projection, lying in the plane through the
-Gaussian's centre, so that they are sorted by depth of their centres too.
+Ellipsoids are correct from every direction. Cards face the active camera and reproduce the engine's projection
+(Zwicker et al. 2001, as in Kerbl et al. 2023): each is the ellipse of the linearised projection, in the plane of the
+Gaussian's centre parallel to the image, so that cards too are sorted by the depth of the centres.
 """
 
 from __future__ import annotations
@@ -13,31 +13,30 @@ from typing import Any
 
 import bpy
 
+from ..engine.rasterizer.settings import RasterSettings
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, vector
 from .splat_material import splat_material
 
-__all__ = ["Cut", "View", "add_cards", "add_ellipsoids"]
+__all__ = ["Cutoff", "Projection", "add_cards", "add_ellipsoids"]
 
 _ICOSAHEDRON_RADIUS = 1.2584086
-"""Of the corners when the faces touch the unit sphere: the ellipsoid lies inside."""
-_LOW_PASS = 0.3
-"""Pixels^2 that the engine adds to both variances on the screen (`RasterSettings.low_pass`)."""
-_NEAR = 0.02
-"""Of the engine (`RasterSettings.near`)."""
+"""Radius of the corners of an icosahedron whose faces touch the unit sphere, so that it contains the ellipsoid."""
+_RASTER = RasterSettings()
+"""The engine's settings, for the low-pass filter and the near plane."""
 
 
 @dataclass(frozen=True)
-class Cut:
-    """Where a Gaussian ends.
+class Cutoff:
+    """The Gaussians to draw, and where each is cut off.
 
     Attributes
     ----------
     points : socket
-        Points with the attributes of `splats`.
+        Points with the attributes described in `splats`.
     drawn : Formula
-        1 for Gaussians that are drawn.
+        1 for Gaussians that are drawn, else 0.
     radius : Formula
-        In standard deviations, where the density falls to 1/255.
+        Radius in standard deviations at which the density falls to 1/255.
     """
 
     points: Any
@@ -46,15 +45,15 @@ class Cut:
 
 
 @dataclass(frozen=True)
-class View:
-    """What the cards need of the camera besides its pose.
+class Projection:
+    """What the cards depend on besides the pose of the camera.
 
     Attributes
     ----------
     pixel : Formula
-        Size of a pixel at distance 1, for the engine's low-pass; 0 for none.
+        Size of a pixel at distance 1, for the engine's low-pass filter; 0 turns it off.
     low, high : sequence of Formula
-        Bounds of X/Z and Y/Z (right and up over depth) where the projection is linearised.
+        Bounds of X/Z and Y/Z, between which the projection is linearised.
     """
 
     pixel: Formula
@@ -62,72 +61,72 @@ class View:
     high: Sequence[Formula]
 
 
-def add_ellipsoids(tree: bpy.types.NodeTree, cut: Cut) -> Any:
-    """Return instances of an icosahedron around each Gaussian's cut-off."""
+def add_ellipsoids(tree: bpy.types.NodeTree, cutoff: Cutoff) -> Any:
+    """Return instances of an icosahedron, scaled to contain the cut-off of each Gaussian."""
     shape = new_node(tree, "GeometryNodeMeshIcoSphere", Radius=_ICOSAHEDRON_RADIUS, Subdivisions=1)
-    painted = _painted(tree, shape.outputs["Mesh"], flat=False)
+    shape_with_material = _with_material(tree, shape.outputs["Mesh"], flat=False)
     instances = new_node(
         tree,
         "GeometryNodeInstanceOnPoints",
-        Points=cut.points,
-        Selection=cut.drawn,
-        Instance=painted,
+        Points=cutoff.points,
+        Selection=cutoff.drawn,
+        Instance=shape_with_material,
         Rotation=named_attribute(tree, "rotation", "QUATERNION"),
-        Scale=scale_vector(tree, named_attribute(tree, "scale", "FLOAT_VECTOR"), cut.radius),
+        Scale=scale_vector(tree, named_attribute(tree, "scale", "FLOAT_VECTOR"), cutoff.radius),
     )
     return instances.outputs["Instances"]
 
 
-def add_cards(tree: bpy.types.NodeTree, cut: Cut, view: View) -> Any:
-    """Return instances of a square that holds each Gaussian's ellipse as the active camera sees it.
+def add_cards(tree: bpy.types.NodeTree, cutoff: Cutoff, projection: Projection) -> Any:
+    """Return instances of a square, transformed to contain the ellipse of each Gaussian seen by the active camera.
 
     Parameters
     ----------
     tree : NodeTree
-    cut : Cut
-    view : View
+    cutoff : Cutoff
+    projection : Projection
 
     Notes
     -----
-    With A = R S the ellipsoid's axes in camera coordinates and (X, Y, Z) its centre, the ellipse at depth Z has the
-    covariance ``T A (T A)^T``, ``T = [[1, 0, -X/Z], [0, 1, -Y/Z]]``. The columns of its Cholesky factor span the card.
-    X/Z and Y/Z in T are held within the bounds of the view: beside the camera they would grow beyond all measure, and
-    its card would cover the picture.
+    Let A = R S be the axes of the ellipsoid in camera coordinates and (X, Y, Z) its centre. The ellipse at depth Z has
+    the covariance ``T A (T A)^T`` with ``T = [[1, 0, -X/Z], [0, 1, -Y/Z]]``. The columns of its Cholesky factor span
+    the card. X/Z and Y/Z in T are clamped to the bounds of the projection: they grow without limit for Gaussians
+    beside the camera, whose cards would cover the picture.
     """
-    right, up, forward, origin = _camera_axes(tree)
+    right, up, forward, camera_position = _camera_axes(tree)
     center = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
-    offset = vector(tree, "SUBTRACT", center, origin)
+    offset = vector(tree, "SUBTRACT", center, camera_position)
 
-    def along(axis: Any, other: Any) -> Formula:
+    def dot(axis: Any, other: Any) -> Formula:
         return Formula(tree, vector(tree, "DOT_PRODUCT", axis, other, output="Value"))
 
-    depth = along(forward, offset)
-    slope_x = (along(right, offset) / depth).maximum(view.low[0]).minimum(view.high[0])
-    slope_y = (along(up, offset) / depth).maximum(view.low[1]).minimum(view.high[1])
-    low_pass = view.pixel * view.pixel * depth * depth * _LOW_PASS
+    depth = dot(forward, offset)
+    slope_x = (dot(right, offset) / depth).maximum(projection.low[0]).minimum(projection.high[0])
+    slope_y = (dot(up, offset) / depth).maximum(projection.low[1]).minimum(projection.high[1])
+    low_pass = projection.pixel * projection.pixel * depth * depth * _RASTER.low_pass
     xx, xy, yy = low_pass, Formula(tree, 0.0), low_pass
-    for own_axis in _own_axes(tree):
-        away = along(forward, own_axis)
-        x, y = along(right, own_axis) - slope_x * away, along(up, own_axis) - slope_y * away
+    for axis in _ellipsoid_axes(tree):
+        axis_depth = dot(forward, axis)
+        x, y = dot(right, axis) - slope_x * axis_depth, dot(up, axis) - slope_y * axis_depth
         xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
     first = xx.maximum(1e-24).sqrt()
     second = xy / first
     third = (yy - second * second).maximum(1e-24).sqrt()
-    sideways = vector(tree, "ADD", scale_vector(tree, right, first), scale_vector(tree, up, second))
+    first_column = vector(tree, "ADD", scale_vector(tree, right, first), scale_vector(tree, up, second))
     columns = [
-        scale_vector(tree, sideways, cut.radius),
-        scale_vector(tree, up, third * cut.radius),
-        # A card has no thickness, but Cycles needs a matrix that can be inverted.
-        scale_vector(tree, forward, third * cut.radius),
+        scale_vector(tree, first_column, cutoff.radius),
+        scale_vector(tree, up, third * cutoff.radius),
+        # A card has no thickness, but Cycles needs an invertible matrix.
+        scale_vector(tree, forward, third * cutoff.radius),
         center,
     ]
     square = new_node(tree, "GeometryNodeMeshGrid", Size__X=2.0, Size__Y=2.0, Vertices__X=2, Vertices__Y=2)
     instances = new_node(
         tree,
         "GeometryNodeInstanceOnPoints",
-        Points=cut.points,
-        Selection=cut.drawn * (depth > _NEAR),
-        Instance=_painted(tree, square.outputs["Mesh"], flat=True),
+        Points=cutoff.points,
+        Selection=cutoff.drawn * (depth > _RASTER.near),
+        Instance=_with_material(tree, square.outputs["Mesh"], flat=True),
     )
     placed = new_node(
         tree,
@@ -138,12 +137,12 @@ def add_cards(tree: bpy.types.NodeTree, cut: Cut, view: View) -> Any:
     return placed.outputs["Instances"]
 
 
-def _painted(tree: bpy.types.NodeTree, mesh: Any, *, flat: bool) -> Any:
+def _with_material(tree: bpy.types.NodeTree, mesh: Any, *, flat: bool) -> Any:
     return new_node(tree, "GeometryNodeSetMaterial", Geometry=mesh, Material=splat_material(flat=flat)).outputs[0]
 
 
 def _camera_axes(tree: bpy.types.NodeTree) -> tuple[Any, Any, Any, Any]:
-    """Return the camera's right, up and forward as unit vectors and its position, in the object's own frame."""
+    """Return the right, up and forward unit vectors and the position of the camera, in the frame of the object."""
     camera = new_node(
         tree,
         "GeometryNodeObjectInfo",
@@ -157,8 +156,8 @@ def _camera_axes(tree: bpy.types.NodeTree) -> tuple[Any, Any, Any, Any]:
     return axes[0], axes[1], axes[2], camera.outputs["Location"]
 
 
-def _own_axes(tree: bpy.types.NodeTree) -> list[Any]:
-    """Return the three own axes of a Gaussian, each one standard deviation long."""
+def _ellipsoid_axes(tree: bpy.types.NodeTree) -> list[Any]:
+    """Return the three principal axes of each Gaussian, one standard deviation long."""
     rotation = named_attribute(tree, "rotation", "QUATERNION")
     scale = named_attribute(tree, "scale", "FLOAT_VECTOR")
     axes = []
@@ -172,7 +171,7 @@ def _matrix(tree: bpy.types.NodeTree, columns: list[Any]) -> Any:
     node = tree.nodes.new("FunctionNodeCombineMatrix")
     for number, column in enumerate(columns):
         parts = new_node(tree, "ShaderNodeSeparateXYZ", Vector=column)
-        # Column by column; the last row stays that of the identity.
+        # In column-major order. The last row keeps its default, that of the identity.
         for row in range(3):
             connect(tree, node.inputs[4 * number + row], parts.outputs[row])
     return node.outputs[0]

@@ -1,6 +1,6 @@
-"""A splat scene in Blender: a mesh of vertices that carries Gaussians, and the way back to them.
+"""Splat scenes in Blender: converts Gaussians to a mesh of vertices with attributes, and back.
 
-Attribute names are those of Blender 5.3's own splats, so that its tools recognise them.
+Attribute names are those of the splats built into Blender 5.3, so that its tools recognise them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ __all__ = ["SplatScene"]
 
 Float32 = NDArray[np.float32]
 
-# FLOAT4 came with Blender 5.2; before, FLOAT_COLOR holds the same four floats, negative ones too.
+# FLOAT4 exists since Blender 5.2. Before, FLOAT_COLOR stores the same four floats, including negative ones.
 _BASE_TYPE = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 _ELEMENT = {"FLOAT4": "vector", "FLOAT_COLOR": "color", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}
 _WIDTH = {"FLOAT4": 4, "FLOAT_COLOR": 4, "FLOAT_VECTOR": 3, "QUATERNION": 4}
@@ -35,7 +35,7 @@ class SplatScene:
     Attributes
     ----------
     name : str
-        Of the object: Blender keeps names unique, and a kept reference would break on undo.
+        Name of the object. Names are unique in Blender, whereas a reference to the object is invalid after undo.
     """
 
     name: str
@@ -50,19 +50,19 @@ class SplatScene:
         index: NDArray[np.integer] | None = None,
         membership: Float32 | None = None,
     ) -> SplatScene:
-        """Make an object of `gaussians` in `collection`.
+        """Create an object with `gaussians` in `collection`.
 
         Parameters
         ----------
         name : str
-            Wished for; Blender adds a number when it is taken.
+            Name of the object. Blender adds a number if the name is in use.
         gaussians : Gaussians
-            In the object's own frame.
+            Gaussians in the frame of the object.
         collection : Collection
         index : array of shape [N], int, optional
-            Row of each Gaussian in the project's scene; 0..N-1 by default.
+            Row of each Gaussian in the project's scene; 0 to N-1 by default.
         membership : array of shape [N], float32, optional
-            In the object, for the threshold.
+            Membership of each Gaussian in the object, compared with the threshold.
         """
         mesh = bpy.data.meshes.new(name)
         _fill(mesh, gaussians, np.arange(len(gaussians)) if index is None else index, membership)
@@ -78,53 +78,53 @@ class SplatScene:
         Raises
         ------
         ObjectError
-            When it carries no Gaussians.
+            When `obj` contains no Gaussians.
         """
         scene = cls(obj.name)
         if not cls.is_splats(obj):
-            raise ObjectError(f"{obj.name} carries no Gaussians. Select an imported Gaussian scene or object.")
+            raise ObjectError(f"{obj.name} contains no Gaussians. Select an imported Gaussian scene or object.")
         return scene
 
     @staticmethod
     def is_splats(obj: bpy.types.Object | None) -> bool:
-        """Return whether `obj` carries Gaussians."""
+        """Return whether `obj` contains Gaussians."""
         if obj is None or obj.type != "MESH":
             return False
         return all(name in obj.data.attributes for name in ("rotation", "scale", "radiance:base"))
 
     def replace(self, gaussians: Gaussians, *, index: NDArray[np.integer], membership: Float32) -> None:
-        """Put other Gaussians in the place of these; object, placement, collection and display stay.
+        """Replace the Gaussians. The object keeps its placement, collections and display.
 
         Parameters
         ----------
         gaussians : Gaussians
-            In the object's own frame.
+            Gaussians in the frame of the object.
         index, membership
             See `create`.
 
         Raises
         ------
         ObjectError
-            In Edit Mode, where Blender keeps the mesh out of reach.
+            When the object is in Edit Mode, in which its mesh cannot be changed.
         """
-        mesh = self._mesh_at_hand()
+        mesh = self._editable_mesh()
         mesh.clear_geometry()
         _fill(mesh, gaussians, index, membership)
 
     def set_membership(self, membership: Float32) -> None:
-        """Give each Gaussian another membership, shape [N]; which are drawn follows from it and the threshold.
+        """Set the membership of each Gaussian, shape [N]. Those below the threshold are not drawn.
 
         Raises
         ------
         ObjectError
-            In Edit Mode, where Blender keeps the mesh out of reach.
+            When the object is in Edit Mode, in which its mesh cannot be changed.
         """
-        mesh = self._mesh_at_hand()
+        mesh = self._editable_mesh()
         attribute = mesh.attributes.get("membership") or mesh.attributes.new("membership", "FLOAT", "POINT")
         attribute.data.foreach_set("value", _flat(membership))
         mesh.update_tag()
 
-    def _mesh_at_hand(self) -> bpy.types.Mesh:
+    def _editable_mesh(self) -> bpy.types.Mesh:
         obj = self.object
         if obj.mode == "EDIT":
             raise ObjectError(f"{obj.name} is in Edit Mode. Leave it first (Tab).")
@@ -146,8 +146,8 @@ class SplatScene:
 
     @property
     def index(self) -> NDArray[np.int32]:
-        """Row of each Gaussian in the project's scene, shape [N]; hand-made ones have -1."""
-        with self._mesh() as mesh:
+        """Row of each Gaussian in the project's scene, shape [N]; -1 for Gaussians added by hand."""
+        with self._readable_mesh() as mesh:
             attribute = mesh.attributes.get("gaussian_index")
             values = np.full(len(mesh.vertices), -1, dtype=np.int32)
             if attribute is not None:
@@ -157,7 +157,7 @@ class SplatScene:
     @property
     def membership(self) -> Float32 | None:
         """Membership of each Gaussian in the object, shape [N]; None for a whole scene."""
-        with self._mesh() as mesh:
+        with self._readable_mesh() as mesh:
             attribute = mesh.attributes.get("membership")
             if attribute is None:
                 return None
@@ -166,8 +166,8 @@ class SplatScene:
         return values
 
     def local_gaussians(self) -> Gaussians:
-        """Return all Gaussians in the object's own frame, as they are after edits in Edit Mode."""
-        with self._mesh() as mesh:
+        """Return all Gaussians in the frame of the object, including edits in Edit Mode."""
+        with self._readable_mesh() as mesh:
             base = _read(mesh, "radiance:base")
             bands = 0
             while f"radiance:sh_{bands}" in mesh.attributes:
@@ -186,12 +186,12 @@ class SplatScene:
             )
 
     def gaussians(self, threshold: float | None = None) -> Gaussians:
-        """Return the Gaussians in world space: positions, rotations, sizes and view-dependent colour transformed.
+        """Return the Gaussians in world space, with positions, rotations, sizes and view-dependent colours transformed.
 
         Parameters
         ----------
         threshold : float, optional
-            Leave out Gaussians with a lower membership.
+            Omit Gaussians with a lower membership.
         """
         gaussians = self.local_gaussians()
         membership = self.membership
@@ -200,8 +200,8 @@ class SplatScene:
         return transform_gaussians(gaussians, np.array(self.object.matrix_world, dtype=np.float64))
 
     @contextlib.contextmanager
-    def _mesh(self) -> Iterator[bpy.types.Mesh]:
-        """Give the mesh; in Edit Mode, where Blender keeps attributes out of reach, a copy of its present state."""
+    def _readable_mesh(self) -> Iterator[bpy.types.Mesh]:
+        """Yield the mesh. In Edit Mode, where attributes cannot be read, yield a copy of its current state."""
         obj = self.object
         if obj.mode != "EDIT":
             yield obj.data
@@ -243,7 +243,7 @@ def _write(mesh: bpy.types.Mesh, name: str, data_type: str, values: NDArray[np.f
 def _read(mesh: bpy.types.Mesh, name: str) -> Float32:
     attribute = mesh.attributes[name]
     if attribute.data_type not in _ELEMENT or attribute.domain != "POINT":
-        raise ObjectError(f"The attribute {name} of {mesh.name} has been changed to another type. Import it again.")
+        raise ObjectError(f"The attribute {name} of {mesh.name} was changed to another type. Import the object again.")
     values = np.zeros((len(mesh.vertices), _WIDTH[attribute.data_type]), dtype=np.float32)
     attribute.data.foreach_get(_ELEMENT[attribute.data_type], values.ravel())
     return values

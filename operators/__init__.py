@@ -1,4 +1,4 @@
-"""One file per thing a curator does."""
+"""The operators: one module per action of the user."""
 
 import bpy
 
@@ -55,7 +55,7 @@ def _export_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def register() -> None:
-    """Add the operators to Blender and its File menu."""
+    """Add the operators to Blender and to its File menu."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.TOPBAR_MT_file_import.append(_import_menu)
@@ -63,7 +63,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away again."""
+    """Remove them from Blender."""
     bpy.types.TOPBAR_MT_file_export.remove(_export_menu)
     bpy.types.TOPBAR_MT_file_import.remove(_import_menu)
     for cls in reversed(CLASSES):

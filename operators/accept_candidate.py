@@ -1,29 +1,34 @@
-"""Isolate one of the candidates that came nearest to a text that was not found."""
+"""Isolate a candidate for a prompt that was not found."""
 
 from __future__ import annotations
 
-import bpy
+from typing import Annotated
 
-from .segmenting import Segmenting
+import bpy
+from bpy.props import IntProperty, StringProperty
+
+from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .segmenting import SegmentOperator
 
 __all__ = ["CLASSES"]
 
 
-class HERITAGE_OT_accept_candidate(Segmenting, bpy.types.Operator):
-    """Isolate this after all; it gets the name that was asked for"""
+@blender_properties
+class HERITAGE_OT_accept_candidate(SegmentOperator):
+    """Isolate this candidate and name it after the prompt"""
 
     bl_idname = "heritage.accept_candidate"
     bl_label = "Isolate Candidate"
     bl_options = {"REGISTER", "UNDO"}
 
-    number: bpy.props.IntProperty(  # type: ignore[valid-type]
-        name="Number", description="Of the candidate", min=1, options={"SKIP_SAVE"}
-    )
-    name: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Name", description="Of the object; empty: the prompt", options={"SKIP_SAVE"}
-    )
+    number: Annotated[
+        int, IntProperty(name="Number", description="Number of the candidate", min=1, options={"SKIP_SAVE"})
+    ]
+    name: Annotated[
+        str, StringProperty(name="Name", description="Name of the object; empty: the prompt", options={"SKIP_SAVE"})
+    ]
 
-    def what(self, context: bpy.types.Context) -> list[str]:
+    def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""
         name = self.name.strip()
         return ["--accept", str(self.number), *(["--name", name] if name else [])]

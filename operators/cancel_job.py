@@ -1,4 +1,4 @@
-"""Stop the running job; what it has done is kept."""
+"""Stop the running job. Finished work is kept."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ __all__ = ["CLASSES"]
 
 
 class HERITAGE_OT_cancel_job(bpy.types.Operator):
-    """Stop the running job; the same import continues it later"""
+    """Stop the running job. Start the same import again to resume it"""
 
     bl_idname = "heritage.cancel_job"
     bl_label = "Cancel"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Ask the job to stop."""
+        """Stop the job."""
         try:
             job_runner.cancel()
         except HeritageError as error:

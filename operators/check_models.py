@@ -1,34 +1,43 @@
-"""Preferences > List, Verify: which model files are there, and are they what they should be?"""
+"""Preferences > List, Verify: list the model files, or verify that they are unchanged."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import bpy
+from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ModelFileError
 from ..gaussian_heritage_addon import job_runner
+from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
 
+@blender_properties
 class HERITAGE_OT_check_models(bpy.types.Operator):
-    """Look which model files are there, and whether they are unchanged"""
+    """Check which model files are available and whether they are unchanged"""
 
     bl_idname = "heritage.check_models"
     bl_label = "Check Models"
 
-    verify: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Verify",
-        description="Only the files that are needed or there, and complain about each that is wrong",
-        options={"SKIP_SAVE"},
-    )
+    verify: Annotated[
+        bool,
+        BoolProperty(
+            name="Verify",
+            description="Check only required and available files, and report every problem",
+            options={"SKIP_SAVE"},
+        ),
+    ]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Ask the engine."""
+        """Run the check."""
         try:
-            state = job_runner.start("models", job_runner.MODELS, "models", "verify" if self.verify else "list")
+            command = "verify" if self.verify else "list"
+            state = job_runner.start("models", job_runner.MODEL_FILES, "models", command)
             if state is not None and self.verify and state.outputs.get("problems"):
-                said = state.outputs["models"]
-                raise ModelFileError(" ".join(said[name] for name in state.outputs["problems"]))
+                messages = state.outputs["models"]
+                raise ModelFileError(" ".join(messages[name] for name in state.outputs["problems"]))
         except HeritageError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

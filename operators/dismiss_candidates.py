@@ -1,4 +1,4 @@
-"""Take the list of candidates off the panel."""
+"""Close the list of prompts that were not found."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ __all__ = ["CLASSES"]
 
 
 class HERITAGE_OT_dismiss_candidates(bpy.types.Operator):
-    """Close the list of what was not found"""
+    """Close the list of prompts that were not found"""
 
     bl_idname = "heritage.dismiss_candidates"
     bl_label = "Close List"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Remove the list."""
+        """Delete the list."""
         try:
             dismiss(Path(bpy.path.abspath(context.scene.heritage.project)))
         except HeritageError as error:

@@ -1,50 +1,58 @@
-"""File > Export > Gaussian Objects: one file for each object, with its record."""
+"""File > Export > Gaussian Objects: one file per object, with its catalogue record."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import bpy
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.export import export_splats
 from ..gaussian_heritage_addon.properties import heritage_objects
 from ..gaussian_heritage_addon.splats import SplatScene
+from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
 
+@blender_properties
 class HERITAGE_OT_export_objects(bpy.types.Operator):
-    """Write each object to a file of its own, as placed, scaled and thresholded in this scene"""
+    """Export each object to its own file, with its placement, scale and threshold in this scene"""
 
     bl_idname = "heritage.export_objects"
     bl_label = "Export Gaussian Objects"
 
-    directory: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Folder", description="Where the files go", subtype="DIR_PATH"
-    )
-    format: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Format",
-        items=[
-            ("PLY", "PLY", "Standard 3D Gaussian splatting file"),
-            ("GLB", "glTF", "glTF binary with KHR_gaussian_splatting, Y up"),
-        ],
-    )
-    scope: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Objects",
-        items=[
-            ("ALL", "All", "Every isolated object"),
-            ("SELECTED", "Selected", "Selected splats, whole scenes too"),
-            ("SCENE", "Scene", "The whole scene"),
-        ],
-    )
-    overwrite: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Replace Files", description="Replace files that are there already"
-    )
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
+    directory: Annotated[
+        str, StringProperty(name="Folder", description="Folder for the exported files", subtype="DIR_PATH")
+    ]
+    format: Annotated[
+        str,
+        EnumProperty(
+            name="Format",
+            items=[
+                ("PLY", "PLY", "Standard file of 3D Gaussian splatting"),
+                ("GLB", "glTF", "Binary glTF with KHR_gaussian_splatting, Y up"),
+            ],
+        ),
+    ]
+    scope: Annotated[
+        str,
+        EnumProperty(
+            name="Objects",
+            items=[
+                ("ALL", "All", "All isolated objects"),
+                ("SELECTED", "Selected", "Selected splats, including whole scenes"),
+                ("SCENE", "Scene", "The whole scene"),
+            ],
+        ),
+    ]
+    overwrite: Annotated[bool, BoolProperty(name="Replace Files", description="Replace existing files")]
+    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
+        """Open the file browser to select the folder."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 

@@ -1,49 +1,55 @@
-"""Preferences > Fetch: get a model's files, after its licence and who may use it have been shown."""
+"""Preferences > Fetch: fetch the files of a model, after showing its licence and permitted users."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import bpy
+from bpy.props import StringProperty
 
 from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.layouts import say
+from ..gaussian_heritage_addon.layouts import draw_text
 from ..gaussian_heritage_addon.model_files import fetch_arguments, find_model
 from ..gaussian_heritage_addon.preferences import model_folder
+from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
-_DIALOG_WIDTH, _DIALOG_LETTERS = 500, 75
-"""Pixels at Blender's usual size, and what fits into them."""
+_DIALOG_WIDTH, _DIALOG_LINE_LENGTH = 500, 75
+"""Width of the dialog in pixels at the default interface scale, and the number of characters that fit a line."""
 
 
+@blender_properties
 class HERITAGE_OT_fetch_model(bpy.types.Operator):
-    """Fetch a model's files; shows its licence first. A fetch that was stopped goes on where it was"""
+    """Fetch the files of a model. Its licence is shown first. Resumes a download that was stopped"""
 
     bl_idname = "heritage.fetch_model"
     bl_label = "Fetch Model"
 
-    name: bpy.props.StringProperty(name="Model", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    name: Annotated[str, StringProperty(name="Model", options={"SKIP_SAVE"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Show what it is and who may use it, and ask."""
+        """Show the licence and ask for confirmation."""
         return context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH, confirm_text="Fetch")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the question."""
+        """Draw the dialog."""
         model = find_model(self.name)
         self.layout.label(text=model.title)
         for line in (*model.terms, *([model_folder()] if model_folder() else model.sources)):
-            say(self.layout, line, letters=_DIALOG_LETTERS)
+            draw_text(self.layout, line, line_length=_DIALOG_LINE_LENGTH)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""
         try:
             arguments = fetch_arguments(self.name, model_folder(), online=bpy.app.online_access)
-            state = job_runner.start("models", job_runner.MODELS, *arguments)
+            state = job_runner.start("models", job_runner.MODEL_FILES, *arguments)
         except HeritageError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, "Fetching in the background; progress is shown here." if state is None else state.message)
+        message = "Fetching in the background; progress is shown here." if state is None else state.message
+        self.report({"INFO"}, message)
         return {"FINISHED"}
 
 

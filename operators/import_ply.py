@@ -3,32 +3,44 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
 from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.scene_file import add_splat_file, prepare_cycles
+from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
 
+@blender_properties
 class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
-    """Import a Gaussian scene saved as PLY by any Gaussian splatting program"""
+    """Import a Gaussian scene from a PLY file, as written by any Gaussian splatting program"""
 
     bl_idname = "heritage.import_gaussian_ply"
     bl_label = "Import Gaussian Scene"
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".ply"
-    filter_glob: bpy.props.StringProperty(default="*.ply", options={"HIDDEN"})  # type: ignore[valid-type]
-    skip_broken: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Skip Broken",
-        description="Leave out Gaussians with values that are not finite, instead of refusing the file",
-    )
-    use_cycles: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Set up Cycles", description="Make Cycles the render engine, with the settings splats need", default=True
-    )
+    filter_glob: Annotated[str, StringProperty(default="*.ply", options={"HIDDEN"})]
+    skip_broken: Annotated[
+        bool,
+        BoolProperty(
+            name="Skip Broken",
+            description="Skip Gaussians with invalid values instead of rejecting the file",
+        ),
+    ]
+    use_cycles: Annotated[
+        bool,
+        BoolProperty(
+            name="Set up Cycles",
+            description="Set the render engine to Cycles, with the settings that splats need",
+            default=True,
+        ),
+    ]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the file."""
@@ -46,7 +58,7 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
 
 
 class HERITAGE_FH_gaussian_ply(bpy.types.FileHandler):
-    """Lets a Gaussian PLY be dropped into the viewport."""
+    """Imports a Gaussian PLY file that is dropped into the viewport."""
 
     bl_idname = "HERITAGE_FH_gaussian_ply"
     bl_label = "Gaussian Scene"
@@ -55,7 +67,7 @@ class HERITAGE_FH_gaussian_ply(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """In the 3D viewport and the outliner."""
+        """Return whether files can be dropped here: in the 3D viewport and the outliner."""
         return poll_file_object_drop(context)
 
 

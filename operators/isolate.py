@@ -1,49 +1,66 @@
-"""Isolate objects by text or by clicks on photos; each gets a collection of its own."""
+"""Isolate objects by text or by clicks on photos. Each object gets its own collection."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Annotated
+
 import bpy
+from bpy.props import CollectionProperty, FloatProperty, StringProperty
 
 from ..engine.errors import PromptError
 from ..gaussian_heritage_addon.prompts import Click, click_arguments, text_arguments
 from ..gaussian_heritage_addon.properties import HeritageClick
-from .segmenting import Segmenting, clicks_of
+from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .segmenting import SegmentOperator, clicks_of
 
 __all__ = ["CLASSES"]
 
 
-class HERITAGE_OT_isolate(Segmenting, bpy.types.Operator):
-    """Isolate what the prompt names (several things as "vase;teapot"), or what lies at pixels of photos"""
+@blender_properties
+class HERITAGE_OT_isolate(SegmentOperator):
+    """Isolate the objects named in the prompt (separate several with ";"), or the object clicked on photos"""
 
     bl_idname = "heritage.isolate"
     bl_label = "Isolate"
     bl_options = {"REGISTER", "UNDO"}
 
-    # Nothing is remembered for the next press: each asks for something else.
-    prompt: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Prompt", description="What it is, in words", options={"SKIP_SAVE"}
-    )
-    photo: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Photo", description="Name of the photo that was clicked, instead of a prompt", options={"SKIP_SAVE"}
-    )
-    x: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="X", description="Pixels from the photo's left edge", min=0.0, options={"SKIP_SAVE"}
-    )
-    y: bpy.props.FloatProperty(  # type: ignore[valid-type]
-        name="Y", description="Pixels from the photo's upper edge", min=0.0, options={"SKIP_SAVE"}
-    )
-    clicks: bpy.props.CollectionProperty(  # type: ignore[valid-type]
-        type=HeritageClick, name="Clicks", description="On one object, instead of a prompt", options={"SKIP_SAVE"}
-    )
-    name: bpy.props.StringProperty(  # type: ignore[valid-type]
-        name="Name", description="Of the object; empty: the prompt", options={"SKIP_SAVE"}
-    )
+    # SKIP_SAVE everywhere: values of one call must not become the defaults of the next.
+    prompt: Annotated[
+        str, StringProperty(name="Prompt", description="The object in words, for example vase", options={"SKIP_SAVE"})
+    ]
+    photo: Annotated[
+        str,
+        StringProperty(
+            name="Photo", description="Name of the clicked photo, instead of a prompt", options={"SKIP_SAVE"}
+        ),
+    ]
+    x: Annotated[
+        float,
+        FloatProperty(name="X", description="Pixels from the left edge of the photo", min=0.0, options={"SKIP_SAVE"}),
+    ]
+    y: Annotated[
+        float,
+        FloatProperty(name="Y", description="Pixels from the top edge of the photo", min=0.0, options={"SKIP_SAVE"}),
+    ]
+    clicks: Annotated[
+        Sequence[HeritageClick],
+        CollectionProperty(
+            type=HeritageClick,
+            name="Clicks",
+            description="Clicks on one object, instead of a prompt",
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    name: Annotated[
+        str, StringProperty(name="Name", description="Name of the object; empty: the prompt", options={"SKIP_SAVE"})
+    ]
 
-    def what(self, context: bpy.types.Context) -> list[str]:
-        """Return the engine's arguments for what was asked."""
+    def segment_arguments(self, context: bpy.types.Context) -> list[str]:
+        """Return the engine's arguments for the prompt or the clicks."""
         clicks = clicks_of(self) + ([Click(self.photo, self.x, self.y)] if self.photo else [])
         if bool(self.prompt.strip()) == bool(clicks):
-            raise PromptError("Say what to isolate: a prompt in words, or a photo with a pixel in it.")
+            raise PromptError("Enter what to isolate: a prompt in words, or clicks on a photo.")
         name = self.name.strip()
         return click_arguments(clicks, name) if clicks else text_arguments(self.prompt, name)
 

@@ -1,23 +1,23 @@
-"""Isolate what belongs to no object."""
+"""Isolate the background: everything that belongs to no object."""
 
 from __future__ import annotations
 
 import bpy
 
-from .segmenting import Segmenting
+from .segmenting import SegmentOperator
 
 __all__ = ["CLASSES"]
 
 
-class HERITAGE_OT_isolate_background(Segmenting, bpy.types.Operator):
-    """Isolate the background: what belongs to none of the objects; an earlier background is replaced"""
+class HERITAGE_OT_isolate_background(SegmentOperator):
+    """Isolate the background: everything that belongs to no object. Replaces an earlier background"""
 
     bl_idname = "heritage.isolate_background"
     bl_label = "Background"
     bl_options = {"REGISTER", "UNDO"}
     loads_sam = False
 
-    def what(self, context: bpy.types.Context) -> list[str]:
+    def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""
         return ["--complement"]
 

@@ -1,32 +1,34 @@
-"""File > Import > Gaussian Heritage Project: a project folder that an earlier run made."""
+"""File > Import > Gaussian Heritage Project: open the project folder of an earlier import."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
 
 from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.scene_file import open_project
+from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
 
+@blender_properties
 class HERITAGE_OT_open_project(bpy.types.Operator):
-    """Bring a project folder into this file: its scene, cameras and objects"""
+    """Add a project folder to this file: its scene, cameras and objects"""
 
     bl_idname = "heritage.open_project"
     bl_label = "Open Project"
     bl_options = {"REGISTER", "UNDO"}
 
-    directory: bpy.props.StringProperty(name="Project", subtype="DIR_PATH")  # type: ignore[valid-type]
-    with_cameras: bpy.props.BoolProperty(  # type: ignore[valid-type]
-        name="Cameras", description="Add a camera for each photo", default=True
-    )
-    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
+    directory: Annotated[str, StringProperty(name="Project", subtype="DIR_PATH")]
+    with_cameras: Annotated[bool, BoolProperty(name="Cameras", description="Add a camera for each photo", default=True)]
+    filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder."""
+        """Open the file browser to select the folder."""
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 

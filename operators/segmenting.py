@@ -1,4 +1,4 @@
-"""What all operators that ask the engine's ``segment`` have in common. Not an operator itself."""
+"""Base class of the operators that run the engine's ``segment`` command. Not an operator itself."""
 
 from __future__ import annotations
 
@@ -11,39 +11,39 @@ from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.preferences import sam_arguments
 from ..gaussian_heritage_addon.prompts import Click
 
-__all__ = ["Segmenting", "clicks_of"]
+__all__ = ["SegmentOperator", "clicks_of"]
 
 
-class Segmenting:
-    """Starts the engine with `what` it is asked for; the objects are added or changed when it is done."""
+class SegmentOperator(bpy.types.Operator):
+    """Runs ``segment`` with the arguments of a subclass. The results are imported when the engine has finished."""
 
     loads_sam = True
-    """Whether Segment Anything is asked, so that the preference for one of its models is passed on."""
+    """Whether the engine loads Segment Anything, so that the model set in the preferences is passed on."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Only where a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")  # type: ignore[attr-defined]
+        """Return whether a project is open."""
+        cls.poll_message_set("Import a photo folder or open a project first.")
         return bool(context.scene.heritage.project)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""
         try:
             project = Path(bpy.path.abspath(context.scene.heritage.project))
-            arguments = ["segment", str(project), *self.what(context), *(sam_arguments() if self.loads_sam else [])]
-            state = job_runner.start("segment", project, *arguments)
+            options = [*self.segment_arguments(context), *(sam_arguments() if self.loads_sam else [])]
+            state = job_runner.start("segment", project, "segment", str(project), *options)
         except HeritageError as error:
-            self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
+            self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        told = "Working in the background; see the Heritage panel." if state is None else state.message
-        self.report({"INFO"}, told)  # type: ignore[attr-defined]
+        message = "Working in the background; see the Heritage panel." if state is None else state.message
+        self.report({"INFO"}, message)
         return {"FINISHED"}
 
-    def what(self, context: bpy.types.Context) -> list[str]:
-        """Return the engine's arguments for what was asked."""
+    def segment_arguments(self, context: bpy.types.Context) -> list[str]:
+        """Return the arguments of ``segment`` after the project folder."""
         raise NotImplementedError
 
 
 def clicks_of(operator: bpy.types.Operator) -> list[Click]:
-    """Return the clicks that an operator was called with."""
+    """Return the clicks that `operator` was called with."""
     return [Click(click.photo, click.x, click.y, click.wanted) for click in operator.clicks]

@@ -1,4 +1,4 @@
-"""What came nearest to a text that was not found is read from the project as the engine writes it."""
+"""Candidates for prompts that were not found are read from the project as the engine writes them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def write(project: Path, content: Any) -> Path:
     return file
 
 
-def test_candidates_come_with_the_sentence_and_their_pictures(tmp_path: Path) -> None:
+def test_candidates_have_the_message_and_their_pictures(tmp_path: Path) -> None:
     write(tmp_path, STORED)
     not_found = candidates.read_not_found(tmp_path)
     assert not_found.messages == ("Nothing looks enough like 'banana'.",)
@@ -42,7 +42,7 @@ def test_candidates_come_with_the_sentence_and_their_pictures(tmp_path: Path) ->
     assert not_found.candidates == (candidates.Candidate(2, "banana", 0.21, "view_05.jpg", picture),)
 
 
-def test_words_outside_the_vocabulary_have_a_sentence_and_no_candidates(tmp_path: Path) -> None:
+def test_words_outside_the_vocabulary_have_a_message_and_no_candidates(tmp_path: Path) -> None:
     write(tmp_path, {"version": 1, "refused": STORED["refused"]})
     assert candidates.read_not_found(tmp_path).candidates == ()
 
@@ -58,7 +58,7 @@ def test_a_later_search_replaces_the_list_and_dismissing_removes_it(tmp_path: Pa
     assert candidates.read_not_found(tmp_path) is None
 
 
-def test_damaged_list_is_a_sentence(tmp_path: Path) -> None:
+def test_damaged_list_is_a_clear_error(tmp_path: Path) -> None:
     write(tmp_path, "{")
-    with pytest.raises(errors.FormatError, match="Delete it and ask again"):
+    with pytest.raises(errors.FormatError, match="Delete it and search again"):
         candidates.read_not_found(tmp_path)

@@ -1,4 +1,4 @@
-"""The panel's picture of error against run time is what was measured."""
+"""The panel's picture of the training curve shows the measured points."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ MEASURED = [(0.8, 20.9), (3.0, 23.0), (12.0, 25.5), (50.0, 27.6), (195.0, 28.7)]
 
 
 def on_the_line(picture: np.ndarray) -> np.ndarray:
-    """Pixels in the line's colour."""
+    """Return a mask of the pixels with the colour of the line."""
     return (picture[..., 3] > 0.9) & (np.abs(picture[..., :3] - curve._LINE).max(axis=-1) < 0.05)
 
 
-def test_line_leads_from_the_first_point_below_to_the_last_above() -> None:
+def test_line_goes_from_the_first_point_at_the_bottom_to_the_last_at_the_top() -> None:
     picture = curve.curve_picture(MEASURED)
     assert picture.shape == (160, 256, 4) and picture.dtype == np.float32
     assert np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1
@@ -32,29 +32,29 @@ def test_line_leads_from_the_first_point_below_to_the_last_above() -> None:
 
 
 def test_time_is_logarithmic() -> None:
-    """A point at the geometric mean of the times stands in the middle."""
+    """A point at the geometric mean of the times is in the middle."""
     rows, columns = np.nonzero(on_the_line(curve.curve_picture([(1.0, 20.0), (10.0, 30.0), (100.0, 20.0)])))
     middle = columns[rows == rows.max()].mean()
     assert middle == pytest.approx((curve._LEFT + 256 - curve._BORDER) / 2, abs=2)
 
 
-def test_numbers_stand_at_round_values() -> None:
+def test_axis_numbers_are_round_values() -> None:
     assert list(curve._round_seconds(0.8, 195.0)) == [1, 2, 5, 10, 20, 50, 100]
     assert list(curve._round_seconds(0.8, 2500.0)) == [1, 10, 100, 1000]
     assert list(curve._round_values(20.9, 28.7)) == [22, 24, 26, 28]
 
 
 @pytest.mark.parametrize("points", [[], [(1.0, 20.0)], [(0.0, 1.0), (np.nan, 2.0), (5.0, 3.0)], [(2.0, 1.0)] * 2])
-def test_too_little_gives_no_picture(points: list[tuple[float, float]]) -> None:
+def test_fewer_than_two_points_give_no_picture(points: list[tuple[float, float]]) -> None:
     assert curve.curve_picture(points) is None
 
 
 @pytest.mark.parametrize("points", [[(1e-4, 5.0), (1e6, 5.0)], [(1.0, -300.0), (2.0, 900.0)], [(0.01, 3), (0.02, 4)]])
-def test_extreme_curves_are_drawn_too(points: list[tuple[float, float]]) -> None:
+def test_extreme_curves_are_drawn(points: list[tuple[float, float]]) -> None:
     assert on_the_line(curve.curve_picture(points)).any()
 
 
-def test_curve_of_a_finished_training_is_read_and_read_again(tmp_path: Path) -> None:
+def test_curve_of_a_finished_training_is_read_and_updated(tmp_path: Path) -> None:
     assert curve.stored_curve(tmp_path) == ()
 
     def write(psnr: float) -> None:

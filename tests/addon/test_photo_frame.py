@@ -1,4 +1,4 @@
-"""The photo behind the clicks stands upright and lies exactly under the splats."""
+"""The background photo is upright and aligned with the splats."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ photo_frame = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.photo_
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("with_thumbnail", [False, True])
-def test_photo_is_turned_as_its_exif_says(tmp_path: Path, orientation: int, with_thumbnail: bool) -> None:
+def test_exif_orientation_is_applied(tmp_path: Path, orientation: int, with_thumbnail: bool) -> None:
     picture = np.random.default_rng(0).integers(0, 255, (24, 40, 3)).astype(np.uint8)
     image, exif = Image.fromarray(picture), Image.Exif()
     if with_thumbnail:
@@ -31,7 +31,7 @@ def test_photo_is_turned_as_its_exif_says(tmp_path: Path, orientation: int, with
     assert photo_frame.exif_orientation(file) == orientation
     with Image.open(file) as stored:
         expected = np.asarray(ImageOps.exif_transpose(stored))
-        np.testing.assert_array_equal(photo_frame.turned_upright(np.asarray(stored), orientation), expected)
+        np.testing.assert_array_equal(photo_frame.apply_orientation(np.asarray(stored), orientation), expected)
 
 
 @pytest.mark.parametrize(
@@ -41,14 +41,14 @@ def test_photo_is_turned_as_its_exif_says(tmp_path: Path, orientation: int, with
         b"\xff\xd8\xff\xe1\xff\xffExif\0\0MM", b"\xff\xd8\xff\xda\x00\x02",
     ],
 )  # fmt: skip
-def test_other_and_damaged_files_are_taken_as_they_are(tmp_path: Path, content: bytes) -> None:
+def test_other_and_damaged_files_have_the_default_orientation(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.jpg").write_bytes(content)
     assert photo_frame.exif_orientation(tmp_path / "a.jpg") == 1
     assert photo_frame.exif_orientation(tmp_path / "missing.jpg") == 1
 
 
 @pytest.mark.parametrize("size", [(600, 900), (301, 450)])
-def test_distortion_is_gone_as_in_the_engine(size: tuple[int, int]) -> None:
+def test_distortion_is_removed_as_in_the_engine(size: tuple[int, int]) -> None:
     params = (640.0, 620.0, 470.0, 290.0, -0.2, 0.05, 0.003, -0.006)
     camera = Camera("a.jpg", 900, 600, "OPENCV", params, np.eye(4))
     y, x = np.mgrid[: size[0], : size[1]] / size[0]
@@ -56,10 +56,10 @@ def test_distortion_is_gone_as_in_the_engine(size: tuple[int, int]) -> None:
     K = np.array([[640.0, 0, 470.0], [0, 620.0, 290.0], [0, 0, 1]])
     scale = np.diag([size[1] / 900, size[0] / 600, 1.0])
     expected = undistort(picture, camera, PinholeCamera(np.eye(4), scale @ K, size[1], size[0]))
-    result = photo_frame.without_distortion(picture, camera)
+    result = photo_frame.remove_distortion(picture, camera)
     assert result.shape == picture.shape and result.dtype == np.float32
-    there = (expected[..., 3] > 0.99) & (result[..., 3] > 0.99)
-    assert there.mean() > 0.9
-    # A slope of 9 / 600 a pixel: 0.05 pixels of either's rounding are 8e-4.
-    assert np.abs(result - expected)[there].max() < 2e-3
+    visible = (expected[..., 3] > 0.99) & (result[..., 3] > 0.99)
+    assert visible.mean() > 0.9
+    # The slope is 9 / 600 per pixel: an error of 0.05 pixels is 8e-4.
+    assert np.abs(result - expected)[visible].max() < 2e-3
     assert ((expected[..., 3] > 0) != (result[..., 3] > 0)).mean() < 0.005

@@ -1,4 +1,4 @@
-"""What a curator asks for reaches the engine in the words of its command line."""
+"""Prompts and clicks become arguments of the engine's command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .conftest import PACKAGE
 
 prompts = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.prompts")
 errors = importlib.import_module(f"{PACKAGE}.engine.errors")
-Click, Answer = prompts.Click, prompts.Answer
+Click, EventResult = prompts.Click, prompts.EventResult
 
 
 def test_several_texts_are_one_prompt() -> None:
@@ -20,17 +20,17 @@ def test_several_texts_are_one_prompt() -> None:
 
 
 @pytest.mark.parametrize("prompt", ["", "  ", " ; "])
-def test_empty_prompt_is_a_sentence(prompt: str) -> None:
-    with pytest.raises(errors.PromptError, match="Say what to isolate"):
+def test_empty_prompt_is_a_clear_error(prompt: str) -> None:
+    with pytest.raises(errors.PromptError, match="Enter what to isolate"):
         prompts.text_arguments(prompt)
 
 
-def test_one_name_for_several_things_is_a_sentence() -> None:
-    with pytest.raises(errors.PromptError, match="2 things cannot all be called 'Krug'"):
+def test_one_name_for_several_objects_is_a_clear_error() -> None:
+    with pytest.raises(errors.PromptError, match="2 objects cannot have the same name 'Krug'"):
         prompts.text_arguments("vase;teapot", "Krug")
 
 
-def test_clicks_say_what_belongs_and_what_does_not() -> None:
+def test_clicks_become_arguments() -> None:
     clicks = [Click("a b.jpg", 364, 500.25), Click("a b.jpg", 1, 2, wanted=False), Click("c.jpg", 3.5, 4)]
     words = ["--click", "a b.jpg=364,500.25", "--not", "a b.jpg=1,2", "--click", "c.jpg=3.5,4"]
     assert prompts.click_arguments(clicks, "Krug") == [*words, "--name", "Krug"]
@@ -38,7 +38,7 @@ def test_clicks_say_what_belongs_and_what_does_not() -> None:
     assert prompts.refine_arguments("vase", level=0) == ["--refine", "vase", "--level", "0"]
 
 
-def test_only_negative_clicks_find_nothing_new_but_may_correct() -> None:
+def test_negative_clicks_alone_can_correct_but_not_isolate() -> None:
     away = [Click("a.jpg", 1, 2, wanted=False)]
     with pytest.raises(errors.PromptError, match="at least once"):
         prompts.click_arguments(away)
@@ -51,23 +51,23 @@ def press(session: Any, key: str, *, shift: bool = False, at: tuple[float, float
     return session.handle(key, pressed=True, negative=shift, click=lambda wanted: Click("a.jpg", *at, wanted))
 
 
-def test_clicks_are_gathered_until_enter() -> None:
+def test_clicks_are_collected_until_enter() -> None:
     session = prompts.ClickSession()
-    assert press(session, "LEFTMOUSE") is Answer.TAKEN
-    assert press(session, "LEFTMOUSE", shift=True, at=(5, 6)) is Answer.TAKEN
-    assert press(session, "LEFTMOUSE", at=(7, 8)) is Answer.TAKEN
-    assert press(session, "BACK_SPACE") is Answer.TAKEN
-    assert press(session, "RET") is Answer.DONE
+    assert press(session, "LEFTMOUSE") is EventResult.HANDLED
+    assert press(session, "LEFTMOUSE", shift=True, at=(5, 6)) is EventResult.HANDLED
+    assert press(session, "LEFTMOUSE", at=(7, 8)) is EventResult.HANDLED
+    assert press(session, "BACK_SPACE") is EventResult.HANDLED
+    assert press(session, "RET") is EventResult.CONFIRMED
     assert session.clicks == [Click("a.jpg", 1, 2), Click("a.jpg", 5, 6, wanted=False)]
-    assert session.line() == "1 on the object, 1 beside it"
+    assert session.summary() == "1 on the object, 1 beside it"
 
 
-def test_photos_are_walked_through_and_the_rest_stays_blenders() -> None:
+def test_arrow_keys_change_the_photo_and_other_events_stay_with_blender() -> None:
     session = prompts.ClickSession()
-    assert (press(session, "LEFT_ARROW"), session.step) == (Answer.OTHER_PHOTO, -1)
-    assert (press(session, "RIGHT_ARROW"), session.step) == (Answer.OTHER_PHOTO, 1)
-    assert press(session, "MIDDLEMOUSE") is press(session, "WHEELUPMOUSE") is Answer.LEAVE
-    assert press(session, "ESC") is press(session, "RIGHTMOUSE") is Answer.STOPPED
+    assert (press(session, "LEFT_ARROW"), session.step) == (EventResult.CHANGE_PHOTO, -1)
+    assert (press(session, "RIGHT_ARROW"), session.step) == (EventResult.CHANGE_PHOTO, 1)
+    assert press(session, "MIDDLEMOUSE") is press(session, "WHEELUPMOUSE") is EventResult.IGNORED
+    assert press(session, "ESC") is press(session, "RIGHTMOUSE") is EventResult.CANCELLED
     released = session.handle("LEFTMOUSE", pressed=False, negative=False, click=lambda wanted: 1 / 0)
-    assert released is Answer.LEAVE and session.clicks == []
-    assert press(session, "BACK_SPACE") is Answer.TAKEN
+    assert released is EventResult.IGNORED and session.clicks == []
+    assert press(session, "BACK_SPACE") is EventResult.HANDLED

@@ -1,4 +1,4 @@
-"""Tests inside Blender (bpy from PyPI), against the installed zip; see scripts/run_blender_tests.py."""
+"""Fixtures of the tests in Blender (bpy from PyPI), which use the installed zip; see scripts/run_blender_tests.py."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from types import ModuleType
 
 import pytest
 
-# Blender reads its user folders when bpy is imported: an empty one, so that no add-on of the person is in the way.
+# Blender reads its user folder when bpy is imported. An empty one keeps the user's own add-ons out of the tests.
 _RESOURCES = tempfile.mkdtemp(prefix="gaussian-heritage-blender-")
 os.environ["BLENDER_USER_RESOURCES"] = _RESOURCES
 atexit.register(shutil.rmtree, _RESOURCES, ignore_errors=True)
@@ -24,13 +24,13 @@ MODULE = "bl_ext.user_default.gaussian_heritage"
 
 @pytest.fixture(scope="session")
 def zip_file() -> Path:
-    """The built extension."""
+    """Return the built extension."""
     return Path(os.environ["GAUSSIAN_HERITAGE_ZIP"])
 
 
 @pytest.fixture(scope="session")
 def installed(zip_file: Path) -> str:
-    """Install and enable the extension as a person would; its module name."""
+    """Install and enable the extension as a user does, and return its module name."""
     bpy.ops.extensions.package_install_files(filepath=str(zip_file), repo="user_default", enable_on_install=True)
     assert MODULE in bpy.context.preferences.addons
     return MODULE
@@ -38,6 +38,6 @@ def installed(zip_file: Path) -> str:
 
 @pytest.fixture
 def blender(installed: str) -> Iterator[ModuleType]:
-    """An empty file with the extension enabled; gives bpy."""
+    """Open an empty file with the extension enabled, and yield bpy."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     yield bpy

@@ -1,4 +1,4 @@
-"""The whole path on a few real photos, through the operators a curator presses."""
+"""From a few real photos to exported objects, with the operators of the user interface."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ VIEWS = (6, 7, 8, 9, 10, 11, 24, 25, 26, 27)
 
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten neighbouring photos of the museum room, and one that is broken."""
+    """Return a folder with ten neighbouring photos of the museum room, and one broken file."""
     source = Path(os.environ["GAUSSIAN_HERITAGE_DEMO"]) / "museum_room" / "photos"
     folder = tmp_path_factory.mktemp("a walk") / "Fotos für morgen"
     folder.mkdir()

@@ -1,4 +1,4 @@
-"""Seeded Gaussians, a project folder and an engine stand-in, built with the installed extension's own code."""
+"""Random Gaussians, a project folder and a fake engine, made with the code of the installed extension."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Part = Callable[[str], ModuleType]
 
 @pytest.fixture
 def part(blender: ModuleType, installed: str) -> Part:
-    """``part("engine.formats")``: a module of the installed extension."""
+    """Return a function that imports a module of the installed extension: ``part("engine.formats")``."""
     return lambda name: importlib.import_module(f"{installed}.{name}")
 
 
 @pytest.fixture
 def random_gaussians(part: Part) -> Callable[..., Any]:
-    """``random_gaussians(count, degree=3, seed=0)``."""
+    """Return a function ``random_gaussians(count, degree=3, seed=0)``."""
     gaussians_type = part("engine.scene.gaussians").Gaussians
 
     def make(count: int, *, degree: int = 3, seed: int = 0) -> Any:
@@ -50,7 +50,7 @@ def random_gaussians(part: Part) -> Callable[..., Any]:
 
 @pytest.fixture
 def camera(part: Part) -> Any:
-    """An oblique camera at (0.3, -3, 1) with uneven focal lengths and an off-centre principal point."""
+    """Return an oblique camera at (0.3, -3, 1) with uneven focal lengths and an off-centre principal point."""
     eye = np.array([0.3, -3.0, 1.0])
     forward = -eye / np.linalg.norm(eye)
     right = np.cross(forward, [0, 0, 1])
@@ -63,7 +63,7 @@ def camera(part: Part) -> Any:
 
 @pytest.fixture
 def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_path: Path) -> Any:
-    """A finished project with 100 Gaussians, one camera and the object ``vase`` of rows 0..39."""
+    """Return a finished project with 100 Gaussians, one camera and the object ``vase`` of rows 0..39."""
     folder = tmp_path / "müseum room_heritage"
     gaussians = random_gaussians(100, degree=1)
     part("engine.formats").write_ply(folder / "gaussians" / "scene.ply", gaussians)
@@ -91,8 +91,8 @@ def write_object(project: Path, object_id: str, name: str, membership: np.ndarra
 
 
 @pytest.fixture
-def engine_stand_in(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path]]:
-    """``engine_stand_in(text)``: a program chosen as the engine's Python that runs `text` and keeps its arguments."""
+def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """Yield a function that makes a fake engine, which runs the given source, and returns the file of its arguments."""
 
     def make(text: str) -> Path:
         arguments = tmp_path / "arguments.json"
@@ -112,17 +112,17 @@ def engine_stand_in(installed: str, tmp_path: Path) -> Iterator[Callable[[str], 
     bpy.context.preferences.addons[installed].preferences.engine_python = ""
 
 
-class Drawn:
-    """Stands in for a layout: checks what is drawn against Blender's own description, and remembers it.
+class FakeLayout:
+    """Fake layout that checks calls against Blender's own description and records what is drawn.
 
     Attributes
     ----------
     texts : list of str
-        Labels, and the texts of properties that have one.
+        Labels, and the texts of properties that have a text.
     props : list of str
         Names of the properties drawn.
     buttons : list of (str, dict)
-        Operators and what their buttons set.
+        Operators, and the options their buttons set.
     """
 
     def __init__(self) -> None:
@@ -135,30 +135,30 @@ class Drawn:
         return [(name, vars(options)) for name, options in self._buttons]
 
     def button(self, name: str) -> dict[str, Any]:
-        """What the only button of an operator sets."""
+        """Return the options of the only button of an operator."""
         (options,) = [options for other, options in self.buttons if other == f"heritage.{name}"]
         return options
 
     def __getattr__(self, method: str) -> Callable[..., Any]:
         known = bpy.types.UILayout.bl_rna.functions[method].parameters
 
-        def draw(*places: Any, **options: Any) -> Any:
+        def draw(*arguments: Any, **options: Any) -> Any:
             assert set(options) <= set(known.keys()), (method, options)
             icon = options.get("icon", "NONE")
             assert "icon" not in known or icon in known["icon"].enum_items, icon
             if "text" in options:
                 self.texts.append(options["text"])
             if method == "prop":
-                assert places[1] in places[0].bl_rna.properties, places[1]
-                self.props.append(places[1])
+                assert arguments[1] in arguments[0].bl_rna.properties, arguments[1]
+                self.props.append(arguments[1])
             if method == "operator":
-                return self._operator(places[0])
+                return self._operator(arguments[0])
             return self
 
         return draw
 
     def separator(self) -> None:
-        """Blender's description lacks it in some versions."""
+        """Do nothing: some versions of Blender have no description of this method."""
 
     def _operator(self, name: str) -> Any:
         properties = getattr(bpy.ops.heritage, name.partition(".")[2]).get_rna_type().properties
@@ -174,11 +174,11 @@ class Drawn:
 
 
 @pytest.fixture
-def draw(part: Part) -> Callable[[str], Drawn]:
-    """``draw("HERITAGE_PT_objects")``: what a panel of that name shows now."""
+def draw(part: Part) -> Callable[[str], FakeLayout]:
+    """Return a function that draws a panel by its name: ``draw("HERITAGE_PT_objects")``."""
 
-    def make(name: str) -> Drawn:
-        panel, drawn = getattr(bpy.types, name), Drawn()
+    def make(name: str) -> FakeLayout:
+        panel, drawn = getattr(bpy.types, name), FakeLayout()
         assert not hasattr(panel, "poll") or panel.poll(bpy.context)
         panel.draw(SimpleNamespace(layout=drawn), bpy.context)
         return drawn

@@ -1,4 +1,4 @@
-"""Clicks through the camera of a photo become pixels of that photo, and these what the engine is asked."""
+"""Clicks through the camera of a photo become pixels of that photo, and arguments of the engine."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ LENS = (170.0, 160.0, 68.0, 44.0, -0.15, 0.04, 0.006, -0.009)
 
 @pytest.fixture
 def camera(camera: Any, part: Part) -> Any:
-    """The oblique camera, with a lens that distorts."""
+    """Return the oblique camera with lens distortion."""
     return part("engine.scene.camera").Camera(camera.photo, 128, 96, "OPENCV", LENS, camera.viewmat)
 
 
 def pixels(camera: Any, points: np.ndarray) -> np.ndarray:
-    """Where world points appear in the photo: Brown's lens model, spelled out."""
+    """Return the pixels of world points in the photo, with Brown's lens model written out."""
     fx, fy, cx, cy, k1, k2, p1, p2 = camera.params
     x, y, z = (points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]).T
     u, v = x / z, y / z
@@ -35,7 +35,7 @@ def pixels(camera: Any, points: np.ndarray) -> np.ndarray:
 
 
 class Window:
-    """A 3D viewport of 640x400 at (50, 30) with a sidebar over its right end, looking through the scene's camera."""
+    """Fake 3D viewport of 640x400 at (50, 30), with a sidebar over its right edge and the view of the scene camera."""
 
     x, y, width, height = 50, 30, 640, 400
 
@@ -52,8 +52,8 @@ class Window:
         self.area.header_text_set = lambda text: setattr(self, "header", text)
         self._zoom, self._shift = zoom, shift
 
-    def look(self) -> None:
-        """Bring the matrix up to date, as Blender does when it draws."""
+    def update_matrix(self) -> None:
+        """Update the matrix, as Blender does when it draws."""
         scene = bpy.context.scene
         bpy.context.view_layer.update()
         depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -62,8 +62,8 @@ class Window:
         moved[:2, 3] = self._shift
         self.region_3d.perspective_matrix = moved @ lens @ np.array(scene.camera.matrix_world.inverted())
 
-    def place(self, point: np.ndarray) -> tuple[float, float]:
-        """Where the window shows a point of the world."""
+    def position(self, point: np.ndarray) -> tuple[float, float]:
+        """Return the position of a world point in the window."""
         x, y, _, w = self.region_3d.perspective_matrix @ [*point, 1.0]
         return self.x + (x / w + 1) * self.width / 2, self.y + (y / w + 1) * self.height / 2
 
@@ -83,48 +83,48 @@ def test_click_is_the_pixel_of_the_photo_however_the_view_is_zoomed(
     viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
     assert window.region_3d.view_perspective == "CAMERA"
-    # Whatever the person's renders are like.
+    # The resolution of renders must not matter.
     bpy.context.scene.render.resolution_x, bpy.context.scene.render.resolution_y = resolution
-    window.look()
+    window.update_matrix()
     points = np.random.default_rng(0).uniform(-0.6, 0.6, (40, 3))
     expected = pixels(camera, points)
     inside = (expected > 0).all(axis=1) & (expected < (camera.width, camera.height)).all(axis=1)
     assert inside.sum() > 10
     for point, pixel in zip(points[inside], expected[inside], strict=True):
-        x, y = window.place(point)
-        # A window pixel is clicked in its middle, so half a pixel is taken off here.
+        x, y = window.position(point)
+        # A click is at the centre of a pixel of the window, hence the 0.5.
         click, direction = viewport.click(x - 0.5, y - 0.5, True)
         assert click.photo == camera.photo
-        # Rounded to a hundredth, and Blender's float32.
+        # Pixels are rounded to a hundredth, and Blender's matrices are float32.
         np.testing.assert_allclose((click.x, click.y), pixel, atol=0.02)
 
 
-def test_only_the_picture_takes_clicks(opened: Any, part: Part) -> None:
+def test_only_the_view_accepts_clicks(opened: Any, part: Part) -> None:
     viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, Window().area)
     assert viewport.is_over(300, 200) and viewport.is_over(50, 30)
     assert not viewport.is_over(600, 200) and not viewport.is_over(49, 200) and not viewport.is_over(300, 430)
 
 
-def test_other_view_or_moved_camera_is_a_sentence(opened: Any, part: Part) -> None:
+def test_other_view_or_moved_camera_is_a_clear_error(opened: Any, part: Part) -> None:
     errors, window = part("engine.errors"), Window()
     viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
-    window.look()
+    window.update_matrix()
     viewport.click(370, 230, True)
-    with pytest.raises(errors.CameraError, match="outside of the photo"):
+    with pytest.raises(errors.CameraError, match="outside the photo"):
         viewport.click(51, 31, True)
     window.region_3d.view_perspective = "PERSP"
-    with pytest.raises(errors.ObjectError, match="Look through a photo's camera"):
+    with pytest.raises(errors.ObjectError, match="Look through the camera of a photo"):
         viewport.click(370, 230, True)
     viewport.show_photo(0)
     bpy.context.scene.camera.location.x += 0.1
-    window.look()
-    with pytest.raises(errors.CameraError, match="no longer stand as they did"):
+    window.update_matrix()
+    with pytest.raises(errors.CameraError, match="no longer lines up with the scene"):
         viewport.click(370, 230, True)
 
 
 def save_photo(part: Part, project: Path, name: str, orientation: int) -> None:
-    """A photo of 1024x768 whose red tells x and whose green tells y, stored turned as EXIF `orientation` says."""
+    """Save a photo of 1024x768 with x in red and y in green, rotated according to the EXIF `orientation`."""
     y, x = np.mgrid[:768, :1024]
     upright = np.stack([(x + 0.5) / 1024, (y + 0.5) / 768, 0 * x, 0 * x + 1], axis=-1).astype(np.float32)
     stored = np.ascontiguousarray(upright if orientation == 1 else upright[:, ::-1].swapaxes(0, 1))
@@ -147,11 +147,11 @@ def save_photo(part: Part, project: Path, name: str, orientation: int) -> None:
 
 
 @pytest.mark.parametrize("orientation", [1, 6])
-def test_photo_lies_where_the_splats_show_the_same(opened: Any, camera: Any, part: Part, orientation: int) -> None:
+def test_photo_is_aligned_with_the_splats(opened: Any, camera: Any, part: Part, orientation: int) -> None:
     save_photo(part, opened.folder, camera.photo, orientation)
     viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, Window().area)
     viewport.show_photo(0)
-    assert viewport.note == ""
+    assert viewport.photo_problem == ""
     scene = bpy.context.scene
     (entry,) = scene.camera.data.background_images
     assert scene.camera.data.show_background_images and (entry.frame_method, entry.alpha) == ("STRETCH", 1.0)
@@ -169,7 +169,7 @@ def test_photo_lies_where_the_splats_show_the_same(opened: Any, camera: Any, par
     assert inside.sum() > 50 and np.abs(pinhole - expected)[inside].max() > 1.5
     columns, rows = (pinhole[inside] * 8).astype(int).T
     seen = shown[rows, columns, :2] * (128, 96)
-    # 8 bits are 0.25 pixels here, and JPEG costs more: worst seen 0.9, mean 0.2.
+    # 8 bits resolve 0.25 pixels here, and JPEG adds to it: worst error seen 0.9, mean 0.2.
     errors = np.linalg.norm(seen - expected[inside], axis=1)
     bent = np.linalg.norm(pinhole - expected, axis=1)[inside] > 1.0
     assert bent.sum() >= 5 and errors[bent].mean() < 0.5 and errors.max() < 1.3
@@ -179,31 +179,31 @@ def test_photo_lies_where_the_splats_show_the_same(opened: Any, camera: Any, par
     assert len(scene.camera.data.background_images) == 1
 
 
-def test_photo_that_is_gone_does_not_keep_from_clicking(opened: Any, camera: Any, part: Part) -> None:
+def test_missing_photo_does_not_prevent_clicking(opened: Any, camera: Any, part: Part) -> None:
     window = Window()
     viewport = part("gaussian_heritage_addon.clicking").Viewport(bpy.context.scene, window.area)
     viewport.show_photo(0)
-    assert "photos.json is not a photo list" in viewport.note
+    assert "photos.json cannot be read" in viewport.photo_problem
     save_photo(part, opened.folder, camera.photo, 1)
     file = opened.folder.parent / "photos" / camera.photo
     file.write_bytes(b"not a photo")
     viewport.show_photo(0)
-    assert "Blender cannot show" in viewport.note
+    assert "Blender cannot read" in viewport.photo_problem
     file.unlink()
     viewport.show_photo(0)
-    assert "is not there any more" in viewport.note
-    window.look()
+    assert "is missing" in viewport.photo_problem
+    window.update_matrix()
     assert viewport.click(370, 230, True)[0].photo == camera.photo
 
 
-def test_photos_are_walked_through_in_order(opened: Any, part: Part, camera: Any) -> None:
+def test_photos_are_visited_in_order(opened: Any, part: Part, camera: Any) -> None:
     cameras, scene = part("gaussian_heritage_addon.cameras"), bpy.context.scene
     others = [part("engine.scene.camera").Camera(name, 64, 48, "PINHOLE", LENS[:4], camera.viewmat) for name in "zy"]
     cameras.add_cameras(others, scene.collection)
     scene.render.resolution_x, scene.render.resolution_y = 100, 100
-    clicked = part("gaussian_heritage_addon.clicking").Viewport(scene, Window().area)
-    clicked.show_photo(0)
-    # Clicking leaves renders as small as they were.
+    viewport = part("gaussian_heritage_addon.clicking").Viewport(scene, Window().area)
+    viewport.show_photo(0)
+    # Clicking keeps the longest side of renders.
     assert (cameras.current_photo(scene), scene.render.resolution_x, scene.render.resolution_y) == (
         camera.photo,
         100,
@@ -218,31 +218,33 @@ def test_photos_are_walked_through_in_order(opened: Any, part: Part, camera: Any
 
 @pytest.fixture
 def clicking(opened: Any, part: Part) -> Any:
-    """The operator as Blender runs it, without a window: it is invoked, then ``event(...)`` is what happens."""
+    """Run the operator as Blender does, without a window: ``invoke()`` it, then send it events with ``event(...)``."""
     operator, window = part("operators.click_object").HERITAGE_OT_click_object, Window()
     functions = {name: value for name, value in vars(operator).items() if isinstance(value, FunctionType)}
-    said: list[str] = []
-    # Not the class itself: Blender makes instances of operators, nobody else can.
-    stand = type("Stand", (), {**functions, "report": lambda self, kind, text: said.append(text), "refine": False})()
-    waiting: list[Any] = []
+    messages: list[str] = []
+    # A class with the same functions, because only Blender can create instances of operators.
+    fake_operator = type(
+        "FakeOperator", (), {**functions, "report": lambda self, kind, text: messages.append(text), "refine": False}
+    )()
+    handlers: list[Any] = []
     context = SimpleNamespace(
         scene=bpy.context.scene,
         area=window.area,
-        window_manager=SimpleNamespace(modal_handler_add=waiting.append),
+        window_manager=SimpleNamespace(modal_handler_add=handlers.append),
     )
 
     def invoke(*, refine: bool = False) -> set[str]:
-        stand.refine = refine
-        result: set[str] = stand.invoke(context, None)
-        window.look()
+        fake_operator.refine = refine
+        result: set[str] = fake_operator.invoke(context, None)
+        window.update_matrix()
         return result
 
     def event(kind: str, at: tuple[int, int] = (370, 230), *, shift: bool = False, ctrl: bool = False) -> set[str]:
-        happened = SimpleNamespace(type=kind, value="PRESS", mouse_x=at[0], mouse_y=at[1], shift=shift, ctrl=ctrl)
-        result: set[str] = stand.modal(context, happened)
+        window_event = SimpleNamespace(type=kind, value="PRESS", mouse_x=at[0], mouse_y=at[1], shift=shift, ctrl=ctrl)
+        result: set[str] = fake_operator.modal(context, window_event)
         return result
 
-    return SimpleNamespace(invoke=invoke, event=event, window=window, said=said, waiting=waiting)
+    return SimpleNamespace(invoke=invoke, event=event, window=window, messages=messages, handlers=handlers)
 
 
 FOUND = """
@@ -252,9 +254,9 @@ say("finished", message="Isolated object (0.80).", outputs={"objects": ["object"
 """
 
 
-def test_clicks_and_enter_isolate_a_new_object(clicking: Any, engine_stand_in: Callable[[str], Path]) -> None:
-    arguments = engine_stand_in(FOUND)
-    assert clicking.invoke() == {"RUNNING_MODAL"} and len(clicking.waiting) == 1
+def test_clicks_and_enter_isolate_a_new_object(clicking: Any, fake_engine: Callable[[str], Path]) -> None:
+    arguments = fake_engine(FOUND)
+    assert clicking.invoke() == {"RUNNING_MODAL"} and len(clicking.handlers) == 1
     assert clicking.event("MIDDLEMOUSE") == {"PASS_THROUGH"}
     assert clicking.event("LEFTMOUSE", (620, 230)) == {"PASS_THROUGH"}
     assert clicking.event("LEFTMOUSE") == {"RUNNING_MODAL"}
@@ -264,7 +266,7 @@ def test_clicks_and_enter_isolate_a_new_object(clicking: Any, engine_stand_in: C
     assert "2 on the object, 2 beside it" in clicking.window.header
     clicking.event("BACK_SPACE")
     clicking.event("LEFTMOUSE", (51, 31))
-    assert "outside of the photo" in clicking.said[-1]
+    assert "outside the photo" in clicking.messages[-1]
     assert clicking.event("RET") == {"FINISHED"}
     assert clicking.window.header is None
     words = json.loads(arguments.read_text())[4:-1]
@@ -273,11 +275,11 @@ def test_clicks_and_enter_isolate_a_new_object(clicking: Any, engine_stand_in: C
     assert "object" in bpy.data.collections
 
 
-def test_clicks_correct_the_chosen_object(clicking: Any, engine_stand_in: Callable[[str], Path]) -> None:
-    arguments = engine_stand_in("say('finished', outputs={'objects': ['vase']})")
+def test_clicks_correct_the_selected_object(clicking: Any, fake_engine: Callable[[str], Path]) -> None:
+    arguments = fake_engine("say('finished', outputs={'objects': ['vase']})")
     bpy.context.scene.heritage.active = -1
     assert clicking.invoke(refine=True) == {"CANCELLED"}
-    assert clicking.said == ["Choose an isolated object in the list first."]
+    assert clicking.messages == ["Select an isolated object in the list first."]
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
     assert clicking.invoke(refine=True) == {"RUNNING_MODAL"}
     clicking.event("LEFTMOUSE", shift=True)
@@ -285,17 +287,17 @@ def test_clicks_correct_the_chosen_object(clicking: Any, engine_stand_in: Callab
     assert json.loads(arguments.read_text())[4:7] == ["--refine", "vase", "--not"]
 
 
-def test_escape_asks_nothing_and_a_refusal_is_told(clicking: Any, engine_stand_in: Callable[[str], Path]) -> None:
-    arguments = engine_stand_in(FOUND)
+def test_escape_starts_nothing_and_an_error_is_reported(clicking: Any, fake_engine: Callable[[str], Path]) -> None:
+    arguments = fake_engine(FOUND)
     clicking.invoke()
     clicking.event("LEFTMOUSE")
     assert clicking.event("ESC") == {"CANCELLED"}
     clicking.invoke()
     clicking.event("LEFTMOUSE", shift=True)
     assert clicking.event("RET") == {"CANCELLED"}
-    assert "Click the object at least once" in clicking.said[-1] and not arguments.exists()
+    assert "Click the object at least once" in clicking.messages[-1] and not arguments.exists()
 
 
-def test_without_a_window_the_person_is_told(opened: Any) -> None:
+def test_without_a_window_the_error_is_clear(opened: Any) -> None:
     with pytest.raises(RuntimeError, match="Objects are clicked in a window"):
         bpy.ops.heritage.click_object()

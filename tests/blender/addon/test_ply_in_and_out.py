@@ -1,4 +1,4 @@
-"""A Gaussian PLY comes in and goes out again; what was done to the object in Blender is in the file."""
+"""A Gaussian PLY is imported and exported again; changes made in Blender are in the exported file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def export(folder: Path, **options: Any) -> None:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_untouched_scene_comes_back_the_same(
+def test_unchanged_scene_is_exported_unchanged(
     part: Part, random_gaussians: RandomGaussians, tmp_path: Path, degree: int
 ) -> None:
     formats, gaussians = part("engine.formats"), random_gaussians(50, degree=degree)
@@ -36,7 +36,7 @@ def test_untouched_scene_comes_back_the_same(
     back = formats.read_ply(tmp_path / "out" / "scene.ply")
     np.testing.assert_array_equal(back.means, gaussians.means)
     np.testing.assert_array_equal(back.sh, gaussians.sh)
-    # Blender keeps linear scales and opacities in float32: one rounding each way.
+    # Blender stores linear scales and opacities in float32: one rounding in each direction.
     np.testing.assert_allclose(back.log_scales, gaussians.log_scales, atol=5e-7)
     np.testing.assert_allclose(back.opacities, gaussians.opacities, atol=1e-7)
     unit = gaussians.quats / np.linalg.norm(gaussians.quats, axis=1, keepdims=True)
@@ -75,7 +75,9 @@ def test_placement_in_blender_is_in_the_file(
     np.testing.assert_allclose(back.log_scales, expected.log_scales, atol=2e-6)
 
 
-def test_vertices_deleted_in_blender_are_gone(part: Part, random_gaussians: RandomGaussians, tmp_path: Path) -> None:
+def test_vertices_deleted_in_blender_are_not_exported(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path
+) -> None:
     formats, gaussians = part("engine.formats"), random_gaussians(10)
     formats.write_ply(tmp_path / "scene.ply", gaussians)
     obj = import_ply(tmp_path / "scene.ply")
@@ -100,14 +102,14 @@ def test_existing_files_are_replaced_only_on_request(
     part("engine.formats").write_ply(path, random_gaussians(3))
     before = path.read_bytes()
     import_ply(path)
-    with pytest.raises(RuntimeError, match=r"already holds scene\.ply"):
+    with pytest.raises(RuntimeError, match=r"already contains scene\.ply"):
         bpy.ops.heritage.export_objects(directory=str(tmp_path), scope="SCENE")
     assert path.read_bytes() == before
     export(tmp_path, scope="SCENE", overwrite=True)
     assert b"generator Gaussian Heritage" in path.read_bytes()
 
 
-def test_ordinary_point_cloud_is_refused_in_plain_words(blender: ModuleType, tmp_path: Path) -> None:
+def test_ordinary_point_cloud_is_a_clear_error(blender: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "cloud.ply").write_bytes(
         b"ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
         b"property float x\nproperty float y\nproperty float z\nend_header\n" + bytes(12)
@@ -117,6 +119,6 @@ def test_ordinary_point_cloud_is_refused_in_plain_words(blender: ModuleType, tmp
     assert len(bpy.data.objects) == 0
 
 
-def test_nothing_to_export_is_a_sentence(blender: ModuleType, tmp_path: Path) -> None:
+def test_nothing_to_export_is_a_clear_error(blender: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="nothing to export"):
         bpy.ops.heritage.export_objects(directory=str(tmp_path))

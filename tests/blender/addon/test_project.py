@@ -1,4 +1,4 @@
-"""A project becomes a scene with cameras and collections; its engine is asked through a stand-in."""
+"""A project becomes a scene with cameras and collections. The engine is a fake."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def drawn(obj: bpy.types.Object) -> int:
     return sum(1 for instance in depsgraph.object_instances if instance.parent and instance.parent.original == obj)
 
 
-def test_objects_become_collections_with_what_is_known_of_them(project: Any) -> None:
+def test_objects_become_collections_with_their_properties(project: Any) -> None:
     scene = open_project(project)
     vase = bpy.data.collections["Vase"]
     (obj,) = vase.objects
@@ -56,10 +56,10 @@ def test_slider_changes_what_is_drawn_and_exported(project: Any, part: Part, tmp
 
 
 def test_scene_and_objects_are_never_drawn_twice(project: Any) -> None:
-    scene, said = open_project(project), bpy.context.scene.heritage
+    scene, properties = open_project(project), bpy.context.scene.heritage
     obj = bpy.data.objects["Vase"]
     assert (scene.hide_render, obj.hide_render) == (False, True)
-    said.show = "OBJECTS"
+    properties.show = "OBJECTS"
     assert (scene.hide_render, obj.hide_render) == (True, False)
 
 
@@ -75,25 +75,25 @@ def test_cameras_see_what_the_photos_saw(project: Any, camera: Any) -> None:
     for point in project.gaussians.means[:20].astype(float):
         x, y, z = camera.viewmat[:3, :3] @ point + camera.viewmat[:3, 3]
         seen = world_to_camera_view(scene, scene.camera, Vector(point))
-        # Blender keeps lens, shifts and matrices in float32: worst seen 1e-4 pixels.
+        # Blender stores lens, shifts and matrices in float32: worst error seen 1e-4 pixels.
         np.testing.assert_allclose((seen.x * 128, (1 - seen.y) * 96), (fx * x / z + cx, fy * y / z + cy), atol=2e-3)
 
 
-def test_unknown_photo_is_a_sentence(project: Any) -> None:
+def test_unknown_photo_is_a_clear_error(project: Any) -> None:
     open_project(project)
     with pytest.raises(RuntimeError, match="No camera of the photo 'nowhere'"):
         bpy.ops.heritage.look_through_photo(photo="nowhere")
 
 
-def test_folder_without_a_scene_is_a_sentence(blender: ModuleType, tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="holds no finished scene"):
+def test_folder_without_a_scene_is_a_clear_error(blender: ModuleType, tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError, match="contains no finished scene"):
         bpy.ops.heritage.open_project(directory=str(tmp_path))
 
 
 def test_record_is_kept_in_the_project_and_in_exports(project: Any, part: Part, tmp_path: Path) -> None:
     open_project(project)
-    said = bpy.data.objects["Vase"].heritage
-    said.catalogue_number, said.title, said.rights = "1906.12", "Gefäß", "CC BY 4.0"
+    properties = bpy.data.objects["Vase"].heritage
+    properties.catalogue_number, properties.title, properties.rights = "1906.12", "Gefäß", "CC BY 4.0"
     records = part("engine.records")
     assert records.load_record(project.folder, "vase") == records.MuseumRecord("1906.12", "Gefäß", "CC BY 4.0", "")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY")
@@ -120,11 +120,11 @@ say("finished", message="Isolated Bust (0.70).", outputs={"objects": ["bust"]})
 """
 
 
-def test_isolate_asks_the_engine_and_adds_its_collection(project: Any, engine_stand_in: Callable[[str], Path]) -> None:
+def test_isolate_runs_the_engine_and_adds_a_collection(project: Any, fake_engine: Callable[[str], Path]) -> None:
     scene = open_project(project)
     scene.location = (0, 0, 5)
     bpy.context.view_layer.update()
-    arguments = engine_stand_in(SEGMENT)
+    arguments = fake_engine(SEGMENT)
     assert bpy.ops.heritage.isolate(prompt=" bust ") == {"FINISHED"}
     assert json.loads(arguments.read_text()) == [
         *["-m", "engine", "segment", str(project.folder), "--prompt", "bust", "--events"]
@@ -135,26 +135,26 @@ def test_isolate_asks_the_engine_and_adds_its_collection(project: Any, engine_st
     assert len([obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"]) == 2
 
 
-def test_engine_error_is_what_the_person_reads(project: Any, engine_stand_in: Callable[[str], Path]) -> None:
+def test_engine_error_is_shown_to_the_user(project: Any, fake_engine: Callable[[str], Path]) -> None:
     open_project(project)
-    engine_stand_in("say('error', message='No vase was found.', error='PromptError')\nsys.exit(3)")
+    fake_engine("say('error', message='No vase was found.', error='PromptError')\nsys.exit(3)")
     with pytest.raises(RuntimeError, match="No vase was found"):
         bpy.ops.heritage.isolate(prompt="vase")
 
 
-@pytest.mark.parametrize("what", [{}, {"prompt": "vase", "photo": "a.jpg"}, {"prompt": "  "}])
-def test_unclear_request_starts_nothing(project: Any, what: dict[str, str]) -> None:
+@pytest.mark.parametrize("arguments", [{}, {"prompt": "vase", "photo": "a.jpg"}, {"prompt": "  "}])
+def test_ambiguous_request_starts_nothing(project: Any, arguments: dict[str, str]) -> None:
     open_project(project)
-    with pytest.raises(RuntimeError, match="Say what to isolate"):
-        bpy.ops.heritage.isolate(**what)
+    with pytest.raises(RuntimeError, match="Enter what to isolate"):
+        bpy.ops.heritage.isolate(**arguments)
 
 
 def test_photo_folder_is_given_to_the_engine_and_its_scene_imported(
-    project: Any, engine_stand_in: Callable[[str], Path], tmp_path: Path
+    project: Any, fake_engine: Callable[[str], Path], tmp_path: Path
 ) -> None:
     photos = tmp_path / "müseum room"
     photos.mkdir()
-    arguments = engine_stand_in("say('finished', message='done', outputs={})")
+    arguments = fake_engine("say('finished', message='done', outputs={})")
     assert bpy.ops.heritage.import_photo_folder(directory=str(photos), prompts="vase;bust") == {"FINISHED"}
     expected = ["reconstruct", str(photos), "--out", str(project.folder), "--preset", "standard"]
     assert json.loads(arguments.read_text()) == ["-m", "engine", *expected, "--prompts", "vase;bust", "--events"]
@@ -162,7 +162,7 @@ def test_photo_folder_is_given_to_the_engine_and_its_scene_imported(
     assert bpy.context.scene.camera is not None
 
 
-def test_without_an_engine_the_person_is_told_where_to_choose(
+def test_error_without_an_engine_says_where_to_choose_it(
     project: Any, installed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("GAUSSIAN_HERITAGE_PYTHON", raising=False)
@@ -176,10 +176,10 @@ def test_without_an_engine_the_person_is_told_where_to_choose(
             operator()
 
 
-def test_check_tells_what_is_missing(
-    blender: ModuleType, installed: str, engine_stand_in: Callable[[str], Path]
+def test_check_reports_missing_packages(
+    blender: ModuleType, installed: str, fake_engine: Callable[[str], Path]
 ) -> None:
-    engine_stand_in(
+    fake_engine(
         "say('finished', message='ok numpy', outputs={'checks': [{'name': 'torch', 'ok': False, 'required': True}]})"
     )
     with pytest.raises(RuntimeError, match="lacks torch"):
@@ -187,6 +187,17 @@ def test_check_tells_what_is_missing(
     assert bpy.context.preferences.addons[installed].preferences.check_result == "ok numpy"
 
 
-def test_cancel_without_a_job_is_a_sentence(blender: ModuleType) -> None:
+def test_cancel_without_a_job_is_a_clear_error(blender: ModuleType) -> None:
     with pytest.raises(RuntimeError, match="No job is running"):
         bpy.ops.heritage.cancel_job()
+
+
+def test_every_typed_property_is_registered(part: Part) -> None:
+    """A class without the decorator `blender_properties` would lose its properties silently."""
+    for operator in part("operators").CLASSES:
+        if issubclass(operator, bpy.types.Operator):
+            registered = getattr(bpy.ops.heritage, operator.bl_idname.partition(".")[2]).get_rna_type().properties
+            assert set(vars(operator).get("__annotations__", {})) <= set(registered.keys()), operator
+    addon = "gaussian_heritage_addon"
+    for group in [*part(f"{addon}.properties").CLASSES, *part(f"{addon}.preferences_page").CLASSES]:
+        assert set(group.__annotations__) <= set(group.bl_rna.properties.keys()), group

@@ -1,4 +1,4 @@
-"""Cycles shows what the engine renders: compared with the formulas of the engine's rasterizer in float64."""
+"""Cycles renders the same picture as the engine: compared with the formulas of the engine's rasterizer in float64."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Part = Callable[[str], ModuleType]
 
 
 def rendered_by_formula(part: Part, gaussians: Any, camera: Any, *, linear: bool) -> np.ndarray:
-    """Front-to-back blending of the linearised projections (Kerbl et al. 2023), as engine/rasterizer does it."""
+    """Blend the linearised projections front to back (Kerbl et al. 2023), as in engine/rasterizer."""
     fx, fy, cx, cy = camera.params
     world_to_camera = camera.viewmat[:3, :3]
     centers = gaussians.means @ world_to_camera.T + camera.viewmat[:3, 3]
@@ -34,7 +34,7 @@ def rendered_by_formula(part: Part, gaussians: Any, camera: Any, *, linear: bool
         x, y, z = centers[i]
         if z <= 0.02:
             continue
-        # Held at the picture's border and 15 % around it, as the engine does.
+        # Clamped to the picture and 15 % around it, as in the engine.
         tan_x = np.clip(x / z, (-0.15 * camera.width - cx) / fx, (1.15 * camera.width - cx) / fx)
         tan_y = np.clip(y / z, (-0.15 * camera.height - cy) / fy, (1.15 * camera.height - cy) / fy)
         jacobian = np.array([[fx / z, 0, -fx * tan_x / z], [0, fy / z, -fy * tan_y / z]])
@@ -69,7 +69,7 @@ def rendered_by_cycles(folder: Path) -> np.ndarray:
 
 @pytest.fixture
 def square_camera(camera: Any, part: Part) -> Any:
-    """The oblique camera with square pixels, which the engine's low-pass in Blender assumes."""
+    """Return the oblique camera with square pixels, which the low-pass filter in Blender assumes."""
     return part("engine.scene.camera").Camera("p", 128, 96, "PINHOLE", (170.0, 170.0, 68.0, 44.0), camera.viewmat)
 
 
@@ -87,7 +87,7 @@ def show(part: Part, gaussians: Any, camera: Any, *, moved: Matrix | None = None
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 @pytest.mark.parametrize("blending", ["TRAINED", "LINEAR"])
-def test_picture_is_the_engines(
+def test_picture_is_the_same_as_the_engines(
     part: Part,
     random_gaussians: Callable[..., Any],
     square_camera: Any,
@@ -104,10 +104,10 @@ def test_picture_is_the_engines(
     error = np.abs(picture - expected)
     assert error.mean() <= 0.5 / 255
     if blending == "TRAINED":
-        # 8 bits with Blender's dithering explain 1.5/255; worst seen 1.3/255.
+        # Blender's dithering to 8 bits explains 1.5/255; worst error seen: 1.3/255.
         assert error.max() <= 2 / 255
     else:
-        # On black, one pixel at the cut-off (alpha 1/255) that falls to the other side is 12.92/255 in sRGB.
+        # On black, one pixel on the other side of the cut-off (alpha 1/255) is an error of 12.92/255 in sRGB.
         assert (error > 4 / 255).mean() <= 1e-3
         assert error.max() <= 14 / 255
 
@@ -117,7 +117,7 @@ def test_gaussians_beside_the_camera_do_not_cover_the_picture(
 ) -> None:
     gaussians = random_gaussians(80, seed=3)
     rotation, position = square_camera.viewmat[:3, :3], square_camera.center
-    # The second half around the photographer, as the walls of a room: some behind, some at a depth of nearly nothing.
+    # The second half surrounds the camera like the walls of a room: some behind it, some at a depth of almost 0.
     beside = np.random.default_rng(0).uniform((-2, -2, -0.2), (2, 2, 0.3), size=(40, 3))
     gaussians.means[40:] = beside @ rotation + position
     gaussians.log_scales[40:] = np.log(0.15)
@@ -141,7 +141,7 @@ def test_moved_object_looks_as_its_export_would(
     assert np.abs(rendered_by_cycles(tmp_path) - expected).max() <= 2 / 255
 
 
-def test_opaque_colour_comes_out_as_the_same_pixel(
+def test_opaque_colour_is_rendered_unchanged(
     part: Part, random_gaussians: Callable[..., Any], square_camera: Any, tmp_path: Path
 ) -> None:
     gaussians = random_gaussians(1, degree=0)
@@ -150,5 +150,5 @@ def test_opaque_colour_comes_out_as_the_same_pixel(
     show(part, gaussians, square_camera)
     part("gaussian_heritage_addon.properties").apply_blending(bpy.context.scene)
     assert bpy.context.scene.view_settings.view_transform == "Standard"
-    # Alpha ends at 0.99 in the engine and here; in linear light 1 % less is 0.4 % of the sRGB value.
+    # Alpha is at most 0.99, as in the engine; 1 % less linear light is 0.4 % of the sRGB value.
     np.testing.assert_allclose(rendered_by_cycles(tmp_path)[44, 68], [0.8, 0.5, 0.1], atol=1.5 / 255)
