@@ -13,23 +13,23 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PICTURE = PAGE.partition("```mermaid")[2].partition("```")[0]
 PLACES = re.findall(r"^\| (?P<what>[^|]+) \| `(?P<file>[^`]+)` \| `(?P<name>[^`]+)` \|$", PAGE, re.MULTILINE)
 
-DATA_FLOWS = {
-    ("photos", "cameras"), ("cameras", "masks"), ("masks", "training"), ("training", "objects"), ("objects", "report"),
-    ("planning", "stages"), ("gaussians", "training"), ("stages", "photos"),
-}  # fmt: skip
-"""Arrows of the picture that data take: the later package, or the stage that joins both, imports the earlier one."""
-PROCESSES = {("addon", "cli")}
-"""Arrows of the picture between two processes, which import nothing."""
+ARROW = re.compile(r"\s*(?P<kind>-->|==>|-\. \"[^\"]*\" \.->|== \"[^\"]*\" ==>)\s*")
+KINDS = {"-": "uses", "=": "data", ".": "process"}
 
 
-def arrows() -> list[tuple[str, str]]:
+def arrows() -> list[tuple[str, str, str]]:
+    """All arrows of the picture as (start, kind, end)."""
     found = []
     for line in PICTURE.splitlines():
-        if "-->" in line or "-- " in line:
-            names = re.split(r"\s*-->\s*|\s*-- \"[^\"]*\" -->\s*", line.strip())
-            names = [name.partition("[")[0].strip() for name in names]
-            found += list(zip(names, names[1:], strict=False))
+        parts = ARROW.split(line.strip())
+        for start, kind, ends in zip(parts[0::2], parts[1::2], parts[2::2], strict=False):
+            meaning = "process" if kind.startswith("-.") else KINDS[kind[0]]
+            found += [(_name(start), meaning, _name(end)) for end in ends.split(" & ")]
     return found
+
+
+def _name(node: str) -> str:
+    return node.partition("[")[0].strip()
 
 
 def files_of(name: str) -> list[Path]:
@@ -55,25 +55,26 @@ def imported_by(name: str) -> set[str]:
 
 def test_picture_shows_every_package_of_the_engine() -> None:
     packages = {path.parent.name for path in (ROOT / "engine").glob("*/__init__.py")}
-    shown = {name for arrow in arrows() for name in arrow} | set(re.findall(r"^\s+(\w+)\[", PICTURE, re.MULTILINE))
+    shown = {name for start, _, end in arrows() for name in (start, end)}
     assert packages - shown == set()
     assert all(files_of(name) for name in shown), shown
 
 
-@pytest.mark.parametrize("arrow", arrows(), ids=" to ".join)
-def test_every_arrow_is_an_import_or_a_flow_of_data(arrow: tuple[str, str]) -> None:
-    start, end = arrow
-    if arrow in PROCESSES:
-        assert end not in imported_by(start)
-    elif arrow in DATA_FLOWS:
-        assert start in imported_by(end) | imported_by("stages") | imported_by("pipeline")
-    else:
+@pytest.mark.parametrize(("start", "kind", "end"), arrows(), ids=[" ".join(arrow) for arrow in arrows()])
+def test_every_arrow_is_true(start: str, kind: str, end: str) -> None:
+    if kind == "uses":
         assert end in imported_by(start)
+    elif kind == "data":
+        assert start in imported_by(end) or {start, end} <= imported_by("stages")
+        assert end not in imported_by(start), "data flows one way"
+    else:
+        assert end not in imported_by(start), "another process is not imported"
 
 
-def test_picture_has_the_arrows_that_this_test_knows() -> None:
-    assert set(arrows()) >= DATA_FLOWS | PROCESSES
-    assert len(arrows()) > 20
+def test_every_kind_of_arrow_is_read() -> None:
+    kinds = [kind for _, kind, _ in arrows()]
+    assert (kinds.count("process"), kinds.count("data")) == (1, 6)
+    assert kinds.count("uses") == len(re.findall(r"-->|&", PICTURE)) > 15
 
 
 @pytest.mark.parametrize(("what", "file", "name"), PLACES, ids=[what for what, _, _ in PLACES])
