@@ -7,10 +7,9 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-import pycolmap
-
 from ..errors import CameraError, Cancelled, DiskError
 from ..events import StopCheck
+from .colmap import pycolmap
 
 __all__ = ["threads_for_colmap", "wait_for"]
 

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from ..errors import CameraError
 from ..events import StopCheck
 from ..project_folder import stage_key, write_json
 from ..scene import Camera, Photo, PhotoSet
 from ..settings import to_dict
+from .colmap import pycolmap
 from .colmap_calls import threads_for_colmap, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings

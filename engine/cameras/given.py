@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import CameraError
 from ..events import Emit, StopCheck, ignore_events, never_stop
 from ..scene import Camera, CameraSet, Photo, PhotoSet
 from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
+from .colmap import pycolmap
 from .reconstruction import camera_in_photo, camera_set, is_scaled, points_of, viewmat_of
 from .settings import CameraSettings
 from .transforms_json import read_transforms

@@ -8,10 +8,10 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from ..scene import Camera, CameraSet
+from .colmap import pycolmap
 from .normalise import normalised_points, normalised_viewmat, original_from_world
 
 __all__ = ["camera_in_photo", "camera_set", "is_scaled", "points_of", "viewmat_of"]

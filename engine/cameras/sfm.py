@@ -10,11 +10,10 @@ import shutil
 import time
 from pathlib import Path
 
-import pycolmap
-
 from ..errors import CameraError
 from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..scene import CameraSet, PhotoSet
+from .colmap import pycolmap
 from .colmap_calls import threads_for_colmap, wait_for
 from .features import SfmWorkspace, match_features
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import CameraError
 from ..events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
+from .colmap import pycolmap
 from .colmap_calls import threads_for_colmap, wait_for
 from .features import SfmWorkspace, match_features
 from .normalise import normalised_viewmat, original_from_world

@@ -16,11 +16,11 @@ from typing import Any, Literal, TypeVar
 
 import cv2
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import CameraError
 from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
+from .colmap import pycolmap
 
 __all__ = [
     "covering_pinhole",

@@ -163,13 +163,15 @@ def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_ru
     assert names[0] == names[1]
 
 
-def test_ctrl_c_is_one_sentence_and_the_next_run_continues(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl_c", "sigterm"])
+def test_stop_signal_is_one_sentence_and_the_next_run_continues(number: signal.Signals, tmp_path: Path) -> None:
+    """``docker stop``, ``systemctl stop`` and ``timeout`` send SIGTERM; pycolmap's handler would end the process."""
     photos = write_photos(tmp_path / "photos")
     cameras = write_cameras(tmp_path, {f"view_{view:02}.jpg": view for view in VIEWS})
 
     command: list[object] = ["reconstruct", photos, "--out", tmp_path / "scene", "--preset", "test", "--no-objects"]
     command += ["--cameras", cameras]
-    answer = interrupted(signal.SIGINT, "training", measured, tmp_path / "scene", command)
+    answer = interrupted(number, "training", measured, tmp_path / "scene", command)
     assert answer.code == Cancelled.exit_code == 130
     assert answer.error == "Training was cancelled; the next run continues from where it stopped."
     again = call_alone(*command, before=QUICK)
