@@ -14,7 +14,7 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Iterator
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import TracebackType
 from typing import IO, Any
 
@@ -27,6 +27,8 @@ __all__ = [
     "atomic_write",
     "file_sha256",
     "finite_or_null",
+    "is_inner_name",
+    "path_within",
     "stage_key",
     "write_json",
 ]
@@ -35,6 +37,42 @@ PROJECT_VERSION = 1
 PROJECT_FILE = "project.json"
 _LOCK_FILE = "lock"
 _TEMPORARY_PREFIX = ".writing-"
+
+
+def is_inner_name(name: object) -> bool:
+    """Return whether `name` is a relative path that stays inside of the folder that it is joined to.
+
+    Absolute paths, drive letters, ``..``, empty names and null characters are not.
+    """
+    if not isinstance(name, str) or "\0" in name:
+        return False
+    path = PurePath(name)
+    return path != PurePath() and not path.anchor and ".." not in path.parts
+
+
+def path_within(folder: Path, *names: str) -> Path:
+    """Return the path of stored names below `folder`.
+
+    A name from a project, a .blend file or another stored file becomes a path here only, so that no file outside of
+    `folder` can be read, written or deleted through it. `folder` itself may be a link; links inside must not lead out.
+
+    Raises
+    ------
+    FormatError
+        When the path would leave `folder`.
+    """
+    inside = all(map(is_inner_name, names))
+    path = folder.joinpath(*names) if inside else folder
+    try:
+        inside = inside and path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # a loop of links, or a name that is too long
+        inside = False
+    if not inside:
+        raise FormatError(
+            f"{'/'.join(map(str, names))!r} leads out of the folder {folder}, so it is not used. Another program has "
+            "changed the project; use it only if you know who made it."
+        )
+    return path
 
 
 @contextlib.contextmanager
@@ -206,6 +244,7 @@ class ProjectFolder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
+            _require_no_links_out(self.path)
             # Held open until __exit__; the operating system releases the lock even after kill -9.
             stream = (self.path / _LOCK_FILE).open("a+", encoding="utf-8")
         except OSError as error:
@@ -291,6 +330,23 @@ class ProjectFolder:
             for stage in stages:
                 self._data["stages"].pop(stage, None)
             self._write()
+
+
+def _require_no_links_out(project: Path) -> None:
+    """Raise `ProjectError` when a link in the folder leads out of it: a job would write or delete there."""
+    inside = project.resolve()
+    for folder, folders, files in os.walk(project):
+        for name in (*folders, *files):
+            path = Path(folder, name)
+            if path.is_symlink() and not _resolves_into(path, inside):
+                raise ProjectError(f"{path} is a link that leads out of the project. Delete the link, then run again.")
+
+
+def _resolves_into(path: Path, folder: Path) -> bool:
+    try:
+        return path.resolve().is_relative_to(folder)
+    except (OSError, RuntimeError):  # a loop of links
+        return False
 
 
 def _lock_function() -> Callable[[IO[str]], None]:

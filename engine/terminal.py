@@ -57,8 +57,8 @@ class EventOutput:
         logging.getLogger().removeHandler(self._handler)
 
     def write_log(self, line: str) -> None:
-        """Append `line` to the log of the project, if the project exists already."""
-        if self._log is None or not (self._log.parent / PROJECT_FILE).is_file():
+        """Append `line` to the log of the project, if the project exists already; never through a link."""
+        if self._log is None or self._log.is_symlink() or not (self._log.parent / PROJECT_FILE).is_file():
             return
         try:
             with self._log.open("a", encoding="utf-8") as stream:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.errors import DiskError, FormatError
+from ..engine.project_folder import path_within
 
 __all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
 
@@ -55,7 +56,7 @@ class NotFound:
 
 
 def _file(project: Path) -> Path:
-    return project / "objects" / "candidates.json"
+    return path_within(project, "objects", "candidates.json")
 
 
 def read_not_found(project: Path) -> NotFound | None:
@@ -94,7 +95,7 @@ def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
         text=str(entry["text"]),
         score=float(entry["score"]),
         photo=str(entry["photo"]),
-        picture=project / str(entry["picture"]),
+        picture=path_within(project, str(entry["picture"])),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import CameraError, FormatError, ProjectError
+from ..engine.project_folder import path_within
 from ..engine.scene import Camera, read_camera_set
 
 __all__ = [
@@ -81,7 +82,8 @@ def list_objects(project: Path) -> list[ProjectObject]:
     FormatError
         When an ``object.json`` cannot be read.
     """
-    objects = [_read_object(file) for file in (project / "objects").glob("*/object.json")]
+    folders = sorted(file.parent.name for file in (project / "objects").glob("*/object.json"))
+    objects = [_read_object(path_within(project, "objects", name, "object.json")) for name in folders]
     return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
@@ -152,7 +154,7 @@ def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray
 
 
 def _load(project: Path, object_id: str, name: str) -> NDArray[np.floating[Any]]:
-    file = project / "objects" / object_id / name
+    file = path_within(project, "objects", object_id, name)
     try:
         # Memory-mapped: the slider needs only one of several levels.
         return np.load(file, mmap_mode="r", allow_pickle=False)

@@ -7,13 +7,13 @@ precision, 2 MB per photo. See docs/design_notes/masks.md for the effect of roun
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..kept_arrays import keep_arrays, read_kept_arrays
-from ..project_folder import stage_key
+from ..project_folder import path_within, stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MAX_EMBEDDINGS
 
@@ -54,7 +54,7 @@ class EmbeddingFolder:
         MaskError
             When `pixels` has another shape or type.
         """
-        path = self._folder / PurePosixPath(photo + _SUFFIX)
+        path = path_within(self._folder, photo + _SUFFIX)
         recipe = stage_key(
             _VERSION, sam.name, pixels.shape, hashlib.sha256(np.ascontiguousarray(pixels).data).hexdigest()
         )

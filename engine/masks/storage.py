@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import zipfile
 import zlib
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MaskError
-from ..project_folder import atomic_write
+from ..project_folder import atomic_write, path_within
 
 __all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
 
@@ -21,7 +21,7 @@ _VERSION = 1
 def label_map_path(folder: Path, photo: str) -> Path:
     """Return the path of the label map of the photo called `photo` in the masks folder `folder`."""
     # The photo's suffix is kept, because a.jpg and a.png are two photos.
-    return folder / PurePosixPath(photo + ".npz")
+    return path_within(folder, photo + ".npz")
 
 
 def write_label_map(path: Path, labels: NDArray[np.int32], *, recipe: str = "") -> None:

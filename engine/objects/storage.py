@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, ObjectError
-from ..project_folder import atomic_write, write_json
+from ..project_folder import atomic_write, path_within, write_json
 from ..scene import Gaussians, Polished, forget_polished, load_polished, save_polished
 from ..settings import to_dict
 
@@ -48,7 +48,7 @@ class ObjectRecord:
     Attributes
     ----------
     id : str
-        Folder name, safe in every file system, e.g. ``"vase-2"``.
+        Name of the object's folder, safe in every file system, e.g. ``"vase-2"``. What the file says is ignored.
     name : str
         Name given by the user, or made from the prompt.
     prompt : dict
@@ -97,8 +97,8 @@ class ObjectRecord:
     refined: tuple[dict[str, Any], ...] = ()
 
 
-def _folder(project: Path) -> Path:
-    return project / "objects"
+def _file(project: Path, object_id: str, name: str) -> Path:
+    return path_within(project, "objects", object_id, name)
 
 
 def new_id(name: str, taken: Sequence[str]) -> str:
@@ -163,7 +163,7 @@ def save_object(
     """
     from PIL import Image
 
-    folder = _folder(project) / record.id
+    folder = path_within(project, "objects", record.id)
     forget_polished(folder)
     with atomic_write(folder / _MEMBERSHIP) as stream:
         np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
@@ -189,7 +189,7 @@ def _read_record(file: Path) -> ObjectRecord:
         values = {attributes[key]: value for key, value in data.items() if key in attributes}
         for name in ("evidence", "levels", "refined"):
             values[name] = tuple(values.get(name, ()))
-        return ObjectRecord(**values)
+        return ObjectRecord(**{**values, "id": file.parent.name})
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Delete its folder and isolate the object again.") from error
 
@@ -200,10 +200,11 @@ def list_objects(project: Path) -> list[ObjectRecord]:
     Raises
     ------
     FormatError
-        When an ``object.json`` is damaged.
+        When an ``object.json`` is damaged, or a folder is a link that leads out of the project.
     """
-    files = sorted(_folder(project).glob(f"*/{_RECORD}"))
-    return sorted((_read_record(file) for file in files), key=lambda record: (record.created, record.id))
+    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{_RECORD}"))
+    records = (_read_record(_file(project, name, _RECORD)) for name in folders)
+    return sorted(records, key=lambda record: (record.created, record.id))
 
 
 def load_object(project: Path, name: str) -> ObjectRecord:
@@ -241,7 +242,7 @@ def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
     FormatError
         When its file is damaged.
     """
-    file = _folder(project) / object_id / _MEMBERSHIP
+    file = _file(project, object_id, _MEMBERSHIP)
     membership = _load(file)
     if membership.ndim != 1:
         raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
@@ -274,7 +275,7 @@ def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
     FormatError
         When its file is damaged.
     """
-    file = _folder(project) / object_id / _LEVELS
+    file = _file(project, object_id, _LEVELS)
     if not file.is_file():
         return load_membership(project, object_id)[None]
     levels = _load(file)
@@ -319,7 +320,7 @@ def delete_object(project: Path, name: str) -> ObjectRecord:
         When there is none.
     """
     record = load_object(project, name)
-    folder = _folder(project) / record.id
+    folder = path_within(project, "objects", record.id)
     # The record is deleted first: an interrupted deletion must not leave an object without membership in the list.
     (folder / _RECORD).unlink()
     shutil.rmtree(folder)

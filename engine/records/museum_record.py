@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from ..errors import FormatError
-from ..project_folder import write_json
+from ..project_folder import path_within, write_json
 
 __all__ = ["RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
 
@@ -51,6 +51,8 @@ def save_record(project: Path, object_id: str, record: MuseumRecord) -> None:
     ------
     DiskError
         When the file cannot be written.
+    FormatError
+        When `object_id` is not the name of a folder of the project.
     """
     write_json(_record_file(project, object_id), {"version": RECORD_VERSION, **asdict(record)})
 
@@ -76,4 +78,4 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
 
 
 def _record_file(project: Path, object_id: str) -> Path:
-    return project / "objects" / object_id / "record.json"
+    return path_within(project, "objects", object_id, "record.json")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FormatError
-from ..project_folder import atomic_write, write_json
+from ..project_folder import atomic_write, is_inner_name, write_json
 from .camera import Camera, CameraSet
 
 __all__ = ["read_camera_set", "write_camera_set"]
@@ -79,7 +79,7 @@ def read_camera_set(path: Path) -> CameraSet:
         return CameraSet(
             cameras=tuple(
                 Camera(
-                    photo=camera["photo"],
+                    photo=_photo_name(camera["photo"]),
                     width=int(camera["width"]),
                     height=int(camera["height"]),
                     model=camera["model"],
@@ -99,3 +99,10 @@ def read_camera_set(path: Path) -> CameraSet:
         raise FormatError(
             f"The cameras in {path} cannot be read: {error}. Delete the folder and run `reconstruct` again."
         ) from error
+
+
+def _photo_name(name: object) -> str:
+    """Return the name of a photo. It names files of the project, so that it must not lead out of a folder."""
+    if not isinstance(name, str) or not is_inner_name(name):
+        raise ValueError(f"{name!r} is not the name of a photo")
+    return name

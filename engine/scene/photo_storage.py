@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..errors import FormatError
-from ..project_folder import write_json
+from ..project_folder import is_inner_name, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
 __all__ = ["read_photo_set", "write_photo_set"]
@@ -48,9 +48,13 @@ def read_photo_set(path: Path) -> PhotoSet:
             raise FormatError(
                 f"{path} was written by another version of Gaussian Heritage. Use a new folder for the scene."
             )
+        photos = tuple(Photo(**photo) for photo in data["photos"])
+        for photo in photos:
+            if not is_inner_name(photo.name) or not (photo.mask is None or isinstance(photo.mask, str)):
+                raise ValueError(f"{photo.name!r} is not the name of a photo")
         return PhotoSet(
             folder=Path(data["folder"]),
-            photos=tuple(Photo(**photo) for photo in data["photos"]),
+            photos=photos,
             rejected=tuple(RejectedPhoto(**photo) for photo in data["rejected"]),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -42,6 +42,14 @@ def test_candidates_have_the_message_and_their_pictures(tmp_path: Path) -> None:
     assert not_found.candidates == (candidates.Candidate(2, "banana", 0.21, "view_05.jpg", picture),)
 
 
+@pytest.mark.parametrize("picture", ["/etc/passwd", "../../secret.png", ""])
+def test_picture_outside_of_the_project_is_refused(picture: str, tmp_path: Path) -> None:
+    (entry,) = STORED["candidates"]
+    write(tmp_path, {**STORED, "candidates": [{**entry, "picture": picture}]})
+    with pytest.raises(errors.FormatError, match="leads out of the folder"):
+        candidates.read_not_found(tmp_path)
+
+
 def test_words_outside_the_vocabulary_have_a_message_and_no_candidates(tmp_path: Path) -> None:
     write(tmp_path, {"version": 1, "refused": STORED["refused"]})
     assert candidates.read_not_found(tmp_path).candidates == ()
