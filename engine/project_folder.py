@@ -28,6 +28,7 @@ __all__ = [
     "file_sha256",
     "finite_or_null",
     "is_inner_name",
+    "object_file",
     "path_within",
     "stage_key",
     "write_json",
@@ -61,18 +62,25 @@ def path_within(folder: Path, *names: str) -> Path:
     FormatError
         When the path would leave `folder`.
     """
-    inside = all(map(is_inner_name, names))
-    path = folder.joinpath(*names) if inside else folder
-    try:
-        inside = inside and path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # a loop of links, or a name that is too long
-        inside = False
-    if not inside:
+    if not all(map(is_inner_name, names)) or not _resolves_into(path := folder.joinpath(*names), folder):
         raise FormatError(
             f"{'/'.join(map(str, names))!r} leads out of the folder {folder}, so it is not used. Another program has "
             "changed the project; use it only if you know who made it."
         )
     return path
+
+
+def object_file(project: Path, object_id: str, name: str) -> Path:
+    """Return the path of a file of an object, ``objects/<id>/<name>``; raises `FormatError` as `path_within` does."""
+    return path_within(project, "objects", object_id, name)
+
+
+def _resolves_into(path: Path, folder: Path) -> bool:
+    """Return whether `path`, with all links followed, lies in `folder`."""
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # a loop of links, or a name that is too long
+        return False
 
 
 @contextlib.contextmanager
@@ -334,19 +342,11 @@ class ProjectFolder:
 
 def _require_no_links_out(project: Path) -> None:
     """Raise `ProjectError` when a link in the folder leads out of it: a job would write or delete there."""
-    inside = project.resolve()
     for folder, folders, files in os.walk(project):
         for name in (*folders, *files):
             path = Path(folder, name)
-            if path.is_symlink() and not _resolves_into(path, inside):
+            if path.is_symlink() and not _resolves_into(path, project):
                 raise ProjectError(f"{path} is a link that leads out of the project. Delete the link, then run again.")
-
-
-def _resolves_into(path: Path, folder: Path) -> bool:
-    try:
-        return path.resolve().is_relative_to(folder)
-    except (OSError, RuntimeError):  # a loop of links
-        return False
 
 
 def _lock_function() -> Callable[[IO[str]], None]:

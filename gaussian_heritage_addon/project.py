@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import CameraError, FormatError, ProjectError
-from ..engine.project_folder import path_within
+from ..engine.project_folder import object_file
 from ..engine.scene import Camera, read_camera_set
 
 __all__ = [
@@ -83,7 +83,7 @@ def list_objects(project: Path) -> list[ProjectObject]:
         When an ``object.json`` cannot be read.
     """
     folders = sorted(file.parent.name for file in (project / "objects").glob("*/object.json"))
-    objects = [_read_object(path_within(project, "objects", name, "object.json")) for name in folders]
+    objects = [_read_object(object_file(project, name, "object.json")) for name in folders]
     return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
@@ -154,7 +154,7 @@ def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray
 
 
 def _load(project: Path, object_id: str, name: str) -> NDArray[np.floating[Any]]:
-    file = path_within(project, "objects", object_id, name)
+    file = object_file(project, object_id, name)
     try:
         # Memory-mapped: the slider needs only one of several levels.
         return np.load(file, mmap_mode="r", allow_pickle=False)

@@ -13,7 +13,7 @@ from ..photos import PhotoStatistics, inspect_photos
 from ..pipeline import PipelineSettings
 from ..planning import WorkPlan, plan_scene
 from ..project_folder import ProjectFolder
-from ..scene import CameraSet, PhotoSet, read_camera_set, read_photo_set
+from ..scene import read_camera_set, read_photo_set
 from ..stages import StageRunner, TrainingInput, cameras_stage, masks_stage, photos_stage, training_stage
 from ..training.settings import TrainingSettings
 
@@ -21,26 +21,15 @@ __all__ = ["PreparedScene", "prepare", "prepare_masks", "read_prepared", "train_
 
 
 @dataclass(frozen=True)
-class PreparedScene:
-    """What the stages before training made, and what is planned from.
+class PreparedScene(TrainingInput):
+    """Input of training, with the statistics that plans are made from.
 
     Attributes
     ----------
-    photo_set : PhotoSet
     statistics : sequence of PhotoStatistics
-    camera_set : CameraSet
-    label_maps : dict of str to Path
-        Files of the label maps by photo.
-    cameras_key, masks_key : str or None
-        See `TrainingInput`.
     """
 
-    photo_set: PhotoSet
     statistics: Sequence[PhotoStatistics]
-    camera_set: CameraSet
-    label_maps: dict[str, Path]
-    cameras_key: str | None
-    masks_key: str | None
 
 
 def prepare(
@@ -53,7 +42,7 @@ def prepare(
         project.put("photo_folder", str(photos.resolve()))
         camera_set = cameras_stage(runner, photo_set, settings.cameras, camera_model=settings.camera_model)
         key = runner.key_of("cameras")
-        return PreparedScene(photo_set, statistics, camera_set, {}, key, key)
+        return PreparedScene(photo_set, camera_set, {}, key, key, statistics)
 
 
 def read_prepared(scene: Path, should_stop: StopCheck) -> PreparedScene:
@@ -78,11 +67,11 @@ def read_prepared(scene: Path, should_stop: StopCheck) -> PreparedScene:
     of_masks = project.stage_record("masks") if label_maps else record
     return PreparedScene(
         photo_set,
-        inspect_photos(photo_set, should_stop=should_stop),
         camera_set,
         label_maps,
         record["key"],
         (of_masks or record)["key"],
+        inspect_photos(photo_set, should_stop=should_stop),
     )
 
 
@@ -118,8 +107,5 @@ def train_prepared(
         runner = StageRunner(project, emit, should_stop)
         plan = plan_scene(work, prepared.camera_set)
         label_maps = {name: path for name, path in prepared.label_maps.items() if name in plan.mask_photos}
-        given = TrainingInput(
-            prepared.photo_set, prepared.camera_set, label_maps, prepared.cameras_key, prepared.masks_key
-        )
-        training_stage(runner, given, plan, training, preset=work.preset)
+        training_stage(runner, replace(prepared, label_maps=label_maps), plan, training, preset=work.preset)
         return project

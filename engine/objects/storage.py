@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, ObjectError
-from ..project_folder import atomic_write, path_within, write_json
+from ..project_folder import atomic_write, object_file, path_within, write_json
 from ..scene import Gaussians, Polished, forget_polished, load_polished, save_polished
 from ..settings import to_dict
 
@@ -95,10 +95,6 @@ class ObjectRecord:
     level: int = 0
     levels: tuple[dict[str, Any], ...] = ()
     refined: tuple[dict[str, Any], ...] = ()
-
-
-def _file(project: Path, object_id: str, name: str) -> Path:
-    return path_within(project, "objects", object_id, name)
 
 
 def new_id(name: str, taken: Sequence[str]) -> str:
@@ -203,7 +199,7 @@ def list_objects(project: Path) -> list[ObjectRecord]:
         When an ``object.json`` is damaged, or a folder is a link that leads out of the project.
     """
     folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{_RECORD}"))
-    records = (_read_record(_file(project, name, _RECORD)) for name in folders)
+    records = (_read_record(object_file(project, name, _RECORD)) for name in folders)
     return sorted(records, key=lambda record: (record.created, record.id))
 
 
@@ -242,7 +238,7 @@ def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
     FormatError
         When its file is damaged.
     """
-    file = _file(project, object_id, _MEMBERSHIP)
+    file = object_file(project, object_id, _MEMBERSHIP)
     membership = _load(file)
     if membership.ndim != 1:
         raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
@@ -275,7 +271,7 @@ def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
     FormatError
         When its file is damaged.
     """
-    file = _file(project, object_id, _LEVELS)
+    file = object_file(project, object_id, _LEVELS)
     if not file.is_file():
         return load_membership(project, object_id)[None]
     levels = _load(file)

@@ -7,11 +7,12 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from ..errors import FormatError
-from ..project_folder import path_within, write_json
+from ..project_folder import object_file, write_json
 
 __all__ = ["RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
 
 RECORD_VERSION = 1
+_FILE = "record.json"
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def save_record(project: Path, object_id: str, record: MuseumRecord) -> None:
     FormatError
         When `object_id` is not the name of a folder of the project.
     """
-    write_json(_record_file(project, object_id), {"version": RECORD_VERSION, **asdict(record)})
+    write_json(object_file(project, object_id, _FILE), {"version": RECORD_VERSION, **asdict(record)})
 
 
 def load_record(project: Path, object_id: str) -> MuseumRecord:
@@ -65,7 +66,7 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
     FormatError
         When the file cannot be read.
     """
-    file = _record_file(project, object_id)
+    file = object_file(project, object_id, _FILE)
     if not file.exists():
         return MuseumRecord()
     try:
@@ -75,7 +76,3 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
         return MuseumRecord(**{f.name: str(data.get(f.name, "")) for f in fields(MuseumRecord)})
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FormatError(f"{file} cannot be read: {error}. Repair it or move it away.") from error
-
-
-def _record_file(project: Path, object_id: str) -> Path:
-    return path_within(project, "objects", object_id, "record.json")

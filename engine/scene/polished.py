@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..project_folder import atomic_write, path_within
+from ..project_folder import atomic_write, object_file
 from .gaussians import Gaussians
 
 __all__ = ["Polished", "forget_polished", "load_polished", "save_polished"]
@@ -83,7 +83,7 @@ def load_polished(project: Path, object_id: str) -> Polished | None:
     FormatError
         When the file is damaged.
     """
-    file = path_within(project, "objects", object_id, _POLISHED)
+    file = object_file(project, object_id, _POLISHED)
     if not file.is_file():
         return None
     try:
