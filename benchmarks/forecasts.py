@@ -13,8 +13,9 @@ import platform
 from pathlib import Path
 from typing import Any
 
+from engine.files import atomic_write
 from engine.machine import describe_machine
-from engine.project_folder import ProjectFolder, atomic_write
+from engine.project_folder import ProjectFolder
 
 _HEAD = (
     "| photo set | stage | forecast s | measured s | measured / forecast "

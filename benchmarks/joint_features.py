@@ -24,11 +24,12 @@ from engine.cameras.settings import CameraSettings
 from engine.evaluation import INTRODUCTION, MEANINGS, evaluate_project, mean_of, write_section
 from engine.evaluation.settings import EvaluationSettings
 from engine.events import ignore_events, never_stop
+from engine.files import atomic_write
 from engine.grounding import load_default_detector
 from engine.masks import load_default_sam
 from engine.pipeline import PipelineSettings
 from engine.planning import PlanSettings, WorkPlan, plan_work
-from engine.project_folder import ProjectFolder, atomic_write
+from engine.project_folder import ProjectFolder
 from engine.training.settings import PRESETS, TrainingSettings
 
 _STANDARD = PRESETS["standard"].changed(stop_when_flat=0.0)

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from engine.project_folder import atomic_write
+from engine.files import atomic_write
 
 _SMALL, _LARGE = (640, 480), (1600, 1200)
 _NUMBA_DEFAULTS = {"NUMBA_OPT": "3", "NUMBA_LOOP_VECTORIZE": "1"}

@@ -7,157 +7,21 @@ Blender reads project folders too.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import math
-import os
-import tempfile
-from collections.abc import Callable, Iterator
-from pathlib import Path, PurePath
+from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
 from .errors import DiskError, FormatError, ProjectError
+from .files import TEMPORARY_PREFIX, finite_or_null, require_no_links_out, write_json
 
-__all__ = [
-    "PROJECT_FILE",
-    "PROJECT_VERSION",
-    "ProjectFolder",
-    "atomic_write",
-    "file_sha256",
-    "finite_or_null",
-    "is_inner_name",
-    "object_file",
-    "path_within",
-    "stage_key",
-    "write_json",
-]
+__all__ = ["PROJECT_FILE", "PROJECT_VERSION", "ProjectFolder", "stage_key"]
 
 PROJECT_VERSION = 1
 PROJECT_FILE = "project.json"
 _LOCK_FILE = "lock"
-_TEMPORARY_PREFIX = ".writing-"
-
-
-def is_inner_name(name: object) -> bool:
-    """Return whether `name` is a relative path that stays inside of the folder that it is joined to.
-
-    Absolute paths, drive letters, ``..``, empty names and null characters are not.
-    """
-    if not isinstance(name, str) or "\0" in name:
-        return False
-    path = PurePath(name)
-    return path != PurePath() and not path.anchor and ".." not in path.parts
-
-
-def path_within(folder: Path, *names: str) -> Path:
-    """Return the path of stored names below `folder`.
-
-    A name from a project, a .blend file or another stored file becomes a path here only, so that no file outside of
-    `folder` can be read, written or deleted through it. `folder` itself may be a link; links inside must not lead out.
-
-    Raises
-    ------
-    FormatError
-        When the path would leave `folder`.
-    """
-    if not all(map(is_inner_name, names)) or not _resolves_into(path := folder.joinpath(*names), folder):
-        raise FormatError(
-            f"{'/'.join(map(str, names))!r} leads out of the folder {folder}, so it is not used. Another program has "
-            "changed the project; use it only if you know who made it."
-        )
-    return path
-
-
-def object_file(project: Path, object_id: str, name: str) -> Path:
-    """Return the path of a file of an object, ``objects/<id>/<name>``; raises `FormatError` as `path_within` does."""
-    return path_within(project, "objects", object_id, name)
-
-
-def _resolves_into(path: Path, folder: Path) -> bool:
-    """Return whether `path`, with all links followed, lies in `folder`."""
-    try:
-        return path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # a loop of links, or a name that is too long
-        return False
-
-
-@contextlib.contextmanager
-def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
-    """Open a temporary file beside `path` that becomes `path` when the block ends without an error.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder is created when missing.
-    mode : {"wb", "w"}
-        Text is UTF-8.
-
-    Raises
-    ------
-    DiskError
-        When the disk is full, read-only or unreachable. `path` is unchanged then.
-    """
-    temporary: Path | None = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=_TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as stream:
-            yield stream
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, path)
-        temporary = None
-    except OSError as error:
-        raise DiskError(
-            f"Could not write {path}: {error.strerror or error}. Free some space or choose another folder."
-        ) from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def write_json(path: Path, data: Any) -> None:
-    """Write `data` to `path` as indented UTF-8 JSON, atomically.
-
-    Raises
-    ------
-    ValueError
-        When a number is not finite: JSON has no NaN, and other programs reject files with one.
-    DiskError
-        When the file cannot be written.
-    """
-    with atomic_write(path, "w") as stream:
-        json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def finite_or_null(value: Any) -> Any:
-    """Return the JSON value `value` with None in place of every number that is not finite."""
-    if isinstance(value, dict):
-        return {key: finite_or_null(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite_or_null(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, read in chunks."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while chunk := stream.read(1 << 20):
-            digest.update(chunk)
-    return digest.hexdigest()
 
 
 def stage_key(*parts: Any) -> str:
@@ -204,7 +68,7 @@ class ProjectFolder:
             raise ProjectError(f"{path} is a file. Choose a folder for the project.")
         ours = (_LOCK_FILE, "log.jsonl")
         if path.exists() and any(
-            entry.name not in ours and not entry.name.startswith(_TEMPORARY_PREFIX) for entry in path.iterdir()
+            entry.name not in ours and not entry.name.startswith(TEMPORARY_PREFIX) for entry in path.iterdir()
         ):
             raise ProjectError(
                 f"{path} already holds files that are not a Gaussian Heritage project. Choose an empty or new folder."
@@ -252,7 +116,7 @@ class ProjectFolder:
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            _require_no_links_out(self.path)
+            require_no_links_out(self.path)
             # Held open until __exit__; the operating system releases the lock even after kill -9.
             stream = (self.path / _LOCK_FILE).open("a+", encoding="utf-8")
         except OSError as error:
@@ -268,7 +132,7 @@ class ProjectFolder:
         if (self.path / PROJECT_FILE).exists():
             # Another job may have finished after the folder was read and before it was locked.
             self._read()
-        for leftover in self.path.rglob(_TEMPORARY_PREFIX + "*"):
+        for leftover in self.path.rglob(TEMPORARY_PREFIX + "*"):
             leftover.unlink(missing_ok=True)
         return self
 
@@ -338,15 +202,6 @@ class ProjectFolder:
             for stage in stages:
                 self._data["stages"].pop(stage, None)
             self._write()
-
-
-def _require_no_links_out(project: Path) -> None:
-    """Raise `ProjectError` when a link in the folder leads out of it: a job would write or delete there."""
-    for folder, folders, files in os.walk(project):
-        for name in (*folders, *files):
-            path = Path(folder, name)
-            if path.is_symlink() and not _resolves_into(path, project):
-                raise ProjectError(f"{path} is a link that leads out of the project. Delete the link, then run again.")
 
 
 def _lock_function() -> Callable[[IO[str]], None]:

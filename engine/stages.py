@@ -18,13 +18,14 @@ from typing import Any
 from .cameras.settings import CameraSettings
 from .errors import Cancelled, ProjectError
 from .events import Emit, StageFinished, StageStarted, StopCheck, Warned
+from .files import file_sha256, write_json
 from .machine import PeakMemory, cpu_seconds
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
 from .photos import PhotoStatistics
 from .photos.settings import PhotoSettings
 from .planning import ScenePlan
-from .project_folder import ProjectFolder, file_sha256, stage_key, write_json
+from .project_folder import ProjectFolder, stage_key
 from .scene import CameraSet, PhotoSet
 from .settings import to_dict
 from .training.settings import TrainingSettings

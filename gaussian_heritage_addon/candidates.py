@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.errors import DiskError, FormatError
-from ..engine.project_folder import path_within
+from ..engine.files import path_within
 
 __all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
 

@@ -22,7 +22,7 @@ from typing import Any
 
 from ..engine import events
 from ..engine.errors import DiskError, ProjectError
-from ..engine.project_folder import write_json
+from ..engine.files import write_json
 
 __all__ = ["Job", "JobState"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import CameraError, FormatError, ProjectError
-from ..engine.project_folder import object_file
+from ..engine.files import object_file
 from ..engine.scene import Camera, read_camera_set
 
 __all__ = [

@@ -10,8 +10,8 @@ from typing import Any
 
 from .. import __version__
 from ..evaluation import write_section
+from ..files import atomic_write, finite_or_null, write_json
 from ..machine import describe_machine
-from ..project_folder import atomic_write, finite_or_null, write_json
 from ..report import compare_curves
 from .comparison import Row, pareto_front, savings
 

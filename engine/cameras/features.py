@@ -14,7 +14,8 @@ import numpy as np
 
 from ..errors import CameraError
 from ..events import StopCheck
-from ..project_folder import stage_key, write_json
+from ..files import write_json
+from ..project_folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
 from ..settings import to_dict
 from .colmap import pycolmap

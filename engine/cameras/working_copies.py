@@ -13,8 +13,8 @@ from PIL import Image
 
 from ..errors import Cancelled
 from ..events import StopCheck
+from ..files import atomic_write
 from ..photos import load_with_valid
-from ..project_folder import atomic_write
 from ..scene import Photo, PhotoSet
 
 __all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_default_masks"]

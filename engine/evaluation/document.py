@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DiskError
-from ..project_folder import atomic_write
+from ..files import atomic_write
 
 __all__ = ["write_section"]
 

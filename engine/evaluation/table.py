@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from .. import __version__
+from ..files import atomic_write
 from ..machine import describe_machine
-from ..project_folder import atomic_write
 from .document import write_section
 from .isolation import Evaluation, Row, mean_of
 from .picture import curve_picture

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..errors import DiskError, FormatError
-from ..project_folder import atomic_write
+from ..files import atomic_write
 from ..scene import Gaussians
 from .ply import check_finite
 from .spherical_harmonics import SH_C0

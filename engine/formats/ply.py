@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DiskError, FormatError, NumericalError
-from ..project_folder import atomic_write
+from ..files import atomic_write
 from ..scene import Gaussians
 from .transform import logits_of
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DiskError, FormatError, NumericalError
+from ..files import atomic_write
 from ..formats import read_ply, write_ply
-from ..project_folder import atomic_write
 from ..scene import Gaussians
 
 __all__ = ["FEATURES_FILE", "SCENE_FILE", "load_gaussians", "save_gaussians"]

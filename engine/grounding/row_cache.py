@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DiskError
-from ..project_folder import atomic_write
+from ..files import atomic_write
 
 __all__ = ["RowCache"]
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PromptError
-from ..project_folder import atomic_write, stage_key
+from ..files import atomic_write
+from ..project_folder import stage_key
 from .detector import PromptCheck
 from .sentences import SentenceEncoder
 

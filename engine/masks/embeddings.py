@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kept_arrays import keep_arrays, read_kept_arrays
-from ..project_folder import path_within, stage_key
+from ..files import keep_arrays, path_within, read_kept_arrays
+from ..project_folder import stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MAX_EMBEDDINGS
 

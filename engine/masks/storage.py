@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MaskError
-from ..project_folder import atomic_write, path_within
+from ..files import atomic_write, path_within
 
 __all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
 

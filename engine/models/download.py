@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ..errors import Cancelled, DiskError, EnvironmentProblem, ModelFileError
 from ..events import Emit, Progress, StopCheck
-from ..project_folder import file_sha256
+from ..files import file_sha256
 from .cache import OFFLINE_VARIABLE
 from .catalogue import ModelFile
 from .verification import check_received

@@ -16,7 +16,7 @@ from typing import IO
 
 from ..errors import Cancelled, EnvironmentProblem, ModelFileError
 from ..events import StopCheck
-from ..project_folder import atomic_write
+from ..files import atomic_write
 from .cache import OFFLINE_VARIABLE
 from .catalogue import CATALOGUE, ModelFile
 from .verification import check_received, find_problem, has_record

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 
 from ..errors import ModelFileError
-from ..project_folder import file_sha256, write_json
+from ..files import file_sha256, write_json
 from .catalogue import ModelFile
 
 __all__ = [

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck
-from ..kept_arrays import keep_arrays, read_kept_arrays
+from ..files import keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
 from ..scene import Camera
 from .crops import MIN_VISIBLE_PIXELS, crop_photo

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, PromptError
+from ..files import write_json
 from ..masks import mask_box
 from ..pictures import write_png
-from ..project_folder import write_json
 from .candidates import Candidate
 from .photos import Photos
 

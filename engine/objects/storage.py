@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, ObjectError
-from ..project_folder import atomic_write, object_file, path_within, write_json
+from ..files import atomic_write, object_file, path_within, write_json
 from ..scene import Gaussians, Polished, forget_polished, load_polished, save_polished
 from ..settings import to_dict
 

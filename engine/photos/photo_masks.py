@@ -16,7 +16,7 @@ from PIL import Image, ImageFilter
 
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, StopCheck, Warned
-from ..project_folder import file_sha256
+from ..files import file_sha256
 from ..scene import Photo
 from .exif import UPRIGHT_TRANSPOSES, orientation_of
 from .pixels import open_photo, upright_with_alpha

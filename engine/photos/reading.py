@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
-from ..project_folder import file_sha256
+from ..files import file_sha256
 from ..scene import Photo, PhotoSet, RejectedPhoto
 from .exif import UPRIGHT_TRANSPOSES, orientation_of
 from .photo_masks import with_masks

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DiskError
+from ..files import write_json
 from ..machine import Machine
-from ..project_folder import stage_key, write_json
+from ..project_folder import stage_key
 
 __all__ = ["CALIBRATION_VARIABLE", "Benchmark", "Calibration", "Correction", "calibration_file", "load_calibration"]
 

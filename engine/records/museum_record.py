@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from ..errors import FormatError
-from ..project_folder import object_file, write_json
+from ..files import object_file, write_json
 
 __all__ = ["RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
 

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ObjectError, PhotoError
+from ..files import atomic_write, finite_or_null, write_json
 from ..objects import list_objects, load_membership, object_gaussians
 from ..pictures import Backend, Scene, write_png
-from ..project_folder import ProjectFolder, atomic_write, finite_or_null, write_json
+from ..project_folder import ProjectFolder
 from ..scene import Camera, Gaussians
 from .facts import collect_facts
 from .page import Pictures, page

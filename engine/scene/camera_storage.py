@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FormatError
-from ..project_folder import atomic_write, is_inner_name, write_json
+from ..files import atomic_write, is_inner_name, write_json
 from .camera import Camera, CameraSet
 
 __all__ = ["read_camera_set", "write_camera_set"]

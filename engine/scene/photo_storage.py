@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..errors import FormatError
-from ..project_folder import is_inner_name, write_json
+from ..files import is_inner_name, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
 __all__ = ["read_photo_set", "write_photo_set"]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..project_folder import atomic_write, object_file
+from ..files import atomic_write, object_file
 from .gaussians import Gaussians
 
 __all__ = ["Polished", "forget_polished", "load_polished", "save_polished"]

@@ -11,7 +11,7 @@ import torch
 
 from ..errors import Cancelled, SettingsError
 from ..events import Emit, Progress, StopCheck
-from ..project_folder import atomic_write
+from ..files import atomic_write
 from .bounds import BOUNDS, DEFAULT, bounds_of
 from .cases import CASES, Case
 from .measure import Finding

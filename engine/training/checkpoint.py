@@ -21,7 +21,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..errors import NumericalError
-from ..project_folder import atomic_write
+from ..files import atomic_write
 from ..rasterizer import AdamState
 from ..scene import Gaussians
 from ..settings import to_dict

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from engine.errors import FormatError
+from engine.files import is_inner_name, path_within
 from engine.objects.storage import ObjectRecord, list_objects, save_object
-from engine.project_folder import is_inner_name, path_within
 from engine.records import MuseumRecord, save_record
 from tests.conftest import ROOT
 from tests.engine.command_line import call

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from engine.errors import DiskError, FormatError, ProjectError
-from engine.project_folder import ProjectFolder, atomic_write, finite_or_null, stage_key, write_json
+from engine.files import atomic_write, finite_or_null, write_json
+from engine.project_folder import ProjectFolder, stage_key
 
 
 def test_failing_rename_leaves_the_old_file_and_no_leftovers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,7 +94,8 @@ def test_second_job_on_one_folder_is_refused(tmp_path: Path) -> None:
 def test_killed_job_frees_its_lock_and_its_leftovers_are_cleared(tmp_path: Path) -> None:
     folder = tmp_path / "p"
     script = (
-        "import os, sys; from pathlib import Path; from engine.project_folder import ProjectFolder, atomic_write\n"
+        "import os, sys; from pathlib import Path\n"
+        "from engine.files import atomic_write; from engine.project_folder import ProjectFolder\n"
         "folder = Path(sys.argv[1])\n"
         "with ProjectFolder.create(folder), atomic_write(folder / 'masks' / 'a.npz') as stream:\n"
         "    stream.write(b'half'); stream.flush(); os.kill(os.getpid(), 9)\n"

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from engine.errors import ModelFileError
+from engine.files import file_sha256
 from engine.grounding import offline_vocabulary
 from engine.grounding.default import default_detector_name, load_default_detector
 from engine.grounding.grounding_dino import GroundingDino
 from engine.models.cache import CACHE_VARIABLE
 from engine.models.catalogue import find_model_file
 from engine.models.verification import write_record
-from engine.project_folder import file_sha256
 from tests.engine.grounding import tiny_dino
 
 

@@ -11,11 +11,11 @@ from PIL import Image
 
 from engine.errors import Cancelled, MaskError
 from engine.events import Event, Progress
+from engine.files import file_sha256
 from engine.masks.sam import Embedding
 from engine.masks.settings import MaskSettings
 from engine.masks.stage import make_masks
 from engine.masks.storage import read_label_map
-from engine.project_folder import file_sha256
 from engine.scene.camera import Camera, CameraSet
 from engine.scene.photo import Photo, PhotoSet
 from tests.engine.masks.shapes import shapes_picture

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import DiskError
-from .project_folder import atomic_write
+from ..errors import DiskError
+from .writing import atomic_write
 
 __all__ = ["keep_arrays", "read_kept_arrays"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.kept_arrays import keep_arrays, read_kept_arrays
+from engine.files import keep_arrays, read_kept_arrays
 
 _ARRAYS = {"rows": np.arange(6, dtype=np.float16).reshape(2, 3), "photo ä/1.jpg": np.array(["a", "b"])}
 

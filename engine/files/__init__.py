@@ -1,0 +1,46 @@
+"""Files: the only code of the engine that turns stored names into paths, and reads, writes and deletes files.
+
+Standard library and NumPy only, because Blender reads project folders too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .arrays import ArraySpec, read_array, read_arrays
+    from .deleting import delete_derived
+    from .kept_arrays import keep_arrays, read_kept_arrays
+    from .paths import is_inner_name, object_file, path_within, require_no_links_out
+    from .reading import opened, parse_json, read_bytes, read_json, read_text
+    from .schema import Schema, optional
+    from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json
+
+__all__ = [
+    "TEMPORARY_PREFIX",
+    "ArraySpec",
+    "Schema",
+    "atomic_write",
+    "delete_derived",
+    "file_sha256",
+    "finite_or_null",
+    "is_inner_name",
+    "keep_arrays",
+    "object_file",
+    "opened",
+    "optional",
+    "parse_json",
+    "path_within",
+    "read_array",
+    "read_arrays",
+    "read_bytes",
+    "read_json",
+    "read_kept_arrays",
+    "read_text",
+    "require_no_links_out",
+    "write_json",
+]
+
+__getattr__ = lazy_exports(__name__, __file__)

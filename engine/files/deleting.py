@@ -1,0 +1,40 @@
+"""Deleting data that can be computed again. What a user made is moved to the trash instead, see `engine.trash`."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from ..errors import DiskError
+from .paths import path_within
+
+__all__ = ["delete_derived"]
+
+
+def delete_derived(folder: Path, *names: str) -> None:
+    """Delete the file or folder `names` below `folder`, if it exists; a link is deleted, never what it leads to.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that we made.
+    names : str
+        As for `path_within`.
+
+    Raises
+    ------
+    FormatError
+        When the path would leave `folder`.
+    DiskError
+        When it cannot be deleted.
+    """
+    path = path_within(folder, *names)
+    try:
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    except FileNotFoundError:
+        pass  # another process deleted it meanwhile
+    except OSError as error:
+        raise DiskError(f"Could not delete {path}: {error.strerror or error}. Close programs that use it.") from error

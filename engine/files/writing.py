@@ -1,0 +1,96 @@
+"""Writing files: under a temporary name first, so that no file is ever half-written."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+from ..errors import DiskError
+
+__all__ = ["TEMPORARY_PREFIX", "atomic_write", "file_sha256", "finite_or_null", "write_json"]
+
+TEMPORARY_PREFIX = ".writing-"
+
+
+@contextlib.contextmanager
+def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
+    """Open a temporary file beside `path` that becomes `path` when the block ends without an error.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is created when missing.
+    mode : {"wb", "w"}
+        Text is UTF-8.
+
+    Raises
+    ------
+    DiskError
+        When the disk is full, read-only or unreachable. `path` is unchanged then.
+    """
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, mode, encoding=None if "b" in mode else "utf-8") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, path)
+        temporary = None
+    except OSError as error:
+        raise DiskError(
+            f"Could not write {path}: {error.strerror or error}. Free some space or choose another folder."
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_json(path: Path, data: Any) -> None:
+    """Write `data` to `path` as indented UTF-8 JSON, atomically.
+
+    Raises
+    ------
+    ValueError
+        When a number is not finite: JSON has no NaN, and other programs reject files with one.
+    DiskError
+        When the file cannot be written.
+    """
+    with atomic_write(path, "w") as stream:
+        json.dump(data, stream, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def finite_or_null(value: Any) -> Any:
+    """Return the JSON value `value` with None in place of every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: finite_or_null(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite_or_null(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, read in chunks."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while chunk := stream.read(1 << 20):
+            digest.update(chunk)
+    return digest.hexdigest()
