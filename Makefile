@@ -15,7 +15,7 @@ PROMPTS ?=
 PRESET ?= standard
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability bench-raster zip clean
+.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability bench-raster lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -46,6 +46,9 @@ blender-tests: ## the add-on in each Blender at hand, against the installed zip
 
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
+
+lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
+	$(PYTHON) scripts/lock_requirements.py
 
 zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py

@@ -19,6 +19,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from places import ROOT, environment_folder, python_of
 from pythons import find_python
@@ -39,19 +40,20 @@ class SetupProblem(Exception):
 
 @dataclass(frozen=True)
 class Environment:
-    """Name of an environment (its folder in ``.venv``), its Python version, requirements and a check of its imports."""
+    """Name of an environment (its folder in ``.venv``), its Python version, packages and a check of its imports.
+
+    `locked` names the files ``requirements/locked-*.txt`` that define its packages.
+    """
 
     name: str
     python: tuple[int, int]
-    requirements: str
-    constraints: str
+    locked: tuple[str, ...]
     must_import: str
     required: bool
 
     def files(self) -> list[Path]:
         """Return the files that define the packages of the environment."""
-        names = {self.requirements, self.constraints} | ({"engine.txt"} if self.name == "engine" else set())
-        return [REQUIREMENTS / name for name in sorted(names)]
+        return [locked_file(name) for name in self.locked]
 
     def fingerprint(self, torch: str) -> str:
         """Return the hash of everything that defines the environment."""
@@ -72,10 +74,14 @@ class Environment:
 
 ENGINE_IMPORTS = "import torch, pycolmap, onnxruntime, cv2, numba, scipy, PIL, tokenizers, pytest"
 ENVIRONMENTS = (
-    Environment("engine", (3, 11), "engine-dev.txt", "constraints-engine.txt", ENGINE_IMPORTS, True),
-    Environment("blender-4.5", (3, 11), "blender-4.5.txt", "constraints-blender-4.5.txt", "import bpy, pytest", True),
-    Environment("blender-5.2", (3, 13), "blender-5.2.txt", "constraints-blender-5.2.txt", "import bpy, pytest", False),
+    Environment("engine", (3, 11), ("engine", "torch", "cuda"), ENGINE_IMPORTS, True),
+    Environment("blender-4.5", (3, 11), ("blender-4.5", "bpy-4.5"), "import bpy, pytest", True),
+    Environment("blender-5.2", (3, 13), ("blender-5.2", "bpy-5.2"), "import bpy, pytest", False),
 )
+
+ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}
+"""Environment variables with which pip asks only the index on its command line: they replace the user's other ones. An
+empty value would not."""
 
 
 def main() -> int:
@@ -135,15 +141,12 @@ def make(environment: Environment, python: Path, torch: str) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         run([python, "-m", "venv", folder], log, f"the environment {folder} could not be created")
-    constraints = ["--constraint", REQUIREMENTS / environment.constraints]
+    pip(environment, locked(environment.locked[0]), log, locked_file(environment.locked[0]).name)
     if environment.name == "engine":
         drop_other_torch(torch, log)
-        index = torch_index(torch, constraints)
-        pip(environment, [*index, *constraints, pinned("torch")], log, f"torch ({torch})")
-    arguments = [*constraints, "--requirement", REQUIREMENTS / environment.requirements]
-    if environment.name != "engine":
-        arguments += bpy_index(environment, constraints)
-    pip(environment, arguments, log, environment.requirements)
+        install_torch(environment, torch, log)
+    else:
+        install_bpy(environment, log)
     run([python_of(environment.name), "-c", environment.must_import], log, f"a package of {folder} cannot be imported")
     write_stamp(folder / STAMP, {"made_from": environment.fingerprint(torch)})
 
@@ -155,31 +158,56 @@ def write_stamp(path: Path, stamp: dict[str, str]) -> None:
     os.replace(temporary, path)
 
 
-def torch_index(torch: str, constraints: list[object]) -> list[object]:
-    """Return the pip options that select the build of torch.
+def install_torch(environment: Environment, torch: str, log: Path) -> None:
+    """Install the build of torch that is wanted, from one index and without any other package.
 
-    On PyPI, Linux wheels of torch include CUDA and Windows wheels do not, so the other build comes from PyTorch's own
-    index. The configured index is preferred when it has a CPU build (macOS, Windows, a mirror).
+    PyPI has CUDA builds for Linux and CPU builds for macOS and Windows; their hashes are in ``locked-torch.txt``. The
+    other builds come from PyTorch's own index, or from a configured index that has them. Their hashes are not known.
     """
-    if torch == "cuda":
-        if sys.platform != "win32":
-            return []
-        return ["--no-deps", "--index-url", PYTORCH_INDEX + "cu130"]
-    planned = plan([*constraints, pinned("torch")])
-    if planned is not None and not any(name.startswith(("nvidia-", "triton", "cuda-")) for name in planned):
-        return []
-    # Without dependencies, because PyTorch's index does not have the tested versions.
-    own: list[object] = ["--no-deps", "--index-url", PYTORCH_INDEX + "cpu"]
-    if plan([*own, pinned("torch")]) is not None:
-        return own
-    if planned is None:
-        raise SetupProblem(
-            f"neither pip's index nor {PYTORCH_INDEX}cpu offers {pinned('torch')}; check the network "
-            "(proxy, firewall) and run `make setup` again."
-        )
-    print(f"engine: {PYTORCH_INDEX}cpu cannot be reached; installing the CUDA build (about 5 GB more)", flush=True)
-    check_disk("cuda")
-    return []
+    own: list[object] = ["--no-deps", "--only-binary", ":all:", "--index-url"]
+    own += [PYTORCH_INDEX + ("cu130" if torch == "cuda" else "cpu"), pinned("torch")]
+    unverified = "; its SHA-256 is not in requirements/, so it is not checked"
+    if torch == "cuda" and sys.platform == "win32":
+        pip(environment, own, log, f"torch (cuda) from {PYTORCH_INDEX}{unverified}", one_index=True)
+        return
+    if torch == "cpu":
+        offered = plan(["--no-deps", "--only-binary", ":all:", pinned("torch")])
+        if offered is not None and not needs_cuda(offered):
+            known = sha256_of(offered) in locked_file("torch").read_text(encoding="utf-8")
+            arguments: list[object] = ["--no-deps", "--only-binary", ":all:", pinned("torch")]
+            arguments = locked("torch") if known else arguments
+            pip(environment, arguments, log, "torch (cpu)" + ("" if known else unverified))
+            return
+        if plan(own, one_index=True) is not None:
+            pip(environment, own, log, f"torch (cpu) from {PYTORCH_INDEX}{unverified}", one_index=True)
+            return
+        if offered is None:
+            raise SetupProblem(
+                f"neither pip's index nor {PYTORCH_INDEX}cpu offers {pinned('torch')}; check the network "
+                "(proxy, firewall) and run `make setup` again."
+            )
+        print(f"engine: {PYTORCH_INDEX}cpu cannot be reached; installing the CUDA build (about 5 GB more)", flush=True)
+        check_disk("cuda")
+    pip(environment, [*locked("torch"), *locked("cuda")], log, "torch (cuda)")
+
+
+def needs_cuda(offered: dict[str, Any]) -> bool:
+    """Return whether the torch of pip's report requires the packages of CUDA on this computer."""
+    names = offered["metadata"].get("requires_dist", [])
+    return sys.platform == "linux" and any(name.startswith(("nvidia-", "triton", "cuda-")) for name in names)
+
+
+def sha256_of(offered: dict[str, Any]) -> str:
+    """Return the SHA-256 in pip's report of a package; a word that is no hash when the index states none."""
+    return str(offered["download_info"].get("archive_info", {}).get("hashes", {}).get("sha256", "unknown"))
+
+
+def install_bpy(environment: Environment, log: Path) -> None:
+    """Install ``bpy`` without any other package, from the configured index or, if that does not have it, Blender's."""
+    name = environment.locked[1]
+    found = plan(["--no-deps", "--only-binary", ":all:", pinned(name)], python_of(environment.name)) is not None
+    index = [] if found else ["--index-url", BLENDER_INDEX]
+    pip(environment, [*locked(name), *index], log, locked_file(name).name, one_index=not found)
 
 
 def drop_other_torch(torch: str, log: Path) -> None:
@@ -192,42 +220,56 @@ def drop_other_torch(torch: str, log: Path) -> None:
         run([python, "-m", "pip", "uninstall", "--yes", "torch"], log, "the other torch could not be removed")
 
 
-def bpy_index(environment: Environment, constraints: list[object]) -> list[object]:
-    """Return the pip options to find ``bpy``: none if the configured index has it, else Blender's index."""
-    bpy = next(line for line in lines_of(environment.requirements) if line.startswith("bpy=="))
-    found = plan([*constraints, "--no-deps", bpy], python_of(environment.name)) is not None
-    return [] if found else ["--extra-index-url", BLENDER_INDEX]
-
-
-def plan(arguments: list[object], python: Path | None = None) -> list[str] | None:
-    """Return the names of the packages that ``pip install`` would install, None when it fails. The timeout is 20 s."""
+def plan(arguments: list[object], python: Path | None = None, *, one_index: bool = False) -> dict[str, Any] | None:
+    """Return pip's report of the one package that it would install, None when it finds none. The timeout is 20 s."""
     command = [python or python_of("engine"), "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
     command += ["--report", "-", "--retries", "1", "--timeout", "20", *arguments]
-    answer = subprocess.run([str(part) for part in command], capture_output=True, text=True, check=False)
+    answer = subprocess.run(
+        [str(part) for part in command],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **(ONE_INDEX if one_index else {})},
+    )
     if answer.returncode:
         return None
-    return [item["metadata"]["name"].lower() for item in json.loads(answer.stdout)["install"]]
+    offered: dict[str, Any] = json.loads(answer.stdout)["install"][0]
+    return offered
 
 
-def pip(environment: Environment, arguments: list[object], log: Path, what: str) -> None:
+def locked(name: str) -> list[object]:
+    """Return pip's arguments to install a locked file: nothing that is not in it, and only what has its hash."""
+    return ["--require-hashes", "--no-deps", "--only-binary", ":all:", "--requirement", locked_file(name)]
+
+
+def pip(environment: Environment, arguments: list[object], log: Path, what: str, *, one_index: bool = False) -> None:
     """Install packages into an environment and print each download."""
     print(f"{environment.name}: installing {what} (details: {log})", flush=True)
     command = [python_of(environment.name), "-m", "pip", "install", "--no-input", "--progress-bar", "off", *arguments]
-    run(command, log, "pip could not install the packages; check the network and the disk", show="Downloading ")
+    problem = "pip could not install the packages; check the network and the disk"
+    run(command, log, problem, show="Downloading ", variables=ONE_INDEX if one_index else {})
 
 
-def run(command: list[object], log: Path, problem: str, show: str = "\0") -> None:
-    """Run a command and log its output; raise `SetupProblem` with the last error line when it fails."""
+def run(
+    command: list[object], log: Path, problem: str, show: str = "\0", variables: dict[str, str] | None = None
+) -> None:
+    """Run a command and log its output; raise `SetupProblem` with the last error line when it fails.
+
+    Lines that begin with `show` are printed too. `variables` are added to the environment variables.
+    """
     last = ""
-    with log.open("a", encoding="utf-8") as record:
-        process = subprocess.Popen(
+    with (
+        log.open("a", encoding="utf-8") as record,
+        subprocess.Popen(
             [str(part) for part in command],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             text=True,
             errors="replace",
-        )
+            env={**os.environ, **(variables or {})},
+        ) as process,
+    ):
         assert process.stdout is not None
         for line in process.stdout:
             record.write(line)
@@ -235,7 +277,7 @@ def run(command: list[object], log: Path, problem: str, show: str = "\0") -> Non
                 print("   ", line.strip(), flush=True)
             if "ERROR" in line or "Error" in line or not last:
                 last = line.strip()
-    if process.wait():
+    if process.returncode:
         raise SetupProblem(f"{problem}: {last} (details: {log}).")
 
 
@@ -280,13 +322,14 @@ def works(python: Path, version: tuple[int, int]) -> bool:
 
 
 def pinned(name: str) -> str:
-    """Return the line of ``engine.txt`` that pins a package."""
-    return next(line for line in lines_of("engine.txt") if line.startswith(name + "=="))
+    """Return name and version of the only package of a locked file."""
+    lines = locked_file(name).read_text(encoding="utf-8").splitlines()
+    return next(line for line in lines if "==" in line).rstrip(" \\")
 
 
-def lines_of(requirements: str) -> list[str]:
-    """Return the lines of a requirements file."""
-    return (REQUIREMENTS / requirements).read_text(encoding="utf-8").splitlines()
+def locked_file(name: str) -> Path:
+    """Return the path of ``requirements/locked-<name>.txt``."""
+    return REQUIREMENTS / f"locked-{name}.txt"
 
 
 if __name__ == "__main__":

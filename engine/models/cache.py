@@ -55,6 +55,8 @@ def locate(name: str, cache: Path | None = None) -> Path:
     ------
     ModelFileError
         When the file is missing or damaged; the message contains the command that fetches it.
+    FormatError
+        When the record of the first use cannot be read.
     """
     model = find_model_file(name)
     path = models_folder(cache) / model.file

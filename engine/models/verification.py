@@ -1,26 +1,31 @@
-"""SHA-256 verification of weight files.
+"""Verification of weight files: SHA-256, or size and format at first use.
 
 Every weight file, SAM's included, is verified here before use: `find_problem` checks a stored file, `check_received` a
 file that was just downloaded or copied. The expected hash is in the catalogue. A file without a hash in the catalogue
-is trusted on first use: its hash is recorded beside it (`record_path`), and from then on the file must match it.
+is trusted on first use: its size and format are checked and its hash is recorded beside it (`record_path`). As long as
+the file is there, it and every new copy of it must match the record. Whoever deletes the file deletes this trust too,
+so that a wrong file can always be replaced.
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import IO
 
 from ..errors import ModelFileError
-from ..files import file_sha256, write_json
+from ..files import file_sha256, read_json, write_json
 from .catalogue import ModelFile
+from .file_format import find_format_problem
 
 __all__ = [
     "check_received",
     "expected_size_and_sha256",
     "find_problem",
+    "find_size_problem",
     "has_record",
     "read_record",
     "record_path",
+    "refused",
     "write_record",
 ]
 
@@ -35,8 +40,8 @@ def record_path(path: Path) -> Path:
 
 
 def has_record(path: Path) -> bool:
-    """Return whether the hash of the weight file at `path` was recorded on an earlier first use."""
-    return record_path(path).is_file()
+    """Return whether the weight file at `path` exists and its hash was recorded on its first use."""
+    return path.is_file() and record_path(path).is_file()
 
 
 def read_record(path: Path) -> tuple[int, str]:
@@ -44,18 +49,14 @@ def read_record(path: Path) -> tuple[int, str]:
 
     Raises
     ------
-    ModelFileError
+    FormatError
         When the record cannot be read.
     """
-    record = record_path(path)
-    try:
-        content = json.loads(record.read_text(encoding="utf-8"))
-        return int(content["size"]), str(content["sha256"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ModelFileError(
-            f"The record {record} of a model file's hash cannot be read ({error}). Delete it together with "
-            f"{path.name}, then fetch the model again."
-        ) from error
+    advice = (
+        f"It is the record of a model file's hash. Delete it together with {path.name}, then fetch the model again."
+    )
+    content = read_json(record_path(path), {"size": int, "sha256": str}, advice=advice)
+    return content["size"], content["sha256"]
 
 
 def write_record(path: Path, model: ModelFile, size: int, sha256: str) -> None:
@@ -64,7 +65,13 @@ def write_record(path: Path, model: ModelFile, size: int, sha256: str) -> None:
 
 
 def expected_size_and_sha256(model: ModelFile, path: Path) -> tuple[int, str] | None:
-    """Return the size and SHA-256 that `model` must have at `path`; None before its first use."""
+    """Return the size and SHA-256 that `model` must have at `path`; None before its first use.
+
+    Raises
+    ------
+    FormatError
+        When the record of the first use cannot be read.
+    """
     if model.size is not None and model.sha256 is not None:
         return model.size, model.sha256
     return read_record(path) if has_record(path) else None
@@ -77,6 +84,11 @@ def find_problem(model: ModelFile, path: Path) -> str | None:
     -------
     str or None
         None when size and SHA-256 are as expected; otherwise the predicate of a sentence about the file.
+
+    Raises
+    ------
+    FormatError
+        When the record of the first use cannot be read.
     """
     try:
         status = path.stat()
@@ -84,6 +96,8 @@ def find_problem(model: ModelFile, path: Path) -> str | None:
         return "is missing"
     except OSError as error:
         return f"cannot be read ({error.strerror or error})"
+    if not path.is_file():
+        return "is not a file"
     expected = expected_size_and_sha256(model, path)
     if expected is None:
         return f"was copied here by hand and has no recorded hash ({record_path(path).name})"
@@ -104,20 +118,72 @@ def find_problem(model: ModelFile, path: Path) -> str | None:
     return None
 
 
-def check_received(model: ModelFile, path: Path, size: int, sha256: str) -> None:
+def refused(model: ModelFile, origin: object, reason: str, advice: str = "") -> ModelFileError:
+    """Return the error for a file that came from `origin` and is not accepted as `model`.
+
+    Parameters
+    ----------
+    model : ModelFile
+    origin : object
+        A URL, a package or a path.
+    reason : str
+        The predicate of a sentence about the file.
+    advice : str
+        One sentence; empty for the usual one.
+    """
+    usual = f"Run again: python -m engine models fetch {model.name}"
+    return ModelFileError(f"{model.name} from {origin} {reason}. It was not kept. {advice or usual}")
+
+
+def check_received(model: ModelFile, path: Path, size: int, sha256: str, *, content: IO[bytes], origin: object) -> None:
     """Check a received copy of `model` before it is moved to `path`; on first use, record its hash.
+
+    Parameters
+    ----------
+    model : ModelFile
+    path : Path
+        Where the file will be stored. If a file is stored there already, its record applies to the new copy.
+    size : int
+        Size of the copy in bytes.
+    sha256 : str
+        SHA-256 of the copy.
+    content : binary stream
+        The copy itself. Only used, and then needs to be seekable, at the first use.
+    origin : object
+        Where the copy comes from, for the message.
 
     Raises
     ------
     ModelFileError
-        When size or SHA-256 differ from the catalogue or from the record of the first use.
+        When size or SHA-256 differ from the catalogue or from the record of the first use, or when, at first use, the
+        size or the format is not the one in the catalogue.
+    FormatError
+        When the record of the first use cannot be read.
     """
     expected = expected_size_and_sha256(model, path)
     if expected is None:
+        problem = find_size_problem(model, size)
+        if problem is None:
+            content.seek(0)
+            problem = find_format_problem(model.file, content)
+        if problem is not None:
+            raise refused(model, origin, problem)
         write_record(path, model, size, sha256)
     elif expected != (size, sha256):
-        source = "listed in the catalogue" if model.sha256 is not None else "that was trusted on first use"
-        raise ModelFileError(
-            f"{model.name} from {model.source} is not the file {source} ({size:,} bytes, SHA-256 {sha256[:12]}...). It "
-            f"was not kept. Run again: python -m engine models fetch {model.name}"
+        received = f"({size:,} bytes, SHA-256 {sha256[:12]}...)"
+        if model.sha256 is not None:
+            raise refused(model, origin, f"is not the file listed in the catalogue {received}")
+        raise refused(
+            model,
+            origin,
+            f"is not the file that was trusted on first use {received}",
+            f"Run again, or delete {path} first if you trust the new file: python -m engine models fetch {model.name}",
         )
+
+
+def find_size_problem(model: ModelFile, size: int) -> str | None:
+    """Return None when `model` may have `size` bytes; otherwise the predicate of a sentence about the file."""
+    smallest, largest = model.size_limits
+    if smallest <= size <= largest:
+        return None
+    return f"has {size:,} bytes, and the catalogue says {model.size_in_words}"

@@ -7,9 +7,11 @@ import re
 import subprocess
 import sys
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ROOT / "requirements"
@@ -22,15 +24,25 @@ DISTRIBUTIONS = {
 }
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
-ENVIRONMENTS = {"engine-dev": "engine", "engine": "engine", "blender-4.5": "blender-4.5", "blender-5.2": "blender-5.2"}
+LOCKED = {
+    "engine-dev": ("engine", "torch"),
+    "engine": ("engine", "torch"),
+    "blender-4.5": ("blender-4.5", "bpy-4.5"),
+    "blender-5.2": ("blender-5.2", "bpy-5.2"),
+}
 
 
 def pins(name: str) -> dict[str, str]:
     """The packages and versions of a file in requirements/."""
     lines = (REQUIREMENTS / f"{name}.txt").read_text(encoding="utf-8").splitlines()
-    pairs = [line.partition("==") for line in lines if line and not line.startswith(("#", "-r "))]
+    pairs = [line.partition("==") for line in lines if line and not line.startswith(("#", "-r ", "    --hash="))]
     assert all(equals for _, equals, _ in pairs), f"{name}.txt holds a package without a version"
-    return {re.sub(r"[-_.]+", "-", package).lower(): version for package, _, version in pairs}
+    return {normal(package): version.split()[0] for package, _, version in pairs}
+
+
+def normal(package: str) -> str:
+    """The name of a package as indexes compare it, without extras."""
+    return re.sub(r"[-_.]+", "-", package.partition("[")[0]).lower()
 
 
 def imported(folder: Path) -> set[str]:
@@ -60,10 +72,39 @@ def test_scripts_start_before_any_environment() -> None:
     assert imported(ROOT / "scripts") - ours - in_blender == set()
 
 
-@pytest.mark.parametrize(("name", "constraints"), ENVIRONMENTS.items())
-def test_pins_and_tested_set_agree(name: str, constraints: str) -> None:
-    tested = pins(f"constraints-{constraints}")
+@pytest.mark.parametrize("name", LOCKED)
+def test_pins_and_tested_set_agree(name: str) -> None:
+    tested = {package: version for part in LOCKED[name] for package, version in pins(f"locked-{part}").items()}
     assert {package: tested.get(package) for package in pins(name)} == pins(name)
+
+
+@pytest.mark.parametrize("file", sorted(REQUIREMENTS.glob("locked-*.txt")), ids=lambda file: file.stem)
+def test_every_locked_package_has_hashes_and_no_index(file: Path) -> None:
+    text = re.sub(r"^#.*\n", "", file.read_text(encoding="utf-8"))
+    packages = re.split(r"^(?=\S)", text, flags=re.MULTILINE)[1:]
+    assert packages
+    for package in packages:
+        assert re.fullmatch(r"[\w.-]+(\[.*\])?==[\w.]+( ; [^\n]*)?( \\\n    --hash=sha256:[0-9a-f]{64})+\n", package), (
+            package
+        )
+
+
+def test_locked_engine_is_complete() -> None:
+    """It is installed without looking for dependencies, so each of them must be in it."""
+    listed = {**pins("locked-engine"), **pins("locked-torch"), **pins("locked-cuda")}
+    missing = set()
+    for package in {**pins("locked-engine"), **pins("locked-torch")}:
+        try:
+            needs = metadata.requires(package) or []
+        except metadata.PackageNotFoundError:
+            continue  # of another platform
+        required = [Requirement(line) for line in needs]
+        missing |= {
+            f"{package} needs {one}"
+            for one in required
+            if (one.marker is None or one.marker.evaluate({"extra": ""})) and normal(one.name) not in listed
+        }
+    assert missing == set()
 
 
 def test_both_versions_are_one() -> None:

@@ -4,91 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-import threading
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
 
-from engine.errors import Cancelled, DiskError, EnvironmentProblem, ModelFileError
+from engine.errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ModelFileError
 from engine.events import Event, Progress
 from engine.models import download as download_module
-from engine.models.cache import OFFLINE_VARIABLE, locate
-from engine.models.catalogue import CATALOGUE, ModelFile
+from engine.models.cache import locate
 from engine.models.fetching import fetch
+from engine.models.onnx_session import open_session
 from engine.models.verification import record_path
+from tests.engine.models.site import CONTENT, Site, add_model, onnx_file, running_proxy
 
-CONTENT = bytes(range(256)) * 4000  # 1 MB
-
-
-@dataclass
-class Site:
-    """A server of one file that can interrupt a download, ignore ranges, or serve another file."""
-
-    content: bytes = CONTENT
-    etag: str | None = '"one"'
-    breaks_after: int | None = None
-    ranges: bool = True
-    port: int = 0
-    requests: list[tuple[str, str | None]] = field(default_factory=list)
-
-    def answer(self, handler: BaseHTTPRequestHandler) -> None:
-        wanted = handler.headers.get("Range")
-        self.requests.append((handler.path, wanted))
-        if "gone" in handler.path:
-            handler.send_error(404)
-            return
-        start = int(wanted[6:-1]) if wanted and self.ranges else 0
-        if wanted and handler.headers.get("If-Range", self.etag) != self.etag:
-            start = 0
-        if start >= len(self.content):
-            handler.send_error(416)
-            return
-        body = self.content[start:]
-        handler.send_response(206 if start else 200)
-        if start:
-            handler.send_header("Content-Range", f"bytes {start}-{len(self.content) - 1}/{len(self.content)}")
-        if self.etag:
-            handler.send_header("ETag", self.etag)
-        handler.send_header("Content-Length", str(len(body)))
-        handler.end_headers()
-        handler.wfile.write(body if self.breaks_after is None else body[: self.breaks_after])
-
-
-@pytest.fixture
-def site(monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
-    made = Site()
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            made.answer(self)
-
-        def log_message(self, format: str, *arguments: object) -> None:
-            pass
-
-    for name in ("http_proxy", "HTTP_PROXY", "no_proxy", "NO_PROXY", OFFLINE_VARIABLE):
-        monkeypatch.delenv(name, raising=False)
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    made.port = server.server_address[1]
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-    yield made
-    server.shutdown()
-    thread.join()
-    server.server_close()
-
-
-def _model(
-    monkeypatch: pytest.MonkeyPatch, site: Site, *, known: bool, host: str = "", path: str = "rev/large.onnx"
-) -> ModelFile:
-    digest = hashlib.sha256(CONTENT).hexdigest() if known else None
-    source = f"http://{host or f'127.0.0.1:{site.port}'}/{path}"
-    size = len(CONTENT) if known else None
-    model = ModelFile("large", source, "", "large.onnx", size, digest, "MIT", "anyone", optional=True)
-    monkeypatch.setitem(CATALOGUE, "large", model)
-    return model
+OTHER = onnx_file(len(CONTENT), filler=1)
 
 
 def _files(cache: Path) -> set[str]:
@@ -99,7 +28,7 @@ def _files(cache: Path) -> set[str]:
 def test_interrupted_download_is_resumed_where_it_stopped(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch, known: bool
 ) -> None:
-    _model(monkeypatch, site, known=known)
+    add_model(monkeypatch, site, known=known)
     site.breaks_after = 300_000
     with pytest.raises(EnvironmentProblem, match=r"broke after 300,000 of 1,024,000 bytes.*run the same command again"):
         fetch("large", cache=tmp_path)
@@ -113,18 +42,18 @@ def test_interrupted_download_is_resumed_where_it_stopped(
 def test_partial_download_of_a_file_that_changed_on_the_server_is_discarded(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=False)
+    add_model(monkeypatch, site, known=False)
     site.breaks_after = 300_000
     with pytest.raises(EnvironmentProblem):
         fetch("large", cache=tmp_path)
-    site.breaks_after, site.content, site.etag = None, CONTENT[::-1], '"two"'
-    assert fetch("large", cache=tmp_path).read_bytes() == CONTENT[::-1]
+    site.breaks_after, site.content, site.etag = None, OTHER, '"two"'
+    assert fetch("large", cache=tmp_path).read_bytes() == OTHER
 
 
 def test_download_from_a_server_without_ranges_or_etags_starts_again(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=False)
+    add_model(monkeypatch, site, known=False)
     site.breaks_after, site.etag, site.ranges = 300_000, None, False
     with pytest.raises(EnvironmentProblem):
         fetch("large", cache=tmp_path)
@@ -136,7 +65,7 @@ def test_download_from_a_server_without_ranges_or_etags_starts_again(
 def test_partial_file_longer_than_the_file_is_discarded(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=True)
+    add_model(monkeypatch, site, known=True)
     (tmp_path / "models").mkdir()
     (tmp_path / "models" / "large.onnx.part").write_bytes(CONTENT + b"more")
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
@@ -145,8 +74,8 @@ def test_partial_file_longer_than_the_file_is_discarded(
 def test_file_that_differs_from_the_catalogue_leaves_nothing_in_the_cache(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=True)
-    site.content = CONTENT[::-1]
+    add_model(monkeypatch, site, known=True)
+    site.content = OTHER
     with pytest.raises(ModelFileError, match="is not the file listed in the catalogue"):
         fetch("large", cache=tmp_path)
     assert _files(tmp_path) == set()
@@ -155,7 +84,7 @@ def test_file_that_differs_from_the_catalogue_leaves_nothing_in_the_cache(
 def test_hash_of_the_first_use_is_recorded_and_enforced(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    model = _model(monkeypatch, site, known=False)
+    model = add_model(monkeypatch, site, known=False)
     assert model.pin == "pinned by revision; hash is written on first fetch and checked afterwards"
     path = fetch("large", cache=tmp_path)
     record = json.loads(record_path(path).read_text())
@@ -164,21 +93,37 @@ def test_hash_of_the_first_use_is_recorded_and_enforced(
     with pytest.raises(ModelFileError, match="is damaged .*first use"):
         locate("large", tmp_path)
     assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
-    path.unlink()
-    site.content = CONTENT[::-1]
-    with pytest.raises(ModelFileError, match="is not the file that was trusted on first use"):
+    site.content = OTHER
+    path.write_bytes(CONTENT[:-1] + b"x")
+    with pytest.raises(ModelFileError, match="is not the file that was trusted on first use .* delete .*large.onnx"):
         fetch("large", cache=tmp_path)
-    assert not path.exists()
     record_path(path).write_text("{")
-    path.write_bytes(CONTENT)
-    with pytest.raises(ModelFileError, match="record .* cannot be read"):
+    with pytest.raises(FormatError, match="cannot be read: .*Delete it together with large.onnx, then fetch"):
         locate("large", tmp_path)
+
+
+@pytest.mark.parametrize("record_too", [True, False], ids=["with-its-record", "alone"])
+def test_file_that_the_user_deletes_is_fetched_anew(
+    tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch, record_too: bool
+) -> None:
+    """Every message about a wrong file says to delete it; the right one must be accepted then."""
+    add_model(monkeypatch, site, known=False)
+    site.content = OTHER  # complete, but no model: ONNX Runtime refuses it
+    path = fetch("large", cache=tmp_path)
+    with pytest.raises(ModelFileError, match="Delete it and run: python -m engine models fetch large"):
+        open_session(path)
+    path.unlink()
+    if record_too:
+        record_path(path).unlink()
+    site.content = CONTENT
+    assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
+    assert locate("large", tmp_path) == path
 
 
 def test_file_copied_into_the_cache_by_hand_is_neither_trusted_nor_deleted(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=False)
+    add_model(monkeypatch, site, known=False)
     path = tmp_path / "models" / "large.onnx"
     path.parent.mkdir()
     path.write_bytes(CONTENT)
@@ -190,17 +135,18 @@ def test_file_copied_into_the_cache_by_hand_is_neither_trusted_nor_deleted(
 
 
 def test_proxy_of_the_environment_is_used(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    _model(monkeypatch, site, known=True, host="models.invalid")
-    monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{site.port}")
-    assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
-    assert site.requests[0][0] == "http://models.invalid/rev/large.onnx"
+    add_model(monkeypatch, site, known=True, host="models.invalid")
+    with running_proxy(site.port) as proxy:
+        monkeypatch.setenv("https_proxy", f"http://127.0.0.1:{proxy.port}")
+        assert fetch("large", cache=tmp_path).read_bytes() == CONTENT
+    assert proxy.asked_for == ["models.invalid:443"]
 
 
 def test_errors_of_network_and_url_say_what_to_do(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
-    _model(monkeypatch, site, known=True, host="127.0.0.1:9")
+    add_model(monkeypatch, site, known=True, host="127.0.0.1:9")
     with pytest.raises(EnvironmentProblem, match="Could not download large .* set HTTPS_PROXY; .* --from FOLDER"):
         fetch("large", cache=tmp_path)
-    _model(monkeypatch, site, known=True, path="gone/large.onnx")
+    add_model(monkeypatch, site, known=True, path="gone/large.onnx")
     with pytest.raises(ModelFileError, match="no longer at http.*Get large.onnx from a colleague"):
         fetch("large", cache=tmp_path)
 
@@ -208,7 +154,7 @@ def test_errors_of_network_and_url_say_what_to_do(tmp_path: Path, site: Site, mo
 def test_cancel_keeps_the_partial_download_and_progress_is_reported(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=True)
+    add_model(monkeypatch, site, known=True)
     monkeypatch.setattr(download_module, "_PROGRESS_INTERVAL_SECONDS", 0.0)
     events: list[Event] = []
     with pytest.raises(Cancelled, match="the next fetch continues there"):
@@ -222,28 +168,31 @@ def test_cancel_keeps_the_partial_download_and_progress_is_reported(
 def test_cache_that_cannot_be_written_gives_a_readable_error(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=True)
+    add_model(monkeypatch, site, known=True)
     (tmp_path / "models").write_text("a file, not a folder")
-    with pytest.raises(DiskError, match="Could not remove .* choose another cache folder"):
+    with pytest.raises(DiskError, match="Could not write .* choose another folder"):
         fetch("large", cache=tmp_path)
 
 
 def test_file_from_an_offline_folder_is_checked_against_its_record_and_copied_with_it(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=False)
+    add_model(monkeypatch, site, known=False)
     theirs = fetch("large", cache=tmp_path / "colleague")
     site.requests.clear()
     path = fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
     assert path.read_bytes() == CONTENT and record_path(path).is_file() and not site.requests
-    path.unlink()
-    theirs.write_bytes(CONTENT[::-1])
-    with pytest.raises(ModelFileError, match="is damaged .* Copy it again"):
+    path.write_bytes(b"damaged")
+    theirs.write_bytes(OTHER)
+    with pytest.raises(ModelFileError, match="is damaged .* Copy it there again, and delete large.onnx.trusted.json"):
         fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
     record_path(theirs).unlink()
     with pytest.raises(ModelFileError, match="trusted on first use"):  # the record in the own cache still applies
         fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
-    assert not path.exists()
+    path.unlink()
+    fetch("large", cache=tmp_path / "mine", offline=theirs.parent, network=False)
+    assert path.read_bytes() == OTHER
+    path.unlink()
     with pytest.raises(ModelFileError, match="contains neither large.onnx nor the package"):
         fetch("large", cache=tmp_path / "mine", offline=tmp_path, network=False)
     assert not site.requests
@@ -252,10 +201,10 @@ def test_file_from_an_offline_folder_is_checked_against_its_record_and_copied_wi
 def test_original_name_is_accepted_in_an_offline_folder_unless_two_models_share_it(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _model(monkeypatch, site, known=True, path="rev/weights_v1.onnx")
+    add_model(monkeypatch, site, known=True, path="rev/weights_v1.onnx")
     (tmp_path / "weights_v1.onnx").write_bytes(CONTENT)
     assert fetch("large", cache=tmp_path, offline=tmp_path, network=False).read_bytes() == CONTENT
-    _model(monkeypatch, site, known=True, path="rev/model.onnx")  # both Grounding DINO files have this name
+    add_model(monkeypatch, site, known=True, path="rev/model.onnx")  # both Grounding DINO files have this name
     (tmp_path / "model.onnx").write_bytes(CONTENT)
     with pytest.raises(ModelFileError, match="contains neither large.onnx"):
         fetch("large", cache=tmp_path / "other", offline=tmp_path, network=False)
