@@ -1,6 +1,7 @@
 """``python -m engine``: the command line."""
 
 import os
+import signal
 import sys
 
 # Torch's OpenMP threads must sleep at barriers: with our own threads on few cores, spinning made a step 8 times slower.
@@ -24,7 +25,11 @@ def start() -> int:
 
 if __name__ == "__main__":
     try:
-        sys.exit(start())
+        code = start()
+        # The command is finished: a signal while Python ends must not change its exit code.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        sys.exit(code)
     except KeyboardInterrupt:
         # Before the command began, or a second Ctrl-C while it ended.
         sys.exit(130)

@@ -1,25 +1,73 @@
-"""Long pycolmap calls with progress and cancellation, and without COLMAP's log messages."""
+"""pycolmap calls with progress, cancellation and errors of ours, and without COLMAP's log messages."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import shutil
 import threading
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NoReturn, TypeVar
 
 from ..errors import CameraError, Cancelled, DiskError
 from ..events import StopCheck
 from .colmap import pycolmap
 
-__all__ = ["threads_for_colmap", "wait_for"]
+__all__ = ["opened_database", "require_free_space", "threads_for_colmap", "translated", "wait_for"]
 
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
+_MIN_FREE_BYTES = 64_000_000
+"""More than COLMAP writes in one call: 8 MB with the default settings, features of 4 photos and SQLite's journal."""
 
 # COLMAP logs to stderr, not to Python's logging. Its failures arrive as exceptions, which this module translates.
 pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
 
 Result = TypeVar("Result")
+
+_DISK_MESSAGES = (
+    "disk is full",
+    "No space left",
+    "disk I/O",
+    "readonly database",
+    "unable to open database",
+    # All that pycolmap says when SQLite cannot open or create the file.
+    "No registered database factory",
+    "Could not open",
+)
+
+
+@contextlib.contextmanager
+def translated(what: str) -> Iterator[None]:
+    """Turn exceptions of pycolmap in this block into errors of ours; `what` and the errors are those of `wait_for`."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 those that are not pycolmap's are raised again
+        _raise_translated(what, error)
+
+
+@contextlib.contextmanager
+def opened_database(path: Path) -> Iterator[pycolmap.Database]:
+    """Open a COLMAP database, which is created when missing, and close it at the end; raises as `translated` does."""
+    with translated(f"using {path}"), pycolmap.Database.open(path) as database:
+        yield database
+
+
+def require_free_space(folder: Path) -> None:
+    """Raise `DiskError` when the disk of `folder` is nearly full.
+
+    COLMAP ends this whole process when the disk is full while it stores features or matches.
+    """
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise DiskError(f"{folder} cannot be used: {error.strerror}. Check the disk, then run again.") from error
+    if free < _MIN_FREE_BYTES:
+        raise DiskError(
+            f"The disk of {folder} is nearly full: {free / 1e6:.0f} MB are free, and the search for camera poses needs "
+            f"{_MIN_FREE_BYTES / 1e6:.0f} MB at a time. Free some space and run again."
+        )
 
 
 def threads_for_colmap(threads: int) -> int:
@@ -85,11 +133,13 @@ def wait_for(
     return results[0]
 
 
-def _raise_translated(what: str, error: Exception) -> None:
+def _raise_translated(what: str, error: Exception) -> NoReturn:
     if not isinstance(error, RuntimeError | ValueError | IndexError | OSError):
         raise error
     text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
     _LOG.error("pycolmap failed while %s: %s", what, error)
-    if "disk is full" in text or "No space left" in text or "disk I/O" in text:
-        raise DiskError(f"The disk is full or unreachable while {what}. Free some space and run again.") from error
+    if any(message in str(error) for message in _DISK_MESSAGES):
+        raise DiskError(
+            f"The disk is full, read-only or unreachable while {what}. Free some space and run again."
+        ) from error
     raise CameraError(f"COLMAP failed while {what}: {text}") from error

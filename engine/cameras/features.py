@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-import json
 import os
-import shutil
+import sqlite3
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import CameraError
+from ..errors import CameraError, FormatError
 from ..events import StopCheck
-from ..files import write_json
+from ..files import delete_derived, read_json, write_json
 from ..project_folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
 from ..settings import to_dict
 from .colmap import pycolmap
-from .colmap_calls import threads_for_colmap, wait_for
+from .colmap_calls import opened_database, require_free_space, threads_for_colmap, translated, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
 from .settings import CameraSettings
 from .working_copies import WorkingCopy, plan_copies, write_copies, write_default_masks
@@ -84,25 +84,33 @@ class SfmWorkspace:
         )
         key_file = self._folder / "made_from.json"
         try:
-            same = json.loads(key_file.read_text(encoding="utf-8")) == key
-        except (OSError, ValueError):
+            same = read_json(key_file, str, advice="The work starts again.") == key
+        except FormatError:
             same = False
-        if not same:
+        if not same or not _is_whole_database(self.database):
             self.clear()
             write_json(key_file, key)
 
     def clear(self) -> None:
         """Remove the files of this class, and no other files, from the folder."""
-        (self._folder / "made_from.json").unlink(missing_ok=True)
-        for path in (self.images, self.masks, self.sparse):
-            shutil.rmtree(path, ignore_errors=True)
-        for path in self._folder.glob("database.db*"):
-            path.unlink()
-        self.pairs.unlink(missing_ok=True)
+        names = ["made_from.json", self.images.name, self.masks.name, self.sparse.name, self.pairs.name]
+        for name in (*names, *(path.name for path in self._folder.glob("database.db*"))):
+            delete_derived(self._folder, name)
 
     def copy_of(self, name: str) -> WorkingCopy:
         """Return the copy that has this `name` in COLMAP's database."""
         return self.copies[int(Path(name).stem)]
+
+
+def _is_whole_database(path: Path) -> bool:
+    """Return whether a COLMAP database is missing or can be read; what a damaged one holds is computed again."""
+    if not path.is_file():
+        return True
+    try:
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            return list(database.execute("PRAGMA quick_check(1)")) == [("ok",)]
+    except sqlite3.DatabaseError:
+        return False
 
 
 def match_features(workspace: SfmWorkspace, *, report: _Report, should_stop: StopCheck) -> None:
@@ -142,17 +150,20 @@ def _create_database(workspace: SfmWorkspace) -> None:
     """Write photos and lenses to a database, which is renamed at the end so that it is complete or missing."""
     unfinished = workspace.database.with_name("database.db.new")
     for leftover in workspace.database.parent.glob(unfinished.name + "*"):
-        leftover.unlink()
-    pycolmap.Database.open(unfinished).close()
+        delete_derived(leftover.parent, leftover.name)
+    require_free_space(workspace.database.parent)
+    with opened_database(unfinished):
+        pass  # created
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = workspace.settings.model
     names = [copy.name for copy in workspace.copies]
     # In the order of the photos and on one thread, so that the ids do not depend on thread timing.
-    pycolmap.import_images(unfinished, workspace.images, pycolmap.CameraMode.PER_FOLDER, names, reader)
+    with translated("listing the photos for COLMAP"):
+        pycolmap.import_images(unfinished, workspace.images, pycolmap.CameraMode.PER_FOLDER, names, reader)
     first_of_group: dict[str, WorkingCopy] = {}
     for copy in workspace.copies:
         first_of_group.setdefault(copy.name.split("/")[0], copy)
-    with pycolmap.Database.open(unfinished) as database:
+    with opened_database(unfinished) as database:
         for image in database.read_all_images():
             first = first_of_group.pop(image.name.split("/")[0], None)
             if first is not None:
@@ -192,11 +203,12 @@ def _detect(workspace: SfmWorkspace, report: _Report, should_stop: StopCheck) ->
         reader.mask_path = workspace.masks
     names = [copy.name for copy in workspace.copies]
 
-    with pycolmap.Database.open(workspace.database) as database:
+    with opened_database(workspace.database) as database:
         detected = {image.name for image in database.read_all_images() if database.exists_descriptors(image.image_id)}
     # In batches, to report progress: reading the database while COLMAP writes to it would conflict with its locks.
     missing = [name for name in names if name not in detected]
     for start in range(0, len(missing), _PHOTOS_PER_BATCH):
+        require_free_space(workspace.database.parent)
         batch = missing[start : start + _PHOTOS_PER_BATCH]
         done = len(names) - len(missing) + start
         report(_COPIED + (_DETECTED - _COPIED) * done / len(names), f"features in {done} of {len(names)} photos")
@@ -237,7 +249,7 @@ def _select_pairs(workspace: SfmWorkspace, report: _Report, should_stop: StopChe
     if count <= workspace.settings.exhaustive_up_to:
         return all_pairs(count)
     descriptors = []
-    with pycolmap.Database.open(workspace.database) as database:
+    with opened_database(workspace.database) as database:
         ids = {image.name: image.image_id for image in database.read_all_images()}
         for copy in workspace.copies:
             keypoints = database.read_keypoints(ids[copy.name])
@@ -264,6 +276,7 @@ def _match(workspace: SfmWorkspace, pairs: list[Pair], report: _Report, should_s
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = workspace.pairs
     for start in range(0, len(pairs), _PAIRS_PER_BATCH):
+        require_free_space(workspace.database.parent)
         batch = pairs[start : start + _PAIRS_PER_BATCH]
         report(_PAIRS_SELECTED + (1.0 - _PAIRS_SELECTED) * start / len(pairs), f"{start} of {len(pairs)} pairs matched")
         workspace.pairs.write_text("".join(f"{names[i]} {names[j]}\n" for i, j in batch), encoding="ascii")
@@ -277,7 +290,7 @@ def _match(workspace: SfmWorkspace, pairs: list[Pair], report: _Report, should_s
             report=_no_progress,
             should_stop=should_stop,
         )
-    with pycolmap.Database.open(workspace.database) as database:
+    with opened_database(workspace.database) as database:
         if database.num_inlier_matches() > 0:
             return
         has_few_features = database.num_keypoints() < 100 * len(names)

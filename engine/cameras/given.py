@@ -6,26 +6,24 @@ converted in `transforms_json`. Units and world axes of the model are arbitrary 
 
 from __future__ import annotations
 
-import json
 import logging
-import math
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..errors import CameraError
+from ..errors import CameraError, FormatError
 from ..events import Emit, StopCheck, ignore_events, never_stop
 from ..scene import Camera, CameraSet, Photo, PhotoSet
-from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
 from .colmap import pycolmap
-from .reconstruction import camera_in_photo, camera_set, is_scaled, points_of, viewmat_of
+from .model_reading import SparsePoints, read_cloud, read_model
+from .reconstruction import camera_in_photo, camera_set, is_scaled
 from .settings import CameraSettings
-from .transforms_json import read_transforms
+from .transforms_json import read_transforms, read_transforms_json
 from .triangulation import triangulate
+from .undistortion import require_valid_lens
 
 __all__ = ["has_points", "match_photos", "read_cameras"]
 
@@ -58,8 +56,9 @@ def read_cameras(
         Settings of the matching that a model without points requires.
     folder : Path, optional
         Work folder for this matching; by default a temporary one.
-    emit, should_stop : callable
+    emit : Emit
         Used only for this matching.
+    should_stop : StopCheck
 
     Returns
     -------
@@ -71,6 +70,8 @@ def read_cameras(
     ------
     CameraError
         When the model is missing or cannot be read, or when its pictures are not the photos or are rotated differently.
+    FormatError
+        When a file of the model cannot be opened, or ``transforms.json`` is not what its format demands.
     Cancelled
         When `should_stop` returned True.
 
@@ -81,21 +82,19 @@ def read_cameras(
     """
     colmap = _colmap_folder(model)
     if colmap is not None:
-        cameras, points, colors, error = _from_colmap(colmap, photo_set)
+        cameras, points = _from_colmap(colmap, photo_set, should_stop)
     else:
         cameras, cloud = read_transforms(_transforms_file(model), photo_set, match_photos)
-        points, colors, error = _cloud(cloud) if cloud is not None else (*_no_points(), math.nan)
+        points = SparsePoints.none() if cloud is None else read_cloud(cloud, should_stop)
     _require_usable_cameras(cameras, model)
-    if len(points) == 0 and len(cameras) >= 2:
-        points, colors, error = _triangulated(
-            cameras, photo_set, settings or CameraSettings(), folder, emit, should_stop
-        )
+    if len(points.positions) == 0 and len(cameras) >= 2:
+        points = _triangulated(cameras, photo_set, settings or CameraSettings(), folder, emit, should_stop)
     return camera_set(
         cameras,
         (photo.name for photo in photo_set.photos),
-        points,
-        colors,
-        reprojection_error=error,
+        points.positions,
+        points.colors,
+        reprojection_error=points.reprojection_error,
         poses_given=True,
     )
 
@@ -111,10 +110,9 @@ def has_points(model: Path) -> bool:
     if _colmap_folder(model) is not None:
         return True
     try:
-        data = json.loads(_transforms_file(model).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return bool(read_transforms_json(_transforms_file(model)).get("ply_file_path"))
+    except FormatError:
         return False  # `read_cameras` reports the error.
-    return isinstance(data, dict) and bool(data.get("ply_file_path"))
 
 
 def match_photos(names: Iterable[str], photo_set: PhotoSet) -> dict[str, Photo]:
@@ -176,37 +174,20 @@ def _transforms_file(model: Path) -> Path:
     )
 
 
-_Points = tuple[NDArray[np.float64], NDArray[np.uint8]]
-
-
-def _no_points() -> _Points:
-    return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8)
-
-
-def _from_colmap(
-    folder: Path, photo_set: PhotoSet
-) -> tuple[list[Camera], NDArray[np.float64], NDArray[np.uint8], float]:
-    try:
-        model = pycolmap.Reconstruction(folder)
-    except (RuntimeError, ValueError, IndexError, OSError) as error:
-        raise CameraError(f"The COLMAP model in {folder} cannot be read; it is incomplete or damaged.") from error
-    images = {}
-    for image_id in model.reg_image_ids():
-        image = model.image(image_id)
-        images[image.name.replace("\\", "/").removeprefix("./")] = image
+def _from_colmap(folder: Path, photo_set: PhotoSet, should_stop: StopCheck) -> tuple[list[Camera], SparsePoints]:
+    found, points = read_model(folder, should_stop)
+    images = {image.name.replace("\\", "/").removeprefix("./"): image for image in found}
     matched = match_photos(images, photo_set)
     ignored = sorted(set(images) - set(matched))
     if ignored:
         _LOG.info("%d pictures of %s are not among the photos: %s", len(ignored), folder, ", ".join(ignored))
     cameras = []
     for name, photo in matched.items():
-        lens = model.camera(images[name].camera_id)
-        _require_same_frame(photo, lens.width, lens.height, folder)
-        cameras.append(camera_in_photo(photo.name, lens, photo.width, photo.height, viewmat_of(images[name])))
-    points, colors = points_of(model)
-    # A text model may state -1 for errors that were not computed.
-    reprojection_error = model.compute_mean_reprojection_error() if len(points) else math.nan
-    return cameras, points, colors, reprojection_error
+        model, width, height, params = images[name].lens
+        _require_same_frame(photo, width, height, folder)
+        lens = pycolmap.Camera(model=model, width=width, height=height, params=list(params))
+        cameras.append(camera_in_photo(photo.name, lens, photo.width, photo.height, images[name].viewmat))
+    return cameras, points
 
 
 def _require_same_frame(photo: Photo, width: int, height: int, model: Path) -> None:
@@ -223,15 +204,6 @@ def _require_same_frame(photo: Photo, width: int, height: int, model: Path) -> N
     )
 
 
-def _cloud(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]:
-    cloud = pycolmap.Reconstruction()
-    try:
-        cloud.import_PLY(path)
-    except (RuntimeError, ValueError, IndexError, OSError) as error:
-        raise CameraError(f"The point cloud {path} that belongs to the cameras cannot be read.") from error
-    return (*points_of(cloud), math.nan)
-
-
 def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:
     if not cameras:
         raise CameraError(
@@ -240,6 +212,7 @@ def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:
     for camera in cameras:
         if not (np.isfinite(camera.viewmat).all() and np.isfinite(camera.params).all()):
             raise CameraError(f"The camera of {camera.photo} in {model} has numbers that are not finite.")
+        require_valid_lens(camera.lens)
 
 
 def _triangulated(
@@ -249,8 +222,8 @@ def _triangulated(
     folder: Path | None,
     emit: Emit,
     should_stop: StopCheck,
-) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]:
+) -> SparsePoints:
     if folder is not None:
-        return triangulate(cameras, photo_set, folder, settings, emit=emit, should_stop=should_stop)
+        return SparsePoints(*triangulate(cameras, photo_set, folder, settings, emit=emit, should_stop=should_stop))
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as temporary:
-        return triangulate(cameras, photo_set, Path(temporary), settings, emit=emit, should_stop=should_stop)
+        return _triangulated(cameras, photo_set, settings, Path(temporary), emit, should_stop)

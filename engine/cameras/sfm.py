@@ -6,12 +6,12 @@ and matched pairs are kept, and mapping starts again. See docs/design_notes/came
 
 from __future__ import annotations
 
-import shutil
 import time
 from pathlib import Path
 
 from ..errors import CameraError
 from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, never_stop
+from ..files import delete_derived
 from ..scene import CameraSet, PhotoSet
 from .colmap import pycolmap
 from .colmap_calls import threads_for_colmap, wait_for
@@ -127,7 +127,7 @@ def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: Stop
     # Refine all cameras when the model has grown by 30 % (COLMAP: 10 %), and at the end: the same poses in less time.
     options.ba_global_frames_ratio = 1.3
     options.ba_global_points_ratio = 1.3
-    shutil.rmtree(workspace.sparse, ignore_errors=True)
+    delete_derived(workspace.sparse.parent, workspace.sparse.name)
     workspace.sparse.mkdir(parents=True)
     count = len(workspace.copies)
     placed = 0

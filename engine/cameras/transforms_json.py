@@ -6,7 +6,6 @@ world-to-camera matrices with x right, y down, z forward; the world frame and it
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -14,15 +13,46 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import CameraError
+from ..errors import CameraError, FormatError
+from ..files import optional, path_within, read_json
 from ..scene import Camera, Photo, PhotoSet
 from .reconstruction import is_scaled
 
-__all__ = ["read_transforms"]
+__all__ = ["read_transforms", "read_transforms_json"]
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+_NUMBERS = (
+    *("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x", "camera_angle_y"),
+    *("k1", "k2", "k3", "k4", "p1", "p2"),
+)
+_LENS_SCHEMA = {
+    **{name: optional(float) for name in _NUMBERS},
+    "camera_model": optional(str),
+    "is_fisheye": optional((bool, int)),
+}
+_SCHEMA = {
+    **_LENS_SCHEMA,
+    "ply_file_path": optional((str, None)),
+    "frames": [{**_LENS_SCHEMA, "file_path": str, "transform_matrix": [[float]]}],
+}
+_MAX_NUMBER = 1e15
+"""Largest coordinate. Georeferenced scenes have 1e7; a project with larger numbers is refused when it is read."""
+_MAX_PARAMETER = 1e9
+
+
+def read_transforms_json(file: Path) -> dict[str, Any]:
+    """Return the content of a ``transforms.json``.
+
+    Raises
+    ------
+    FormatError
+        When the file cannot be read, is not JSON or is not what the format demands.
+    """
+    advice = "Choose a transforms.json of nerfstudio or instant-ngp, or a COLMAP model."
+    data: dict[str, Any] = read_json(file, _SCHEMA, advice=advice)
+    return data
 
 
 def read_transforms(
@@ -42,40 +72,47 @@ def read_transforms(
     Raises
     ------
     CameraError
-        When the file cannot be read or a frame in it is invalid.
+        When a frame is invalid, or the path of the point cloud leads out of the folder of `file`.
+    FormatError
+        When the file cannot be read, see `read_transforms_json`.
     """
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        frames = {str(frame["file_path"]).replace("\\", "/").removeprefix("./"): frame for frame in data["frames"]}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        reason = f"it lacks {error}" if isinstance(error, KeyError) else str(error)
-        raise CameraError(
-            f"{file} is not a transforms.json: {reason}. Choose one of nerfstudio or instant-ngp, or a COLMAP model."
-        ) from error
+    data = read_transforms_json(file)
+    frames = {frame["file_path"].replace("\\", "/").removeprefix("./"): frame for frame in data["frames"]}
     cameras = []
     for name, photo in match(frames, photo_set).items():
         try:
             cameras.append(_camera({**data, **frames[name]}, photo))
-        except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        except (ValueError, np.linalg.LinAlgError) as error:
             raise CameraError(f"The frame {name} in {file} is not a camera: {error}.") from error
-    cloud = data.get("ply_file_path")
-    cloud_file = file.parent / cloud if isinstance(cloud, str) else None
-    return cameras, cloud_file if cloud_file is not None and cloud_file.is_file() else None
+    return cameras, _cloud_file(file, data.get("ply_file_path"))
+
+
+def _cloud_file(file: Path, name: str | None) -> Path | None:
+    if not name:
+        return None
+    try:
+        cloud = path_within(file.parent, name)
+    except FormatError as error:
+        raise CameraError(
+            f"`ply_file_path` in {file} leads out of its folder. Put the point cloud beside the file and correct the "
+            "path."
+        ) from error
+    return cloud if cloud.is_file() else None
 
 
 def _camera(values: dict[str, Any], photo: Photo) -> Camera:
-    matrix = np.array(values["transform_matrix"], dtype=np.float64)
-    if matrix.shape == (3, 4):
-        matrix = np.vstack([matrix, (0.0, 0.0, 0.0, 1.0)])
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+    rows = values["transform_matrix"]
+    # instant-ngp writes 4 rows, others leave out the last one.
+    if len(rows) not in (3, 4) or any(len(row) != 4 or max(map(abs, row)) > _MAX_NUMBER for row in rows):
         raise ValueError("`transform_matrix` must be 4 rows of 4 finite numbers")
+    matrix = np.array(rows, dtype=np.float64)
     rotation, center = matrix[:3, :3] @ _OPENCV_FROM_OPENGL[:3, :3], matrix[:3, 3]
-    if np.linalg.det(rotation) <= 0.0:
-        raise ValueError("its rotation is mirrored")
     # instant-ngp stores rotations with few digits: use the nearest orthogonal matrix.
     left, _, right = np.linalg.svd(rotation)
     if not np.allclose(left @ right, rotation, atol=1e-2):
         raise ValueError("its rotation is scaled or skewed")
+    if np.linalg.det(rotation) <= 0.0:
+        raise ValueError("its rotation is mirrored")
     rotation = left @ right
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation.T
@@ -87,6 +124,8 @@ def _camera(values: dict[str, Any], photo: Photo) -> Camera:
 def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]:
     """Return COLMAP's model name and parameters in the photo's pixels."""
     width, height = float(values.get("w", photo.width)), float(values.get("h", photo.height))
+    if not (width >= 1.0 and height >= 1.0):
+        raise ValueError(f"its picture cannot have {width:g} x {height:g} pixels")
     if not is_scaled((width, height), (photo.width, photo.height)):
         raise ValueError(
             f"its picture has {width:g} x {height:g} pixels, the photo {photo.width} x {photo.height}: it was made "
@@ -96,18 +135,18 @@ def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]
     if "fl_x" in values:
         fx = float(values["fl_x"])
     elif "camera_angle_x" in values:
-        fx = 0.5 * width / math.tan(0.5 * float(values["camera_angle_x"]))
+        fx = _focal(width, values["camera_angle_x"])
     else:
         raise ValueError("it has neither `fl_x` nor `camera_angle_x`")
     if "fl_y" in values:
         fy = float(values["fl_y"])
     elif "fl_x" not in values and "camera_angle_y" in values:
-        fy = 0.5 * height / math.tan(0.5 * float(values["camera_angle_y"]))
+        fy = _focal(height, values["camera_angle_y"])
     else:
         fy = fx
-    k1, k2, k3, k4, p1, p2 = (float(values.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
+    k1, k2, k3, k4, p1, p2 = distortion = [float(values.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2")]
     pinhole = (fx * sx, fy * sy, float(values.get("cx", 0.5 * width)) * sx, float(values.get("cy", 0.5 * height)) * sy)
-    if not (fx > 0.0 and fy > 0.0 and all(map(math.isfinite, (*pinhole, k1, k2, k3, k4, p1, p2)))):
+    if not (fx > 0.0 and fy > 0.0 and all(abs(value) <= _MAX_PARAMETER for value in (*pinhole, *distortion))):
         raise ValueError("its focal lengths must be positive and all lens values finite")
     model = str(values.get("camera_model", "OPENCV")).upper()
     if model in _FISHEYE or values.get("is_fisheye"):
@@ -121,3 +160,10 @@ def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]
     if not any((k1, k2, p1, p2)):
         return "PINHOLE", pinhole
     return "OPENCV", (*pinhole, k1, k2, p1, p2)
+
+
+def _focal(side: float, angle: float) -> float:
+    """Return the focal length in pixels of a picture whose `side` covers `angle` radians."""
+    if not 0.0 < angle < math.pi:
+        raise ValueError("its angle of view must be above 0 and below 180 degrees")
+    return 0.5 * side / math.tan(0.5 * float(angle))

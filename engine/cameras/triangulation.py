@@ -11,7 +11,7 @@ from ..errors import CameraError
 from ..events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap import pycolmap
-from .colmap_calls import threads_for_colmap, wait_for
+from .colmap_calls import opened_database, threads_for_colmap, wait_for
 from .features import SfmWorkspace, match_features
 from .normalise import normalised_viewmat, original_from_world
 from .reconstruction import points_of
@@ -85,7 +85,7 @@ def triangulate(
 def _posed_model(workspace: SfmWorkspace, by_photo: dict[str, Camera], similarity: Float64) -> pycolmap.Reconstruction:
     """Return a model with the given poses, and with the lenses and ids of the database."""
     model = pycolmap.Reconstruction()
-    with pycolmap.Database.open(workspace.database) as database:
+    with opened_database(workspace.database) as database:
         for lens in database.read_all_cameras():
             model.add_camera_with_trivial_rig(lens)
         images = sorted(database.read_all_images(), key=lambda image: image.image_id)

@@ -10,7 +10,6 @@ photo's frame, scaled by the ratio of the sizes. A direction is (x, y) for the p
 from __future__ import annotations
 
 import functools
-import json
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -19,8 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CameraError
+from ..files import read_json
 from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
 from .colmap import pycolmap
+from .reconstruction import is_rotation
 
 __all__ = [
     "covering_pinhole",
@@ -28,6 +29,7 @@ __all__ = [
     "is_point_visible",
     "project",
     "read_camera_json",
+    "require_valid_lens",
     "training_pinhole",
     "undistort",
 ]
@@ -216,28 +218,24 @@ def read_camera_json(path: Path) -> PinholeCamera:
     Raises
     ------
     CameraError
-        When the file is missing, is not JSON, lacks a key, or its numbers are not a camera.
+        When the numbers are not a camera.
+    FormatError
+        When the file is missing, is not JSON or lacks a key.
     """
-    required = ("width", "height", "fx", "fy", "cx", "cy", "viewmat")
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise CameraError(f"{path} cannot be read as a camera: {error}. It must be a JSON file.") from error
-    missing = [key for key in required if not isinstance(data, dict) or key not in data]
-    if missing:
-        raise CameraError(f"{path} is not a camera: it lacks {', '.join(missing)}.")
-    try:
-        width, height = int(data["width"]), int(data["height"])
-        fx, fy, cx, cy = (float(data[key]) for key in ("fx", "fy", "cx", "cy"))
-        viewmat = np.array(data["viewmat"], dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise CameraError(f"{path} is not a camera: {error}.") from error
-    if width < 1 or height < 1 or not (fx > 0.0 and fy > 0.0) or not np.isfinite([fx, fy, cx, cy]).all():
-        raise CameraError(f"{path} is not a camera: its size and focal lengths must be positive, finite numbers.")
-    if viewmat.shape != (4, 4) or not np.isfinite(viewmat).all():
+    schema = {
+        **dict.fromkeys(("width", "height"), int),
+        **dict.fromkeys(("fx", "fy", "cx", "cy"), float),
+        "viewmat": [[float]],
+    }
+    data = read_json(path, schema, advice="A camera has width, height, fx, fy, cx, cy and a viewmat of 4 x 4 numbers.")
+    width, height = data["width"], data["height"]
+    fx, fy, cx, cy = (float(data[key]) for key in ("fx", "fy", "cx", "cy"))
+    if [len(row) for row in data["viewmat"]] != [4, 4, 4, 4]:
         raise CameraError(f"{path} is not a camera: `viewmat` must be 4 rows of 4 finite numbers.")
-    rotation = viewmat[:3, :3]
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3) or np.linalg.det(rotation) < 0.0:
+    viewmat = np.array(data["viewmat"], dtype=np.float64)
+    if width < 1 or height < 1 or not (fx > 0.0 and fy > 0.0):
+        raise CameraError(f"{path} is not a camera: its size and focal lengths must be positive.")
+    if not is_rotation(viewmat[:3, :3], tolerance=1e-3):
         raise CameraError(f"{path} is not a camera: the rotation in `viewmat` is scaled, skewed or mirrored.")
     if not np.allclose(viewmat[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
         raise CameraError(f"{path} is not a camera: the last row of `viewmat` must be 0 0 0 1.")
@@ -248,7 +246,7 @@ def read_camera_json(path: Path) -> PinholeCamera:
 
 
 @functools.lru_cache(maxsize=256)
-def _validated(lens: Lens) -> pycolmap.Camera:
+def require_valid_lens(lens: Lens) -> pycolmap.Camera:
     """Return the pycolmap camera of a lens; raise `CameraError` when its parameters are invalid."""
     model, width, height, params = lens
     if model == "EQUIRECTANGULAR":
@@ -277,13 +275,13 @@ def _invalid_lens_message(camera: Camera) -> str:
 
 def _pixels(lens: Lens, directions: Float64) -> Float64:
     """Return pixels [N, 2] of directions [N, 2], NaN beyond the lens model's turning point."""
-    _validated(lens)
+    require_valid_lens(lens)
     return lens_pixels(lens, directions)
 
 
 def _directions(lens: Lens, pixels: Float64) -> Float64:
     """Return directions [N, 2] of pixels [N, 2], NaN where the lens model has none in front of the camera."""
-    directions: Float64 = _validated(lens).cam_from_img(pixels)
+    directions: Float64 = require_valid_lens(lens).cam_from_img(pixels)
     # Beyond 90 degrees a fisheye model gives the opposite direction, which only its projection reveals.
     with np.errstate(invalid="ignore"):
         error = np.linalg.norm(_pixels(lens, np.nan_to_num(directions)) - pixels, axis=1)

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from os import cpu_count
 from pathlib import Path
 
 from PIL import Image
 
-from ..errors import Cancelled
+from ..errors import Cancelled, FormatError
 from ..events import StopCheck
-from ..files import atomic_write
+from ..files import atomic_write, opened
 from ..photos import load_with_valid
 from ..scene import Photo, PhotoSet
 
 __all__ = ["WorkingCopy", "plan_copies", "write_copies", "write_default_masks"]
+
+_END_OF_JPEG, _END_OF_PNG = b"\xff\xd9", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def write_copies(
     report: Callable[[float], None],
     should_stop: StopCheck,
 ) -> None:
-    """Write the missing copies to `folder`, and the masks of their photos to `masks` under the names COLMAP expects.
+    """Write missing and cut copies to `folder`, and masks of their photos to `masks` under the names COLMAP expects.
 
     Raises
     ------
@@ -96,8 +98,8 @@ def write_copies(
     Cancelled
         When `should_stop` returned True.
     """
-    missing = [copy for copy in copies if not (folder / copy.name).is_file()]
-    pool = ThreadPoolExecutor(max_workers=min(8, cpu_count() or 1))
+    missing = [copy for copy in copies if not _is_whole(copy, folder, masks)]
+    pool = ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
     try:
         for index, _ in enumerate(pool.map(lambda copy: _write_copy(copy, source, folder, masks), missing)):
             report((index + 1) / len(missing))
@@ -116,8 +118,27 @@ def write_default_masks(copies: list[WorkingCopy], masks: Path) -> None:
         When a mask cannot be written.
     """
     for copy in copies:
-        if not (file := masks / f"{copy.name}.png").is_file():
+        if not _ends_with(file := _mask_of(copy, masks), _END_OF_PNG):
             _write(file, Image.new("1", (copy.width, copy.height), 1), "PNG")
+
+
+def _mask_of(copy: WorkingCopy, masks: Path) -> Path:
+    return masks / f"{copy.name}.png"
+
+
+def _is_whole(copy: WorkingCopy, folder: Path, masks: Path) -> bool:
+    """Return whether a copy exists and neither it nor its mask, if it has one, was cut."""
+    mask = _mask_of(copy, masks)
+    return _ends_with(folder / copy.name, _END_OF_JPEG) and (not mask.exists() or _ends_with(mask, _END_OF_PNG))
+
+
+def _ends_with(file: Path, ending: bytes) -> bool:
+    try:
+        with opened(file, advice="It is written again.") as stream:
+            stream.seek(-len(ending), os.SEEK_END)
+            return stream.read() == ending
+    except FormatError:
+        return False
 
 
 def _write_copy(copy: WorkingCopy, source: Path, folder: Path, masks: Path) -> None:
@@ -126,7 +147,7 @@ def _write_copy(copy: WorkingCopy, source: Path, folder: Path, masks: Path) -> N
     if valid is not None:
         # Before the copy, so that an existing copy always has its mask.
         mask_picture = Image.fromarray(valid).resize((copy.width, copy.height), Image.Resampling.NEAREST)
-        _write(masks / f"{copy.name}.png", mask_picture, "PNG")
+        _write(_mask_of(copy, masks), mask_picture, "PNG")
     picture = Image.fromarray(pixels)
     if picture.size != (copy.width, copy.height):
         # A side half-way between two integers may have been rounded differently.

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -156,7 +160,7 @@ def test_python_without_any_package_says_what_to_install() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="a POSIX signal stands in for Windows' Ctrl-Break")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGBREAK"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGBREAK", "SIGHUP"])
 def test_every_way_to_stop_is_heard(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,3 +185,101 @@ def test_stopping_when_asked_is_not_called_an_error(capsys: pytest.CaptureFixtur
     output(ErrorEvent("a.jpg is empty.", "PhotoError"))
     output.close()
     assert capsys.readouterr().err == "Stopped.\nError: a.jpg is empty.\n"
+
+
+SIGNALLED = """
+import ctypes, importlib, signal, sys, threading, time
+from engine import cli
+from engine.commands import reconstruct
+from engine.errors import Cancelled
+
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+ALL = ["torch", "onnxruntime", "numba", "cv2", "pillow_heif", "engine.cameras.undistortion"]
+
+def in_c(name):
+    action = ctypes.create_string_buffer(512)
+    ctypes.CDLL(None).sigaction(int(getattr(signal, name)), None, action)
+    return ctypes.c_void_p.from_buffer(action).value
+
+def imported(modules):
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ModuleNotFoundError:
+            assert module == "pillow_heif"  # used where it is installed
+    assert "pycolmap" in sys.modules or modules == []
+
+def work(options, emit, should_stop):
+    ours = [in_c(name) for name in NAMES]
+    MODULES
+    assert [in_c(name) for name in NAMES] == ours
+    print("ready", flush=True)
+    while not (should_stop() and OBEYS):
+        time.sleep(0.02)
+    raise Cancelled("Stopped. The next run continues.")
+
+reconstruct.run = work
+sys.exit(cli.main(["reconstruct", "nowhere", "--out", sys.argv[1]]))
+"""
+POSIX = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+
+
+@contextlib.contextmanager
+def started(folder: Path, modules: str, *, obeys: bool = True, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """Start a command that waits until it is told to stop, after it called `modules`, an expression."""
+    script = SIGNALLED.replace("MODULES", modules).replace("OBEYS", str(obeys))
+    command = [sys.executable, "-c", script, str(folder / "p")]
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": ROOT}
+    with subprocess.Popen(command, **{**pipes, **options}) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield process
+        finally:
+            process.kill()
+
+
+@POSIX
+@pytest.mark.parametrize(
+    "modules",
+    ["imported(ALL)", "t = threading.Thread(target=imported, args=(ALL[-1:],)); t.start(); t.join()"],
+    ids=["in the main thread", "in another thread"],
+)
+def test_no_library_takes_the_signals_that_stop_a_run(tmp_path: Path, modules: str) -> None:
+    with started(tmp_path, modules) as process:
+        process.send_signal(signal.SIGTERM)
+        out, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "Stopping at the next safe point (once more: at once) ...\nStopped. The next run continues.\n"
+    assert out == ""
+
+
+@POSIX
+def test_second_signal_stops_at_once(tmp_path: Path) -> None:
+    with started(tmp_path, "imported([])", obeys=False) as process:
+        assert process.stderr is not None
+        process.send_signal(signal.SIGTERM)
+        assert process.stderr.readline().startswith("Stopping at the next safe point")
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=60)[1] == "Stopped. Run the same command again to continue.\n"
+    assert process.returncode == 130
+
+
+@POSIX
+def test_closed_terminal_stops_the_run_and_nothing_that_is_printed_fails(tmp_path: Path) -> None:
+    terminal, side_of_the_run = os.openpty()
+    with started(tmp_path, "imported([])", stderr=side_of_the_run) as process:
+        os.close(side_of_the_run)
+        os.close(terminal)
+        process.send_signal(signal.SIGHUP)
+        process.communicate(timeout=60)
+    assert process.returncode == 130
+
+
+@POSIX
+def test_run_under_nohup_goes_on_when_the_terminal_is_closed(tmp_path: Path) -> None:
+    ignore = lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN)  # noqa: E731
+    with started(tmp_path, "imported([])", preexec_fn=ignore) as process:
+        process.send_signal(signal.SIGHUP)
+        process.send_signal(signal.SIGTERM)
+        assert process.communicate(timeout=60)[1].endswith("Stopped. The next run continues.\n")

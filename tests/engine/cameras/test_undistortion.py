@@ -19,7 +19,7 @@ from engine.cameras.undistortion import (
     training_pinhole,
     undistort,
 )
-from engine.errors import CameraError
+from engine.errors import CameraError, FormatError
 from engine.scene.camera import Camera, PinholeCamera
 
 from .conftest import looking_at
@@ -217,27 +217,29 @@ def test_a_camera_file_is_read(tmp_path: Path) -> None:
     [
         ({"fx": 0}, "must be positive"),
         ({"width": -1}, "must be positive"),
-        ({"fx": "wide"}, "is not a camera"),
-        ({"cx": float("nan")}, "finite"),
+        ({"fx": "wide"}, "`fx` must be a finite number"),
+        ({"cx": float("nan")}, "NaN is not a JSON number"),
+        ({"viewmat": [[1e400] * 4] * 4}, "Infinity is not a JSON number"),
         ({"viewmat": [[1, 0], [0, 1]]}, "4 rows of 4"),
         ({"viewmat": (2 * np.eye(4)).tolist()}, "scaled, skewed or mirrored"),
         ({"viewmat": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "scaled, skewed or mirrored"),
         ({"viewmat": ASYMMETRIC.T.tolist()}, "last row"),
-        ({"viewmat": None}, "is not a camera"),
+        ({"viewmat": None}, "`viewmat` must be a list"),
+        ({"viewmat": [[1, 0, 0, 0], [1], [], [0, 0, 0, 1]]}, "4 rows of 4"),
     ],
 )
 def test_an_invalid_camera_file_is_refused_with_the_reason(
     tmp_path: Path, change: dict[str, object], sentence: str
 ) -> None:
     (tmp_path / "c.json").write_text(json.dumps({**GOOD, **change}))
-    with pytest.raises(CameraError, match=sentence):
+    with pytest.raises((CameraError, FormatError), match=sentence):
         read_camera_json(tmp_path / "c.json")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense"])
 def test_a_file_that_is_not_a_camera_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "c.json").write_text(text)
-    with pytest.raises(CameraError, match=r"c\.json"):
+    with pytest.raises(FormatError, match=r"c\.json"):
         read_camera_json(tmp_path / "c.json")
-    with pytest.raises(CameraError, match="cannot be read"):
+    with pytest.raises(FormatError, match="cannot be read"):
         read_camera_json(tmp_path / "missing.json")

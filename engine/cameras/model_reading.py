@@ -1,0 +1,249 @@
+"""Reading of a COLMAP model or a point cloud in a child process, because COLMAP loops and crashes on damaged files."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import logging
+import math
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..child_process import ChildFailure, run_in_child
+from ..errors import CameraError
+from ..events import StopCheck
+from ..files import ArraySpec, atomic_write, opened, read_arrays
+from ..scene import Lens
+from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
+from .colmap import pycolmap
+from .model_files import require_whole_files
+from .reconstruction import points_of, viewmat_of
+
+__all__ = ["ModelImage", "SparsePoints", "cloud_in_child", "model_in_child", "read_cloud", "read_model"]
+
+_LOG = logging.getLogger(__name__)
+_ADVICE = "Copy it again from where it was made, or let the cameras be estimated."
+_MODEL_NAMES = ("cameras", "images", "points3D", "rigs", "frames")
+_SMALLEST_MEMORY = 256 << 20
+_MEMORY_PER_BYTE = 4
+"""Memory for each byte of the files. Measured for a million points: 1.9, and 3.2 without tracks."""
+_SMALLEST_SECONDS = 6.0
+_BYTES_PER_SECOND = 5e6
+"""Slowest reading that is waited for. Measured for a million points: 35 MB/s."""
+_FAILURES = {
+    "memory": "reading it takes more memory than files of this size need",
+    "time": "reading it takes longer than files of this size need",
+    "crash": "COLMAP crashed on it",
+}
+_MAX_NUMBER = 1e15
+"""Largest coordinate. Georeferenced models have 1e7; a project with larger numbers is refused when it is read."""
+_QUATERNION_ERROR, _EXACT_QUATERNION_ERROR = 1e-2, 1e-6
+"""Errors of a quaternion's length above which its file is damaged, and above which it is normalised."""
+_MAX_PARAMETER = 1e9
+_MAX_SIDE = 100_000
+_MAX_HEADER_LINES = 1000
+
+
+@dataclass(frozen=True)
+class ModelImage:
+    """A registered picture of a model: lens in its own pixels, and world-to-camera matrix [4, 4]."""
+
+    name: str
+    lens: Lens
+    viewmat: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SparsePoints:
+    """Positions [P, 3], sRGB colours [P, 3] and the mean reprojection error in pixels, NaN when unknown."""
+
+    positions: NDArray[np.float64]
+    colors: NDArray[np.uint8]
+    reprojection_error: float
+
+    @classmethod
+    def none(cls) -> SparsePoints:
+        """Return no points."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3), np.uint8), math.nan)
+
+
+def read_model(folder: Path, should_stop: StopCheck) -> tuple[list[ModelImage], SparsePoints]:
+    """Return the registered pictures and the sparse points of the COLMAP model in `folder`.
+
+    Parameters
+    ----------
+    folder : Path
+        With ``cameras``, ``images`` and ``points3D``, all ``.bin`` or all ``.txt``.
+    should_stop : StopCheck
+
+    Raises
+    ------
+    CameraError
+        When the model is incomplete or damaged, or takes more memory or time than files of its size can need.
+    FormatError
+        When a file cannot be opened.
+    Cancelled
+        When `should_stop` returned True.
+    """
+    files = [folder / f"{name}{suffix}" for name in _MODEL_NAMES for suffix in (".bin", ".txt")]
+    answer, arrays = _in_child("model_in_child", folder, files, f"The COLMAP model in {folder}", should_stop)
+    lenses = {
+        int(key): Lens(model, width, height, tuple(params))
+        for key, (model, width, height, params) in answer["lenses"].items()
+    }
+    images = [
+        ModelImage(name, lenses[lens], viewmat)
+        for (name, lens), viewmat in zip(answer["images"], arrays["viewmats"], strict=True)
+    ]
+    error = math.nan if answer["error"] is None else answer["error"]
+    return images, SparsePoints(arrays["points"], arrays["colors"], error)
+
+
+def read_cloud(file: Path, should_stop: StopCheck) -> SparsePoints:
+    """Return the points of a PLY file; raises as `read_model` does."""
+    what = f"The point cloud {file} that belongs to the cameras"
+    _, arrays = _in_child("cloud_in_child", file, [file], what, should_stop)
+    return SparsePoints(arrays["points"], arrays["colors"], math.nan)
+
+
+_ARRAYS = {"points": ArraySpec("float64", ("p", 3), finite=True), "colors": ArraySpec("uint8", ("p", 3))}
+_VIEWMATS = {"viewmats": ArraySpec("float64", ("i", 4, 4), finite=True)}
+
+
+def _in_child(
+    function: str, source: Path, files: list[Path], what: str, should_stop: StopCheck
+) -> tuple[Any, dict[str, NDArray[Any]]]:
+    n_bytes = sum(file.stat().st_size for file in files if file.is_file())
+    with tempfile.TemporaryDirectory(prefix="gaussian-heritage-") as folder:
+        target = Path(folder, "arrays.npz")
+        try:
+            answer = run_in_child(
+                f"cameras.model_reading:{function}",
+                {"source": os.fspath(source.absolute()), "target": os.fspath(target), "what": what},
+                max_memory=_SMALLEST_MEMORY + _MEMORY_PER_BYTE * n_bytes,
+                max_seconds=_SMALLEST_SECONDS + n_bytes / _BYTES_PER_SECOND,
+                what=f"reading {what[0].lower()}{what[1:]}",
+                should_stop=should_stop,
+            )
+        except ChildFailure as error:
+            _LOG.error("%s", error)
+            raise _unreadable(what, _FAILURES[error.reason]) from error
+        return answer, read_arrays(target, _ARRAYS, optional=_VIEWMATS, advice="Run the command again.")
+
+
+def _unreadable(what: str, why: str) -> CameraError:
+    return CameraError(f"{what} cannot be read; it is incomplete or damaged ({why}). {_ADVICE}")
+
+
+# ---- in the child process
+
+
+def model_in_child(source: str, target: str, what: str) -> dict[str, Any]:
+    """Write the arrays of a COLMAP model to `target`; return its lenses, picture names and reprojection error."""
+    require_whole_files(Path(source), _ADVICE)
+    return _translated(what, functools.partial(_converted, source, Path(target)))
+
+
+def _converted(source: str, target: Path) -> dict[str, Any]:
+    model = pycolmap.Reconstruction(source)
+    images = [model.image(image_id) for image_id in model.reg_image_ids()]
+    viewmats = np.array([_viewmat(image) for image in images]).reshape(-1, 4, 4)
+    lenses = {image.camera_id: model.camera(image.camera_id) for image in images}
+    for image in images:
+        if problem := _lens_problem(lenses[image.camera_id]):
+            raise ValueError(f"the camera of {image.name} {problem}")
+    points, colors = points_of(model)
+    _write(target, points, colors, viewmats)
+    # A text model may state -1 for errors that were not computed.
+    error = model.compute_mean_reprojection_error() if len(points) else math.nan
+    return {
+        "lenses": {
+            key: (lens.model_name, lens.width, lens.height, [float(value) for value in lens.params])
+            for key, lens in lenses.items()
+        },
+        "images": [(image.name, image.camera_id) for image in images],
+        "error": error if math.isfinite(error) else None,
+    }
+
+
+def cloud_in_child(source: str, target: str, what: str) -> None:
+    """Write the points of the PLY file `source` to `target`."""
+
+    def convert() -> None:
+        cloud = pycolmap.Reconstruction()
+        cloud.import_PLY(source)
+        stated, found = _stated_points(Path(source)), cloud.num_points3D()
+        if stated != found:
+            raise ValueError(f"it states {stated:,} points and has {found:,}")
+        _write(Path(target), *points_of(cloud))
+
+    _translated(what, convert)
+
+
+def _stated_points(file: Path) -> int:
+    """Return the number of points in the header of a PLY file, which COLMAP has read without an error."""
+    with opened(file, advice=_ADVICE) as stream:
+        for line in itertools.islice(stream, _MAX_HEADER_LINES):
+            if line.startswith(b"element vertex "):
+                return int(line.split()[2])
+    raise ValueError("its header states no points")
+
+
+def _translated(what: str, convert: Callable[[], Any]) -> Any:
+    try:
+        return convert()
+    # What pycolmap raises on damaged files; names that are not UTF-8 are a ValueError.
+    except (RuntimeError, ValueError, IndexError, KeyError, TypeError, OSError) as error:
+        raise _unreadable(what, _reason(error)) from error
+
+
+def _reason(error: Exception) -> str:
+    """Return the first line of an exception, unless it is source code of COLMAP."""
+    line = (str(error).strip().splitlines() or [type(error).__name__])[0]
+    return "a check of COLMAP failed" if "Check failed" in line or "::" in line else line.rstrip(".")
+
+
+def _write(
+    target: Path,
+    points: NDArray[np.float64],
+    colors: NDArray[np.uint8],
+    viewmats: NDArray[np.float64] | None = None,
+) -> None:
+    usable = (np.abs(points) <= _MAX_NUMBER).all(axis=1)
+    arrays: dict[str, Any] = {"points": points[usable], "colors": colors[usable]}
+    if viewmats is not None:
+        arrays["viewmats"] = viewmats
+    with atomic_write(target) as stream:
+        np.savez(stream, **arrays)
+
+
+def _viewmat(image: pycolmap.Image) -> NDArray[np.float64]:
+    """Return the world-to-camera matrix [4, 4]; raises `ValueError` for a pose that no camera has."""
+    viewmat = viewmat_of(image)
+    quat = image.cam_from_world().rotation.quat
+    length = float(np.linalg.norm(quat))
+    if not abs(length - 1.0) <= _QUATERNION_ERROR:
+        raise ValueError(f"the camera of {image.name} has no rotation")
+    if not (np.abs(viewmat) <= _MAX_NUMBER).all():
+        raise ValueError(f"the camera of {image.name} has a position that is not finite or is too large")
+    if abs(length - 1.0) > _EXACT_QUATERNION_ERROR:
+        # COLMAP does not normalise; a quaternion of few digits gives a matrix that is scaled.
+        viewmat[:3, :3] = pycolmap.Rotation3d(quat / length).matrix()
+    return viewmat
+
+
+def _lens_problem(lens: pycolmap.Camera) -> str | None:
+    if not (1 <= lens.width <= _MAX_SIDE and 1 <= lens.height <= _MAX_SIDE):
+        return f"cannot have {lens.width} x {lens.height} pixels"
+    if not (lens.verify_params() and (np.abs(lens.params) <= _MAX_PARAMETER).all()):
+        return "has lens parameters that are not finite or are too large"
+    if not all(lens.params[index] > 0.0 for index in lens.focal_length_idxs()):
+        return "has a focal length that is not above 0"
+    return None

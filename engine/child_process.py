@@ -1,0 +1,342 @@
+"""Work on files from other people in a child process with bounded time and memory.
+
+A decoder that loops, crashes or asks for all memory then fails alone: its file is refused, and the engine goes on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib
+import json
+import logging
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any, Literal
+
+from . import errors
+from .errors import Cancelled, HeritageError, is_out_of_memory
+from .events import StopCheck, never_stop
+from .files import parse_json, read_text
+
+__all__ = ["ChildFailure", "run_in_child"]
+
+_LOG = logging.getLogger(__name__)
+# Not `__name__`, which is `__main__` in the child.
+_MODULE = f"{__package__}.child_process"
+_ROOT = Path(__file__).resolve().parents[_MODULE.count(".")]
+
+_MAX_START_SECONDS = 300.0
+"""Imports of a child on a slow disk; they do not count as work."""
+_POLL_SECONDS = 0.05
+_MAX_ANSWER_BYTES = 16 << 20
+_MAX_ERRORS_BYTES = 64 << 10
+_READY = b"\n"
+
+
+class ChildFailure(HeritageError):
+    """A child process broke a bound or died. Callers turn this into an error that names the file and the remedy.
+
+    Attributes
+    ----------
+    reason : {"memory", "time", "crash"}
+        What ended the child; the message says it in a sentence.
+    """
+
+    def __init__(self, message: str, reason: Literal["memory", "time", "crash"]) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+def run_in_child(
+    function: str,
+    arguments: dict[str, Any],
+    *,
+    max_memory: int,
+    max_seconds: float,
+    what: str,
+    should_stop: StopCheck = never_stop,
+) -> Any:
+    """Return the result of a function of the engine, called in a child process.
+
+    The child cannot outlive this process, gets no signal of the terminal and leaves no core dump.
+
+    Parameters
+    ----------
+    function : str
+        ``module:name`` below the engine's package, e.g. ``cameras.model_reading:read_model``.
+    arguments : dict
+        Keyword arguments of the function: JSON values.
+    max_memory : int
+        Bytes of address space that the function may take after its module was imported; mapped files count. Bounded on
+        Linux only: other systems have no such limit, and there only the time is bounded.
+    max_seconds : float
+        Wall time of the function. Starting Python and importing the module do not count.
+    what : str
+        Description of the work for messages, e.g. "reading the COLMAP model in /scan/sparse".
+    should_stop : callable
+        Asked 20 times a second; the child is killed when it returns True.
+
+    Returns
+    -------
+    Any
+        The function's result: a JSON value of at most 16 MB of valid text, without NaN and infinity. What is larger
+        must be written to a file whose path is among `arguments`.
+
+    Raises
+    ------
+    HeritageError
+        What the function raised, as the same type with the same message.
+    ChildFailure
+        When the memory or the time was not sufficient, or the child crashed or raised an error that is not ours.
+    Cancelled
+        When `should_stop` returned True.
+    ModuleNotFoundError
+        When a package is not installed.
+    """
+    request = {"function": function, "arguments": arguments, "max_memory": max_memory, "max_seconds": max_seconds}
+    with _started() as (process, answer, complaints):
+        _send(process, json.dumps(request).encode("ascii") + b"\n")
+        in_time = _wait(process, answer, max_seconds, what, should_stop)
+    if should_stop():
+        # What asks this process to stop may have ended the child too.
+        raise Cancelled(f"Stopped while {what}. The next run continues from here.")
+    text = complaints.text()
+    if not in_time or process.returncode == -getattr(signal, "SIGALRM", 0):
+        raise ChildFailure(f"{_sentence(what)} took more than {max_seconds:.3g} s.", "time")
+    if process.returncode != 0:
+        _LOG.error("The child process failed with code %d while %s: %s", process.returncode, what, text)
+        _raise_death(process.returncode, text, max_memory, what)
+    return _result(answer.text(), max_memory, what)
+
+
+class _Collector:
+    """Reads a pipe of the child to its end in a thread and keeps the first `limit` bytes."""
+
+    def __init__(self, stream: IO[bytes], limit: int) -> None:
+        self.started = threading.Event()
+        self._stream, self._limit, self._data = stream, limit, bytearray()
+        self._thread = threading.Thread(target=self._collect, daemon=True)
+        self._thread.start()
+
+    def _collect(self) -> None:
+        while chunk := os.read(self._stream.fileno(), 1 << 16):
+            self._data += chunk[: self._limit + 1 - len(self._data)]
+            self.started.set()
+
+    def end(self) -> None:
+        """Wait for the end of the pipe, then close it."""
+        self._thread.join()
+        self._stream.close()
+
+    def text(self) -> str:
+        return self._data.decode("utf-8", errors="replace").strip()
+
+
+@contextlib.contextmanager
+def _started() -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector]]:
+    """Start a child and yield it with its answer and its standard error; at the end it is dead, whatever happened."""
+    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    process = subprocess.Popen(
+        # -P: a file in the current folder must not pass for a module of ours.
+        [sys.executable, "-P", "-m", _MODULE],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        bufsize=0,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        start_new_session=True,
+        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0),
+    )
+    assert process.stdin and process.stdout and process.stderr
+    answer = _Collector(process.stdout, _MAX_ANSWER_BYTES)
+    complaints = _Collector(process.stderr, _MAX_ERRORS_BYTES)
+    try:
+        yield process, answer, complaints
+    finally:
+        _kill(process)
+        process.wait()
+        process.stdin.close()
+        answer.end()
+        complaints.end()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill the child and its own children, which would keep its pipes open."""
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        # macOS reports a group whose only process has ended with PermissionError.
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _send(process: subprocess.Popen[bytes], request: bytes) -> None:
+    """Write the request. The pipe stays open: the child ends when it closes."""
+    assert process.stdin
+    # A child that died already is reported by its exit code.
+    with contextlib.suppress(BrokenPipeError):
+        view = memoryview(request)
+        while view:
+            view = view[process.stdin.write(view) :]
+
+
+def _wait(
+    process: subprocess.Popen[bytes], answer: _Collector, max_seconds: float, what: str, should_stop: StopCheck
+) -> bool:
+    """Return whether the child ended in time."""
+    deadline, working = time.monotonic() + _MAX_START_SECONDS, False
+    while True:
+        try:
+            process.wait(_POLL_SECONDS)
+            return True
+        except subprocess.TimeoutExpired:
+            pass
+        if should_stop():
+            raise Cancelled(f"Stopped while {what}. The next run continues from here.")
+        if not working and answer.started.is_set():
+            deadline, working = time.monotonic() + max_seconds, True
+        if time.monotonic() > deadline:
+            return False
+
+
+def _raise_death(code: int, text: str, max_memory: int, what: str) -> None:
+    # Linux kills the largest process with SIGKILL when all memory is used; libraries abort.
+    if code == -getattr(signal, "SIGKILL", 0) or "bad_alloc" in text or is_out_of_memory(RuntimeError(text)):
+        raise _memory_failure(max_memory, what)
+    try:
+        cause = signal.Signals(-code).name
+    except ValueError:
+        cause = f"exit code {code}"
+    raise ChildFailure(f"{_sentence(what)} crashed ({cause}).", "crash")
+
+
+def _result(text: str, max_memory: int, what: str) -> Any:
+    advice = "Report this error."
+    answer = parse_json(text, {"outcome": str, "value": object}, source=f"The answer while {what}", advice=advice)
+    outcome, value = answer["outcome"], answer["value"]
+    if outcome == "result":
+        return value
+    if outcome == "memory":
+        raise _memory_failure(max_memory, what)
+    if outcome == "missing":
+        raise ModuleNotFoundError(f"No module named {value!r}", name=value)
+    if outcome in errors.__all__ and isinstance(error := getattr(errors, outcome), type):
+        raise error(value)
+    raise ChildFailure(f"{_sentence(what)} failed ({value}).", "crash")
+
+
+def _memory_failure(max_memory: int, what: str) -> ChildFailure:
+    return ChildFailure(f"{_sentence(what)} needs more than {max_memory / 1e6:.0f} MB of memory.", "memory")
+
+
+def _sentence(what: str) -> str:
+    return what[:1].upper() + what[1:]
+
+
+def _serve() -> None:
+    """Answer one request; the main function of the child."""
+    # Libraries print to standard output, and must not write into the answer or read the request.
+    requests, answers = os.dup(0), os.dup(1)
+    null = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(null, 0)
+    os.dup2(2, 1)
+    # The parent decides when this process ends, also when a service manager sends SIGTERM to both.
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    _die_with_parent()
+    stream = os.fdopen(requests, "rb")
+    line = stream.readline()
+    if not line:
+        return
+    threading.Thread(target=_exit_at_end, args=(stream,), daemon=True).start()
+    _allow_seconds(_MAX_START_SECONDS)
+    # Not `parse_json`: file names may have characters that are not valid, which it refuses.
+    request = json.loads(line)
+    data = json.dumps(_answer(request, answers)).encode("ascii")
+    while data:
+        data = data[os.write(answers, data) :]
+    # Not `sys.exit`: threads of libraries and handlers at exit may hang.
+    os._exit(0)
+
+
+def _answer(request: dict[str, Any], answers: int) -> dict[str, Any]:
+    module, _, name = request["function"].partition(":")
+    try:
+        function = getattr(importlib.import_module(f"{__package__}.{module}"), name)
+        os.write(answers, _READY)
+        # A little later than the parent, which says it better.
+        _allow_seconds(request["max_seconds"] + 1.0)
+        with _memory_limit(request["max_memory"]):
+            result = function(**request["arguments"])
+            json.dumps(result, allow_nan=False)
+    except HeritageError as error:
+        known = next(one.__name__ for one in type(error).__mro__ if one.__name__ in errors.__all__)
+        return {"outcome": known, "value": _valid(str(error))}
+    except ModuleNotFoundError as error:
+        return {"outcome": "missing", "value": error.name}
+    except Exception as error:  # noqa: BLE001 the parent reports it
+        if is_out_of_memory(error):
+            return {"outcome": "memory", "value": None}
+        return {"outcome": "error", "value": _valid(f"{type(error).__name__}: {error}"[:500])}
+    return {"outcome": "result", "value": result}
+
+
+def _valid(text: str) -> str:
+    """Return `text` with escapes for characters that are not valid; file names may have some."""
+    return text.encode("utf-8", errors="backslashreplace").decode("utf-8")
+
+
+def _die_with_parent() -> None:
+    """Let the kernel kill this process when its parent dies, and forbid core dumps."""
+    if sys.platform == "linux":
+        # `_exit_at_end` does the same on other systems, but not while a library holds the interpreter lock.
+        pr_set_pdeathsig = 1
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL, 0, 0, 0)
+    if sys.platform != "win32":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _exit_at_end(stream: IO[bytes]) -> None:
+    """End this process when the pipe from the parent closes, because the parent died."""
+    stream.read()
+    os._exit(1)
+
+
+def _allow_seconds(seconds: float) -> None:
+    """Let the kernel end this process after `seconds`, even when the parent is dead and a library never returns."""
+    if sys.platform != "win32":
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, seconds)
+
+
+@contextlib.contextmanager
+def _memory_limit(extra: int) -> Iterator[None]:
+    """Allow `extra` bytes more of address space than this process has now; Linux only."""
+    if sys.platform != "linux":
+        yield
+        return
+    import resource
+
+    pages = int(read_text(Path("/proc/self/statm"), advice="Report this error.").split()[0])
+    before = soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    allowed = [pages * resource.getpagesize() + extra, *(one for one in before if one != resource.RLIM_INFINITY)]
+    resource.setrlimit(resource.RLIMIT_AS, (min(allowed), hard))
+    try:
+        yield
+    finally:
+        # The answer about an exhausted memory needs some memory.
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+if __name__ == "__main__":
+    _serve()

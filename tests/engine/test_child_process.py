@@ -1,0 +1,226 @@
+"""Work in a child process: its bounds hold, its errors arrive as ours, and it never outlives the engine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from engine import child_process
+from engine.child_process import ChildFailure, run_in_child
+from engine.errors import CameraError, Cancelled
+from tests.engine.command_line import ROOT
+
+WORK = '''
+import ctypes, os, sys, time
+from engine.errors import CameraError
+
+class CutModel(CameraError):
+    """A kind of error that only this module knows."""
+
+def echo(**arguments):
+    return arguments
+
+def length(text):
+    return len(os.fsencode(text))
+
+def fail():
+    raise CutModel("The model is cut.")
+
+def bug():
+    return {}["key"]
+
+def not_json():
+    return float("nan")
+
+def missing():
+    import package_that_nobody_has
+
+def fill(megabytes):
+    return len(bytearray(megabytes << 20))
+
+def sleep(file=None):
+    if file:
+        with open(file, "w") as stream:
+            stream.write(str(os.getpid()))
+    time.sleep(600)
+
+def hold_the_lock(file):
+    with open(file, "w") as stream:
+        stream.write(str(os.getpid()))
+    ctypes.PyDLL(None).sleep(600)
+
+def crash():
+    os.abort()
+
+def chatter():
+    print("progress", flush=True)
+    os.system("echo more")
+    sys.stderr.write("x" * 1_000_000)
+    return sys.stdin.read()
+
+def grandchild():
+    import subprocess
+    return subprocess.Popen(["sleep", "600"]).pid
+
+def limits():
+    import resource
+    return [resource.getrlimit(resource.RLIMIT_CORE)[0], os.getpid() == os.getsid(0)]
+'''
+
+POSIX = pytest.mark.skipif(os.name == "nt", reason="signals and groups of processes are POSIX")
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="only Linux bounds the memory of a process")
+
+
+@pytest.fixture(autouse=True)
+def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The functions above as a module of an engine whose other modules are ours."""
+    package = tmp_path / "copy" / "engine"
+    package.mkdir(parents=True)
+    for module in (ROOT / "engine").iterdir():
+        (package / module.name).symlink_to(module)
+    (package / "work.py").write_text(WORK)
+    monkeypatch.setattr(child_process, "_ROOT", package.parent)
+    yield
+
+
+def call(name: str, *, max_memory: int = 1 << 30, max_seconds: float = 60.0, **arguments: Any) -> Any:
+    return run_in_child(
+        f"work:{name}", arguments, max_memory=max_memory, max_seconds=max_seconds, what="reading the model"
+    )
+
+
+def is_alive(pid: int) -> bool:
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def ends_soon(pid: int) -> bool:
+    for _ in range(200):
+        if not is_alive(pid):
+            return True
+        time.sleep(0.05)
+    os.kill(pid, signal.SIGKILL)
+    return False
+
+
+def content_once_written(file: Path) -> str:
+    for _ in range(1200):
+        if file.exists() and (text := file.read_text()):
+            return text
+        time.sleep(0.05)
+    raise AssertionError(f"{file} was not written")
+
+
+def test_result_comes_back() -> None:
+    assert call("echo", a=[1, 2.5, None], b={"text": "彫刻"}) == {"a": [1, 2.5, None], "b": {"text": "彫刻"}}
+
+
+def test_name_that_is_not_utf8_reaches_the_function() -> None:
+    assert call("length", text=os.fsdecode(b"vase\xff.jpg")) == 9
+
+
+def test_error_of_ours_keeps_its_sentence_and_its_nearest_known_type() -> None:
+    with pytest.raises(CameraError) as caught:
+        call("fail")
+    assert type(caught.value) is CameraError and str(caught.value) == "The model is cut."
+
+
+@pytest.mark.parametrize(("name", "text"), [("bug", "KeyError: 'key'"), ("not_json", "ValueError: Out of range")])
+def test_error_that_is_not_ours_is_a_failure_of_the_child(name: str, text: str) -> None:
+    with pytest.raises(ChildFailure, match=text) as caught:
+        call(name)
+    assert caught.value.reason == "crash"
+
+
+def test_package_that_is_missing_is_named() -> None:
+    with pytest.raises(ModuleNotFoundError) as caught:
+        call("missing")
+    assert caught.value.name == "package_that_nobody_has"
+
+
+@LINUX
+def test_memory_is_bounded() -> None:
+    assert call("fill", megabytes=50, max_memory=100 << 20) == 50 << 20
+    with pytest.raises(ChildFailure, match="Reading the model needs more than 105 MB of memory") as caught:
+        call("fill", megabytes=150, max_memory=100 << 20)
+    assert caught.value.reason == "memory"
+
+
+@POSIX
+def test_time_is_bounded_and_the_process_gone(tmp_path: Path) -> None:
+    with pytest.raises(ChildFailure, match="Reading the model took more than 0.3 s") as caught:
+        call("sleep", max_seconds=0.3, file=str(tmp_path / "pid"))
+    assert caught.value.reason == "time"
+    assert not is_alive(int((tmp_path / "pid").read_text()))
+
+
+@POSIX
+def test_crash_names_its_signal() -> None:
+    with pytest.raises(ChildFailure, match=r"Reading the model crashed \(SIGABRT\)") as caught:
+        call("crash")
+    assert caught.value.reason == "crash"
+
+
+def test_output_of_libraries_does_not_reach_the_result_or_the_terminal(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("chatter") == ""
+    assert capfd.readouterr() == ("", "")
+
+
+@POSIX
+def test_processes_that_the_child_leaves_are_ended() -> None:
+    assert ends_soon(call("grandchild"))
+
+
+@POSIX
+def test_child_dumps_no_core_and_gets_no_signal_of_the_terminal() -> None:
+    assert call("limits") == [0, True]
+
+
+def test_stop_ends_the_child(tmp_path: Path) -> None:
+    file = tmp_path / "pid"
+    with pytest.raises(Cancelled, match="Stopped while reading the model"):
+        run_in_child(
+            "work:sleep",
+            {"file": str(file)},
+            max_memory=1 << 30,
+            max_seconds=60.0,
+            what="reading the model",
+            should_stop=lambda: file.exists() and bool(file.read_text()),
+        )
+    assert not is_alive(int(file.read_text()))
+
+
+def test_module_in_the_current_folder_does_not_replace_one_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "json.py").write_text("raise SystemExit(7)")
+    monkeypatch.chdir(tmp_path)
+    assert call("echo", a=1) == {"a": 1}
+
+
+@POSIX
+@pytest.mark.parametrize("name", ["sleep", pytest.param("hold_the_lock", marks=LINUX)])
+def test_child_ends_when_the_engine_is_killed(name: str, tmp_path: Path) -> None:
+    script = (
+        "import sys; from pathlib import Path; from engine import child_process\n"
+        "child_process._ROOT = Path(sys.argv[1])\n"
+        "child_process.run_in_child(sys.argv[2], {'file': sys.argv[3]}, max_memory=1 << 30, max_seconds=300, what='x')"
+    )
+    file = tmp_path / "pid"
+    command = [sys.executable, "-c", script, str(child_process._ROOT), f"work:{name}", str(file)]
+    engine = subprocess.Popen(command, cwd=ROOT)
+    child = int(content_once_written(file))
+    assert is_alive(child)
+    engine.send_signal(signal.SIGKILL)
+    engine.wait()
+    assert ends_soon(child)
