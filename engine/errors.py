@@ -1,7 +1,7 @@
 """The exceptions of the engine. Their messages are shown to users as they are.
 
 Every message says what is wrong, with which file, and what to do. Only two places catch the base class: the
-engine's entry point (an ``error`` event, one sentence, a nonzero exit code) and a Blender operator (``report``)::
+engine's entry point (an ``error`` event, one sentence, a nonzero exit code) and `gaussian_heritage_addon.problems`::
 
     HeritageError
     |-- SettingsError       a setting, flag or number that cannot be used
@@ -117,6 +117,7 @@ _OUT_OF_MEMORY_TEXTS = (
     "Insufficient memory",  # OpenCV
     "Cannot allocate memory",  # the operating system
     "can't start new thread",
+    "failed to map segment from shared object",  # a library could not be loaded
 )
 
 

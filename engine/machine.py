@@ -10,11 +10,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 __all__ = ["Machine", "PeakMemory", "cpu_seconds", "describe_machine", "free_memory", "peak_memory"]
 
 _CGROUP = Path("/sys/fs/cgroup")
+_OWN_GROUPS = Path("/proc/self/cgroup")
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,10 @@ def describe_machine() -> Machine:
 
 
 def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
+    text = _text("/proc/cpuinfo")
+    if not text:
         return platform.processor()
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+    return next((line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")), "")
 
 
 def cpu_seconds() -> float:
@@ -65,31 +65,73 @@ def free_memory() -> int | None:
 
     Notes
     -----
-    Linux: ``MemAvailable``, or what the limit of a container (cgroup v2) leaves, if that is less. Windows:
-    ``ullAvailPhys``. macOS: free, inactive and speculative pages of ``vm_stat``.
+    Linux: the smallest of ``MemAvailable``, what the limits of the control groups leave (containers, both versions),
+    and what the limits of this process leave (``ulimit -v`` and ``-d``). Windows: ``ullAvailPhys``. macOS: free,
+    inactive and speculative pages of ``vm_stat``, or the limits of this process.
     """
     if sys.platform == "win32":
         return _free_on_windows()
-    if sys.platform == "darwin":
-        return _free_on_mac()
-    available = _kibibytes("/proc/meminfo", "MemAvailable")
+    available = _free_on_mac() if sys.platform == "darwin" else _kibibytes("/proc/meminfo", "MemAvailable")
     if available is None:
         return None
+    return max(0, min([available, *_left_in_control_groups(), *_left_of_own_limits()]))
+
+
+def _left_of_own_limits() -> list[int]:
+    """Return the bytes that each limit of this process leaves."""
+    import resource
+
+    statm = _text("/proc/self/statm").split()
+    # Without /proc, nothing is known about what is used already.
+    pages = {resource.RLIMIT_AS: int(statm[0]), resource.RLIMIT_DATA: int(statm[5])} if len(statm) > 5 else {}
+    limits = {kind: resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)}
+    return [
+        limit - pages.get(kind, 0) * resource.getpagesize()
+        for kind, limit in limits.items()
+        if limit != resource.RLIM_INFINITY
+    ]
+
+
+def _left_in_control_groups() -> list[int]:
+    """Return the bytes that the limit of each control group of this process, and of the groups around it, leaves."""
+    left = []
+    for line in _text(_OWN_GROUPS).splitlines():
+        _, controllers, group = (line + "::").split(":")[:3]
+        if controllers and "memory" not in controllers.split(","):
+            continue
+        root = _CGROUP / "memory" if controllers else _CGROUP
+        limit, used = (
+            ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
+        )
+        path = PurePosixPath(group)
+        # Inside of a container the path may be that of the host, where only the root of the groups can be seen.
+        for folder in {root.joinpath(*parent.parts[1:]) for parent in (path, *path.parents)}:
+            with contextlib.suppress(ValueError):  # No such group, or "max": no limit.
+                left.append(
+                    int(_text(folder / limit)) - int(_text(folder / used)) + _reclaimable(folder / "memory.stat")
+                )
+    return left
+
+
+def _reclaimable(file: Path) -> int:
+    """Return the bytes of files that a control group caches and gives back when memory is needed."""
+    found = (
+        line.split() for line in _text(file).splitlines() if line.startswith(("inactive_file ", "total_inactive_file "))
+    )
+    return max((int(words[1]) for words in found), default=0)
+
+
+def _text(file: Path | str) -> str:
+    """Return the text of a file of the system, empty if it does not exist."""
     try:
-        limit = int((_CGROUP / "memory.max").read_text())
-        used = int((_CGROUP / "memory.current").read_text())
-    except (OSError, ValueError):  # No container, or "max": no limit.
-        return available
-    return max(0, min(available, limit - used))
+        return Path(file).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
 
 
 def _kibibytes(file: str, name: str) -> int | None:
     """Return the bytes of the entry ``name: 123 kB`` in a file of /proc."""
-    try:
-        lines = Path(file).read_text(encoding="ascii", errors="replace").splitlines()
-    except OSError:
-        return None
-    found = (line.split() for line in lines if line.startswith(name + ":"))
+    found = (line.split() for line in _text(file).splitlines() if line.startswith(name + ":"))
     return next((1024 * int(words[1]) for words in found), None)
 
 

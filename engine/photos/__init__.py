@@ -8,12 +8,12 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
-    from .photo_masks import load_with_valid
-    from .pixels import load_pixels
-    from .reading import picture_files, read_photos
+    from .loading import load_pixels, load_with_valid
+    from .reading import file_listing, picture_files, read_photos
 
 __all__ = [
     "PhotoStatistics",
+    "file_listing",
     "load_pixels",
     "load_with_valid",
     "inspect_photos",

@@ -12,10 +12,11 @@ from typing import Any
 
 from PIL import Image
 
-__all__ = ["UPRIGHT_TRANSPOSES", "exposure_value", "focal_in_pixels", "orientation_of", "without_exif_warnings"]
+from .structure import MAX_EXIF_BYTES
+
+__all__ = ["UPRIGHT_TRANSPOSES", "exposure_value", "focal_in_pixels", "orientation_of", "without_pillow_warnings"]
 
 _LOG = logging.getLogger(__name__)
-_WARNING_FILTERS = threading.Lock()
 
 _ORIENTATION = 0x0112
 _EXIF_IFD = 0x8769
@@ -25,12 +26,21 @@ _FOCAL_LENGTH_35MM = 0xA405
 _PIXEL_WIDTH, _PIXEL_HEIGHT = 0xA002, 0xA003
 _PLANE_X_RESOLUTION = 0xA20E
 _PLANE_UNIT = 0xA210
+_CAMERA_TAGS = (
+    _EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY, _FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXEL_WIDTH, _PIXEL_HEIGHT,
+    _PLANE_X_RESOLUTION, _PLANE_UNIT,
+)  # fmt: skip
 _UNIT_IN_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 # Focal length over the longest side, from a wide fisheye to a 1,200 mm telephoto lens. Values outside of this range are
 # errors in the EXIF data.
 _PLAUSIBLE_FOCAL_RATIOS = (0.2, 35.0)
+# Apertures from faster than any lens to a pinhole, exposure times in seconds, and ISO sensitivities. Values outside of
+# these ranges are errors in the EXIF data.
+_PLAUSIBLE_APERTURES = (0.1, 10_000.0)
+_PLAUSIBLE_SECONDS = (1e-8, 1e7)
+_PLAUSIBLE_SENSITIVITIES = (0.01, 1e9)
 
 UPRIGHT_TRANSPOSES: dict[int, Image.Transpose] = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -44,26 +54,57 @@ UPRIGHT_TRANSPOSES: dict[int, Image.Transpose] = {
 """EXIF orientation to the transpose that makes the stored pixels upright."""
 
 
-@contextlib.contextmanager
-def without_exif_warnings() -> Iterator[None]:
-    """Suppress Pillow's warnings about damaged EXIF on stderr; Pillow ignores the damaged data and continues."""
-    # Warning filters apply to the whole process, so only one thread at a time may change them.
-    with _WARNING_FILTERS, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
+class _PillowWarnings:
+    """Suppresses Pillow's warnings while any thread is inside of a block.
+
+    Warning filters apply to the whole process: a thread that restored them would change those of the others.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._n_inside = 0
+        self._filters = contextlib.ExitStack()
+
+    @contextlib.contextmanager
+    def suppressed(self) -> Iterator[None]:
+        with self._lock:
+            if self._n_inside == 0:
+                self._filters.enter_context(warnings.catch_warnings())
+                warnings.filterwarnings("ignore", module=r"PIL\.")
+            self._n_inside += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._n_inside -= 1
+                if self._n_inside == 0:
+                    self._filters.close()
 
 
-def _read(image: Image.Image) -> Image.Exif | None:
-    # On damaged EXIF Pillow raises one of many exception types, or warns on stderr and continues. The pixels are still
+_WARNINGS = _PillowWarnings()
+
+
+def without_pillow_warnings() -> contextlib.AbstractContextManager[None]:
+    """Suppress Pillow's warnings about damaged metadata on stderr; Pillow ignores the damaged data and continues."""
+    return _WARNINGS.suppressed()
+
+
+def _read(image: Image.Image) -> dict[int, float]:
+    """Return the known EXIF values; 0 for those that are missing or no numbers."""
+    data = image.info.get("exif")
+    if isinstance(data, bytes | str) and len(data) > MAX_EXIF_BYTES:
+        _LOG.warning("EXIF of %d bytes is ignored.", len(data))
+        return dict.fromkeys((_ORIENTATION, *_CAMERA_TAGS), 0.0)
+    # On damaged EXIF Pillow raises an exception of any type, or warns on stderr and continues. The pixels are still
     # valid, so the photo is used without EXIF.
     try:
-        with without_exif_warnings():
+        with without_pillow_warnings():
             exif = image.getexif()
-            exif.get_ifd(_EXIF_IFD)
-    except (SyntaxError, ValueError, TypeError, KeyError, OSError, IndexError, ArithmeticError) as error:
-        _LOG.warning("Damaged EXIF is ignored: %s", error)
-        return None
-    return exif
+            camera = exif.get_ifd(_EXIF_IFD)
+            return {_ORIENTATION: _number(exif.get(_ORIENTATION)), **{t: _number(camera.get(t)) for t in _CAMERA_TAGS}}
+    except Exception as error:
+        _LOG.warning("Damaged EXIF is ignored: %r", error)
+        return dict.fromkeys((_ORIENTATION, *_CAMERA_TAGS), 0.0)
 
 
 def orientation_of(image: Image.Image) -> int:
@@ -73,9 +114,8 @@ def orientation_of(image: Image.Image) -> int:
     -----
     Pillow (TIFF) and pillow-heif (HEIC) apply the orientation on loading and then report 1.
     """
-    exif = _read(image)
-    value = exif.get(_ORIENTATION, 1) if exif is not None else 1
-    return value if value in UPRIGHT_TRANSPOSES else 1
+    value = _read(image)[_ORIENTATION]
+    return int(value) if value in UPRIGHT_TRANSPOSES else 1
 
 
 def focal_in_pixels(image: Image.Image) -> float | None:
@@ -88,19 +128,14 @@ def focal_in_pixels(image: Image.Image) -> float | None:
     ``FocalPlaneXResolution``, which refers to pixels of the sensor and is scaled by the picture's longest side over the
     longest side in EXIF.
     """
-    exif = _read(image)
-    if exif is None:
-        return None
-    tags = exif.get_ifd(_EXIF_IFD)
+    tags = _read(image)
     width, height = image.size
-    focal = _number(tags.get(_FOCAL_LENGTH_35MM)) * math.hypot(width, height) / _FILM_DIAGONAL_MM
+    focal = tags[_FOCAL_LENGTH_35MM] * math.hypot(width, height) / _FILM_DIAGONAL_MM
     if not focal > 0.0:
-        millimetres = _number(tags.get(_FOCAL_LENGTH))
-        per_unit = _number(tags.get(_PLANE_X_RESOLUTION))
-        unit = _UNIT_IN_MM.get(int(_number(tags.get(_PLANE_UNIT, 2))), 25.4)
-        recorded = max(_number(tags.get(_PIXEL_WIDTH)), _number(tags.get(_PIXEL_HEIGHT)))
+        unit = _UNIT_IN_MM.get(int(tags[_PLANE_UNIT]), 25.4)
+        recorded = max(tags[_PIXEL_WIDTH], tags[_PIXEL_HEIGHT])
         scale = max(width, height) / recorded if recorded > 0.0 else 1.0
-        focal = millimetres * per_unit / unit * scale
+        focal = tags[_FOCAL_LENGTH] * tags[_PLANE_X_RESOLUTION] / unit * scale
     longest = max(width, height)
     if not _PLAUSIBLE_FOCAL_RATIOS[0] * longest <= focal <= _PLAUSIBLE_FOCAL_RATIOS[1] * longest:
         return None
@@ -115,23 +150,21 @@ def exposure_value(image: Image.Image) -> float | None:
     log2(N^2 / t) - log2(S / 100) with aperture N, exposure time t in seconds and sensitivity S (ISO 2720). A value that
     is larger by one halves the brightness of the same scene in the picture.
     """
-    exif = _read(image)
-    if exif is None:
-        return None
-    tags = exif.get_ifd(_EXIF_IFD)
-    sensitivity = tags.get(_SENSITIVITY)
-    if isinstance(sensitivity, tuple):
-        sensitivity = sensitivity[0] if sensitivity else None
-    aperture, seconds, speed = (_number(v) for v in (tags.get(_F_NUMBER), tags.get(_EXPOSURE_TIME), sensitivity))
-    if not (aperture > 0.0 and seconds > 0.0 and speed > 0.0):
+    tags = _read(image)
+    aperture, seconds, speed = tags[_F_NUMBER], tags[_EXPOSURE_TIME], tags[_SENSITIVITY]
+    if not (
+        _PLAUSIBLE_APERTURES[0] <= aperture <= _PLAUSIBLE_APERTURES[1]
+        and _PLAUSIBLE_SECONDS[0] <= seconds <= _PLAUSIBLE_SECONDS[1]
+        and _PLAUSIBLE_SENSITIVITIES[0] <= speed <= _PLAUSIBLE_SENSITIVITIES[1]
+    ):
         return None
     return math.log2(aperture**2 / seconds * 100.0 / speed)
 
 
 def _number(value: Any) -> float:
-    """Return an EXIF value as a float; 0 when it is missing, not a number or 0/0."""
+    """Return an EXIF value, or its first number, as a float; 0 when it is missing, no number, or not finite."""
     try:
-        number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError):
+        number = float(value[0] if isinstance(value, tuple) else value)
+    except (TypeError, ValueError, ArithmeticError, IndexError):
         return 0.0
     return number if math.isfinite(number) else 0.0

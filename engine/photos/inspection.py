@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import Cancelled, FormatError
 from ..events import StopCheck, never_stop
+from ..files import read_json
 from ..scene import PhotoSet
+from .bounded import call_within_bounds
 from .exif import exposure_value
-from .pixels import open_photo, upright_pixels
+from .pixels import open_photo, read_header, upright_with_alpha
 
-__all__ = ["PhotoStatistics", "inspect_photos", "read_photo_statistics"]
+__all__ = ["PhotoStatistics", "inspect_photos", "look_at", "read_photo_statistics"]
 
 _MAX_SIDE = 256
 _MIN_EDGE = 0.03
 _LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_SCHEMA = [{"name": str, "brightness": float, "texture": float, "exposure_value": (float, None)}]
+_MAX_STOPS = 100.0
+"""Largest brightness and exposure value, without their sign, that a photo can have."""
+_ADVICE = "Delete it and run again."
 
 
 @dataclass(frozen=True)
@@ -58,7 +64,7 @@ def inspect_photos(photo_set: PhotoSet, *, should_stop: StopCheck = never_stop) 
     statistics = []
     pool = ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
     try:
-        for photo_statistics in pool.map(lambda photo: _inspect(photo_set, photo.name), photo_set.photos):
+        for photo_statistics in pool.map(lambda photo: _inspect(photo_set, photo.name, should_stop), photo_set.photos):
             statistics.append(photo_statistics)
             if should_stop():
                 raise Cancelled("The inspection of the photos was stopped. Nothing was changed.")
@@ -75,18 +81,30 @@ def read_photo_statistics(path: Path) -> list[PhotoStatistics]:
     FormatError
         When the file is missing or damaged.
     """
-    try:
-        return [PhotoStatistics(**fields) for fields in json.loads(path.read_text(encoding="utf-8"))]
-    except (OSError, ValueError, TypeError) as error:
-        raise FormatError(f"{path} cannot be read: {error}. Delete it and run again.") from error
+    statistics = [
+        PhotoStatistics(**{name: fields[name] for name in _SCHEMA[0]})
+        for fields in read_json(path, _SCHEMA, advice=_ADVICE)
+    ]
+    for photo in statistics:
+        stops = (photo.brightness, photo.exposure_value or 0.0)
+        if not 0.0 <= photo.texture <= 1.0 or max(map(abs, stops)) > _MAX_STOPS:
+            raise FormatError(f"{path} cannot be read: the numbers of {photo.name!r} are out of range. {_ADVICE}")
+    return statistics
 
 
-def _inspect(photo_set: PhotoSet, name: str) -> PhotoStatistics:
-    image, _ = open_photo(photo_set.folder / name, max_side=_MAX_SIDE)
+def _inspect(photo_set: PhotoSet, name: str, should_stop: StopCheck) -> PhotoStatistics:
+    path = photo_set.folder / name
+    header = read_header(path, max_side=_MAX_SIDE)
+    return PhotoStatistics(name, **call_within_bounds(look_at, path, header, should_stop=should_stop))
+
+
+def look_at(path: str) -> dict[str, Any]:
+    """Decode a photo here and return the fields of `PhotoStatistics` without the name."""
+    image, _ = open_photo(Path(path), max_side=_MAX_SIDE)
     value = exposure_value(image)
-    pixels = upright_pixels(image, max_side=_MAX_SIDE).astype(np.float32) / 255.0
+    pixels = upright_with_alpha(image, max_side=_MAX_SIDE)[0].astype(np.float32) / 255.0
     linear = np.where(pixels <= 0.04045, pixels / 12.92, ((pixels + 0.055) / 1.055) ** 2.4) @ _LUMINANCE_WEIGHTS
     brightness = math.log2(float(np.exp(np.log(linear + 0.01).mean())))
     down, right = np.gradient(pixels.mean(axis=2))
     texture = float((np.hypot(down, right) > _MIN_EDGE).mean())
-    return PhotoStatistics(name, brightness, texture, value)
+    return {"brightness": brightness, "texture": texture, "exposure_value": value}

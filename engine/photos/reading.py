@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,15 @@ from ..errors import Cancelled, PhotoError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
 from ..files import file_sha256
 from ..scene import Photo, PhotoSet, RejectedPhoto
-from .exif import UPRIGHT_TRANSPOSES, orientation_of
+from ..visible_text import visible
+from .bounded import call_within_bounds
+from .exif import orientation_of
+from .names import problem_of_name, require_utf8_folder
 from .photo_masks import with_masks
-from .pixels import can_read_heic, open_photo, upright_pixels
+from .pixels import can_read_heic, open_photo, read_header, upright_strips
 from .settings import PhotoSettings
 
-__all__ = ["picture_files", "read_photos"]
+__all__ = ["file_listing", "measure_photo", "picture_files", "read_photos"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -35,6 +39,7 @@ _UNSUPPORTED_PICTURE_SUFFIXES = {".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd"
 
 # Longest side in pixels at which sharpness is measured, so that cameras of different resolution can be compared.
 _MEASURING_SIDE = 800
+_GRAY_WEIGHTS = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class _DecodedPhoto:
     """Measurements of one decoded file."""
 
     photo: Photo
-    pixels_hash: bytes
+    pixels_hash: str
     sharpness: float
     flat_reason: str | None
 
@@ -59,7 +64,9 @@ def read_photos(
 
     Hidden files, files that are not pictures, and sub-folders that are Gaussian Heritage projects (with a
     ``project.json``) are skipped without a warning. Raw files, videos and unsupported picture formats are listed as
-    rejected, as are damaged, tiny, blurred, black, white and duplicate photos.
+    rejected, as are damaged, tiny, blurred, black, white and duplicate photos, photos that would take too much memory,
+    names that are not UTF-8 or have control characters, links that lead nowhere, pipes and sub-folders that cannot be
+    read.
 
     Parameters
     ----------
@@ -90,13 +97,14 @@ def read_photos(
     Notes
     -----
     Every file is decoded once, which is the only way to detect damage, on as many threads as there are cores. A JPEG of
-    12 megapixels takes about 0.25 s of CPU. Duplicates are files whose decoded, upright pixels are equal.
+    12 megapixels takes about 0.25 s of CPU. Duplicates are files whose decoded, upright pixels are equal. Memory and
+    time are bounded, see `bounded`.
     """
     settings = settings or PhotoSettings()
     folder = folder.expanduser()
     files = picture_files(folder, without=masks)
-    rejected = [RejectedPhoto(_name(folder, path), reason) for path in files if (reason := _unsupported(path))]
-    candidates = [path for path in files if not _unsupported(path)]
+    rejected = [_rejected(folder, path, reason) for path in files if (reason := _unsupported(folder, path))]
+    candidates = [path for path in files if not _unsupported(folder, path)]
     decoded: list[_DecodedPhoto] = []
     for index, result in enumerate(_decode_all(folder, candidates, settings, should_stop)):
         if isinstance(result, RejectedPhoto):
@@ -122,6 +130,8 @@ def read_photos(
 def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
     """Return every file in `folder` with a suffix of a picture or a video, ordered by name; see `read_photos`.
 
+    Sub-folders that cannot be read, and folders without pictures that are named like one, are among them.
+
     Parameters
     ----------
     folder : Path
@@ -131,7 +141,8 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
     Raises
     ------
     PhotoError
-        When the folder is missing, not a folder, a project, unreadable, or without pictures.
+        When the folder is missing, not a folder, a project, unreadable, or without pictures, or when its name is not
+        UTF-8.
     """
     if not folder.exists():
         raise PhotoError(f"The photo folder {folder} does not exist. Choose a folder with photos.")
@@ -139,37 +150,61 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
         raise PhotoError(f"{folder} is a file. Choose the folder that contains the photos.")
     if (folder / "project.json").is_file():
         raise PhotoError(f"{folder} is a Gaussian Heritage project. Choose the folder that contains the photos.")
-    skipped = None if without is None else without.resolve()
+    require_utf8_folder(folder)
+    skipped = None if without is None else os.path.realpath(without)
     known = _PICTURE_SUFFIXES | _HEIC_SUFFIXES | _RAW_SUFFIXES | _VIDEO_SUFFIXES | _UNSUPPORTED_PICTURE_SUFFIXES
     files: list[Path] = []
-    try:
-        for parent, folders, names in os.walk(folder, onerror=_raise):
-            folders[:] = [
-                name
-                for name in folders
-                if not name.startswith((".", "__MACOSX"))
-                and not (Path(parent, name) / "project.json").is_file()
-                and Path(parent, name).resolve() != skipped
-            ]
-            files += [
-                Path(parent, name) for name in names if not name.startswith(".") and Path(name).suffix.lower() in known
-            ]
-    except OSError as error:
-        raise PhotoError(f"{error.filename} cannot be read: {error.strerror}. Check its permissions.") from error
+    named_like_files: list[Path] = []
+
+    def unreadable(error: OSError) -> None:
+        if Path(error.filename) == folder:
+            raise PhotoError(f"{folder} cannot be read: {error.strerror}. Check its permissions.") from error
+        files.append(Path(error.filename))
+
+    for parent, folders, names in os.walk(folder, onerror=unreadable):
+        named_like_files += [Path(parent, name) for name in folders if _suffix(name) in known]
+        folders[:] = [
+            name
+            for name in folders
+            if not name.startswith((".", "__MACOSX"))
+            and not os.path.isfile(Path(parent, name, "project.json"))
+            and os.path.realpath(Path(parent, name)) != skipped
+        ]
+        files += [Path(parent, name) for name in names if not name.startswith(".") and _suffix(name) in known]
+    files += [path for path in named_like_files if not any(path in file.parents for file in files)]
     if not files:
         raise PhotoError(f"There are no photos in {folder}. Choose a folder with JPEG, PNG, TIFF, WebP or HEIC files.")
     return sorted(files, key=lambda path: _name(folder, path))
 
 
-def _raise(error: OSError) -> None:
-    raise error
+def file_listing(folder: Path, files: Iterable[Path]) -> list[list[Any]]:
+    """Return name, size and time of change of each file, as JSON values that change when a photo changes.
+
+    A file that cannot be examined, such as a link that leads nowhere, is listed by its name.
+    """
+    listing: list[list[Any]] = []
+    for path in files:
+        try:
+            status = path.stat()
+            listing.append([visible(str(path.relative_to(folder))), status.st_size, status.st_mtime_ns])
+        except OSError:
+            listing.append([visible(str(path.relative_to(folder))), None, None])
+    return listing
+
+
+def _suffix(name: str) -> str:
+    return Path(name).suffix.lower()
 
 
 def _name(folder: Path, path: Path) -> str:
     return path.relative_to(folder).as_posix()
 
 
-def _unsupported(path: Path) -> str | None:
+def _rejected(folder: Path, path: Path, reason: str) -> RejectedPhoto:
+    return RejectedPhoto(visible(_name(folder, path)), reason)
+
+
+def _unsupported(folder: Path, path: Path) -> str | None:
     suffix = path.suffix.lower()
     if suffix in _RAW_SUFFIXES:
         return "Raw camera files are not read; export it as JPEG or TIFF."
@@ -179,7 +214,7 @@ def _unsupported(path: Path) -> str | None:
         return f"{suffix[1:].upper()} files are not read; save it as JPEG, PNG or TIFF."
     if suffix in _HEIC_SUFFIXES and not can_read_heic():
         return "HEIC files need the package pillow-heif; install it or save the photo as JPEG."
-    return None
+    return problem_of_name(_name(folder, path))
 
 
 def _decode_all(
@@ -188,7 +223,7 @@ def _decode_all(
     """Yield the measurements or the rejection of each file, in order; files are decoded on all cores."""
     pool = ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1))
     try:
-        for result in pool.map(lambda path: _decode(folder, path, settings), paths):
+        for result in pool.map(lambda path: _decode(folder, path, settings, should_stop), paths):
             yield result
             if should_stop():
                 raise Cancelled("Reading the photos was stopped. Nothing was changed.")
@@ -196,33 +231,59 @@ def _decode_all(
         pool.shutdown(cancel_futures=True)
 
 
-def _decode(folder: Path, path: Path, settings: PhotoSettings) -> _DecodedPhoto | RejectedPhoto:
+def _decode(folder: Path, path: Path, settings: PhotoSettings, should_stop: StopCheck) -> _DecodedPhoto | RejectedPhoto:
     name = _name(folder, path)
+    if path.is_dir():
+        if os.access(path, os.R_OK | os.X_OK) and not path.is_symlink():
+            return _rejected(folder, path, "It is a folder.")
+        return _rejected(
+            folder, path, "It is a folder that cannot be read, or a link to a folder, which is not followed."
+        )
     try:
-        image, focal = open_photo(path)
-        if min(image.size) < settings.min_side:
+        header = read_header(path)
+        if min(header.width, header.height) < settings.min_side:
             return RejectedPhoto(
                 name,
-                f"It has only {image.width} x {image.height} pixels; at least {settings.min_side} on each side are "
+                f"It has only {header.width} x {header.height} pixels; at least {settings.min_side} on each side are "
                 "needed.",
             )
-        is_rotated = orientation_of(image) in UPRIGHT_TRANSPOSES and orientation_of(image) >= 5
-        pixels = upright_pixels(image)
-        digest = file_sha256(path)
+        measured = call_within_bounds(measure_photo, path, header, should_stop=should_stop)
     except PhotoError as error:
         return RejectedPhoto(name, _as_reason(error, path))
-    except OSError as error:
-        return RejectedPhoto(name, f"The file cannot be read: {error.strerror or error}.")
-    height, width = pixels.shape[:2]
-    if is_rotated and (width, height) != (image.height, image.width):
-        raise AssertionError("a rotation by 90 degrees must swap width and height")
-    gray = _gray_for_measuring(pixels)
     return _DecodedPhoto(
-        photo=Photo(name, width, height, focal, digest),
-        pixels_hash=hashlib.blake2b(pixels.data, digest_size=16, key=f"{width}x{height}".encode()).digest(),
-        sharpness=_sharpness(gray),
-        flat_reason=_flat_reason(gray, settings.flat_share),
+        photo=Photo(name, measured["width"], measured["height"], measured["focal_px"], measured["sha256"]),
+        pixels_hash=measured["pixels_hash"],
+        sharpness=measured["sharpness"],
+        flat_reason=_flat_reason(measured["not_black"], measured["not_white"], settings.flat_share),
     )
+
+
+def measure_photo(path: str) -> dict[str, Any]:
+    """Decode a photo here and return its size, focal length, hashes and sharpness, as JSON values.
+
+    Parameters
+    ----------
+    path : str
+    """
+    image, focal = open_photo(Path(path))
+    width, height = image.size if orientation_of(image) < 5 else image.size[::-1]
+    step = max(1, round(max(width, height) / _MEASURING_SIDE))
+    digest = hashlib.blake2b(digest_size=16, key=f"{width}x{height}".encode())
+    strips = []
+    for strip in upright_strips(image, step):
+        digest.update(np.ascontiguousarray(strip).data)
+        strips.append(_gray_for_measuring(strip, step))
+    gray = np.concatenate(strips)
+    return {
+        "width": width,
+        "height": height,
+        "focal_px": focal,
+        "sha256": file_sha256(Path(path)),
+        "pixels_hash": digest.hexdigest(),
+        "sharpness": _sharpness(gray),
+        "not_black": float(np.mean(gray > 8.0)),
+        "not_white": float(np.mean(gray < 247.0)),
+    }
 
 
 def _as_reason(error: PhotoError, path: Path) -> str:
@@ -234,11 +295,10 @@ def _as_reason(error: PhotoError, path: Path) -> str:
     return message
 
 
-def _gray_for_measuring(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Return the brightness [h, w], 0 to 255, box-averaged so that the longest side is about `_MEASURING_SIDE`."""
-    step = max(1, round(max(pixels.shape[:2]) / _MEASURING_SIDE))
+def _gray_for_measuring(pixels: NDArray[np.uint8], step: int) -> NDArray[np.float32]:
+    """Return the brightness [h // step, w // step], 0 to 255, averaged over squares of `step` pixels."""
     height, width = (side // step * step for side in pixels.shape[:2])
-    gray = pixels[:height, :width] @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
+    gray = pixels[:height, :width] @ _GRAY_WEIGHTS
     averaged: NDArray[np.float32] = gray.reshape(height // step, step, width // step, step).mean(axis=(1, 3))
     return averaged
 
@@ -254,10 +314,10 @@ def _sharpness(gray: NDArray[np.float32]) -> float:
     return float(np.percentile(np.abs(laplacian), 99) / max(bright - dark, 1.0))
 
 
-def _flat_reason(gray: NDArray[np.float32], share: float) -> str | None:
-    if np.mean(gray > 8.0) < share:
+def _flat_reason(not_black: float, not_white: float, share: float) -> str | None:
+    if not_black < share:
         return "It is black; was the lens cap on?"
-    if np.mean(gray < 247.0) < share:
+    if not_white < share:
         return "It is white: overexposed throughout."
     return None
 
@@ -279,7 +339,7 @@ def _split(decoded: list[_DecodedPhoto], reason: Callable[[_DecodedPhoto], str |
 
 
 def _without_duplicates(decoded: list[_DecodedPhoto]) -> _Selection:
-    first: dict[bytes, str] = {}
+    first: dict[str, str] = {}
 
     def reason(entry: _DecodedPhoto) -> str | None:
         original = first.setdefault(entry.pixels_hash, entry.photo.name)

@@ -3,6 +3,7 @@ memory of the libraries. It takes less than 15 s."""
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,8 @@ from ..training.settings import TrainingSettings
 from .calibration import Benchmark, Calibration, load_calibration
 
 __all__ = ["calibrate", "measure_speed"]
+
+_LOG = logging.getLogger(__name__)
 
 _WIDTH, _HEIGHT = 320, 240
 """Size in pixels of the pictures that are trained on."""
@@ -67,12 +70,18 @@ def measure_speed() -> Benchmark:
 
 
 def _library_memory() -> int | None:
-    """Return the peak memory in bytes of a process that only loads the libraries of the stages."""
+    """Return the peak memory in bytes of a process that only loads the libraries of the stages.
+
+    None where it is not known, or where the limits of this process do not admit the libraries.
+    """
     engine = str(__package__).rpartition(".")[0]
     modules = ", ".join(f"{engine}.{module}" for module in ("training.loop", "cameras.sfm", "masks.sam"))
     code = f"import {modules}; from {engine}.machine import peak_memory; print(peak_memory() or 0)"
-    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    return int(output) or None
+    finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    if finished.returncode != 0:
+        _LOG.warning("The memory of the libraries is not known: %s", finished.stderr.strip()[-500:])
+        return None
+    return int(finished.stdout) or None
 
 
 def _training_step_seconds(folder: Path) -> float:

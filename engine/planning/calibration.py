@@ -7,17 +7,16 @@ another version is ignored with a log line and replaced.
 from __future__ import annotations
 
 import importlib.metadata
-import json
 import logging
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import DiskError
-from ..files import write_json
+from ..errors import DiskError, FormatError
+from ..files import check, optional, read_json, write_json
 from ..machine import Machine
 from ..project_folder import stage_key
 
@@ -39,6 +38,20 @@ _MAX_LOG_RATIO = math.log(8.0)
 part of the stage was reused from an earlier run."""
 _MIN_SECONDS = 2.0
 """Shortest stage that is used, in seconds. In shorter ones the start-up dominates."""
+
+_BENCHMARK = {
+    "training_step": float, "features": float, "sam_encode": (float, None), "libraries": (int, None), "rasterizer": str
+}  # fmt: skip
+_MACHINE = {
+    "benchmark": (_BENCHMARK, None),
+    "outcomes": {str: {str: {"mean": float, "variance": float, "n": int}}},
+    "n_runs": int,
+}
+"""What is stored of a machine."""
+_SECONDS = (1e-6, 1e4)
+"""Shortest and longest time in CPU seconds that a part of the benchmark can take."""
+_MAX_LIBRARY_BYTES = 1 << 40
+_MAX_VARIANCE = 100.0
 
 PRIOR_DEVIATION = {
     "photos": {"cpu": 0.4, "wall": 0.3, "memory": 0.3},
@@ -234,47 +247,55 @@ def _version(package: str) -> str:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Return the machines in the file, or none if it is missing, damaged or of another version."""
+    """Return the machines in the file whose values are valid; none if it is missing, damaged or of another version."""
+    if not os.path.lexists(file):
+        return {}
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+        data = read_json(file, {"version": int, "machines": optional(dict)}, advice="This machine is measured again.")
+    except FormatError as error:
+        _log.warning("%s", error)
         return {}
-    except (OSError, ValueError) as error:
-        _log.warning("%s cannot be read (%s); this machine is measured again", file, error)
-        return {}
-    if not isinstance(data, dict) or data.get("version") != _VERSION or not isinstance(data.get("machines"), dict):
+    if data["version"] != _VERSION or "machines" not in data:
         _log.warning("%s has another version; this machine is measured again", file)
         return {}
-    machines: dict[str, Any] = data["machines"]
+    machines = {key: machine for key, machine in data["machines"].items() if _is_valid(machine)}
+    if len(machines) < len(data["machines"]):
+        _log.warning("%s contains unreadable values; their machine is measured again", file)
     return machines
 
 
-def _parse(empty: Calibration, stored: Any) -> Calibration:
-    """Return the stored calibration, or `empty` if its values are invalid."""
-    try:
-        benchmark = Benchmark(**stored["benchmark"]) if stored["benchmark"] else None
-        outcomes = {
+def _is_valid(machine: Any) -> bool:
+    """Return whether a stored machine has all values, within their ranges."""
+    if check(machine, _MACHINE) is not None:
+        return False
+    benchmark = machine["benchmark"]
+    if benchmark is not None:
+        times = [benchmark[name] for name in ("training_step", "features", "sam_encode")]
+        if not all(_SECONDS[0] <= seconds <= _SECONDS[1] for seconds in times if seconds is not None):
+            return False
+        if not 0 <= (benchmark["libraries"] or 0) <= _MAX_LIBRARY_BYTES:
+            return False
+    corrections = [one for stage in machine["outcomes"].values() for one in stage.values()]
+    return machine["n_runs"] >= 0 and all(
+        abs(one["mean"]) <= _MAX_LOG_RATIO and 0 <= one["variance"] <= _MAX_VARIANCE and one["n"] >= 0
+        for one in corrections
+    )
+
+
+def _parse(empty: Calibration, stored: dict[str, Any]) -> Calibration:
+    """Return the calibration of a valid stored machine."""
+    benchmark, outcomes = stored["benchmark"], stored["outcomes"]
+    return replace(
+        empty,
+        benchmark=Benchmark(**{name: benchmark[name] for name in _BENCHMARK}) if benchmark else None,
+        outcomes={
             stage: {
-                quantity: _parse_correction(values)
+                quantity: Correction(values["mean"], values["variance"], values["n"])
                 for quantity, values in corrections.items()
                 if quantity in PRIOR_DEVIATION[stage]
             }
-            for stage, corrections in stored["outcomes"].items()
+            for stage, corrections in outcomes.items()
             if stage in PRIOR_DEVIATION
-        }
-        times = (benchmark.training_step, benchmark.features) if benchmark else ()
-        if not all(math.isfinite(seconds) and seconds > 0 for seconds in times):
-            raise ValueError("a time is not a positive number")
-        return replace(empty, benchmark=benchmark, outcomes=outcomes, n_runs=int(stored["n_runs"]))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        _log.warning("%s contains unreadable values (%r); this machine is measured again", empty.file, error)
-        return empty
-
-
-def _parse_correction(values: Mapping[str, Any]) -> Correction:
-    correction = Correction(float(values["mean"]), float(values["variance"]), int(values["n"]))
-    if not (
-        math.isfinite(correction.mean) and abs(correction.mean) <= _MAX_LOG_RATIO and 0 <= correction.variance < 100
-    ):
-        raise ValueError("a correction is out of range")
-    return correction
+        },
+        n_runs=stored["n_runs"],
+    )

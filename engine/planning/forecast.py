@@ -98,8 +98,14 @@ _BARE_PYTHON_BYTES = 65_000_000
 """Memory of Python without the engine's libraries."""
 _PYTHON_BYTES = 500_000_000
 """Memory of Python with torch, OpenCV and the compiled kernels."""
-_PHOTO_PIXEL_BYTES = 15
+_PHOTO_THREAD_BYTES = 25_000_000
+"""Reading photos: bytes per thread."""
+_PHOTO_PIXEL_BYTES = 4.1
 """Reading photos: bytes per pixel of the largest photo and thread."""
+_MAX_PHOTO_PIXELS = 60_000_000
+"""Reading photos: larger ones are decoded in a process of their own."""
+_MAX_PHOTO_SHARE = 0.75
+"""Reading photos: largest share of the free memory. Threads wait for each other rather than use more."""
 _COLMAP_BYTES = 230_000_000
 """Cameras: memory of pycolmap and its database."""
 _COLMAP_PIXEL_BYTES = 260
@@ -290,7 +296,15 @@ def _copy_pixels(work: WorkPlan) -> float:
     return work.photo_width * work.photo_height * scale**2
 
 
-def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: int, libraries: int = 0) -> int:
+def memory_of(
+    stage: str,
+    work: WorkPlan,
+    settings: TrainingSettings,
+    *,
+    cores: int,
+    libraries: int = 0,
+    free: int | None = None,
+) -> int:
     """Return the expected peak memory of the process in a stage, in bytes.
 
     Parameters
@@ -301,10 +315,13 @@ def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: 
     cores : int
     libraries : int
         Bytes that the libraries take beyond the 500 MB of the reference machine.
+    free : int or None
+        Bytes that are free, None if unknown.
 
     Notes
     -----
-    - photos: 65 MB, and 15 bytes per pixel and thread
+    - photos: 65 MB, and per thread 25 MB and 4.1 bytes per pixel, up to 60 million pixels; together at most 75 % of the
+      free memory
     - all others: 500 MB for Python, torch and the compiled kernels, and in addition:
     - cameras: 230 MB, and 260 bytes per pixel of a working copy and thread
     - masks: 880 MB for SAM
@@ -318,7 +335,9 @@ def memory_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, cores: 
     pixels, python = work.width * work.height, _PYTHON_BYTES + libraries
     full = work.photo_width * work.photo_height
     if stage == "photos":
-        return _BARE_PYTHON_BYTES + _PHOTO_PIXEL_BYTES * full * min(8, cores)
+        per_thread = _PHOTO_THREAD_BYTES + _PHOTO_PIXEL_BYTES * min(full, _MAX_PHOTO_PIXELS)
+        most = math.inf if free is None else _MAX_PHOTO_SHARE * free
+        return int(min(_BARE_PYTHON_BYTES + per_thread * min(8, cores), most))
     if stage == "cameras":
         if work.pairs == "none":
             return python
@@ -379,7 +398,14 @@ def _forecast_stage(
     n_prompts: int,
 ) -> StageForecast:
     model_cpu = cpu_seconds_of(stage, work, settings, n_prompts=n_prompts) * calibration.slowdown(stage)
-    model_memory = memory_of(stage, work, settings, cores=machine.cores, libraries=calibration.extra_library_memory)
+    model_memory = memory_of(
+        stage,
+        work,
+        settings,
+        cores=machine.cores,
+        libraries=calibration.extra_library_memory,
+        free=machine.free_bytes,
+    )
     cpu, wall, memory = (calibration.correction(stage, quantity) for quantity in ("cpu", "wall", "memory"))
     cpu_seconds = model_cpu * math.exp(cpu.mean)
     seconds = cpu_seconds * wall_share(stage, machine.cores) * math.exp(wall.mean)
@@ -436,7 +462,7 @@ def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free
         stages = ["photos", "cameras", "training"] + (["masks"] if work.n_mask_photos else [])
         need = max(
             int(
-                memory_of(stage, smaller, preset, cores=cores, libraries=calibration.extra_library_memory)
+                memory_of(stage, smaller, preset, cores=cores, libraries=calibration.extra_library_memory, free=free)
                 * math.exp(calibration.correction(stage, "memory").mean)
             )
             for stage in stages

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..cameras.settings import CameraSettings
 from ..events import Emit, StopCheck
+from ..files import check, parse_json
 from ..machine import describe_machine
 from ..photos import PhotoStatistics, inspect_photos, read_photos
 from ..photos.settings import PhotoSettings
@@ -20,6 +21,8 @@ from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, wor
 from .forecast import Forecast, forecast_as_dict, forecast_work
 
 __all__ = ["PlannedWork", "plan_and_forecast", "plan_photos", "store_forecast"]
+
+_STORED_FORECAST = {"stages": [{"stage": str}]}
 
 
 class PlannedWork(NamedTuple):
@@ -99,9 +102,15 @@ def store_forecast(project: ProjectFolder, work: WorkPlan, forecast: Forecast) -
 
     The report compares the run with the forecast that was made before any work.
     """
-    planned = json.loads(json.dumps(work_plan_as_dict(work)))
+    planned, expected = _as_stored(work_plan_as_dict(work)), _as_stored(forecast_as_dict(forecast))
     stages = [stage.stage for stage in forecast.stages]
-    stored = project.get("forecast") or {"stages": ()}
-    if project.get("work_plan") != planned or stages != [stage["stage"] for stage in stored["stages"]]:
+    stored = project.get("forecast")
+    is_stored = check(stored, _STORED_FORECAST) is None and stages == [stage["stage"] for stage in stored["stages"]]
+    if project.get("work_plan") != planned or not is_stored:
         project.put("work_plan", planned)
-        project.put("forecast", forecast_as_dict(forecast))
+        project.put("forecast", expected)
+
+
+def _as_stored(value: dict[str, Any]) -> Any:
+    """Return `value` as it is read from a file: JSON has no tuples."""
+    return parse_json(json.dumps(value), dict, source="The plan", advice="Report this error.")

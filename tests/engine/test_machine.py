@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from engine.machine import PeakMemory, cpu_seconds, describe_machine, free_memory, peak_memory
+from tests.conftest import ROOT
 
 
 def test_machine_is_described() -> None:
@@ -38,18 +41,70 @@ def test_unknown_peak_is_reported_as_none(monkeypatch: pytest.MonkeyPatch) -> No
     assert peak.bytes is None
 
 
-def test_container_with_a_limit_has_less_free(
-    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("cgroup")
-    (folder / "memory.max").write_text("3000000\n")
-    (folder / "memory.current").write_text("1000000\n")
-    monkeypatch.setattr("engine.machine._CGROUP", folder)
+@pytest.fixture
+def groups(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder of control groups, in which this process is in ``/`` of version 2; 9 MB are free on the machine."""
+    (tmp_path / "own").write_text("0::/\n")
+    monkeypatch.setattr("engine.machine._CGROUP", tmp_path)
+    monkeypatch.setattr("engine.machine._OWN_GROUPS", tmp_path / "own")
     monkeypatch.setattr("engine.machine.sys.platform", "linux")
     monkeypatch.setattr("engine.machine._kibibytes", lambda file, name: 9_000_000)
-    assert free_memory() == 2_000_000
-    (folder / "memory.max").write_text("max\n")
+    return tmp_path
+
+
+def limit(folder: Path, most: str, used: str, *, names: tuple[str, str] = ("memory.max", "memory.current")) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, value in zip(names, (most, used), strict=True):
+        (folder / name).write_text(value + "\n")
+
+
+def test_container_with_a_limit_has_less_free(groups: Path) -> None:
     assert free_memory() == 9_000_000
+    limit(groups, "3000000", "1000000")
+    assert free_memory() == 2_000_000
+    limit(groups, "max", "1000000")
+    assert free_memory() == 9_000_000
+
+
+def test_files_that_a_container_caches_count_as_free(groups: Path) -> None:
+    limit(groups, "3000000", "2900000")
+    (groups / "memory.stat").write_text("anon 100000\ninactive_file 2500000\n")
+    assert free_memory() == 2_600_000
+
+
+def test_smallest_limit_of_nested_groups_holds(groups: Path) -> None:
+    (groups / "own").write_text("1:cpu:/x\n0::/user/job\n")
+    limit(groups / "user", "5000000", "2000000")
+    limit(groups / "user" / "job", "8000000", "1000000")
+    assert free_memory() == 3_000_000
+    limit(groups / "user" / "job", "2000000", "3000000")
+    assert free_memory() == 0
+
+
+def test_limit_of_the_first_version_of_control_groups_holds(groups: Path) -> None:
+    (groups / "own").write_text("5:cpu:/job\n4:hugetlb,memory:/job\n")
+    names = ("memory.limit_in_bytes", "memory.usage_in_bytes")
+    limit(groups / "memory", str(2**63 - 4096), "7000000", names=names)
+    limit(groups / "memory" / "job", "5000000", "1000000", names=names)
+    assert free_memory() == 4_000_000
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux limits the address space")
+@pytest.mark.parametrize("kind", ["RLIMIT_AS", "RLIMIT_DATA"])
+def test_limit_of_the_process_leaves_less_free(kind: str) -> None:
+    code = f"""
+import resource
+resource.setrlimit(resource.{kind}, (300_000_000, 300_000_000))
+from engine.machine import free_memory
+before = free_memory()
+held = bytearray(100_000_000)
+print(before, free_memory())
+"""
+    output = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    before, after = map(int, output.split())
+    assert 100_000_000 < before < 300_000_000
+    # The array and the allocator's padding.
+    assert 99_000_000 < before - after < 105_000_000
 
 
 def test_work_takes_cpu_seconds() -> None:

@@ -57,6 +57,27 @@ def test_statistics_are_read_from_their_file(tmp_path: Path) -> None:
         read_photo_statistics(tmp_path / "looks.json")
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "",
+        "{",
+        "5",
+        '[{"name": "a", "brightness": 1e999, "texture": 0.5, "exposure_value": null}]',
+        '[{"name": "a", "brightness": 1e300, "texture": 0.5, "exposure_value": null}]',
+        '[{"name": "a", "brightness": 0, "texture": 2, "exposure_value": null}]',
+        '[{"name": "a", "brightness": "dark", "texture": 0.5, "exposure_value": null}]',
+        "[" * 100_000,
+        "\xff",
+    ],
+    ids=["empty", "cut", "number", "infinite", "large", "share", "text", "nested", "latin"],
+)
+def test_damaged_statistics_end_in_one_sentence(tmp_path: Path, damage: str) -> None:
+    (tmp_path / "looks.json").write_bytes(damage.encode("latin-1"))
+    with pytest.raises(FormatError, match=r"looks\.json cannot be read: .*Delete it and run again\.$"):
+        read_photo_statistics(tmp_path / "looks.json")
+
+
 def test_missing_photo_and_cancel_raise(tmp_path: Path) -> None:
     photos = photo_set(tmp_path, {"a.png": gray(90), "b.png": gray(91)})
     with pytest.raises(Cancelled):

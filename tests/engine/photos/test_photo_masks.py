@@ -11,7 +11,7 @@ from PIL import Image
 
 from engine.errors import Cancelled, PhotoError
 from engine.events import Event, Warned, ignore_events
-from engine.photos.photo_masks import load_valid, load_with_valid
+from engine.photos.loading import load_valid, load_with_valid
 from engine.photos.reading import picture_files, read_photos
 from engine.scene.photo import PhotoSet
 from engine.scene.photo_storage import read_photo_set, write_photo_set

@@ -12,7 +12,7 @@ from PIL import Image, ImageCms
 
 from engine.errors import PhotoError
 from engine.photos.exif import UPRIGHT_TRANSPOSES
-from engine.photos.pixels import load_pixels
+from engine.photos.loading import load_pixels
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 

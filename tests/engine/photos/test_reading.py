@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -13,9 +14,13 @@ from PIL import Image
 
 from engine.errors import Cancelled, PhotoError, SettingsError
 from engine.events import Event, Progress, Warned
+from engine.photos.inspection import inspect_photos
 from engine.photos.pixels import can_read_heic
-from engine.photos.reading import read_photos
+from engine.photos.reading import file_listing, picture_files, read_photos
 from engine.photos.settings import PhotoSettings
+from engine.project_folder import stage_key
+from engine.scene import read_photo_set, write_photo_set
+from engine.visible_text import visible
 
 SMALL = PhotoSettings(min_side=32)
 
@@ -90,6 +95,124 @@ def test_an_unusable_file_is_listed_with_its_reason_and_not_fatal(tmp_path: Path
     assert used == [f"good{seed}.png" for seed in range(6)]
     assert list(rejected) == [name]
     assert rejected[name].startswith(sentence)
+
+
+POSIX_FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
+    "dangling.jpg": (
+        lambda path: path.symlink_to("gone.jpg"),
+        "It is a link to a file that does not exist. Delete it or mend it.",
+    ),
+    "loop.jpg": (lambda path: path.symlink_to("loop.jpg"), "It cannot be read: Too many levels of symbolic links."),
+    "pipe.jpg": (lambda path: os.mkfifo(path), "It is not a file: it is a pipe or a device. Delete it."),
+    "device.png": (lambda path: path.symlink_to("/dev/zero"), "It is not a file: it is a pipe or a device. Delete it."),
+    "folder.jpg": (lambda path: path.mkdir(), "It is a folder."),
+    "link.jpg": (
+        lambda path: ((path.parent / "hidden" / ".x").mkdir(parents=True), path.symlink_to("hidden")),
+        "It is a folder that cannot be read, or a link to a folder, which is not followed.",
+    ),
+    "escape\x1b[31m\n.jpg": (
+        lambda path: save(path, textured(20)),
+        "Its name has control characters. Rename it.",
+    ),
+    "caf\udce9.jpg": (lambda path: save_as_bytes(path, 21), "Its name has bytes that are not UTF-8. Rename it."),
+    "sub\udcff/a.jpg": (lambda path: save_as_bytes(path, 22), "Its name has bytes that are not UTF-8. Rename it."),
+}
+
+
+def save_as_bytes(path: Path, seed: int) -> None:
+    """Save a photo whose name is not UTF-8."""
+    path.parent.mkdir(exist_ok=True)
+    save(path.parent.parent / "plain.jpg", textured(seed))
+    os.rename(path.parent.parent / "plain.jpg", os.fsencode(path))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
+@pytest.mark.parametrize("name", POSIX_FAULTS, ids=lambda name: visible(name))
+def test_special_file_and_name_reject_themselves_and_are_shown_printable(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "photos"
+    for seed in range(2):
+        save(folder / f"good{seed}.png", textured(seed))
+    make, sentence = POSIX_FAULTS[name]
+    try:
+        make(folder / name)
+    except OSError:
+        pytest.skip("this file system does not admit the name")
+    events: list[Event] = []
+    found = read_photos(folder, SMALL, emit=events.append)
+    assert [photo.name for photo in found.photos] == ["good0.png", "good1.png"]
+    (rejected,) = found.rejected
+    assert (rejected.name, rejected.reason.startswith(sentence)) == (visible(name), True), rejected
+    (warning,) = [event.message for event in events if isinstance(event, Warned)]
+    assert warning.isprintable() and warning.encode("utf-8")
+    # What a project stores about its photos.
+    write_photo_set(tmp_path / "photos.json", found)
+    assert read_photo_set(tmp_path / "photos.json") == found
+    assert len(inspect_photos(found)) == 2
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such files")
+def test_plan_and_the_listing_of_a_project_agree_on_special_files(tmp_path: Path) -> None:
+    """``plan`` succeeded where ``reconstruct`` ended in an error."""
+    folder = tmp_path / "photos"
+    save(folder / "good.png", textured(0))
+    for name, (make, _) in POSIX_FAULTS.items():
+        with contextlib.suppress(OSError):
+            make(folder / name)
+    listing = file_listing(folder, picture_files(folder))
+    assert len(listing) == len(read_photos(folder, SMALL).rejected) + 1 > 6
+    assert stage_key(listing) == stage_key(file_listing(folder, picture_files(folder)))
+    good = (folder / "good.png").stat()
+    assert ["good.png", good.st_size, good.st_mtime_ns] in listing
+    assert ["dangling.jpg", None, None] in listing
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
+@pytest.mark.parametrize("through_link", [False, True])
+def test_folder_whose_name_is_not_utf8_is_one_clear_sentence(tmp_path: Path, through_link: bool) -> None:
+    folder = tmp_path / "caf\udce9"
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system does not admit the name")
+    save_as_bytes(folder / "a.jpg", 0)
+    if through_link:
+        (tmp_path / "link").symlink_to(folder)
+        folder = tmp_path / "link"
+    with pytest.raises(PhotoError, match=r"caf\\udce9 has bytes that are not UTF-8\. Rename the folder\.$"):
+        read_photos(folder, SMALL)
+
+
+def test_folder_named_like_a_photo_is_a_folder_of_photos(tmp_path: Path) -> None:
+    save(tmp_path / "vase.jpg" / "a.png", textured(0))
+    assert names(tmp_path) == (["vase.jpg/a.png"], {})
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="permissions have no effect here")
+def test_folder_without_permission_is_listed(tmp_path: Path) -> None:
+    save(tmp_path / "a.png", textured(0))
+    save(tmp_path / "closed" / "b.png", textured(1))
+    (tmp_path / "closed").chmod(0)
+    try:
+        used, rejected = names(tmp_path)
+    finally:
+        (tmp_path / "closed").chmod(0o700)
+    assert used == ["a.png"] and rejected["closed"].startswith("It is a folder that cannot be read")
+
+
+def test_error_of_any_type_while_decoding_rejects_its_photo_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed in range(2):
+        save(tmp_path / f"{seed}.png", textured(seed, height=48 + 8 * seed))
+
+    def fail(image: Image.Image) -> int:
+        if image.height == 48:
+            raise UnboundLocalError("a decoder's mistake")
+        return 1
+
+    monkeypatch.setattr("engine.photos.pixels.orientation_of", fail)
+    used, rejected = names(tmp_path)
+    assert used == ["1.png"] and rejected["0.png"].startswith("It is damaged or cut short")
 
 
 @pytest.mark.skipif(can_read_heic(), reason="pillow-heif is installed")

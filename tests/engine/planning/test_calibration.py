@@ -57,24 +57,53 @@ def test_machine_is_measured_once_and_again_when_it_or_the_rasterizer_changed(tm
 
 @pytest.mark.parametrize(
     "damage",
-    ["", "{", "[]", '{"version": 9}', '{"version": 2, "machines": []}', "numbers", "infinite"],
-    ids=["empty", "cut", "list", "version", "machines", "numbers", "infinite"],
-)
+    [
+        "", "{", "[]", "[" * 100_000, '{"version": 9}', '{"version": 2}', '{"version": 2, "machines": []}',
+        '{"version": 2, "machines": {"x": 1e999}}',
+        *({"training_step": "fast"}, {"training_step": 0}, {"features": 1e300}, {"sam_encode": -1}, {"libraries": 1.5}),
+    ],
+    ids=[
+        "empty", "cut", "list", "nested", "version", "no machines", "machines", "infinite",
+        "text", "zero", "huge", "negative", "half a byte",
+    ],
+)  # fmt: skip
 def test_damaged_file_is_replaced_and_that_is_logged(
-    damage: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    damage: str | dict[str, object], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file, speed = tmp_path / "calibration.json", Speed()
     load(file, speed)
-    if damage in ("numbers", "infinite"):
+    if isinstance(damage, dict):
         data = json.loads(file.read_text())
         for machine in data["machines"].values():
-            machine["benchmark"]["training_step"] = "fast" if damage == "numbers" else 0
+            machine["benchmark"].update(damage)
         damage = json.dumps(data)
     file.write_text(damage)
     with caplog.at_level(logging.WARNING):
         assert load(file, speed).benchmark is not None
     assert speed.made == 2 and "measured again" in caplog.text
     assert load(file, speed).benchmark is not None and speed.made == 2
+
+
+def test_damaged_values_of_another_machine_are_dropped(tmp_path: Path) -> None:
+    """They could not be written again: JSON has no infinite numbers."""
+    file, speed = tmp_path / "calibration.json", Speed()
+    load(file, speed)
+    text = file.read_text().replace('"machines": {', '"machines": {"other": {"n_runs": 1e999},')
+    file.write_text(text)
+    calibration = load(file, speed)
+    assert speed.made == 1
+    calibration.save()
+    assert "other" not in json.loads(file.read_text())["machines"]
+
+
+def test_correction_out_of_range_is_measured_again(tmp_path: Path) -> None:
+    file, speed = tmp_path / "calibration.json", Speed()
+    calibration = load(file, speed)
+    calibration.add_outcome("masks", "cpu", formula=10.0, actual=20.0)
+    calibration.outcomes["masks"]["cpu"] = replace(calibration.outcomes["masks"]["cpu"], mean=300.0)
+    calibration.save()
+    assert load(file, speed).correction("masks", "cpu").n == 0
+    assert speed.made == 2
 
 
 def test_disk_error_costs_only_accuracy(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

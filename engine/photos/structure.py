@@ -1,0 +1,144 @@
+"""What the structure of a file would cost Pillow's parsers, checked before they run.
+
+A few bytes can make a parser allocate an object, inflate a megabyte or pass over the whole picture. These numbers are
+bounded far above what cameras and editors write.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import re
+from pathlib import Path
+from typing import IO, Literal
+
+from ..errors import PhotoError
+from ..visible_text import visible
+
+__all__ = ["MAX_EXIF_BYTES", "require_usual_structure"]
+
+_MAX_JPEG_SEGMENTS = 5_000
+_MAX_JPEG_SCANS = 200
+"""Largest number of scans and the tables between them. A progressive JPEG has about 10 scans."""
+MAX_EXIF_BYTES = 1 << 20
+"""Cameras write less than 64 KB. Pillow takes up to 50 times the memory of a tag for its values."""
+_MAX_PNG_CHUNKS_BESIDE_DATA = 1_000
+_MIN_MEAN_DATA_CHUNK = 512
+"""Smallest mean size of a data chunk of PNG in bytes, where there are more than `_MAX_PNG_CHUNKS_BESIDE_DATA`."""
+_MAX_PNG_PROFILES = 4
+_MAX_TIFF_TAGS = 4_096
+_MAX_TIFF_PARTS = 100_000
+"""Largest number of strips or tiles."""
+_STRIP_OFFSETS, _TILE_OFFSETS = 273, 324
+_MAX_WHOLE_FILE_BYTES = 256 << 20
+"""Largest file of the formats whose decoders read the whole file into memory: WebP and HEIC."""
+
+_MARKER_IN_SCAN = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
+"""The marker of JPEG behind the compressed data of a scan."""
+_START_OF_SCAN, _END_OF_IMAGE, _APP1 = 0xDA, 0xD9, 0xE1
+
+
+def require_usual_structure(stream: IO[bytes], path: Path) -> None:
+    """Raise `PhotoError` when parsing the file would take too much; `stream` then stands at its beginning again.
+
+    Damage is not an error here: the parser reports it.
+    """
+    start = stream.read(12)
+    stream.seek(0)
+    problem = None
+    if start.startswith(b"\xff\xd8"):
+        problem = _problem_of_jpeg(stream)
+    elif start.startswith(b"\x89PNG\r\n\x1a\n"):
+        problem = _problem_of_png(stream)
+    elif start[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        problem = _problem_of_tiff(stream, "little" if start.startswith(b"II") else "big", is_big=b"+" in start[:4])
+    elif (start[8:12] == b"WEBP" or start[4:8] == b"ftyp") and _size(stream) > _MAX_WHOLE_FILE_BYTES:
+        problem = f"is larger than {_MAX_WHOLE_FILE_BYTES >> 20} MB, more than can be read safely in its format"
+    if problem:
+        raise PhotoError(f"{visible(path.name)} {problem}. Save it again as JPEG, PNG or TIFF.")
+    stream.seek(0)
+
+
+def _size(stream: IO[bytes]) -> int:
+    return os.fstat(stream.fileno()).st_size
+
+
+def _problem_of_jpeg(stream: IO[bytes]) -> str | None:
+    """Walk the segments before the first scan."""
+    stream.seek(2)
+    n_exif = 0
+    for _ in range(_MAX_JPEG_SEGMENTS):
+        head = stream.read(4)
+        if len(head) < 4 or head[0] != 0xFF or head[1] == _END_OF_IMAGE:
+            return None
+        if head[1] == _START_OF_SCAN:
+            return "has an unusual number of scans" if _has_many_scans(stream, stream.tell() - 4) else None
+        if head[1] == 0xFF:  # a fill byte
+            stream.seek(-3, os.SEEK_CUR)
+            continue
+        length = int.from_bytes(head[2:], "big")
+        is_exif = head[1] == _APP1 and stream.read(4) == b"Exif"
+        n_exif += length if is_exif else 0
+        if n_exif > MAX_EXIF_BYTES:
+            return "has more than 1 MB of EXIF data"
+        stream.seek(length - (6 if head[1] == _APP1 else 2), os.SEEK_CUR)
+    return f"has more than {_MAX_JPEG_SEGMENTS:,} segments before its picture"
+
+
+def _problem_of_png(stream: IO[bytes]) -> str | None:
+    place, size = 8, _size(stream)
+    n_data = n_others = n_profiles = 0
+    while place + 12 <= size:
+        stream.seek(place)
+        head = stream.read(8)
+        kind = head[4:]
+        if kind == b"IEND":
+            break
+        n_data += kind in (b"IDAT", b"fdAT")
+        n_others += kind not in (b"IDAT", b"fdAT")
+        n_profiles += kind == b"iCCP"
+        if n_others > _MAX_PNG_CHUNKS_BESIDE_DATA or n_profiles > _MAX_PNG_PROFILES:
+            return "has an unusual number of chunks beside its picture"
+        if n_data > _MAX_PNG_CHUNKS_BESIDE_DATA + size // _MIN_MEAN_DATA_CHUNK:
+            return "is divided into unusually small chunks"
+        place += 12 + int.from_bytes(head[:4], "big")
+    return None
+
+
+def _problem_of_tiff(stream: IO[bytes], order: Literal["little", "big"], *, is_big: bool) -> str | None:
+    """Check the first directory; Pillow reads no other."""
+    wide = 8 if is_big else 4
+
+    def number(n_bytes: int) -> int:
+        return int.from_bytes(stream.read(n_bytes), order)
+
+    stream.seek(8 if is_big else 4)
+    directory = number(wide)
+    if directory >= _size(stream):
+        return None
+    stream.seek(directory)
+    n_tags = number(8 if is_big else 2)
+    if n_tags > _MAX_TIFF_TAGS:
+        return f"has more than {_MAX_TIFF_TAGS:,} tags"
+    for _ in range(n_tags):
+        tag, _ = number(2), number(2)
+        count = number(wide)
+        if tag in (_STRIP_OFFSETS, _TILE_OFFSETS) and count > _MAX_TIFF_PARTS:
+            return f"is divided into more than {_MAX_TIFF_PARTS:,} parts"
+        stream.seek(wide, os.SEEK_CUR)
+    return None
+
+
+def _has_many_scans(stream: IO[bytes], place: int) -> bool:
+    """Return whether the JPEG has too many scans from `place` on.
+
+    Each scan may take a few bytes of the file, and the time for the whole picture.
+    """
+    with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        for _ in range(_MAX_JPEG_SCANS):
+            found = _MARKER_IN_SCAN.search(data, place)
+            if found is None or found.group()[1] == _END_OF_IMAGE:
+                return False
+            # A segment has its length behind its marker.
+            place = found.end() + int.from_bytes(data[found.end() : found.end() + 2], "big")
+    return True
