@@ -83,15 +83,21 @@ def _package(module: str, distribution: str) -> Check:
         return Check(distribution, True, True, importlib.metadata.version(distribution))
     except ImportError as error:
         return Check(distribution, False, True, f"missing ({error}); run `make setup` or choose another interpreter")
+    # A damaged package may raise anything when it is imported.
+    except Exception as error:
+        return Check(distribution, False, True, f"damaged ({type(error).__name__}: {error}); install it again")
 
 
 def _gpu() -> Check:
     import torch
 
-    if torch.cuda.is_available():
-        return Check(
-            "NVIDIA GPU", True, False, f"{torch.cuda.get_device_name()}; training uses the CPU in this version"
-        )
+    try:
+        if torch.cuda.is_available():
+            return Check(
+                "NVIDIA GPU", True, False, f"{torch.cuda.get_device_name()}; training uses the CPU in this version"
+            )
+    except RuntimeError as error:  # a driver that does not fit
+        return Check("NVIDIA GPU", False, False, f"{error}; training uses the CPU")
     return Check("NVIDIA GPU", False, False, "not found; training uses the CPU")
 
 
@@ -101,7 +107,7 @@ def _models() -> list[Check]:
     def check(name: str, find: Callable[[str], Path]) -> Check:
         try:
             return Check(f"model {name}", True, True, f"{find(name).stat().st_size / 1e6:.1f} MB")
-        except HeritageError as error:
+        except (HeritageError, OSError) as error:
             return Check(f"model {name}", False, True, str(error))
 
     return [check(name, locate) for name, model in CATALOGUE.items() if not model.optional]
@@ -110,7 +116,7 @@ def _models() -> list[Check]:
 def _heic() -> Check:
     try:
         importlib.import_module("pillow_heif")
-    except ImportError:
+    except Exception:  # missing or damaged
         return Check("HEIC photos", False, False, "not readable; `pip install pillow-heif` adds them")
     return Check("HEIC photos", True, False, "readable")
 
@@ -121,7 +127,10 @@ def _npm() -> Check:
 
 
 def _disk() -> Check:
-    free = shutil.disk_usage(Path.cwd()).free / 1e9
+    try:
+        free = shutil.disk_usage(Path.cwd()).free / 1e9
+    except OSError as error:  # the folder was deleted, or belongs to another user
+        return Check("disk space here", False, False, f"unknown ({error.strerror})")
     return Check("disk space here", free >= _MIN_FREE_GB, False, f"{free:.1f} GB free")
 
 

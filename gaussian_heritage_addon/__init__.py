@@ -2,7 +2,8 @@
 
 import bpy
 
-from . import job_runner, panels, pictures, preferences_page, properties
+from . import guards, job_runner, panels, pictures, preferences_page, problems, properties
+from .preferences import user_folder
 
 __all__ = ["register", "unregister"]
 
@@ -11,8 +12,9 @@ _CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *panels.CLASSES]
 
 def register() -> None:
     """Add the classes and properties of the add-on to Blender."""
+    problems.set_log_folder(lambda: user_folder("log"))
     for cls in _CLASSES:
-        bpy.utils.register_class(cls)
+        guards.register_class(cls)
     properties.register()
     job_runner.register()
 
@@ -24,3 +26,4 @@ def unregister() -> None:
     properties.unregister()
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)
+    problems.set_log_folder(None)

@@ -9,38 +9,42 @@ import bpy
 import numpy as np
 
 from ..engine.errors import PhotoError
+from ..engine.files import path_within
 from ..engine.scene import Camera, read_photo_set
-from .photo_frame import apply_orientation, exif_orientation, remove_distortion
+from .photo_frame import apply_orientation, exif_orientation, remove_distortion, require_small
 
 __all__ = ["show_backdrop"]
 
 _LONGEST_SIDE = 1600
 """Longest side of the background image in pixels. A viewport shows no more detail."""
+_MAX_PIXELS = 200_000_000
+"""Pixels of a photo that Blender decodes, at 4 bytes each. A small file may state any number of pixels."""
 
 
-def show_backdrop(obj: bpy.types.Object, camera: Camera, project: Path) -> None:
-    """Show the photo of `camera`, without its lens distortion, in the view of the Blender camera `obj`.
+def show_backdrop(scene: bpy.types.Scene, camera: Camera, project: Path) -> None:
+    """Show the photo of `camera`, without its lens distortion, in the view of the camera of `scene`.
 
     Raises
     ------
     HeritageError
         When the photo is missing, or Blender cannot read it.
     """
-    data = obj.data
+    data = scene.camera.data
     if not any(background.image is not None and background.image.has_data for background in data.background_images):
         data.background_images.clear()
         background = data.background_images.new()
         background.image = _load_background_image(camera, project)
         # Fill the camera's frame, which has the shape of the photo even where pixels are not square.
         background.frame_method, background.display_depth = "STRETCH", "FRONT"
-        background.alpha = obj.users_scene[0].heritage.photo_opacity
+        background.alpha = scene.heritage.photo_opacity
     data.show_background_images = True
 
 
 def _load_background_image(camera: Camera, project: Path) -> bpy.types.Image:
-    file = read_photo_set(project / "photos" / "photos.json").folder / camera.photo
+    file = path_within(read_photo_set(path_within(project, "photos", "photos.json")).folder, camera.photo)
     if not file.is_file():
         raise PhotoError(f"The photo {file} is missing. Click on the splats instead.")
+    require_small(file, _MAX_PIXELS)
     photo = bpy.data.images.load(str(file))
     try:
         if 0 in photo.size:

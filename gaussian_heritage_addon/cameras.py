@@ -12,7 +12,7 @@ from ..engine.errors import ObjectError
 from ..engine.rasterizer.settings import JACOBIAN_MARGIN
 from ..engine.scene import Camera, focal_and_center
 from .picking import FLIP
-from .properties import PHOTO_KEY, heritage_objects
+from .properties import PHOTO_KEY, heritage_objects, photo_of
 from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
 
 __all__ = ["add_cameras", "current_photo", "look_through"]
@@ -23,6 +23,9 @@ _SIZE_KEY = "heritage_size"
 """Custom property of a camera: width and height of its photo in pixels."""
 _PIXEL_ASPECT_KEY = "heritage_pixel_aspect"
 """Custom property of a camera: focal length in pixels along x, divided by the one along y."""
+
+_MAX_SIDE, _MAX_ASPECT = 100_000, 1000.0
+"""No photo has more pixels on a side, and no lens a more uneven focal length."""
 
 
 def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> None:
@@ -47,7 +50,7 @@ def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> 
 
 def current_photo(scene: bpy.types.Scene) -> str:
     """Return the name of the photo whose camera is the scene camera; empty for any other camera."""
-    return "" if scene.camera is None else str(scene.camera.get(PHOTO_KEY, ""))
+    return "" if scene.camera is None else photo_of(scene.camera)
 
 
 def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, step: int = 0) -> None:
@@ -66,21 +69,20 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, s
     Raises
     ------
     ObjectError
-        When the scene has no such camera.
+        When the scene has no such camera, or the size of its photo was changed.
     """
-    cameras = sorted((obj for obj in scene.objects if PHOTO_KEY in obj), key=lambda obj: obj[PHOTO_KEY])
-    names = [obj[PHOTO_KEY] for obj in cameras]
+    cameras = sorted((obj for obj in scene.objects if photo_of(obj)), key=photo_of)
+    names = [photo_of(obj) for obj in cameras]
     photo = photo or current_photo(scene) or (names[0] if names else "")
     if photo not in names:
         raise ObjectError(f"No camera of the photo {photo!r} is in this scene. Open the project with its cameras.")
     camera = cameras[(names.index(photo) + step) % len(names)]
+    width, height, aspect = _shape_of_photo(camera)
     scene.camera = camera
-    width, height = camera[_SIZE_KEY]
     shrink = min(1.0, longest_side / max(width, height)) if longest_side else 1.0
     render = scene.render
     render.resolution_x, render.resolution_y = max(1, round(width * shrink)), max(1, round(height * shrink))
     render.resolution_percentage = 100
-    aspect = camera[_PIXEL_ASPECT_KEY]
     # Blender requires both aspects to be at least 1.
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
     lens = camera.data
@@ -93,3 +95,15 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, s
         set_display_input(obj, PIXEL, picture_width / render.resolution_x)
         set_display_input(obj, VIEW_LOW, (center_x - reach_x, center_y - reach_y, 0.0))
         set_display_input(obj, VIEW_HIGH, (center_x + reach_x, center_y + reach_y, 0.0))
+
+
+def _shape_of_photo(camera: bpy.types.Object) -> tuple[int, int, float]:
+    """Return width and height of a camera's photo in pixels, and its pixel aspect."""
+    try:
+        width, height = (int(side) for side in camera[_SIZE_KEY])
+        aspect = float(camera[_PIXEL_ASPECT_KEY])
+    except (KeyError, TypeError, ValueError, OverflowError):
+        width = height = aspect = 0
+    if not (0 < width <= _MAX_SIDE and 0 < height <= _MAX_SIDE and 1 / _MAX_ASPECT < aspect < _MAX_ASPECT):
+        raise ObjectError(f"The camera {camera.name} has lost the size of its photo. Open the project in a new file.")
+    return width, height, aspect

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..engine.errors import DiskError, FormatError
-from ..engine.files import path_within
+from ..engine.errors import FormatError, ProjectError
+from ..engine.files import delete_derived, optional, path_within, read_json
+from .project import is_project
 
 __all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
+
+_FILE = ("objects", "candidates.json")
+_SCHEMA = {
+    "refused": [{"message": str}],
+    "candidates": optional([{"number": int, "text": str, "score": float, "photo": str, "picture": str}]),
+}
+_MAX_SHOWN = 50
+"""Prompts and candidates that a panel can show."""
+_MAX_TEXT = 1000
+"""Characters of a text that are kept."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +65,6 @@ class NotFound:
     candidates: tuple[Candidate, ...]
 
 
-def _file(project: Path) -> Path:
-    return path_within(project, "objects", "candidates.json")
-
-
 def read_not_found(project: Path) -> NotFound | None:
     """Return the prompts that the last search by text did not find; None when all were found or the list was closed.
 
@@ -67,35 +73,37 @@ def read_not_found(project: Path) -> NotFound | None:
     FormatError
         When the file cannot be read.
     """
-    file = _file(project)
     try:
+        file = path_within(project, *_FILE)
         changed = file.stat().st_mtime_ns
-    except OSError:
+    except (OSError, ValueError):  # ValueError: a null character in the path
         return None
-    return _read(file, changed)
+    found = _read(project, file, changed)
+    if isinstance(found, FormatError):
+        raise found.with_traceback(None)
+    return found
 
 
-# Cached, because the panel calls this at each redraw.
+# Cached, because the panel calls this at each redraw; an error too.
 @functools.lru_cache(maxsize=4)
-def _read(file: Path, changed: int) -> NotFound:
-    project = file.parent.parent
+def _read(project: Path, file: Path, changed: int) -> NotFound | FormatError:
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
+        data = read_json(file, _SCHEMA, advice="Delete it and search again.")
         return NotFound(
-            messages=tuple(str(refused["message"]) for refused in data["refused"]),
-            candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())),
+            messages=tuple(refused["message"][:_MAX_TEXT] for refused in data["refused"][:_MAX_SHOWN]),
+            candidates=tuple(_candidate(project, entry) for entry in data.get("candidates", ())[:_MAX_SHOWN]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{file} cannot be read: {error!r}. Delete it and search again.") from error
+    except FormatError as error:
+        return error
 
 
 def _candidate(project: Path, entry: dict[str, Any]) -> Candidate:
     return Candidate(
-        number=int(entry["number"]),
-        text=str(entry["text"]),
+        number=entry["number"],
+        text=entry["text"][:_MAX_TEXT],
         score=float(entry["score"]),
-        photo=str(entry["photo"]),
-        picture=path_within(project, str(entry["picture"])),
+        photo=entry["photo"][:_MAX_TEXT],
+        picture=path_within(project, entry["picture"]),
     )
 
 
@@ -104,10 +112,11 @@ def dismiss(project: Path) -> None:
 
     Raises
     ------
+    ProjectError
+        When `project` is not a project.
     DiskError
         When the file cannot be deleted.
     """
-    try:
-        _file(project).unlink(missing_ok=True)
-    except OSError as error:
-        raise DiskError(f"Could not remove {_file(project)}: {error.strerror or error}. Check permissions.") from error
+    if not is_project(project):
+        raise ProjectError(f"{project} is not a Gaussian Heritage project, so nothing is deleted there.")
+    delete_derived(project, *_FILE)

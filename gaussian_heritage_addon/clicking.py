@@ -16,6 +16,7 @@ from .cameras import current_photo, look_through
 from .picking import View, photo_pixel, require_aligned
 from .project import photo_camera
 from .prompts import Click
+from .properties import project_of
 from .scene_file import whole_scene
 
 __all__ = ["Viewport"]
@@ -72,7 +73,7 @@ class Viewport:
         self._space.region_3d.view_perspective = "CAMERA"
         project = self._project
         try:
-            show_backdrop(self.scene.camera, photo_camera(project, current_photo(self.scene)), project)
+            show_backdrop(self.scene, photo_camera(project, current_photo(self.scene)), project)
         except HeritageError as error:
             # Not fatal: the splats can be clicked as well.
             self.photo_problem = str(error)
@@ -81,7 +82,7 @@ class Viewport:
 
     @property
     def _project(self) -> Path:
-        return Path(bpy.path.abspath(self.scene.heritage.project))
+        return project_of(self.scene.heritage)
 
     def is_over(self, x: int, y: int) -> bool:
         """Return whether the position (x, y) in the window is in the view, not on a header or sidebar over it."""
@@ -115,7 +116,7 @@ class Viewport:
         photo = current_photo(self.scene)
         if not photo or self._space.region_3d.view_perspective != "CAMERA":
             raise ObjectError("Look through the camera of a photo to click (Numpad 0, or the arrow keys).")
-        camera, whole = photo_camera(self._project, photo), whole_scene(self.scene, Path(self.scene.heritage.project))
+        camera, whole = photo_camera(self._project, photo), whole_scene(self.scene, self._project)
         if whole is not None:
             require_aligned(camera, np.array(self.scene.camera.matrix_world), np.array(whole.matrix_world))
         return camera

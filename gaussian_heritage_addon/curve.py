@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Point", "curve_picture", "stored_curve"]
+from ..engine.errors import HeritageError
+from ..engine.project_folder import PROJECT_FILE, ProjectFolder
+
+__all__ = ["Point", "curve_picture", "stored_curve", "thinned"]
 
 Point = tuple[float, float]
 """Wall seconds of training, and PSNR of the held-out photos in dB."""
@@ -24,6 +26,10 @@ _LEFT, _BOTTOM, _BORDER = 26, 16, 8
 """Margins of the plot in pixels. Those on the left and at the bottom hold the numbers."""
 _SCALE = 2
 """Image pixels for each pixel of a glyph."""
+_MAX_POINTS = 256
+_MIN_SECONDS, _MAX_SECONDS = 1e-6, 1e9
+_MAX_PSNR = 1000.0
+"""Limits of what is drawn, so that the number of grid lines stays small."""
 _GLYPHS = {
     "0": "75557", "1": "26227", "2": "71747", "3": "71717", "4": "55711", "5": "74717", "6": "74757", "7": "71111",
     "8": "75757", "9": "75717", "k": "45655",
@@ -33,18 +39,32 @@ _GLYPHS = {
 
 def stored_curve(project: Path) -> tuple[Point, ...]:
     """Return the curve of the finished training in `project`; empty when there is none or it cannot be read."""
-    file = project / "project.json"
     try:
-        return _read(file, file.stat().st_mtime_ns)
-    except (OSError, ValueError, KeyError, TypeError):
-        # The panel then draws no curve. Opening the project reports the error.
+        changed = (project / PROJECT_FILE).stat().st_mtime_ns
+    except (OSError, ValueError):  # ValueError: a null character in the path
+        return ()
+    return _read(project, changed)
+
+
+# Cached, because the panel calls this at each redraw.
+@functools.lru_cache(maxsize=4)
+def _read(project: Path, changed: int) -> tuple[Point, ...]:
+    try:
+        record = ProjectFolder.open_existing(project).stage_record("training") or {}
+        points = record["figures"]["curve"]
+        return thinned(
+            [(float(point["wall_seconds"]), float(point["psnr"])) for point in points if point["psnr"] is not None]
+        )
+    except (HeritageError, KeyError, TypeError, ValueError):
+        # The panel then draws no curve. The engine reports an error when it uses the project.
         return ()
 
 
-@functools.lru_cache(maxsize=4)
-def _read(file: Path, changed: int) -> tuple[Point, ...]:
-    curve = json.loads(file.read_text(encoding="utf-8"))["stages"]["training"]["figures"]["curve"]
-    return tuple((float(point["wall_seconds"]), float(point["psnr"])) for point in curve)
+def thinned(points: Sequence[Point]) -> tuple[Point, ...]:
+    """Return at most `_MAX_POINTS` of `points`, evenly chosen, the last among them; a panel shows no more."""
+    if len(points) <= _MAX_POINTS:
+        return tuple(points)
+    return tuple(points[number] for number in np.linspace(0, len(points) - 1, _MAX_POINTS).astype(int))
 
 
 def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) -> Picture | None:
@@ -53,7 +73,7 @@ def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) 
     Parameters
     ----------
     points : sequence of (float, float)
-        Points with values that are not finite, or seconds that are not positive, are ignored.
+        Points that no training has are ignored: values that are not finite, seconds that are not positive.
     width, height : int
         Size of the image in pixels.
 
@@ -62,7 +82,7 @@ def curve_picture(points: Sequence[Point], width: int = 256, height: int = 160) 
     array of shape [height, width, 4], float32, or None
         RGBA with the bottom row first, as in Blender; None for fewer than two points.
     """
-    usable = sorted((s, p) for s, p in points if math.isfinite(s) and math.isfinite(p) and s > 0)
+    usable = sorted((s, p) for s, p in thinned(points) if _MIN_SECONDS < s < _MAX_SECONDS and abs(p) < _MAX_PSNR)
     if len(usable) < 2 or usable[0][0] == usable[-1][0]:
         return None
     seconds, psnr = np.array(usable).T

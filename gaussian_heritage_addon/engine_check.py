@@ -29,7 +29,7 @@ def check_engine() -> tuple[Path, list[str], list[str]]:
         environment=current_environment(),
     ).wait()
     checks = state.outputs.get("checks")
-    if checks is None:
-        raise EnvironmentProblem(f"The engine does not start with {python}. {state.error}")
-    missing = [check["name"] for check in checks if check["required"] and not check["ok"]]
+    if not isinstance(checks, list) or not all(isinstance(check, dict) for check in checks):
+        raise EnvironmentProblem(f"The engine does not start with {python}. {state.error}".strip())
+    missing = [str(check.get("name")) for check in checks if check.get("required") and not check.get("ok")]
     return python, state.message.splitlines(), missing

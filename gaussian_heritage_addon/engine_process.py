@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from ..engine.errors import EnvironmentProblem
@@ -29,7 +29,8 @@ def find_python(preferred: str, environ: Mapping[str, str], root: Path) -> Path:
     environ : mapping
         Environment variables, searched for ``GAUSSIAN_HERITAGE_PYTHON``.
     root : Path
-        ``.venv/engine`` is searched in this folder and its parents.
+        The folder of this extension. Where it is a checkout of the repository, ``.venv/engine`` in it is used. Folders
+        above it are not searched: others may be able to put a program there, and it would be run.
 
     Raises
     ------
@@ -43,18 +44,13 @@ def find_python(preferred: str, environ: Mapping[str, str], root: Path) -> Path:
             if python.is_file():
                 return python
             raise EnvironmentProblem(f"The engine's Python set in {source} does not exist: {path}. Choose another one.")
-    for python in _development_pythons(root):
-        if python.is_file():
-            return python
+    python = root / ".venv" / "engine" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if python.is_file():
+        return python
     raise EnvironmentProblem(
         "No Python for the engine was found. Open Preferences > Add-ons > Gaussian Heritage, choose the Python of the "
         "engine's environment and press Check."
     )
-
-
-def _development_pythons(root: Path) -> Iterable[Path]:
-    executable = "Scripts/python.exe" if os.name == "nt" else "bin/python"
-    return (folder / ".venv" / "engine" / executable for folder in (root, *root.parents))
 
 
 def engine_environment(environ: Mapping[str, str], root: Path, cache: Path) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import logging
 from collections.abc import Callable
@@ -11,11 +10,13 @@ from pathlib import Path
 import bpy
 
 from ..engine.errors import Cancelled, HeritageError, ProjectError
+from . import problems
 from .engine_process import engine_command
+from .guards import Timer, redraw
 from .jobs import Job, JobState
 from .model_files import states_of
 from .preferences import current_environment, current_python, store_model_states, user_folder
-from .properties import heritage_objects, select_object
+from .properties import heritage_objects, project_of, select_object
 from .scene_file import add_objects, open_project
 
 __all__ = ["MODEL_FILES", "cancel", "current", "problem", "register", "start", "unregister"]
@@ -27,7 +28,7 @@ MODEL_FILES = Path("model files")
 """Subject of jobs about model files, which belong to no project."""
 _EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
 _job: Job | None = None
-_problem = ""
+_waits_for_object_mode = False
 
 
 def current() -> tuple[Job, JobState] | None:
@@ -36,8 +37,8 @@ def current() -> tuple[Job, JobState] | None:
 
 
 def problem() -> str:
-    """Return why the results of the last job could not be imported; empty when there was no problem."""
-    return _problem
+    """Return why the results of the last job are not imported yet; empty when nothing is in the way."""
+    return _EDIT_MODE_MESSAGE if _waits_for_object_mode else ""
 
 
 def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
@@ -62,22 +63,19 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
     HeritageError
         When there is no interpreter, another job is running, or (in background mode) the job failed.
     """
-    global _job, _problem
+    global _job
     running = current()
     if running is not None and running[1].running:
         raise ProjectError(f"A job is still working on {running[0].subject}. Wait for it or cancel it first.")
-    if _problem == _EDIT_MODE_MESSAGE:
-        raise ProjectError(_EDIT_MODE_MESSAGE)
+    if problem():
+        raise ProjectError(problem())
     key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
-    _job, _problem = (
-        Job.start(
-            engine_command(current_python(), *arguments),
-            user_folder("jobs") / key,
-            kind=kind,
-            subject=str(subject),
-            environment=current_environment(),
-        ),
-        "",
+    _job = Job.start(
+        engine_command(current_python(), *arguments),
+        user_folder("jobs") / key,
+        kind=kind,
+        subject=str(subject),
+        environment=current_environment(),
     )
     if bpy.app.background:
         state = _job.wait()
@@ -85,7 +83,7 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
             raise HeritageError(state.error)
         _import_results(_job, state)
         return state
-    _start_polling()
+    _poll_timer.start(_POLL_INTERVAL, persistent=True)
     return None
 
 
@@ -103,33 +101,22 @@ def cancel() -> None:
     running[0].cancel()
 
 
-def _start_polling() -> None:
-    if not bpy.app.timers.is_registered(_poll_job):
-        bpy.app.timers.register(_poll_job, first_interval=_POLL_INTERVAL, persistent=True)
-
-
 def _poll_job() -> float | None:
-    global _problem
+    global _waits_for_object_mode
     if _job is None:
         return None
     state = _job.poll()
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type in ("VIEW_3D", "PREFERENCES"):
-                area.tag_redraw()
+    redraw()
     if state.running:
         return _POLL_INTERVAL
+    _waits_for_object_mode = state.finished and _job.kind != "models" and _is_editing()
+    if _waits_for_object_mode:
+        return _POLL_INTERVAL
     if state.finished:
-        if _job.kind != "models" and _is_editing():
-            _problem = _EDIT_MODE_MESSAGE
-            return _POLL_INTERVAL
-        _problem = ""
-        try:
-            _import_results(_job, state)
-            # An import by the timer is one undo step. Blender adds none if nothing changed.
-            bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
-        except HeritageError as error:
-            _problem = str(error)
+        problems.clear()
+        _import_results(_job, state)
+        # An import by the timer is one undo step. Blender adds none if nothing changed.
+        bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
     return None
 
 
@@ -149,14 +136,23 @@ def _import_scene(project: Path, state: JobState) -> None:
 
 
 def _import_objects(project: Path, state: JobState) -> None:
-    scenes = (scene for scene in bpy.data.scenes if scene.heritage.project == str(project))
+    scenes = (scene for scene in bpy.data.scenes if scene.heritage.project and project_of(scene.heritage) == project)
     scene = next(scenes, bpy.context.scene)
-    new_ids, kept_ids = state.outputs["objects"], state.outputs.get("kept", ())
+    new_ids, kept_ids = _ids(state, "objects"), _ids(state, "kept")
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
     # Objects that "find all" kept in the project may be missing in this file.
     add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
     scene.heritage.show = "OBJECTS"
-    select_object(scene, new_ids[0])
+    if new_ids:
+        select_object(scene, new_ids[0])
+
+
+def _ids(state: JobState, name: str) -> list[str]:
+    """Return the ids of objects in the outputs of a job."""
+    ids = state.outputs.get(name, [])
+    if not isinstance(ids, list) or not all(isinstance(object_id, str) for object_id in ids):
+        raise ProjectError(f"The engine did not say which objects it made ({name}). Open the project again.")
+    return ids
 
 
 def _store_model_states(subject: Path, state: JobState) -> None:
@@ -171,7 +167,7 @@ _IMPORTERS: dict[str, Callable[[Path, JobState], None]] = {
 
 
 def _find_running_job() -> None:
-    """Continue to poll a job that kept running while Blender was closed."""
+    """Continue to poll a job that kept running while Blender was closed. Only folders that we made are searched."""
     global _job
     if _job is None:
         for folder in sorted(user_folder("jobs").iterdir()):
@@ -179,18 +175,21 @@ def _find_running_job() -> None:
             if job is not None and job.poll().running:
                 _LOG.info("found a running job on %s", job.subject)
                 _job = job
-                _start_polling()
+                _poll_timer.start(_POLL_INTERVAL, persistent=True)
                 return
+
+
+_poll_timer = Timer(_poll_job)
+_search_timer = Timer(_find_running_job)
 
 
 def register() -> None:
     """Search for a running job of an earlier session, once Blender has started."""
     if not bpy.app.background:
-        bpy.app.timers.register(_find_running_job, first_interval=1.0)
+        _search_timer.start(1.0)
 
 
 def unregister() -> None:
     """Stop polling. The job itself keeps running."""
-    for timer in (_poll_job, _find_running_job):
-        with contextlib.suppress(ValueError):
-            bpy.app.timers.unregister(timer)
+    _poll_timer.stop()
+    _search_timer.stop()

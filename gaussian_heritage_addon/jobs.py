@@ -8,7 +8,6 @@ continues when Blender ends.
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 import os
 import signal
@@ -21,15 +20,26 @@ from pathlib import Path
 from typing import Any
 
 from ..engine import events
-from ..engine.errors import DiskError, ProjectError
-from ..engine.files import write_json
+from ..engine.errors import DiskError, EnvironmentProblem, FormatError, ProjectError
+from ..engine.files import delete_derived, opened, path_within, read_json, write_json
+from .running_processes import process_runs
 
 __all__ = ["Job", "JobState"]
 
 _LOG = logging.getLogger(__name__)
 _JOB, _EVENTS, _ERRORS = "job.json", "events.jsonl", "errors.txt"
+_RECORD = {"kind": str, "subject": str, "pid": int, "command": [str]}
+_MAX_PID = 1 << 31
 _LOG_INTERVAL = 15.0
 """Seconds between two log lines about the same stage."""
+_MAX_READ = 1 << 20
+"""Bytes of events that one poll reads, because Blender waits for it. Longer lines are skipped."""
+_MAX_KEPT = 4096
+"""Warnings, metrics and points of the curve that are kept, each."""
+_MAX_ERROR_BYTES = 1 << 16
+"""Bytes at the end of the errors that are searched for the last line."""
+_MAX_SHOWN = 500
+"""Characters of that line that are shown."""
 
 
 @dataclass
@@ -92,13 +102,17 @@ class JobState:
             case events.StageFinished():
                 self.fraction, self.seconds_left = 1.0, 0.0
             case events.Metric():
-                self.metrics[event.name] = event.value
+                if event.name in self.metrics or len(self.metrics) < _MAX_KEPT:
+                    self.metrics[event.name] = event.value
                 if event.name == "psnr" and event.seconds is not None:
                     self.curve.append((event.seconds, event.value))
+                    if len(self.curve) > _MAX_KEPT:
+                        del self.curve[1::2]
             case events.Preview():
                 self.preview = event.path
             case events.Warned():
                 self.warnings.append(event.message)
+                del self.warnings[:-_MAX_KEPT]
             case events.ErrorEvent():
                 self.error = event.message
             case events.Finished():
@@ -127,6 +141,7 @@ class Job:
         self._process = process
         self._state = JobState()
         self._offset = 0
+        self._skips_line = False
         self._kill_at: float | None = None
 
     @classmethod
@@ -161,7 +176,9 @@ class Job:
             own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            (folder / _JOB).unlink(missing_ok=True)
+            # Opening them would follow a link.
+            for name in (_JOB, _EVENTS, _ERRORS):
+                delete_derived(folder, name)
             with (folder / _EVENTS).open("wb") as output, (folder / _ERRORS).open("wb") as errors:
                 process = subprocess.Popen(
                     list(command),
@@ -177,17 +194,32 @@ class Job:
                 f"{command[0]} could not be started in {folder}: {error.strerror or error}. Check both paths."
             ) from error
         record = {"kind": kind, "subject": subject, "pid": process.pid, "command": list(command)}
-        write_json(folder / _JOB, record)
+        try:
+            write_json(folder / _JOB, record)
+        except DiskError:
+            # Nobody would find it again.
+            process.kill()
+            raise
         return cls(folder, record, process)
 
     @classmethod
     def attach(cls, folder: Path) -> Job | None:
-        """Return the job whose files are in `folder`, running or ended; None when there is none."""
+        """Return the job whose files are in `folder`, running or ended; None when there is none.
+
+        Parameters
+        ----------
+        folder : Path
+            A folder of `start`. One that is a link elsewhere, or whose ``job.json`` is, holds no job of ours.
+        """
         try:
-            record = json.loads((folder / _JOB).read_text(encoding="utf-8"))
-            return cls(folder, record, None)
-        except (OSError, ValueError, KeyError, TypeError):
+            file = path_within(folder.parent, folder.name, _JOB)
+            record = read_json(file, _RECORD, advice="Delete it.")
+        except FormatError:
             return None
+        # 0 and negative numbers stand for groups of processes, 1 for the first process of the system.
+        if not 1 < record["pid"] < _MAX_PID or not record["command"]:
+            return None
+        return cls(folder, record, None)
 
     def poll(self) -> JobState:
         """Read new events without blocking, and return the state.
@@ -198,13 +230,14 @@ class Job:
         """
         if not self._state.running:
             return self._state
-        alive = self._is_alive()
         # Checked before reading, so that everything a process wrote before it ended is read.
-        self._read_events()
+        alive = self._is_alive()
+        all_read = self._read_events()
         if alive and self._kill_at is not None and time.monotonic() > self._kill_at:
-            self._signal(kill=True)
             self._kill_at = None
-        if not alive:
+            with contextlib.suppress(EnvironmentProblem):  # reported by `cancel`
+                self._signal(kill=True)
+        if not alive and all_read:
             self._state.running = False
             if not self._state.finished and not self._state.error:
                 self._state.error = self._unexpected_exit_message()
@@ -212,7 +245,13 @@ class Job:
         return self._state
 
     def cancel(self, grace_seconds: float = 10.0) -> None:
-        """Interrupt the job, and let `poll` kill it if it still runs after `grace_seconds`."""
+        """Interrupt the job, and let `poll` kill it if it still runs after `grace_seconds`.
+
+        Raises
+        ------
+        EnvironmentProblem
+            When the system does not tell whether the process is still this job.
+        """
         if self.poll().running:
             self._signal(kill=False)
             self._kill_at = time.monotonic() + grace_seconds
@@ -228,28 +267,37 @@ class Job:
             time.sleep(interval)
         return self._state
 
-    def _read_events(self) -> None:
+    def _read_events(self) -> bool:
+        """Read some of the new events, and return whether there are no more."""
         try:
-            with (self.folder / _EVENTS).open("rb") as stream:
+            with opened(self.folder / _EVENTS, advice="") as stream:
                 stream.seek(self._offset)
-                data = stream.read()
-        except OSError:
-            return  # The next poll tries again. A job whose folder was deleted ends with its process.
-        complete = data.rfind(b"\n") + 1
-        self._offset += complete
-        for line in data[:complete].decode("utf-8", "replace").splitlines():
-            event = events.from_json_line(line)
-            if event is not None:
-                self._state.update(event)
+                data = stream.read(_MAX_READ)
+        except FormatError:
+            return True  # The next poll tries again. A job whose folder was deleted ends with its process.
+        if self._skips_line:
+            complete = data.find(b"\n") + 1
+            self._skips_line = not complete
+            all_read = not complete and len(data) < _MAX_READ
+        else:
+            complete = data.rfind(b"\n") + 1
+            for line in data[:complete].split(b"\n"):
+                event = events.from_json_line(line.decode("utf-8", "replace"))
+                if event is not None:
+                    self._state.update(event)
+            self._skips_line = not complete and len(data) == _MAX_READ
+            all_read = len(data) < _MAX_READ
+        self._offset += len(data) if self._skips_line else complete
+        return all_read
 
     def _unexpected_exit_message(self) -> str:
         """Return the error message for a process that ended without a final event, e.g. because it crashed."""
         code = f" (exit code {self._process.returncode})" if self._process is not None else ""
-        try:
-            lines = (self.folder / _ERRORS).read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        except OSError:
-            lines = []
-        last_line = f" Its last line was: {lines[-1].strip()}" if lines else ""
+        lines: list[str] = []
+        with contextlib.suppress(FormatError), opened(self.folder / _ERRORS, advice="") as stream:
+            stream.seek(max(0, stream.seek(0, os.SEEK_END) - _MAX_ERROR_BYTES))
+            lines = stream.read(_MAX_ERROR_BYTES).decode("utf-8", "replace").strip().splitlines()
+        last_line = f" Its last line was: {lines[-1].strip()[:_MAX_SHOWN]}" if lines else ""
         return (
             f"The engine stopped unexpectedly{code}.{last_line} Finished work is kept. "
             f"Details are in {self.folder / _ERRORS}."
@@ -258,28 +306,26 @@ class Job:
     def _is_alive(self) -> bool:
         if self._process is not None:
             return self._process.poll() is None
-        return _process_runs(self._pid, self._command)
+        return process_runs(self._pid, self._command, self.folder) is not False
 
     def _signal(self, *, kill: bool) -> None:
+        if self._process is None:
+            is_this_job = process_runs(self._pid, self._command, self.folder)
+            if is_this_job is None:
+                raise EnvironmentProblem(
+                    f"The system does not tell whether process {self._pid} is still the job on {self.subject}. End it "
+                    "with the system's own tools."
+                )
+            if not is_this_job:
+                return
         with contextlib.suppress(ProcessLookupError, PermissionError):
             if sys.platform == "win32":
                 os.kill(self._pid, signal.SIGTERM if kill else signal.CTRL_BREAK_EVENT)
-            else:
+            # A job leads its group of processes, since `start` gave it a session of its own.
+            elif os.getpgid(self._pid) == self._pid:
                 # The whole process group: a stage may have started subprocesses.
                 os.killpg(self._pid, signal.SIGKILL if kill else signal.SIGINT)
 
 
 def _format_seconds(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
-
-
-def _process_runs(pid: int, command: Sequence[str]) -> bool:
-    """Return whether process `pid` runs `command`: the system may have given the number to another program since."""
-    if sys.platform == "win32":
-        listing = ["tasklist", "/FI", f"PID eq {pid}", "/NH"]
-        expected = str(pid)
-    else:
-        listing = ["ps", "-ww", "-o", "stat=,args=", "-p", str(pid)]
-        expected = " ".join(command[1:])
-    output = subprocess.run(listing, capture_output=True, text=True, errors="replace", check=False).stdout
-    return expected in output and not output.lstrip().startswith("Z")

@@ -11,6 +11,7 @@ import bpy
 from .curve import Point
 from .jobs import Job, JobState
 from .pictures import curve_icon, picture_icon
+from .problems import plain_text
 
 __all__ = ["draw_curve", "draw_job", "draw_text"]
 
@@ -18,6 +19,10 @@ _CHARACTER_WIDTH = 6.5
 """Mean width of a character in pixels, at Blender's default interface scale."""
 _DEFAULT_LINE_LENGTH = 60
 """Characters per line where the width of the region is not known."""
+_MAX_LENGTH = 2000
+"""Characters of a text that are drawn: a project from someone else may hold any text."""
+
+_MAX_METRICS = 20
 
 
 def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line_length: int | None = None) -> None:
@@ -28,7 +33,9 @@ def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line
     elif line_length is None:
         line_length = max(20, int(region.width / (_CHARACTER_WIDTH * bpy.context.preferences.system.ui_scale)) - 6)
     column = layout.column(align=True)
-    for number, line in enumerate(textwrap.wrap(text, line_length) or [""]):
+    for number, line in enumerate(
+        textwrap.wrap(plain_text(text)[:_MAX_LENGTH], line_length, break_on_hyphens=False) or [""]
+    ):
         column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
 
@@ -41,7 +48,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
         icon = picture_icon(Path(state.preview)) if state.preview else 0
         if icon:
             box.template_icon(icon_value=icon, scale=8.0)
-        for name, value in state.metrics.items():
+        for name, value in list(state.metrics.items())[:_MAX_METRICS]:
             box.label(text=f"{name}: {value:.4g}")
         box.operator("heritage.cancel_job", icon="CANCEL")
     elif state.error:

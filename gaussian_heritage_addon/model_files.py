@@ -8,10 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ..engine.errors import EnvironmentProblem, ModelFileError
+from ..engine.errors import EnvironmentProblem, FormatError, ModelFileError
+from ..engine.files import parse_json
 from ..engine.models.catalogue import CATALOGUE, GROUPS, ModelFile
 
-__all__ = ["Model", "States", "fetch_arguments", "find_model", "list_models", "merge_states", "states_of"]
+__all__ = [
+    "Model",
+    "States",
+    "fetch_arguments",
+    "find_model",
+    "list_models",
+    "merge_states",
+    "problems_of",
+    "states_of",
+    "stored_states",
+]
 
 States = dict[str, str]
 """State of each file by its name: its path, or ``!`` followed by the engine's error message."""
@@ -120,10 +131,27 @@ def fetch_arguments(name: str, folder: str, *, online: bool) -> list[str]:
 
 def states_of(outputs: Mapping[str, Any]) -> States:
     """Return the states in the outputs of ``models list``, ``fetch`` or ``verify``."""
-    problems = set(outputs.get("problems", ()))
-    return {name: f"!{state}" if name in problems else str(state) for name, state in outputs.get("models", {}).items()}
+    models, problems = outputs.get("models"), outputs.get("problems")
+    if not isinstance(models, dict):
+        return {}
+    broken = problems if isinstance(problems, list) else []
+    return {name: f"!{state}" if name in broken else str(state) for name, state in models.items()}
+
+
+def problems_of(outputs: Mapping[str, Any]) -> list[str]:
+    """Return the error messages in the outputs of ``models verify``."""
+    return [state[1:] for state in states_of(outputs).values() if state.startswith("!")]
+
+
+def stored_states(text: str) -> States:
+    """Return the states that `merge_states` stored in the preferences; none where they cannot be read."""
+    try:
+        states: States = parse_json(text or "{}", {str: str}, source="The states of the models", advice="")
+    except FormatError:
+        return {}
+    return states
 
 
 def merge_states(stored: str, new: States) -> str:
     """Return the JSON text `stored`, updated with the states `new`."""
-    return json.dumps({**(json.loads(stored) if stored else {}), **new})
+    return json.dumps({**stored_states(stored), **new})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,7 +10,7 @@ from ..engine.errors import HeritageError
 from .candidates import NotFound, read_not_found
 from .layouts import draw_text
 from .pictures import picture_icon
-from .properties import HeritageObject, HeritageScene, active_object, heritage_objects
+from .properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
 
 __all__ = ["CLASSES"]
 
@@ -73,7 +72,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         row.operator("heritage.find_objects", icon="OUTLINER_OB_GROUP_INSTANCE")
         row.operator("heritage.isolate_background", icon="WORLD")
         try:
-            not_found = read_not_found(Path(properties.project))
+            not_found = read_not_found(project_of(properties))
         except HeritageError as error:
             draw_text(layout, str(error), icon="ERROR")
         else:

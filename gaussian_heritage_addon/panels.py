@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
-from . import job_runner, objects_panel
+from . import job_runner, objects_panel, problems
 from .cameras import current_photo
 from .curve import stored_curve
 from .layouts import draw_curve, draw_job, draw_text
-from .properties import HeritageScene
+from .properties import HeritageScene, project_of
 
 __all__ = ["CLASSES"]
 
@@ -31,8 +29,9 @@ class HERITAGE_PT_scene(bpy.types.Panel):
         current = job_runner.current()
         if current is not None and current[0].kind != "models":
             draw_job(layout, *current)
-        if job_runner.problem():
-            draw_text(layout, job_runner.problem(), icon="ERROR")
+        for problem in (job_runner.problem(), problems.shown()):
+            if problem:
+                draw_text(layout, problem, icon="ERROR")
         layout.operator("heritage.import_photo_folder", icon="IMAGE_DATA")
         layout.operator("heritage.open_project", icon="FILE_FOLDER")
         if properties.project:
@@ -43,7 +42,7 @@ class HERITAGE_PT_scene(bpy.types.Panel):
             row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
             row.operator("heritage.look_through_photo", text=current_photo(context.scene) or "Look Through Photo")
             row.operator("heritage.look_through_photo", text="", icon="TRIA_RIGHT").step = 1
-            if context.scene.camera is not None and any(context.scene.camera.data.background_images):
+            if current_photo(context.scene) and any(context.scene.camera.data.background_images):
                 layout.prop(properties, "photo_opacity", slider=True)
 
 
@@ -60,12 +59,12 @@ class HERITAGE_PT_training(bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether the project has a training curve."""
-        return bool(context.scene.heritage.project) and bool(stored_curve(Path(context.scene.heritage.project)))
+        return bool(context.scene.heritage.project) and bool(stored_curve(project_of(context.scene.heritage)))
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
-        project = context.scene.heritage.project
-        draw_curve(self.layout, f"the training in {project}", stored_curve(Path(project)))
+        project = project_of(context.scene.heritage)
+        draw_curve(self.layout, f"the training in {project}", stored_curve(project))
 
 
 CLASSES = [HERITAGE_PT_scene, HERITAGE_PT_training, *objects_panel.CLASSES]

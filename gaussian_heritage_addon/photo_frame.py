@@ -6,17 +6,22 @@ Pictures are arrays of shape [H, W, C] with the top row first.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.errors import FormatError, PhotoError
+from ..engine.files import opened
 from ..engine.scene import Camera, focal_and_center, photo_pixels
 
-__all__ = ["apply_orientation", "exif_orientation", "remove_distortion"]
+__all__ = ["apply_orientation", "exif_orientation", "remove_distortion", "require_small"]
 
 _ORIENTATION_TAG = 0x0112
+_MAX_HEADER = 1 << 17
+"""Bytes at the beginning of a photo that are searched."""
 _GRID_STEP = 8
 """Grid step in pixels: the lens model is evaluated on a grid and interpolated linearly between its points.
 
@@ -26,26 +31,58 @@ The error is less than 0.05 pixels on a photo 1,600 pixels wide."""
 def exif_orientation(file: Path) -> int:
     """Return the EXIF orientation, 1 to 8, of a JPEG file; 1 where it is missing, and for other files."""
     try:
-        with file.open("rb") as stream:
-            return _orientation_of(stream.read(1 << 17))
-    except (OSError, struct.error, IndexError):
+        return _orientation_of(_beginning(file))
+    except (FormatError, struct.error, IndexError):
         return 1
+
+
+def require_small(file: Path, max_pixels: int) -> None:
+    """Raise `PhotoError` when the header of a JPEG or PNG file states more than `max_pixels`, before it is decoded."""
+    try:
+        width, height = _stated_size(_beginning(file))
+    except (FormatError, struct.error, IndexError):
+        return  # Blender reports that it cannot be read.
+    if width * height > max_pixels:
+        raise PhotoError(f"{file} has {width} x {height} pixels, which is too many to show in Blender.")
+
+
+def _beginning(file: Path) -> bytes:
+    with opened(file, advice="") as stream:
+        return stream.read(_MAX_HEADER)
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield marker and content of the segments of a JPEG file before its pixels."""
+    offset = 2
+    while data[:2] == b"\xff\xd8" and data[offset] == 0xFF and data[offset + 1] not in (0xDA, 0xD9):
+        length = struct.unpack_from(">H", data, offset + 2)[0]
+        yield data[offset + 1], data[offset + 4 : offset + 2 + length]
+        offset += 2 + length
+
+
+def _stated_size(data: bytes) -> tuple[int, int]:
+    """Return width and height in pixels; 0 and 0 for a file of another format."""
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        width, height = struct.unpack_from(">II", data, 16)
+        return width, height
+    for marker, content in _segments(data):
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = struct.unpack_from(">HH", content, 1)
+            return width, height
+    return 0, 0
 
 
 def _orientation_of(data: bytes) -> int:
     """Search the segments of a JPEG file for the EXIF segment, and its TIFF directory for the orientation tag."""
-    offset = 2
-    while data[:2] == b"\xff\xd8" and data[offset] == 0xFF and data[offset + 1] not in (0xDA, 0xD9):
-        length = struct.unpack_from(">H", data, offset + 2)[0]
-        if data[offset + 1] == 0xE1 and data[offset + 4 : offset + 10] == b"Exif\0\0":
-            tiff = data[offset + 10 : offset + 2 + length]
+    for marker, content in _segments(data):
+        if marker == 0xE1 and content.startswith(b"Exif\0\0"):
+            tiff = content[6:]
             order = "<" if tiff[:2] == b"II" else ">"
             first = struct.unpack_from(f"{order}I", tiff, 4)[0]
             for number in range(struct.unpack_from(f"{order}H", tiff, first)[0]):
                 tag, _, _, value = struct.unpack_from(f"{order}HHIH", tiff, first + 2 + 12 * number)
                 if tag == _ORIENTATION_TAG:
                     return value if 1 <= value <= 8 else 1
-        offset += 2 + length
     return 1
 
 

@@ -51,7 +51,7 @@ class View:
         normal_x, normal_y = rows[0] - u * rows[3], rows[1] - v * rows[3]
         sight = np.cross(normal_x[:3], normal_y[:3])
         sight = sight if rows[3, :3] @ sight > 0 else -sight
-        local = np.linalg.solve((self.world_from_camera @ FLIP)[:3, :3], sight)
+        local = _solved((self.world_from_camera @ FLIP)[:3, :3], sight)
         return float(local[0] / local[2]), float(local[1] / local[2])
 
     def region_position(self, direction: tuple[float, float]) -> tuple[float, float]:
@@ -90,7 +90,7 @@ def require_aligned(camera: Camera, world_from_camera: Float64, world_from_scene
     CameraError
         When only one of them was moved.
     """
-    relative_pose = camera.viewmat @ np.linalg.solve(world_from_scene, world_from_camera @ FLIP)
+    relative_pose = camera.viewmat @ _solved(world_from_scene, world_from_camera @ FLIP)
     scale = np.cbrt(abs(np.linalg.det(relative_pose[:3, :3])))
     rotation = np.linalg.norm(relative_pose[:3, :3] / max(scale, 1e-12) - np.eye(3))
     if rotation > _MAX_ROTATION or np.linalg.norm(relative_pose[:3, 3]) > _MAX_TRANSLATION:
@@ -98,3 +98,14 @@ def require_aligned(camera: Camera, world_from_camera: Float64, world_from_scene
             f"The camera of {camera.photo} no longer lines up with the scene, because one of them was moved. "
             "Undo the move, or open the project in a new file."
         )
+
+
+def _solved(matrix: Float64, values: Float64) -> Float64:
+    """Return the product of the inverse of `matrix` and `values`."""
+    try:
+        solved = np.linalg.solve(matrix, values)
+    except np.linalg.LinAlgError as error:
+        raise CameraError("The camera or the scene is flattened. Give it a scale other than 0.") from error
+    if not np.isfinite(solved).all():
+        raise CameraError("The camera or the scene is not at a finite position. Move it back.")
+    return np.asarray(solved, np.float64)

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
 import bpy.utils.previews
 
+from ..engine.errors import PhotoError
 from .curve import Point, curve_picture
+from .photo_frame import require_small
 
 __all__ = ["curve_icon", "picture_icon", "unregister"]
+
+_MAX_PIXELS = 16_000_000
+"""Pixels of a picture that is decoded for a panel. The engine's have fewer; a small file may state any number."""
 
 _previews: bpy.utils.previews.ImagePreviewCollection | None = None
 _preview_keys: dict[str, str] = {}
@@ -18,15 +24,20 @@ _preview_keys: dict[str, str] = {}
 
 
 def picture_icon(file: Path) -> int:
-    """Return the icon of an image file with its current content; 0 when the file is missing, and in background mode."""
+    """Return the icon of an image file with its current content; 0 when it is missing or large, or without a window."""
     try:
-        changed = file.stat().st_mtime_ns
-    except OSError:
+        changed = file.stat().st_mtime_ns if file.is_file() else None
+    except (OSError, ValueError):  # ValueError: a null character in the path
+        changed = None
+    if changed is None:
         return 0
     key = f"{file} {changed}"
     if _is_new(str(file), key):
-        _collection().load(key, str(file), "IMAGE")
-    return int(_collection()[key].icon_id)
+        with contextlib.suppress(PhotoError):  # A picture that is too large is not shown.
+            require_small(file, _MAX_PIXELS)
+            _collection().load(key, str(file), "IMAGE")
+    preview = _collection().get(key)
+    return 0 if preview is None else int(preview.icon_id)
 
 
 def curve_icon(subject: str, points: Sequence[Point]) -> int:
@@ -62,7 +73,7 @@ def _is_new(subject: str, key: str) -> bool:
     earlier_key = _preview_keys.get(subject)
     if earlier_key == key:
         return False
-    if earlier_key is not None:
+    if earlier_key in _collection():
         del _collection()[earlier_key]
     _preview_keys[subject] = key
     return True

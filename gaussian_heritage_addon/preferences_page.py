@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import bpy
@@ -11,7 +10,7 @@ from bpy.props import EnumProperty, StringProperty
 from ..engine.masks.settings import SAM_MODELS
 from . import job_runner
 from .layouts import draw_job, draw_text
-from .model_files import Model, States, list_models
+from .model_files import Model, States, list_models, stored_states
 from .preferences import BASE_PACKAGE
 from .typed_properties import blender_properties
 
@@ -30,7 +29,9 @@ class HeritagePreferences(bpy.types.AddonPreferences):
         str,
         StringProperty(
             name="Engine Python",
-            description="Python of the engine's environment; empty: use GAUSSIAN_HERITAGE_PYTHON or .venv/engine",
+            description="Program that is run as the engine: the Python of its environment. Empty: the one named by the "
+            "environment variable GAUSSIAN_HERITAGE_PYTHON, or .venv/engine in the folder of this extension if it is a "
+            "checkout of the repository. No other place is searched, and no .blend file can change it",
             subtype="FILE_PATH",
         ),
     ]
@@ -71,7 +72,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
             draw_job(layout, *current)
         layout.prop(self, "sam")
         layout.prop(self, "model_folder")
-        states: States = json.loads(self.model_states) if self.model_states else {}
+        states = stored_states(self.model_states)
         for model in list_models():
             _draw_model(layout.box(), model, states)
 

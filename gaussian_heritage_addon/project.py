@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,19 +10,49 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import CameraError, FormatError, ProjectError
-from ..engine.files import object_file
+from ..engine.errors import CameraError, FormatError, ObjectError, ProjectError
+from ..engine.files import (
+    FILE_RECORD,
+    ArraySpec,
+    FileRecord,
+    is_as_recorded,
+    object_file,
+    optional,
+    path_within,
+    read_array,
+    read_versioned,
+)
+from ..engine.project_folder import PROJECT_FILE
 from ..engine.scene import Camera, read_camera_set
 
 __all__ = [
     "ProjectObject",
     "default_project_folder",
+    "is_project",
     "list_objects",
     "load_level",
     "load_membership",
     "photo_camera",
+    "require_intact",
+    "require_object",
     "scene_file",
 ]
+
+_ADVICE = "Isolate the object again."
+_RECORD = "object.json"
+_MAX_TEXT = 1000
+"""Characters of a text from a project that are kept in the .blend file."""
+_OBJECT_1: dict[str, Any] = {
+    "version": int,
+    "name": str,
+    "threshold": float,
+    "prompt": optional((str, dict)),
+    "score": optional(float),
+    "level": optional((int, None)),
+    "levels": optional(([dict], None)),
+}
+_SCHEMAS = (_OBJECT_1, {**_OBJECT_1, "files": optional(({str: FILE_RECORD}, None))})
+"""What Blender reads of an object, for each version of its file; `engine.objects` reads and writes all of it."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +96,7 @@ def scene_file(project: Path) -> Path:
     ProjectError
         When `project` contains no finished scene.
     """
-    file = project / "gaussians" / "scene.ply"
+    file = path_within(project, "gaussians", "scene.ply")
     if not file.is_file():
         raise ProjectError(
             f"{project} contains no finished scene (gaussians/scene.ply is missing). Import its photo folder first."
@@ -82,29 +112,33 @@ def list_objects(project: Path) -> list[ProjectObject]:
     FormatError
         When an ``object.json`` cannot be read.
     """
-    folders = sorted(file.parent.name for file in (project / "objects").glob("*/object.json"))
-    objects = [_read_object(object_file(project, name, "object.json")) for name in folders]
+    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{_RECORD}"))
+    objects = [_read_object(object_file(project, name, _RECORD)) for name in folders]
     return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
+def _read_record(file: Path) -> dict[str, Any]:
+    # Version 2 only added the files.
+    return read_versioned(
+        file, _SCHEMAS, (lambda data: data,), advice="Delete its folder and isolate the object again."
+    )
+
+
 def _read_object(file: Path) -> ProjectObject:
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        prompt = data.get("prompt", "")
-        return ProjectObject(
-            id=file.parent.name,
-            name=str(data["name"]),
-            prompt=_prompt_text(prompt),
-            score=float(data.get("score", 0.0)),
-            threshold=float(data["threshold"]),
-            kind=str(prompt.get("kind", "")) if isinstance(prompt, dict) else "",
-            level=int(data.get("level") or 0),
-            n_levels=max(1, len(data.get("levels") or ())),
-        )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(
-            f"{file} cannot be read: {error!r}. Delete its folder and isolate the object again."
-        ) from error
+    data = _read_record(file)
+    prompt, level, n_levels = data.get("prompt", ""), data.get("level") or 0, max(1, len(data.get("levels") or ()))
+    if not 0 <= level < n_levels:
+        raise FormatError(f"{file} cannot be read: it has {n_levels} levels, not level {level}. {_ADVICE}")
+    return ProjectObject(
+        id=file.parent.name,
+        name=data["name"][:_MAX_TEXT],
+        prompt=_prompt_text(prompt)[:_MAX_TEXT],
+        score=min(max(float(data.get("score", 0.0)), 0.0), 1.0),
+        threshold=min(max(float(data["threshold"]), 0.0), 1.0),
+        kind=str(prompt.get("kind", ""))[:_MAX_TEXT] if isinstance(prompt, dict) else "",
+        level=level,
+        n_levels=n_levels,
+    )
 
 
 def _prompt_text(prompt: Any) -> str:
@@ -112,14 +146,42 @@ def _prompt_text(prompt: Any) -> str:
         return str(prompt)
     if prompt.get("text"):
         return str(prompt["text"])
+    clicks, others = ((value if isinstance(value, list) else []) for value in map(prompt.get, ("clicks", "not")))
     match prompt.get("kind"):
         case "all":
             return "found without a prompt"
         case "background":
             return "what belongs to no object"
-        case "click" if prompt.get("clicks"):
-            return f"{len(prompt['clicks'])} clicks, {len(prompt.get('not') or ())} beside it"
+        case "click" if clicks:
+            return f"{len(clicks)} clicks, {len(others)} beside it"
     return ", ".join(f"{key} {value}" for key, value in prompt.items() if value is not None)
+
+
+def is_project(folder: Path) -> bool:
+    """Return whether `folder` is a project. A .blend file may name any folder."""
+    return os.path.isfile(folder / PROJECT_FILE)
+
+
+def require_object(project: Path, object_id: str) -> None:
+    """Raise `ObjectError` unless `project` is a project with the object `object_id`, and `FormatError` for no id."""
+    # Unlike Path.is_file, this is false for names that are too long.
+    if not (is_project(project) and os.path.isfile(object_file(project, object_id, _RECORD))):
+        raise ObjectError(f"{project} has no object {object_id!r}. Changes are kept in this .blend file only.")
+
+
+def require_intact(project: Path, object_id: str) -> None:
+    """Check the files of an object against the sizes and hashes that the engine recorded, where it did.
+
+    Raises
+    ------
+    FormatError
+        When one of them is missing or damaged.
+    """
+    files: dict[str, FileRecord] = _read_record(object_file(project, object_id, _RECORD)).get("files") or {}
+    for name, recorded in files.items():
+        file = object_file(project, object_id, name)
+        if not is_as_recorded(file, recorded):
+            raise FormatError(f"{file} {'was damaged' if file.exists() else 'is missing'}. {_ADVICE}")
 
 
 def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.float32]:
@@ -130,9 +192,10 @@ def load_membership(project: Path, object_id: str, count: int) -> NDArray[np.flo
     FormatError
         When the file cannot be read, or belongs to another scene.
     """
-    membership = _load(project, object_id, "membership.npy")
-    _require_count(project, object_id, membership.shape, count)
-    return np.array(membership, np.float32)
+    file = object_file(project, object_id, "membership.npy")
+    membership = read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
+    _require_count(project, object_id, len(membership), count)
+    return membership
 
 
 def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray[np.float32]:
@@ -143,30 +206,26 @@ def load_level(project: Path, object_id: str, level: int, count: int) -> NDArray
     FormatError
         When the file cannot be read, belongs to another scene, or has no such level.
     """
-    levels = _load(project, object_id, "levels.npy")
-    _require_count(project, object_id, levels.shape[1:], count)
+    file = object_file(project, object_id, "levels.npy")
+    # Memory-mapped: the slider needs only one of several levels.
+    levels = read_array(file, ArraySpec("float32", ("k", "n")), advice=_ADVICE, mapped=True)
+    _require_count(project, object_id, levels.shape[1], count)
     if not 0 <= level < len(levels):
         raise FormatError(
             f"The object {object_id} of {project} has only {len(levels)} levels now; level {level + 1} is missing. "
             "Open the project again."
         )
-    return np.array(levels[level], np.float32)
+    membership = np.array(levels[level])
+    if not np.isfinite(membership).all():
+        raise FormatError(f"{file} cannot be read: it has values that are not finite. {_ADVICE}")
+    return membership
 
 
-def _load(project: Path, object_id: str, name: str) -> NDArray[np.floating[Any]]:
-    file = object_file(project, object_id, name)
-    try:
-        # Memory-mapped: the slider needs only one of several levels.
-        return np.load(file, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
-
-
-def _require_count(project: Path, object_id: str, shape: tuple[int, ...], count: int) -> None:
-    if shape != (count,):
+def _require_count(project: Path, object_id: str, found: int, count: int) -> None:
+    if found != count:
         raise FormatError(
-            f"The object {object_id} of {project} belongs to another version of the scene "
-            f"({'x'.join(map(str, shape))} Gaussians, not {count}). Isolate it again."
+            f"The object {object_id} of {project} belongs to another version of the scene ({found} Gaussians, not "
+            f"{count}). Isolate it again."
         )
 
 
@@ -180,7 +239,7 @@ def photo_camera(project: Path, photo: str) -> Camera:
     CameraError
         When the photo has no camera.
     """
-    for camera in read_camera_set(project / "cameras").cameras:
+    for camera in read_camera_set(path_within(project, "cameras")).cameras:
         if camera.photo == photo:
             return camera
     raise CameraError(f"{project} has no camera of the photo {photo!r}. Open the project again.")

@@ -1,4 +1,8 @@
-"""Prompts as arguments of ``python -m engine segment``, and the clicks of a click session. Does not import bpy."""
+"""Prompts as arguments of ``python -m engine segment``, and the clicks of a click session. Does not import bpy.
+
+Every argument has the form ``--option=value``: names and ids, which may come from a .blend file of someone else, are
+never taken for options.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ __all__ = [
     "ClickSession",
     "EventResult",
     "click_arguments",
+    "name_arguments",
     "refine_arguments",
     "split_texts",
     "text_arguments",
@@ -41,7 +46,12 @@ class Click:
 
     def arguments(self) -> list[str]:
         """Return the engine's arguments for this click."""
-        return ["--click" if self.wanted else "--not", f"{self.photo}={self.x:g},{self.y:g}"]
+        return [f"--{'click' if self.wanted else 'not'}={self.photo}={self.x:g},{self.y:g}"]
+
+
+def name_arguments(name: str) -> list[str]:
+    """Return the engine's arguments that name an object; none for an empty name."""
+    return [f"--name={name}"] if name else []
 
 
 def split_texts(prompt: str) -> list[str]:
@@ -62,7 +72,7 @@ def text_arguments(prompt: str, name: str = "") -> list[str]:
         raise PromptError("Enter what to isolate: a prompt in words, or clicks on a photo.")
     if name and len(texts) > 1:
         raise PromptError(f"{len(texts)} objects cannot have the same name {name!r}. Leave the name empty.")
-    return ["--prompt", ";".join(texts), *(["--name", name] if name else [])]
+    return [f"--prompt={';'.join(texts)}", *name_arguments(name)]
 
 
 def click_arguments(clicks: Sequence[Click], name: str = "") -> list[str]:
@@ -75,7 +85,7 @@ def click_arguments(clicks: Sequence[Click], name: str = "") -> list[str]:
     """
     if not any(click.wanted for click in clicks):
         raise PromptError("Click the object at least once. Shift-clicks only mark what is not part of it.")
-    return [*(argument for click in clicks for argument in click.arguments()), *(["--name", name] if name else [])]
+    return [*(argument for click in clicks for argument in click.arguments()), *name_arguments(name)]
 
 
 def refine_arguments(object_id: str, clicks: Sequence[Click] = (), level: int | None = None) -> list[str]:
@@ -88,8 +98,8 @@ def refine_arguments(object_id: str, clicks: Sequence[Click] = (), level: int | 
     """
     if not clicks and level is None:
         raise PromptError("Click what belongs to the object, or Shift-click what does not.")
-    arguments = ["--refine", object_id, *(argument for click in clicks for argument in click.arguments())]
-    return arguments if level is None else [*arguments, "--level", str(level)]
+    arguments = [f"--refine={object_id}", *(argument for click in clicks for argument in click.arguments())]
+    return arguments if level is None else [*arguments, f"--level={level}"]
 
 
 class EventResult(Enum):

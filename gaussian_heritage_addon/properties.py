@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -9,9 +11,9 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from ..engine.errors import HeritageError
+from ..engine.errors import ObjectError, ProjectError
 from ..engine.records import MuseumRecord, save_record
-from .project import load_level
+from .project import load_level, require_object
 from .splat_nodes import AS_TRAINED, THRESHOLD, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties
@@ -27,12 +29,18 @@ __all__ = [
     "apply_blending",
     "apply_visibility",
     "heritage_objects",
+    "loading",
+    "photo_of",
+    "project_of",
     "record_of",
     "register",
+    "scene_count",
     "select_object",
     "unregister",
 ]
 
+_MAX_SHOWN = 200
+"""Characters of a path that are shown."""
 PHOTO_KEY = "heritage_photo"
 """Custom property of a camera: the name of its photo."""
 COUNT_KEY = "heritage_count"
@@ -61,6 +69,58 @@ def select_object(scene: bpy.types.Scene, object_id: str) -> None:
             scene.heritage.active = bpy.data.objects.find(obj.name)
 
 
+def project_of(properties: HeritageScene | HeritageObject) -> Path:
+    """Return the project folder that a .blend file names; paths that begin with ``//`` are relative to that file.
+
+    Raises
+    ------
+    ProjectError
+        When no folder can have that path.
+    """
+    # Absolute, so that the engine never takes it for an option.
+    path = Path(bpy.path.abspath(properties.project)).absolute()
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        return path
+    except OSError as error:
+        # A name that no file system accepts fails in other ways wherever it is used.
+        raise ProjectError(
+            f"The project {str(path)[:_MAX_SHOWN]} cannot be opened: {error.strerror or error}. Open another one."
+        ) from error
+    return path
+
+
+@contextlib.contextmanager
+def loading(properties: HeritageObject) -> Iterator[None]:
+    """Set properties from the project in this block: they are not written to it again, and no level is read."""
+    properties.is_loading = True
+    try:
+        yield
+    finally:
+        properties.is_loading = False
+
+
+def photo_of(obj: bpy.types.Object) -> str:
+    """Return the name of the photo that the camera `obj` belongs to; empty for any other object."""
+    photo = obj.get(PHOTO_KEY) if obj.type == "CAMERA" else None
+    return photo if isinstance(photo, str) else ""
+
+
+def scene_count(obj: bpy.types.Object) -> int:
+    """Return the number of Gaussians in the project's scene, as stored on the splat object `obj`.
+
+    Raises
+    ------
+    ObjectError
+        When it is missing: the object was copied or changed by another program.
+    """
+    count = obj.get(COUNT_KEY)
+    if not isinstance(count, int) or count < 0:
+        raise ObjectError(f"{obj.name} does not say how many Gaussians its scene has. Open the project in a new file.")
+    return count
+
+
 def record_of(obj: bpy.types.Object) -> MuseumRecord:
     """Return the catalogue record of `obj`."""
     properties: HeritageObject = obj.heritage
@@ -79,15 +139,16 @@ def show_level(obj: bpy.types.Object) -> None:
     splats = SplatScene.of(obj)
     if (properties.level, properties.n_levels) == (0, 1):
         return
-    membership = load_level(Path(properties.project), properties.object_id, properties.level, obj[COUNT_KEY])
-    index = splats.index
+    count = scene_count(obj)
+    membership = load_level(project_of(properties), properties.object_id, properties.level, count)
+    index = splats.index(count)
     splats.set_membership(np.where(index >= 0, membership[index], 0.0).astype(np.float32))
 
 
 def apply_visibility(scene: bpy.types.Scene) -> None:
     """Show either the whole scene or its objects: showing both would draw their Gaussians twice."""
     for obj in heritage_objects(scene):
-        hidden = obj.heritage.role != {"SCENE": "SCENE", "OBJECTS": "OBJECT"}[scene.heritage.show]
+        hidden = obj.heritage.role != ("OBJECT" if scene.heritage.show == "OBJECTS" else "SCENE")
         obj.hide_render = obj.hide_viewport = hidden
 
 
@@ -106,12 +167,8 @@ def _threshold_changed(properties: HeritageObject, context: bpy.types.Context) -
 def _level_changed(properties: HeritageObject, context: bpy.types.Context) -> None:
     if properties.is_loading:
         return
-    try:
-        show_level(properties.id_data)
-    except HeritageError as error:
-        properties.problem = str(error)
-    else:
-        properties.problem = ""
+    show_level(properties.id_data)
+    properties.problem = ""
 
 
 def _get_part_to_whole(properties: HeritageObject) -> float:
@@ -129,17 +186,16 @@ def _record_changed(properties: HeritageObject, context: bpy.types.Context) -> N
     # The .blend file always keeps the record. The copy in the project is for exports by the engine.
     if not properties.project or not properties.object_id or properties.is_loading:
         return
-    try:
-        save_record(Path(properties.project), properties.object_id, record_of(properties.id_data))
-    except HeritageError as error:
-        properties.problem = str(error)
-    else:
-        properties.problem = ""
+    # A .blend file from someone else may name any folder. Only a project that has this object is written to.
+    project = project_of(properties)
+    require_object(project, properties.object_id)
+    save_record(project, properties.object_id, record_of(properties.id_data))
+    properties.problem = ""
 
 
 def _photo_opacity_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
     for obj in properties.id_data.objects:
-        if obj.type == "CAMERA" and PHOTO_KEY in obj:
+        if photo_of(obj):
             for background in obj.data.background_images:
                 background.alpha = properties.photo_opacity
 

@@ -9,12 +9,22 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.files import path_within
 from ..engine.formats import read_ply
 from ..engine.records import load_record
 from ..engine.scene import Gaussians, load_polished, read_camera_set
 from .cameras import add_cameras, look_through
-from .project import ProjectObject, list_objects, load_level, load_membership, scene_file
-from .properties import COUNT_KEY, HeritageObject, apply_blending, apply_visibility, heritage_objects
+from .project import ProjectObject, list_objects, load_level, load_membership, require_intact, scene_file
+from .properties import (
+    COUNT_KEY,
+    HeritageObject,
+    apply_blending,
+    apply_visibility,
+    heritage_objects,
+    loading,
+    project_of,
+    scene_count,
+)
 from .splats import SplatScene
 
 __all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
@@ -60,10 +70,11 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     HeritageError
         When the project has no finished scene, or one of its files cannot be read.
     """
+    project = project.absolute()
     file = scene_file(project)
     objects = list_objects(project)
-    camera_folder = project / "cameras"
-    has_cameras = (camera_folder / "cameras.json").is_file()
+    camera_folder = path_within(project, "cameras")
+    has_cameras = (camera_folder / "cameras.json").exists()
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
     if not heritage_objects(scene):
         # With splats in the scene, the setting is the user's choice.
@@ -138,15 +149,16 @@ def whole_scene(scene: bpy.types.Scene, project: Path) -> bpy.types.Object | Non
 
 
 def _belongs_to(obj: bpy.types.Object, project: Path) -> bool:
-    return Path(obj.heritage.project) == project
+    return bool(obj.heritage.project) and project_of(obj.heritage) == project
 
 
 def _object_gaussians(
     project: Path, item: ProjectObject, whole: bpy.types.Object
 ) -> tuple[Gaussians, NDArray[np.int32], NDArray[np.float32]]:
     """Return the Gaussians of an object, their rows in the project's scene, and their memberships at its level."""
-    source, count = SplatScene.of(whole), whole[COUNT_KEY]
-    index = source.index
+    source, count = SplatScene.of(whole), scene_count(whole)
+    index = source.index(count)
+    require_intact(project, item.id)
     membership = load_membership(project, item.id, count)
     highest_membership = membership
     if item.n_levels > 1:
@@ -167,12 +179,11 @@ def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whol
     obj.matrix_world = whole.matrix_world
     properties: HeritageObject = obj.heritage
     record = load_record(project, item.id)
-    properties.is_loading = True
-    properties.role, properties.project, properties.object_id = "OBJECT", str(project), item.id
-    properties.threshold = item.threshold
-    for name, value in record.as_dict().items():
-        setattr(properties, name, value)
-    properties.is_loading = False
+    with loading(properties):
+        properties.role, properties.project, properties.object_id = "OBJECT", str(project), item.id
+        properties.threshold = item.threshold
+        for name, value in record.as_dict().items():
+            setattr(properties, name, value)
     collection[_OBJECT_ID_KEY] = item.id
     _write_object_properties(obj, item, whole)
     return splats
@@ -189,12 +200,11 @@ def _update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, wh
 def _write_object_properties(obj: bpy.types.Object, item: ProjectObject, whole: bpy.types.Object) -> None:
     """Copy the description of an object in the project to its Blender object and collection."""
     properties: HeritageObject = obj.heritage
-    properties.is_loading = True
-    properties.prompt, properties.score, properties.kind = item.prompt, item.score, item.kind
-    properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
-    properties.problem = ""
-    properties.is_loading = False
-    obj[COUNT_KEY] = whole[COUNT_KEY]
+    with loading(properties):
+        properties.prompt, properties.score, properties.kind = item.prompt, item.score, item.kind
+        properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
+        properties.problem = ""
+    obj[COUNT_KEY] = scene_count(whole)
     for collection in obj.users_collection:
         # Not the collections that the user added the object to.
         if collection.get(_OBJECT_ID_KEY) == item.id:

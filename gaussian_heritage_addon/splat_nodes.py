@@ -20,6 +20,14 @@ AS_TRAINED = "Blend as Trained"
 PIXEL = "Pixel Size"
 VIEW_LOW, VIEW_HIGH = "View Low", "View High"
 """Inputs of the modifier, see `_display_group`."""
+_INPUTS = {
+    THRESHOLD: "NodeSocketFloat",
+    AS_TRAINED: "NodeSocketBool",
+    PIXEL: "NodeSocketFloat",
+    VIEW_LOW: "NodeSocketVector",
+    VIEW_HIGH: "NodeSocketVector",
+}
+"""Type of each input."""
 _SH_C0 = 0.28209479177387814
 
 
@@ -30,11 +38,12 @@ def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
 
 
 def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
-    """Set an input of the display modifier of `obj`; do nothing when the user has removed the modifier."""
+    """Set an input of the display modifier of `obj`; do nothing when the user has removed or replaced it."""
     modifier = obj.modifiers.get(DISPLAY)
-    if modifier is None or modifier.node_group is None:
+    tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+    identifier = None if tree is None else _inputs(tree).get((name, _INPUTS[name]))
+    if identifier is None:
         return
-    identifier = next(item.identifier for item in modifier.node_group.interface.items_tree if item.name == name)
     if bpy.app.version >= (5, 2, 0):
         getattr(modifier.properties.inputs, identifier).value = value
     else:
@@ -42,23 +51,30 @@ def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tu
     obj.update_tag()
 
 
+def _inputs(tree: bpy.types.NodeTree) -> dict[tuple[str, str], str]:
+    """Return the identifiers of the inputs of a node group by name and type."""
+    sockets = (item for item in tree.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "INPUT")
+    return {(socket.name, socket.socket_type): socket.identifier for socket in sockets}
+
+
 def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     name = f"{DISPLAY} {sh_degree}"
-    tree = bpy.data.node_groups.get(name)
-    if tree is not None:
-        return tree
+    for tree in bpy.data.node_groups:
+        # A file from someone else may contain another group of that name.
+        if tree.name.startswith(name) and tree.type == "GEOMETRY" and set(_INPUTS.items()) <= set(_inputs(tree)):
+            return tree
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.is_modifier = True
     for in_out in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
-    threshold = tree.interface.new_socket(THRESHOLD, in_out="INPUT", socket_type="NodeSocketFloat")
+    threshold = tree.interface.new_socket(THRESHOLD, in_out="INPUT", socket_type=_INPUTS[THRESHOLD])
     threshold.description = "Gaussians with a lower membership in the object are hidden"
-    trained = tree.interface.new_socket(AS_TRAINED, in_out="INPUT", socket_type="NodeSocketBool")
+    trained = tree.interface.new_socket(AS_TRAINED, in_out="INPUT", socket_type=_INPUTS[AS_TRAINED])
     trained.description = "Blend sRGB values, as in training; needs the view transform Raw"
-    pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type="NodeSocketFloat")
+    pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type=_INPUTS[PIXEL])
     pixel.description = "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
     for bound, sign in ((VIEW_LOW, -1.0), (VIEW_HIGH, 1.0)):
-        socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type="NodeSocketVector")
+        socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type=_INPUTS[bound])
         socket.description = (
             "Bound of x and y divided by depth; Gaussians beyond it are projected as if they were on it"
         )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import numpy as np
@@ -25,6 +26,8 @@ Float32 = NDArray[np.float32]
 # FLOAT4 exists since Blender 5.2. Before, FLOAT_COLOR stores the same four floats, including negative ones.
 _BASE_TYPE = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 _ELEMENT = {"FLOAT4": "vector", "FLOAT_COLOR": "color", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}
+_BANDS = (0, 3, 8, 15)
+"""Numbers of spherical harmonics beyond the first, for the degrees 0 to 3."""
 _WIDTH = {"FLOAT4": 4, "FLOAT_COLOR": 4, "FLOAT_VECTOR": 3, "QUATERNION": 4}
 
 
@@ -120,7 +123,11 @@ class SplatScene:
             When the object is in Edit Mode, in which its mesh cannot be changed.
         """
         mesh = self._editable_mesh()
-        attribute = mesh.attributes.get("membership") or mesh.attributes.new("membership", "FLOAT", "POINT")
+        attribute = mesh.attributes.get("membership")
+        if attribute is None or not _has_numbers(attribute, "FLOAT"):
+            if attribute is not None:
+                mesh.attributes.remove(attribute)
+            attribute = mesh.attributes.new("membership", "FLOAT", "POINT")
         attribute.data.foreach_set("value", _flat(membership))
         mesh.update_tag()
 
@@ -144,26 +151,27 @@ class SplatScene:
             raise ObjectError(f"The object {self.name} is no longer in this file. Import it again.")
         return obj
 
-    @property
-    def index(self) -> NDArray[np.int32]:
-        """Row of each Gaussian in the project's scene, shape [N]; -1 for Gaussians added by hand."""
+    def index(self, count: int) -> NDArray[np.int32]:
+        """Return the row of each Gaussian in the project's scene of `count`, shape [N]; -1 for those added by hand.
+
+        Raises
+        ------
+        ObjectError
+            When the rows are not those of such a scene.
+        """
         with self._readable_mesh() as mesh:
-            attribute = mesh.attributes.get("gaussian_index")
-            values = np.full(len(mesh.vertices), -1, dtype=np.int32)
-            if attribute is not None:
-                attribute.data.foreach_get("value", values)
+            values = _read_numbers(mesh, "gaussian_index", "INT", np.full(len(mesh.vertices), -1, np.int32))
+        if len(values) and (values.min() < -1 or values.max() >= count):
+            raise ObjectError(f"The Gaussians of {self.name} do not belong to its scene. Import the object again.")
         return values
 
     @property
     def membership(self) -> Float32 | None:
         """Membership of each Gaussian in the object, shape [N]; None for a whole scene."""
         with self._readable_mesh() as mesh:
-            attribute = mesh.attributes.get("membership")
-            if attribute is None:
+            if mesh.attributes.get("membership") is None:
                 return None
-            values = np.zeros(len(mesh.vertices), dtype=np.float32)
-            attribute.data.foreach_get("value", values)
-        return values
+            return _read_numbers(mesh, "membership", "FLOAT", np.zeros(len(mesh.vertices), np.float32))
 
     def local_gaussians(self) -> Gaussians:
         """Return all Gaussians in the frame of the object, including edits in Edit Mode."""
@@ -172,6 +180,8 @@ class SplatScene:
             bands = 0
             while f"radiance:sh_{bands}" in mesh.attributes:
                 bands += 1
+            if bands not in _BANDS:
+                raise ObjectError(f"{self.name} lacks some of its colours (radiance:sh). Import the object again.")
             sh = np.empty((len(base), 1 + bands, 3), dtype=np.float32)
             sh[:, 0] = base[:, :3]
             for k in range(bands):
@@ -217,7 +227,8 @@ class SplatScene:
 def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer], membership: Float32 | None) -> None:
     """Write Gaussians into an empty mesh."""
     mesh.vertices.add(len(gaussians))
-    mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
+    if len(gaussians):  # a mesh without vertices has no positions
+        mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
     quats = gaussians.quats.astype(np.float64)
     lengths = np.linalg.norm(quats, axis=1, keepdims=True)
     quats = np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
@@ -241,9 +252,31 @@ def _write(mesh: bpy.types.Mesh, name: str, data_type: str, values: NDArray[np.f
 
 
 def _read(mesh: bpy.types.Mesh, name: str) -> Float32:
-    attribute = mesh.attributes[name]
+    attribute = mesh.attributes.get(name)
+    if attribute is None:
+        if len(mesh.vertices):
+            raise _changed(mesh, name)
+        return np.zeros((0, 4 if name == "radiance:base" else 3), np.float32)
     if attribute.data_type not in _ELEMENT or attribute.domain != "POINT":
-        raise ObjectError(f"The attribute {name} of {mesh.name} was changed to another type. Import the object again.")
+        raise _changed(mesh, name)
     values = np.zeros((len(mesh.vertices), _WIDTH[attribute.data_type]), dtype=np.float32)
     attribute.data.foreach_get(_ELEMENT[attribute.data_type], values.ravel())
     return values
+
+
+def _read_numbers(mesh: bpy.types.Mesh, name: str, data_type: str, values: NDArray[Any]) -> NDArray[Any]:
+    """Fill `values` [N] with the attribute `name`, where the mesh has it, and return them."""
+    attribute = mesh.attributes.get(name)
+    if attribute is not None:
+        if not _has_numbers(attribute, data_type):
+            raise _changed(mesh, name)
+        attribute.data.foreach_get("value", values)
+    return values
+
+
+def _has_numbers(attribute: bpy.types.Attribute, data_type: str) -> bool:
+    return bool(attribute.data_type == data_type and attribute.domain == "POINT")
+
+
+def _changed(mesh: bpy.types.Mesh, name: str) -> ObjectError:
+    return ObjectError(f"The attribute {name} of {mesh.name} was changed to another type. Import the object again.")

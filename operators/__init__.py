@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..gaussian_heritage_addon import guards
 from . import (
     accept_candidate,
     cancel_job,
@@ -57,14 +58,14 @@ def _export_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
 def register() -> None:
     """Add the operators to Blender and to its File menu."""
     for cls in CLASSES:
-        bpy.utils.register_class(cls)
-    bpy.types.TOPBAR_MT_file_import.append(_import_menu)
-    bpy.types.TOPBAR_MT_file_export.append(_export_menu)
+        guards.register_class(cls)
+    guards.add_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
+    guards.add_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
 
 
 def unregister() -> None:
     """Remove them from Blender."""
-    bpy.types.TOPBAR_MT_file_export.remove(_export_menu)
-    bpy.types.TOPBAR_MT_file_import.remove(_import_menu)
+    guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
+    guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -7,6 +7,7 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty, StringProperty
 
+from ..gaussian_heritage_addon.prompts import name_arguments
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator
 
@@ -30,8 +31,7 @@ class HERITAGE_OT_accept_candidate(SegmentOperator):
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""
-        name = self.name.strip()
-        return ["--accept", str(self.number), *(["--name", name] if name else [])]
+        return [f"--accept={self.number}", *name_arguments(self.name.strip())]
 
 
 CLASSES = [HERITAGE_OT_accept_candidate]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon import job_runner
 
 __all__ = ["CLASSES"]
@@ -18,11 +17,7 @@ class HERITAGE_OT_cancel_job(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Stop the job."""
-        try:
-            job_runner.cancel()
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        job_runner.cancel()
         return {"FINISHED"}
 
 

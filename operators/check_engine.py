@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.errors import EnvironmentProblem, HeritageError
+from ..engine.errors import EnvironmentProblem
 from ..gaussian_heritage_addon.engine_check import check_engine
 from ..gaussian_heritage_addon.preferences import store_check_result
 
@@ -19,14 +19,10 @@ class HERITAGE_OT_check_engine(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Run the check."""
-        try:
-            python, lines, missing = check_engine()
-            store_check_result("\n".join(lines))
-            if missing:
-                raise EnvironmentProblem(f"{python} lacks {', '.join(missing)}. Install them there, then check again.")
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        python, lines, missing = check_engine()
+        store_check_result("\n".join(lines))
+        if missing:
+            raise EnvironmentProblem(f"{python} lacks {', '.join(missing)}. Install them there, then check again.")
         self.report({"INFO"}, f"{python} has everything the engine needs.")
         return {"FINISHED"}
 

@@ -7,8 +7,9 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty
 
-from ..engine.errors import HeritageError, ModelFileError
+from ..engine.errors import ModelFileError
 from ..gaussian_heritage_addon import job_runner
+from ..gaussian_heritage_addon.model_files import problems_of
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
@@ -32,15 +33,11 @@ class HERITAGE_OT_check_models(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Run the check."""
-        try:
-            command = "verify" if self.verify else "list"
-            state = job_runner.start("models", job_runner.MODEL_FILES, "models", command)
-            if state is not None and self.verify and state.outputs.get("problems"):
-                messages = state.outputs["models"]
-                raise ModelFileError(" ".join(messages[name] for name in state.outputs["problems"]))
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        command = "verify" if self.verify else "list"
+        state = job_runner.start("models", job_runner.MODEL_FILES, "models", command)
+        problems = problems_of(state.outputs) if state is not None and self.verify else []
+        if problems:
+            raise ModelFileError(" ".join(problems))
         return {"FINISHED"}
 
 

@@ -9,6 +9,8 @@ from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ObjectError
 from ..gaussian_heritage_addon.clicking import Viewport
+from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
+from ..gaussian_heritage_addon.problems import sentence_of
 from ..gaussian_heritage_addon.prompts import Click, ClickSession, EventResult
 from ..gaussian_heritage_addon.properties import active_object
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -26,6 +28,7 @@ class HERITAGE_OT_click_object(SegmentOperator):
 
     bl_idname = "heritage.click_object"
     bl_label = "Click Object"
+    _handler = None
 
     refine: Annotated[
         bool,
@@ -38,20 +41,15 @@ class HERITAGE_OT_click_object(SegmentOperator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Report an error: scripts pass clicks to `heritage.isolate` or `heritage.refine_object` instead."""
-        self.report({"ERROR"}, "Objects are clicked in a window. In scripts, call heritage.isolate with clicks.")
-        return {"CANCELLED"}
+        raise ObjectError("Objects are clicked in a window. In scripts, call heritage.isolate with clicks.")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Look through the camera of a photo and start the modal operator."""
-        try:
-            if self.refine and active_object(context.scene) is None:
-                raise ObjectError("Select an isolated object in the list first.")
-            self._viewport = Viewport.of(context)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        if self.refine and active_object(context.scene) is None:
+            raise ObjectError("Select an isolated object in the list first.")
+        self._viewport = Viewport.of(context)
         self._session, self._directions = ClickSession(), dict[Click, tuple[float, float]]()
-        self._handler = bpy.types.SpaceView3D.draw_handler_add(self._draw, (), "WINDOW", "POST_PIXEL")
+        self._handler = add_draw_handler(bpy.types.SpaceView3D, self._draw)
         context.window_manager.modal_handler_add(self)
         self._update_header()
         if self._viewport.photo_problem:
@@ -75,18 +73,25 @@ class HERITAGE_OT_click_object(SegmentOperator):
                 if viewport.photo_problem:
                     self.report({"WARNING"}, viewport.photo_problem)
         except HeritageError as error:
-            self.report({"WARNING"}, str(error))
+            # Not the end: the next click may hit the photo.
+            self.report({"WARNING"}, sentence_of(error))
             return {"RUNNING_MODAL"}
         if result is EventResult.IGNORED:
             return {"PASS_THROUGH"}
         if result in (EventResult.CONFIRMED, EventResult.CANCELLED):
-            return self._finish(result)
+            self.cancel(context)
+            return self._isolate() if result is EventResult.CONFIRMED else {"CANCELLED"}
         self._update_header()
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Clean up when Blender cancels the operator, for example when it closes."""
-        self._finish(EventResult.CANCELLED)
+        """Clean up, also when Blender cancels the operator, for example when it closes, or an error ended it."""
+        if self._handler is None:
+            return
+        handler, self._handler = self._handler, None
+        remove_draw_handler(bpy.types.SpaceView3D, handler)
+        self._viewport.area.header_text_set(None)
+        self._viewport.area.tag_redraw()
 
     def _click(self, event: bpy.types.Event, wanted: bool) -> Click:
         click, self._directions[click] = self._viewport.click(event.mouse_x, event.mouse_y, wanted)
@@ -101,12 +106,7 @@ class HERITAGE_OT_click_object(SegmentOperator):
         self._viewport.area.header_text_set(_HELP + self._session.summary())
         self._viewport.area.tag_redraw()
 
-    def _finish(self, result: EventResult) -> set[str]:
-        bpy.types.SpaceView3D.draw_handler_remove(self._handler, "WINDOW")
-        self._viewport.area.header_text_set(None)
-        self._viewport.area.tag_redraw()
-        if result is EventResult.CANCELLED:
-            return {"CANCELLED"}
+    def _isolate(self) -> set[str]:
         clicks = [
             {"name": "", "photo": click.photo, "x": click.x, "y": click.y, "wanted": click.wanted}
             for click in self._session.clicks
@@ -115,9 +115,8 @@ class HERITAGE_OT_click_object(SegmentOperator):
             operator = bpy.ops.heritage.refine_object if self.refine else bpy.ops.heritage.isolate
             operator(clicks=clicks)
         except RuntimeError as error:
-            # The error that the called operator reported.
-            self.report({"ERROR"}, str(error).strip().removeprefix("Error: "))
-            return {"CANCELLED"}
+            # The sentence that the called operator reported.
+            raise HeritageError(str(error).strip().removeprefix("Error: ")) from error
         return {"FINISHED"}
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.candidates import dismiss
+from ..gaussian_heritage_addon.properties import project_of
 
 __all__ = ["CLASSES"]
 
@@ -20,11 +18,7 @@ class HERITAGE_OT_dismiss_candidates(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Delete the list."""
-        try:
-            dismiss(Path(bpy.path.abspath(context.scene.heritage.project)))
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        dismiss(project_of(context.scene.heritage))
         return {"FINISHED"}
 
 

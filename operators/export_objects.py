@@ -8,7 +8,6 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.export import export_splats
 from ..gaussian_heritage_addon.properties import heritage_objects
 from ..gaussian_heritage_addon.splats import SplatScene
@@ -58,16 +57,12 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the files."""
-        try:
-            files = export_splats(
-                self._objects(context),
-                Path(bpy.path.abspath(self.directory)),
-                self.format.lower(),
-                overwrite=self.overwrite,
-            )
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        files = export_splats(
+            self._objects(context),
+            Path(bpy.path.abspath(self.directory)),
+            self.format.lower(),
+            overwrite=self.overwrite,
+        )
         self.report({"INFO"}, f"Wrote {', '.join(file.name for file in files)}.")
         return {"FINISHED"}
 

@@ -7,7 +7,6 @@ from typing import Annotated
 import bpy
 from bpy.props import StringProperty
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.layouts import draw_text
 from ..gaussian_heritage_addon.model_files import fetch_arguments, find_model
@@ -42,12 +41,8 @@ class HERITAGE_OT_fetch_model(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""
-        try:
-            arguments = fetch_arguments(self.name, model_folder(), online=bpy.app.online_access)
-            state = job_runner.start("models", job_runner.MODEL_FILES, *arguments)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        arguments = fetch_arguments(self.name, model_folder(), online=bpy.app.online_access)
+        state = job_runner.start("models", job_runner.MODEL_FILES, *arguments)
         message = "Fetching in the background; progress is shown here." if state is None else state.message
         self.report({"INFO"}, message)
         return {"FINISHED"}

@@ -8,7 +8,7 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ..engine.errors import HeritageError, PhotoError
+from ..engine.errors import PhotoError
 from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.project import default_project_folder
@@ -79,18 +79,14 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine. The result is imported when it has finished."""
-        try:
-            photos = Path(bpy.path.abspath(self.directory))
-            if not self.directory or not photos.is_dir():
-                raise PhotoError(f"{self.directory or 'An empty path'} is not a folder. Choose a folder of photos.")
-            project = Path(bpy.path.abspath(self.project)) if self.project else default_project_folder(photos)
-            arguments = ["reconstruct", str(photos), "--out", str(project), "--preset", self.preset]
-            arguments += ["--prompts", self.prompts] if self.prompts.strip() else []
-            arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
-            state = job_runner.start("reconstruct", project, *arguments)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        photos = Path(bpy.path.abspath(self.directory))
+        if not self.directory or not photos.is_dir():
+            raise PhotoError(f"{self.directory or 'An empty path'} is not a folder. Choose a folder of photos.")
+        project = Path(bpy.path.abspath(self.project)) if self.project else default_project_folder(photos)
+        arguments = ["reconstruct", str(photos), "--out", str(project), "--preset", self.preset]
+        arguments += ["--prompts", self.prompts] if self.prompts.strip() else []
+        arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
+        state = job_runner.start("reconstruct", project, *arguments)
         message = "Working in the background; see the Heritage panel." if state is None else state.message
         self.report({"INFO"}, message)
         return {"FINISHED"}

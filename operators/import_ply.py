@@ -9,7 +9,6 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.scene_file import add_splat_file, prepare_cycles
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
@@ -45,11 +44,7 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the file."""
         file = Path(bpy.path.abspath(self.filepath))
-        try:
-            splats = add_splat_file(context.scene, file, file.stem, skip_broken=self.skip_broken)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        splats = add_splat_file(context.scene, file, file.stem, skip_broken=self.skip_broken)
         if self.use_cycles:
             prepare_cycles(context.scene)
         count = len(splats.object.data.vertices)

@@ -10,7 +10,7 @@ __all__ = ["CLASSES"]
 
 
 class HERITAGE_OT_isolate_background(SegmentOperator):
-    """Isolate the background: everything that belongs to no object. Replaces an earlier background"""
+    """Isolate what belongs to no object as the background. An earlier background goes to the project's trash"""
 
     bl_idname = "heritage.isolate_background"
     bl_label = "Background"

@@ -7,7 +7,6 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty, StringProperty
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.cameras import look_through
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
@@ -40,11 +39,7 @@ class HERITAGE_OT_look_through_photo(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the camera and the size of renders."""
-        try:
-            look_through(context.scene, self.photo, self.longest_side, step=self.step)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        look_through(context.scene, self.photo, self.longest_side, step=self.step)
         # None in a script without a window, or in another editor.
         if context.region_data is not None:
             context.region_data.view_perspective = "CAMERA"

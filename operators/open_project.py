@@ -8,7 +8,6 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon.scene_file import open_project
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
@@ -34,11 +33,7 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the project."""
-        try:
-            open_project(context.scene, Path(bpy.path.abspath(self.directory)), with_cameras=self.with_cameras)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        open_project(context.scene, Path(bpy.path.abspath(self.directory)), with_cameras=self.with_cameras)
         return {"FINISHED"}
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
-from ..engine.errors import HeritageError
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.preferences import sam_arguments
 from ..gaussian_heritage_addon.prompts import Click
+from ..gaussian_heritage_addon.properties import project_of
 
 __all__ = ["SegmentOperator", "clicks_of"]
 
@@ -28,13 +26,9 @@ class SegmentOperator(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""
-        try:
-            project = Path(bpy.path.abspath(context.scene.heritage.project))
-            options = [*self.segment_arguments(context), *(sam_arguments() if self.loads_sam else [])]
-            state = job_runner.start("segment", project, "segment", str(project), *options)
-        except HeritageError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        project = project_of(context.scene.heritage)
+        options = [*self.segment_arguments(context), *(sam_arguments() if self.loads_sam else [])]
+        state = job_runner.start("segment", project, "segment", str(project), *options)
         message = "Working in the background; see the Heritage panel." if state is None else state.message
         self.report({"INFO"}, message)
         return {"FINISHED"}

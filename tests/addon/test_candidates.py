@@ -61,6 +61,7 @@ def test_a_later_search_replaces_the_list_and_dismissing_removes_it(tmp_path: Pa
     assert len(candidates.read_not_found(tmp_path).candidates) == 1
     write(tmp_path, {"version": 1, "refused": [{"text": "x", "message": "No x."}], "candidates": []})
     assert candidates.read_not_found(tmp_path).messages == ("No x.",)
+    (tmp_path / "project.json").touch()
     candidates.dismiss(tmp_path)
     candidates.dismiss(tmp_path)
     assert candidates.read_not_found(tmp_path) is None
@@ -70,3 +71,12 @@ def test_damaged_list_is_a_clear_error(tmp_path: Path) -> None:
     write(tmp_path, "{")
     with pytest.raises(errors.FormatError, match="Delete it and search again"):
         candidates.read_not_found(tmp_path)
+
+
+def test_a_folder_that_is_no_project_keeps_its_files(tmp_path: Path) -> None:
+    file = tmp_path / "objects" / "candidates.json"
+    file.parent.mkdir()
+    file.write_text("mine", encoding="utf-8")
+    with pytest.raises(errors.ProjectError, match="is not a Gaussian Heritage project"):
+        candidates.dismiss(tmp_path)
+    assert file.read_text(encoding="utf-8") == "mine"

@@ -54,16 +54,39 @@ def test_extreme_curves_are_drawn(points: list[tuple[float, float]]) -> None:
     assert on_the_line(curve.curve_picture(points)).any()
 
 
+def write_curve(project: Path, points: list[dict[str, float | None]]) -> None:
+    """Write a project whose training is finished."""
+    training = {"key": "k", "wall_seconds": 2.0, "cpu_seconds": 2.0, "figures": {"curve": points}}
+    (project / "project.json").write_text(json.dumps({"version": 1, "stages": {"training": training}}))
+
+
 def test_curve_of_a_finished_training_is_read_and_updated(tmp_path: Path) -> None:
     assert curve.stored_curve(tmp_path) == ()
 
     def write(psnr: float) -> None:
-        figures = {"curve": [{"step": 1, "wall_seconds": 2.0, "psnr": psnr}]}
-        (tmp_path / "project.json").write_text(json.dumps({"stages": {"training": {"figures": figures}}}))
+        write_curve(tmp_path, [{"step": 1, "wall_seconds": 2.0, "psnr": psnr}])
 
     write(20.0)
     assert curve.stored_curve(tmp_path) == ((2.0, 20.0),)
     write(21.25)
     assert curve.stored_curve(tmp_path) == ((2.0, 21.25),)
     (tmp_path / "project.json").write_text("{")
+    assert curve.stored_curve(tmp_path) == ()
+
+
+def test_long_curve_is_thinned_and_its_end_kept(tmp_path: Path) -> None:
+    points = [{"step": n, "wall_seconds": float(n + 1), "psnr": 20.0 + n / 1e4} for n in range(20_000)]
+    write_curve(tmp_path, [*points, {"step": 0, "wall_seconds": 3e4, "psnr": None}])
+    stored = curve.stored_curve(tmp_path)
+    assert len(stored) == 256 and stored[-1] == (20_000.0, points[-1]["psnr"])
+
+
+@pytest.mark.parametrize("points", [[(1.0, 1e300), (2.0, -1e300)], [(1e-300, 1.0), (1e300, 2.0)]])
+def test_values_that_no_training_has_are_not_drawn(points: list[tuple[float, float]]) -> None:
+    assert curve.curve_picture(points) is None
+
+
+@pytest.mark.parametrize("curve_value", [5, {"a": 1}, [1], [{"psnr": 1}], [{"psnr": "x", "wall_seconds": []}], None])
+def test_damaged_curve_is_not_shown(tmp_path: Path, curve_value: object) -> None:
+    write_curve(tmp_path, curve_value)  # type: ignore[arg-type]
     assert curve.stored_curve(tmp_path) == ()

@@ -26,10 +26,17 @@ def test_preferences_come_before_the_variable_and_that_before_the_development_en
     preferred, from_variable = python_at(tmp_path / "chosen"), python_at(tmp_path / "named")
     development = python_at(tmp_path / ".venv" / "engine")
     environ = {process.PYTHON_VARIABLE: str(from_variable)}
-    inside = tmp_path / "a" / "b"
-    assert process.find_python(str(preferred), environ, inside) == preferred
-    assert process.find_python("", environ, inside) == from_variable
-    assert process.find_python("", {}, inside) == development
+    assert process.find_python(str(preferred), environ, tmp_path) == preferred
+    assert process.find_python("", environ, tmp_path) == from_variable
+    assert process.find_python("", {}, tmp_path) == development
+
+
+def test_program_above_the_extension_is_not_run(tmp_path: Path) -> None:
+    """Others may be able to write to the folders above, such as one that several users share."""
+    python_at(tmp_path / ".venv" / "engine")
+    python_at(tmp_path / "extensions" / ".venv" / "engine")
+    with pytest.raises(errors.EnvironmentProblem, match="No Python for the engine was found"):
+        process.find_python("", {}, tmp_path / "extensions" / "gaussian_heritage")
 
 
 def test_error_without_a_python_says_where_to_choose_one(tmp_path: Path) -> None:

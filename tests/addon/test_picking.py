@@ -79,6 +79,16 @@ def test_scene_and_cameras_may_be_moved_together(scale: float) -> None:
         picking.require_aligned(CAMERA, world_from_camera, np.eye(4))
 
 
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
+@pytest.mark.parametrize("which", ["camera", "scene"])
+def test_flattened_or_lost_pose_is_refused(which: str, value: float) -> None:
+    matrices = {"camera": np.linalg.inv(CAMERA.viewmat) @ picking.FLIP, "scene": np.eye(4)}
+    matrices[which][:3] = value
+    with pytest.raises(errors.CameraError):
+        picking.require_aligned(CAMERA, matrices["camera"], matrices["scene"])
+
+
 @pytest.mark.parametrize("which", ["camera", "scene"])
 def test_one_moved_without_the_other_is_refused(which: str) -> None:
     world_from_camera, scene = np.linalg.inv(CAMERA.viewmat) @ picking.FLIP, np.eye(4)

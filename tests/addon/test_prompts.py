@@ -15,8 +15,8 @@ Click, EventResult = prompts.Click, prompts.EventResult
 
 
 def test_several_texts_are_one_prompt() -> None:
-    assert prompts.text_arguments(" vase ;teapot;; ") == ["--prompt", "vase;teapot"]
-    assert prompts.text_arguments("vase", "Krug") == ["--prompt", "vase", "--name", "Krug"]
+    assert prompts.text_arguments(" vase ;teapot;; ") == ["--prompt=vase;teapot"]
+    assert prompts.text_arguments("vase", "Krug") == ["--prompt=vase", "--name=Krug"]
 
 
 @pytest.mark.parametrize("prompt", ["", "  ", " ; "])
@@ -32,17 +32,17 @@ def test_one_name_for_several_objects_is_a_clear_error() -> None:
 
 def test_clicks_become_arguments() -> None:
     clicks = [Click("a b.jpg", 364, 500.25), Click("a b.jpg", 1, 2, wanted=False), Click("c.jpg", 3.5, 4)]
-    words = ["--click", "a b.jpg=364,500.25", "--not", "a b.jpg=1,2", "--click", "c.jpg=3.5,4"]
-    assert prompts.click_arguments(clicks, "Krug") == [*words, "--name", "Krug"]
-    assert prompts.refine_arguments("vase", clicks) == ["--refine", "vase", *words]
-    assert prompts.refine_arguments("vase", level=0) == ["--refine", "vase", "--level", "0"]
+    words = ["--click=a b.jpg=364,500.25", "--not=a b.jpg=1,2", "--click=c.jpg=3.5,4"]
+    assert prompts.click_arguments(clicks, "Krug") == [*words, "--name=Krug"]
+    assert prompts.refine_arguments("vase", clicks) == ["--refine=vase", *words]
+    assert prompts.refine_arguments("vase", level=0) == ["--refine=vase", "--level=0"]
 
 
 def test_negative_clicks_alone_can_correct_but_not_isolate() -> None:
     away = [Click("a.jpg", 1, 2, wanted=False)]
     with pytest.raises(errors.PromptError, match="at least once"):
         prompts.click_arguments(away)
-    assert prompts.refine_arguments("vase", away) == ["--refine", "vase", "--not", "a.jpg=1,2"]
+    assert prompts.refine_arguments("vase", away) == ["--refine=vase", "--not=a.jpg=1,2"]
     with pytest.raises(errors.PromptError, match="Click what belongs"):
         prompts.refine_arguments("vase")
 

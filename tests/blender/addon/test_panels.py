@@ -22,9 +22,9 @@ Draw = Callable[[str], FakeLayout]
 def no_job(part: Part) -> Iterator[ModuleType]:
     """Yield the job runner without a job of another test."""
     runner = part("gaussian_heritage_addon.job_runner")
-    runner._job, runner._problem = None, ""
+    runner._job, runner._waits_for_object_mode = None, False
     yield runner
-    runner._job, runner._problem = None, ""
+    runner._job, runner._waits_for_object_mode = None, False
 
 
 def save_picture(file: Path, color: tuple[float, float, float, float]) -> None:
@@ -98,7 +98,8 @@ def test_finished_training_shows_its_curve(project: Any, draw: Draw) -> None:
     bpy.context.scene.heritage.project = str(project.folder)
     assert not bpy.types.HERITAGE_PT_training.poll(bpy.context)
     curve = [{"wall_seconds": 1.0, "psnr": 20.0}, {"wall_seconds": 200.0, "psnr": 28.7}]
-    stored = {"version": 1, "stages": {"training": {"figures": {"curve": curve}}}}
+    training = {"key": "k", "wall_seconds": 200.0, "cpu_seconds": 200.0, "figures": {"curve": curve}}
+    stored = {"version": 1, "stages": {"training": training}}
     (project.folder / "project.json").write_text(json.dumps(stored))
     assert "28.7 dB after 200 s (photos not trained on)" in draw("HERITAGE_PT_training").texts
 

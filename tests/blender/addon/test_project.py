@@ -127,7 +127,7 @@ def test_isolate_runs_the_engine_and_adds_a_collection(project: Any, fake_engine
     arguments = fake_engine(SEGMENT)
     assert bpy.ops.heritage.isolate(prompt=" bust ") == {"FINISHED"}
     assert json.loads(arguments.read_text()) == [
-        *["-m", "engine", "segment", str(project.folder), "--prompt", "bust", "--events"]
+        *["-m", "engine", "segment", str(project.folder), "--prompt=bust", "--events"]
     ]
     bust = bpy.data.collections["Bust"].objects[0]
     assert len(bust.data.vertices) == 10 and tuple(bust.matrix_world.translation) == (0, 0, 5)
