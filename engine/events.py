@@ -7,10 +7,14 @@ Standard library only: Blender imports this module too.
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from typing import Any, ClassVar
+
+from .errors import FormatError
+from .files import Schema, finite_or_null, optional, parse_json
 
 __all__ = [
     "PROTOCOL_VERSION",
@@ -126,28 +130,64 @@ _KINDS: dict[str, type[Event]] = {
     cls.kind: cls for cls in (StageStarted, StageFinished, Progress, Metric, Preview, Warned, ErrorEvent, Finished)
 }
 
+_SCHEMAS_OF_TYPES: dict[str, Schema] = {
+    "str": str,
+    "bool": bool,
+    "float": float,
+    "float | None": (float, None),
+    "int | None": (int, None),
+    "dict[str, Any]": dict,
+}
+"""What a field of each type must be in JSON."""
+
+
+def _schema(cls: type[Event]) -> Schema:
+    schema: dict[str, Any] = {}
+    for one in fields(cls):
+        expected = _SCHEMAS_OF_TYPES[str(one.type)]
+        is_required = one.default is MISSING and one.default_factory is MISSING
+        schema[one.name] = expected if is_required else optional(expected)
+    return schema
+
+
+_SCHEMAS: dict[str, Schema] = {kind: _schema(cls) for kind, cls in _KINDS.items()}
+"""What an event of each kind must be in JSON."""
+_SOURCE = "the event"
+_SURROGATE = re.compile(r"[\ud800-\udfff]")
+
 
 def to_json_line(event: Event) -> str:
-    """Return `event` as one line of JSON without the newline."""
-    return json.dumps({"v": PROTOCOL_VERSION, "kind": event.kind, **asdict(event)}, ensure_ascii=False)
+    """Return `event` as one line of JSON without the newline.
+
+    A number that is not finite becomes null. A byte of a file name that is not UTF-8 becomes ``\\udcff``, as text.
+    """
+    values = finite_or_null({"v": PROTOCOL_VERSION, "kind": event.kind, **asdict(event)})
+    line = json.dumps(values, ensure_ascii=False)
+    return _SURROGATE.sub(lambda found: f"\\\\u{ord(found[0]):04x}", line)
 
 
 def from_json_line(line: str) -> Event | None:
-    """Return the event on `line`, or None for a kind, version or half-written line this reader does not know."""
+    """Return the event on `line`, or None for a line that this reader does not know.
+
+    Such a line is damaged, half-written, longer than 16 MB, or of another kind or version. The fields of an event have
+    the types that its class states; numbers are finite, fractions in [0, 1].
+    """
     try:
-        data = json.loads(line)
-    except json.JSONDecodeError:
+        head = parse_json(line, {"v": int, "kind": str}, source=_SOURCE, advice="")
+        cls = _KINDS.get(head["kind"])
+        if cls is None or head["v"] != PROTOCOL_VERSION:
+            return None
+        data = parse_json(line, _SCHEMAS[cls.kind], source=_SOURCE, advice="")
+    except FormatError:
         return None
-    if not isinstance(data, dict) or data.get("v") != PROTOCOL_VERSION:
-        return None
-    cls = _KINDS.get(data.get("kind", ""))
-    if cls is None:
-        return None
-    known = {f.name for f in fields(cls)}
-    try:
-        return cls(**{key: value for key, value in data.items() if key in known})
-    except TypeError:
-        return None
+    values = {}
+    for one in fields(cls):
+        if one.name in data:
+            value = data[one.name]
+            values[one.name] = float(value) if isinstance(value, int) and "float" in str(one.type) else value
+    if "fraction" in values:
+        values["fraction"] = min(max(values["fraction"], 0.0), 1.0)
+    return cls(**values)
 
 
 def ignore_events(event: Event) -> None:

@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from .errors import Cancelled
 from .events import ErrorEvent, Event, Finished, Metric, Progress, StageFinished, StageStarted, Warned, to_json_line
 from .project_folder import PROJECT_FILE
+from .visible_text import visible
 
 __all__ = ["EventOutput"]
+
+_NOT_ASCII = re.compile(r"[^\x00-\x7f]")
+
+
+def _printable(text: str, stream: TextIO) -> str:
+    """Return `text` with the characters that `stream` cannot encode as escape sequences."""
+    encoding = stream.encoding or "utf-8"
+    return text.encode(encoding, "backslashreplace").decode(encoding)
+
+
+def _json_printable(line: str, stream: TextIO) -> str:
+    """Return a line of JSON in ASCII, if `stream` has another encoding than UTF-8."""
+    if (stream.encoding or "utf-8").lower().replace("-", "") == "utf8":
+        return line
+    return _NOT_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], line)
 
 
 class _LogLines(logging.Handler):
@@ -61,7 +78,7 @@ class EventOutput:
         if self._log is None or self._log.is_symlink() or not (self._log.parent / PROJECT_FILE).is_file():
             return
         try:
-            with self._log.open("a", encoding="utf-8") as stream:
+            with self._log.open("a", encoding="utf-8", errors="backslashreplace") as stream:
                 stream.write(line + "\n")
         except OSError:
             # The stage itself reports a full disk; a failing log must not hide that message.
@@ -72,7 +89,7 @@ class EventOutput:
         self.write_log(line)
         if self._json_lines:
             try:
-                print(line, flush=True)
+                print(_json_printable(line, sys.stdout), flush=True)
             except BrokenPipeError:
                 # The reader (Blender) was closed; the job continues, and later events are in its log.
                 self._json_lines = False
@@ -86,7 +103,7 @@ class EventOutput:
         elif isinstance(event, Progress):
             self._progress(event)
         elif isinstance(event, Metric) and self._bar is not None:
-            self._bar.set_postfix_str(f"{event.name} {event.value:.4g}")
+            self._bar.set_postfix_str(self._shown(f"{event.name} {event.value:.4g}"))
         elif isinstance(event, StageFinished):
             self._close_bar()
             outcome = "unchanged, kept" if event.reused else f"done in {event.seconds:.1f} s"
@@ -100,25 +117,34 @@ class EventOutput:
         elif isinstance(event, Finished):
             self._close_bar()
             if event.message:
-                print(event.message)
+                # Lines and columns of the plan and of other tables.
+                print(_printable(visible(event.message, keep="\n\t"), sys.stdout))
 
     def _progress(self, event: Progress) -> None:
         from tqdm import tqdm
 
         if self._bar is None:
             self._bar = tqdm(
-                total=100, desc=event.stage, file=sys.stderr, bar_format="{desc:>9} {percentage:3.0f}%|{bar}| {postfix}"
+                total=100,
+                desc=self._shown(event.stage),
+                file=sys.stderr,
+                bar_format="{desc:>9} {percentage:3.0f}%|{bar}| {postfix}",
             )
         self._bar.n = round(100 * event.fraction)
         left = "" if event.seconds_left is None else f"{event.seconds_left:.0f} s left "
-        self._bar.set_postfix_str(left + event.message)
+        self._bar.set_postfix_str(self._shown(left + event.message))
 
     def _close_bar(self) -> None:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
 
+    @staticmethod
+    def _shown(text: str) -> str:
+        return _printable(visible(text), sys.stderr)
+
     def _print(self, sentence: str) -> None:
+        sentence = self._shown(sentence)
         if self._bar is None:
             print(sentence, file=sys.stderr)
         else:

@@ -237,7 +237,10 @@ def _stopped_earlier(folder: Path, training: TrainingSettings) -> float | None:
     if not (folder / PROJECT_FILE).is_file():
         return None
     stopped = ProjectFolder.open_existing(folder).get(STOPPED_KEY)
-    return float(stopped["minutes"]) if stopped and stopped["training"] == to_dict(training) else None
+    if not isinstance(stopped, dict) or stopped.get("training") != to_dict(training):
+        return None
+    minutes = stopped.get("minutes")
+    return float(minutes) if isinstance(minutes, int | float) else None
 
 
 class _TimeLimit:

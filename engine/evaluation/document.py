@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import DiskError
-from ..files import atomic_write
+from ..files import atomic_write, read_text
 
 __all__ = ["write_section"]
 
@@ -30,16 +29,16 @@ def write_section(path: Path, *, introduction: str, title: str, body: str, closi
 
     Raises
     ------
+    FormatError
+        When the file exists and cannot be read.
     DiskError
-        When the file cannot be read or written.
+        When it cannot be written.
     """
     last = closing.partition("\n")[0]
     sections: dict[str, str] = {}
     if path.exists():
-        try:
-            parts = ("\n" + path.read_text(encoding="utf-8")).split("\n" + _HEADING)[1:]
-        except (OSError, UnicodeDecodeError) as error:
-            raise DiskError(f"{path} cannot be read, so its other sections would be lost: {error}.") from error
+        advice = "Its other sections would be lost: repair it, or move it away."
+        parts = ("\n" + read_text(path, advice=advice)).split("\n" + _HEADING)[1:]
         sections = {part.partition("\n")[0]: part.partition("\n")[2].strip() for part in parts}
     sections[title] = body.strip()
     texts = [f"{_HEADING}{name}\n\n{text}" for name, text in sections.items() if _HEADING + name != last]

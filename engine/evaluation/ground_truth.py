@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError, MaskError
+from ..errors import FormatError, HeritageError, MaskError
+from ..files import is_inner_name, opened, optional, read_json, read_text
 
 __all__ = ["LAYOUTS", "GroundTruth", "Layout", "read_ground_truth"]
 
@@ -22,6 +22,17 @@ Mask = NDArray[np.bool_]
 
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
+
+_MAX_PIXELS = 200_000_000
+"""Largest picture of a mask, in pixels."""
+_MAX_MASK_PIXELS = 1 << 30
+"""Largest number of pixels of all masks of a photo."""
+_MAX_COORDINATE = 1e6
+"""Largest coordinate of a polygon's corner, pixels."""
+_LABEL = {
+    "info": {"name": str, "width": int, "height": int},
+    "objects": [{"category": str, "segmentation": list}],
+}
 
 _KNOWN_LAYOUTS = (
     "museum: masks/ and names.json; lerf-mask: test_mask/VIEW/PROMPT.png; 3d-ovs: segmentations/VIEW/CLASS.png and "
@@ -190,12 +201,15 @@ class _Photos:
 
 
 def _museum(folder: Path, photos: _Photos) -> _Read:
-    data = _json(folder / "names.json")
-    try:
-        prompts = {int(number): str(entry["prompt"]) for number, entry in data.items()}
-        names = {int(number): str(entry.get("name") or entry["prompt"]) for number, entry in data.items()}
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise FormatError(f'{folder / "names.json"} is not of the form {{"1": {{"prompt": "vase"}}}}.') from error
+    advice = 'It must be of the form {"1": {"prompt": "vase"}}.'
+    data = read_json(folder / "names.json", {str: {"prompt": str, "name": optional((str, None))}}, advice=advice)
+    wrong = next(
+        (number for number in data if not (number.isascii() and number.isdecimal() and len(number) < 10)), None
+    )
+    if wrong is not None:
+        raise FormatError(f"{folder / 'names.json'} has {wrong[:40]!r} in place of an instance id. {advice}")
+    prompts = {int(number): entry["prompt"] for number, entry in data.items()}
+    names = {int(number): entry.get("name") or entry["prompt"] for number, entry in data.items()}
     twice = next((name for name in names.values() if list(names.values()).count(name) > 1), None)
     if twice is not None:
         raise FormatError(f"{folder / 'names.json'} calls several objects {twice!r}. Give each a name of its own.")
@@ -231,7 +245,10 @@ def _three_d_ovs(folder: Path, photos: _Photos) -> _Read:
     listed = masks / "classes.txt"
     if not listed.is_file():
         raise FormatError(f"{listed} is missing: 3D-OVS lists there what its masks are called, one a line.")
-    classes = sorted({line.strip() for line in listed.read_text(encoding="utf-8").splitlines() if line.strip()})
+    text = read_text(listed, advice="3D-OVS lists there what its masks are called, one a line.")
+    classes = sorted({line.strip() for line in text.splitlines() if line.strip()})
+    if not all(is_inner_name(f"{name}.png") for name in classes):
+        raise FormatError(f"{listed} has a line that is not the name of a file. Write the name of one class a line.")
     views = _view_folders(masks, "segmentations/VIEW/CLASS.png")
     for view in views:
         missing = [name for name in classes if not (view / f"{name}.png").is_file()]
@@ -251,24 +268,34 @@ def _lerf_ovs(folder: Path, photos: _Photos) -> _Read:
     found: dict[str, Callable[[], dict[str, Mask]]] = {}
     prompts: set[str] = set()
     for file in sorted(folder.glob("*.json")):
-        data = _json(file)
-        try:
-            size = (int(data["info"]["height"]), int(data["info"]["width"]))
-            polygons = [
-                (str(thing["category"]), np.asarray(thing["segmentation"], np.float64).reshape(-1, 2).astype(np.int32))
-                for thing in data["objects"]
-            ]
-            view = Path(str(data["info"]["name"])).stem
-        except (KeyError, TypeError, ValueError) as error:
-            raise FormatError(
-                f"{file} is not a label of LERF-OVS: it needs `info` with name, width and height, and `objects` with "
-                f"category and segmentation ({error!r})."
-            ) from error
+        data = read_json(
+            file,
+            _LABEL,
+            advice="A label of LERF-OVS has `info` with name, width and height, and `objects` with category and "
+            "segmentation.",
+        )
+        polygons = [(thing["category"], _corners(thing["segmentation"], file)) for thing in data["objects"]]
+        size = (data["info"]["height"], data["info"]["width"])
+        n_masks = max(1, len({category for category, _ in polygons}))
+        if min(size) < 1 or size[0] * size[1] * n_masks > _MAX_MASK_PIXELS:
+            raise FormatError(f"{file} cannot be read: {n_masks} masks of {size[1]} x {size[0]} pixels are too large.")
+        view = PurePath(data["info"]["name"]).stem
         prompts.update(category for category, _ in polygons)
         found[photos.called(view)] = _deferred(_filled, (size, polygons))
     if not found:
         raise FormatError(f"{folder} holds no JSON label. Name the folder of one scene, label/SCENE.")
     return found, sorted(prompts)
+
+
+def _corners(segmentation: list[Any], file: Path) -> NDArray[np.int32]:
+    """Return the corners of a polygon, whole pixels [n, 2]."""
+    try:
+        corners = np.asarray(segmentation, np.float64).reshape(-1, 2)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FormatError(f"{file} cannot be read: a segmentation is not a list of points.") from error
+    if not (np.abs(corners) <= _MAX_COORDINATE).all():
+        raise FormatError(f"{file} cannot be read: a segmentation has a point that is not in a picture.")
+    return corners.astype(np.int32)
 
 
 def _filled(labels: tuple[tuple[int, int], list[tuple[str, NDArray[np.int32]]]]) -> dict[str, Mask]:
@@ -304,23 +331,22 @@ def _stems(folder: Path) -> list[str] | None:
     return sorted(path.stem for path in folder.iterdir() if path.suffix.lower() in extensions)
 
 
-def _json(file: Path) -> Any:
-    try:
-        return json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FormatError(f"{file} cannot be read: {error}.") from error
-
-
 def _picture(file: Path, what: Literal["ids", "white"]) -> NDArray[Any]:
     """Return the ids of a picture, int32 [h, w], or the pixels lighter than 128, as the benchmarks define masks."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(file) as picture:
+        with opened(file, advice="Replace the mask.") as stream, Image.open(stream) as picture:
+            if picture.width * picture.height > _MAX_PIXELS:
+                raise MaskError(f"The mask {file} cannot be read: it has {picture.width} x {picture.height} pixels.")
             if what == "white":
                 return np.asarray(picture.convert("L")) > 128
             ids = np.asarray(picture)
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+    except FormatError as error:
+        raise MaskError(str(error)) from error
+    except HeritageError:
+        raise
+    except Exception as error:  # Pillow raises exceptions of many types on damaged data
         raise MaskError(f"The mask {file} cannot be read: {error}.") from error
     if ids.ndim != 2:
         raise MaskError(f"{file} is a colour picture; instance ids are one number per pixel.")

@@ -15,17 +15,26 @@ if TYPE_CHECKING:
     from .kept_arrays import keep_arrays, read_kept_arrays
     from .paths import is_inner_name, object_file, path_within, require_no_links_out
     from .reading import opened, parse_json, read_bytes, read_json, read_text
-    from .schema import Schema, optional
+    from .recorded import FILE_RECORD, FileRecord, is_as_recorded, record_of
+    from .replacing import finish_replacements, replace_together
+    from .schema import Schema, check, optional
+    from .versions import Migration, read_versioned
     from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json
 
 __all__ = [
+    "FILE_RECORD",
     "TEMPORARY_PREFIX",
     "ArraySpec",
+    "FileRecord",
+    "Migration",
     "Schema",
     "atomic_write",
+    "check",
     "delete_derived",
     "file_sha256",
+    "finish_replacements",
     "finite_or_null",
+    "is_as_recorded",
     "is_inner_name",
     "keep_arrays",
     "object_file",
@@ -39,6 +48,9 @@ __all__ = [
     "read_json",
     "read_kept_arrays",
     "read_text",
+    "read_versioned",
+    "record_of",
+    "replace_together",
     "require_no_links_out",
     "write_json",
 ]

@@ -29,6 +29,9 @@ _MAX_ARRAY_BYTES = 16 << 30
 _MAX_MEMBERS = 4096
 _CHUNK_BYTES = 1 << 20
 _CHECKED_AGAINST_FREE_MEMORY = 128 << 20
+_MAX_TEXT_BYTES = 64 << 20
+_MAX_DEFLATED_BYTES = 512 << 20
+"""Decoded size of all deflated arrays of a file, so that a small file is not read for minutes."""
 _DEFLATE_RATIO = 1032
 """No deflated stream decodes to more than this many times its size."""
 
@@ -47,7 +50,8 @@ class ArraySpec:
         NumPy types that are allowed, separated by ``|``, e.g. ``"float32"`` or ``"float16|float32"``; ``"str"`` allows
         text.
     shape : tuple of int or str, or None
-        Length of each axis. A name stands for any length, the same in all arrays of a file; None allows every shape.
+        Length of each axis: -1 stands for any, a name for any that is the same in all arrays of the file. None allows
+        every shape.
     finite : bool
         Whether NaN and infinite values are errors.
     """
@@ -87,8 +91,9 @@ def read_array(path: Path, spec: ArraySpec, *, advice: str, mapped: bool = False
             else:
                 values = _values(stream, shape, fortran_order, dtype)
             _require_finite(values, spec)
-        except (_Unreadable, OSError, ValueError) as error:
-            raise FormatError(f"{path} cannot be read: {error}. {advice}") from error
+        # OverflowError: a length beside 0 that NumPy cannot hold.
+        except (_Unreadable, OSError, ValueError, OverflowError) as error:
+            raise FormatError(f"{path} cannot be read: {_clause(error)}. {advice}") from error
     return values
 
 
@@ -129,10 +134,15 @@ def read_arrays(
                 missing = sorted(set(specs) - set(members))
                 if missing:
                     raise _Unreadable(f"`{missing[0]}` is missing")
-                for name, info in members.items():
-                    spec = specs.get(name) or _matching(name, optional or {})
-                    if spec is not None and (only is None or name in only):
-                        values[name] = _member(archive, info, name, spec, lengths)
+                wanted = {
+                    name: spec
+                    for name in members
+                    if (only is None or name in only)
+                    and (spec := specs.get(name) or _matching(name, optional or {})) is not None
+                }
+                _require_bounded([members[name] for name in wanted], path.stat().st_size)
+                for name, spec in wanted.items():
+                    values[name] = _member(archive, members[name], name, spec, lengths)
         # What zipfile and zlib raise on damaged, encrypted or unknown streams.
         except (
             zipfile.BadZipFile,
@@ -145,8 +155,22 @@ def read_arrays(
             OverflowError,
             KeyError,
         ) as error:
-            raise FormatError(f"{path} cannot be read: {error}. {advice}") from error
+            raise FormatError(f"{path} cannot be read: {_clause(error)}. {advice}") from error
     return values
+
+
+def _clause(error: Exception) -> str:
+    """Return the text of an error for a message; those of zipfile quote names of the file, of any length."""
+    return str(error)[:200].rstrip(".") or type(error).__name__
+
+
+def _require_bounded(members: list[zipfile.ZipInfo], file_size: int) -> None:
+    """Raise `_Unreadable` when a small archive would decode to too much: by overlapping members, or deflated ones."""
+    if sum(info.compress_size for info in members) > file_size:
+        raise _Unreadable("its arrays overlap")
+    deflated = sum(info.file_size for info in members if info.compress_type != zipfile.ZIP_STORED)
+    if deflated > _MAX_DEFLATED_BYTES:
+        raise _Unreadable(f"its compressed arrays state {deflated / 1e9:.1f} GB")
 
 
 def _matching(name: str, specs: Mapping[str, ArraySpec]) -> ArraySpec | None:
@@ -208,12 +232,12 @@ def _require(shape: tuple[int, ...], dtype: np.dtype[Any], spec: ArraySpec, leng
     allowed = spec.dtype.split("|")
     if not any(dtype.kind == "U" if name == "str" else dtype == np.dtype(name) for name in allowed):
         raise _Unreadable(f"it has values of the type {dtype}, not {' or '.join(allowed)}")
-    if _n_bytes(shape, dtype) > _MAX_ARRAY_BYTES:
+    if _n_bytes(shape, dtype) > (_MAX_TEXT_BYTES if dtype.kind == "U" else _MAX_ARRAY_BYTES):
         raise _Unreadable("it is too large")
     if spec.shape is None:
         return
     fits = len(shape) == len(spec.shape) and all(
-        length == (wanted if isinstance(wanted, int) else lengths.setdefault(wanted, length))
+        wanted == -1 or length == (wanted if isinstance(wanted, int) else lengths.setdefault(wanted, length))
         for length, wanted in zip(shape, spec.shape, strict=True)
     )
     if not fits:

@@ -1,4 +1,4 @@
-"""Deleting data that can be computed again. What a user made is moved to the trash instead, see `engine.trash`."""
+"""Deleting data that can be computed again. What a user made goes to the trash instead, see `engine.objects.trash`."""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DiskError
+from ..errors import DiskError, FormatError
+from .arrays import ArraySpec, read_arrays
+from .reading import parse_json
 from .writing import atomic_write
 
 __all__ = ["keep_arrays", "read_kept_arrays"]
 
 _LOG = logging.getLogger(__name__)
 _HEADER = "header"
+_TEXT = ArraySpec("str", ())
+_ADVICE = "It is computed again."
 
 
 def keep_arrays(path: Path, recipe: str, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -39,13 +42,23 @@ def keep_arrays(path: Path, recipe: str, arrays: Mapping[str, NDArray[Any]]) -> 
         _LOG.info("%s is not kept: %s", path.name, error)
 
 
-def read_kept_arrays(path: Path, recipe: str) -> dict[str, NDArray[Any]] | None:
-    """Return the arrays of `path`; None when it is missing, damaged or was made from another `recipe`."""
+def read_kept_arrays(
+    path: Path, recipe: str, specs: Mapping[str, ArraySpec], *, optional: Mapping[str, ArraySpec] | None = None
+) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays of `path`; None when it is missing, damaged or was made from another `recipe`.
+
+    Parameters
+    ----------
+    path : Path
+    recipe : str
+        See `keep_arrays`.
+    specs, optional : mapping of str to ArraySpec
+        What the arrays must be, see `read_arrays`.
+    """
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            if json.loads(str(archive[_HEADER]))["recipe"] != recipe:
-                return None
-            return {name: archive[name] for name in archive.files if name != _HEADER}
-    # NumPy raises RuntimeError for a damaged zip header.
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile):
+        header = read_arrays(path, {_HEADER: _TEXT}, advice=_ADVICE)[_HEADER]
+        if parse_json(str(header), {"recipe": str}, source=str(path), advice=_ADVICE)["recipe"] != recipe:
+            return None
+        return read_arrays(path, specs, optional=optional, advice=_ADVICE)
+    except FormatError:
         return None

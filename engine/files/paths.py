@@ -9,16 +9,19 @@ from ..errors import FormatError, ProjectError
 
 __all__ = ["is_inner_name", "object_file", "path_within", "require_no_links_out"]
 
+_MAX_NAME_BYTES = 255
+
 
 def is_inner_name(name: object) -> bool:
     """Return whether `name` is a relative path that stays inside of the folder that it is joined to.
 
-    Absolute paths, drive letters, ``..``, empty names and null characters are not.
+    Absolute paths, drive letters, ``..``, empty names, null characters and names that no file system takes are not.
     """
     if not isinstance(name, str) or "\0" in name:
         return False
     path = PurePath(name)
-    return path != PurePath() and not path.anchor and ".." not in path.parts
+    too_long = any(len(part.encode("utf-8", "surrogatepass")) > _MAX_NAME_BYTES for part in path.parts)
+    return path != PurePath() and not path.anchor and ".." not in path.parts and not too_long
 
 
 def path_within(folder: Path, *names: str) -> Path:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,9 @@ _MAX_TEXT_BYTES = 16 << 20
 _MAX_DECODED_BYTES = 192 << 20
 _BYTES_PER_MARK = {b"{": 232, b"[": 88, b",": 40, b":": 40, b'"': 40}
 """What CPython allocates at most for each object, list, separator and half a string of a JSON text."""
+
+_MAY_BE_INFINITE = re.compile(r"\d[eE]\+?\d\d|\d{200}")
+"""The numbers of a JSON text that Python may read as infinity are among these."""
 
 
 @contextlib.contextmanager
@@ -119,13 +123,16 @@ def parse_json(text: str, schema: Schema, *, source: str, advice: str) -> Any:
         # Half of a surrogate pair, "\ud800", can be neither shown nor written.
         if "\\u" in text:
             json.dumps(value, ensure_ascii=False).encode("utf-8")
+        problem = check(value, schema)
+        if not problem and _MAY_BE_INFINITE.search(text):
+            # Also where the schema allows everything: infinity could not be written again.
+            json.dumps(value, allow_nan=False)
     except RecursionError as error:
         raise FormatError(f"{source} cannot be read: it is nested too deeply. {advice}") from error
     except UnicodeEncodeError as error:
         raise FormatError(f"{source} cannot be read: it has a character that is not valid. {advice}") from error
     except ValueError as error:
         raise FormatError(f"{source} cannot be read: {error}. {advice}") from error
-    problem = check(value, schema)
     if problem:
         raise FormatError(f"{source} cannot be read: {problem}. {advice}")
     return value

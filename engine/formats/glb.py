@@ -11,6 +11,7 @@ because some viewers ignore node transforms on splats. The reader applies the in
 from __future__ import annotations
 
 import json
+import os
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..errors import DiskError, FormatError
-from ..files import atomic_write
+from ..errors import FormatError
+from ..files import atomic_write, opened, optional, parse_json
 from ..scene import Gaussians
+from .bounds import require_memory, usable_rows
 from .ply import check_finite
 from .spherical_harmonics import SH_C0
 from .transform import logits_of, transform_gaussians
@@ -38,6 +40,18 @@ _FLOAT, _USHORT, _ARRAY_BUFFER = 5126, 5123, 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 _MAX_FILE_SIZE = 2**32 - 1
 """Bytes; the header of a GLB states its size as a 32 bit number."""
+_MAX_JSON_BYTES = 16 << 20
+_SCHEMA = {
+    "asset": {"generator": optional(str)},
+    "nodes": [dict],
+    "meshes": optional([{"primitives": [{"attributes": {str: int}, "extensions": optional(dict)}]}]),
+    "accessors": optional(
+        [{"bufferView": optional(int), "byteOffset": optional(int), "componentType": int, "count": int, "type": str}]
+    ),
+    "bufferViews": optional([{"buffer": int, "byteOffset": optional(int), "byteLength": int}]),
+    "buffers": optional([dict]),
+}
+"""The parts of the JSON part that are read."""
 
 
 def y_up_from_z_up() -> NDArray[np.float64]:
@@ -192,15 +206,12 @@ def read_glb(path: Path) -> Gaussians:
     Raises
     ------
     FormatError
-        When the file is not a GLB, has no KHR_gaussian_splatting primitive, or has another layout.
-    DiskError
-        When the file cannot be read.
+        When the file cannot be read, is not a GLB, has no KHR_gaussian_splatting primitive, has another layout, takes
+        values from another file, or has values that are not finite or too large.
     """
     document, binary = _read_chunks(path)
     try:
-        if not any("mesh" in node for node in document["nodes"]) and document["asset"]["generator"].startswith(
-            "Gaussian Heritage"
-        ):
+        if not any("mesh" in node for node in document["nodes"]) and _is_ours(document):
             return _no_gaussians()
         primitive = document["meshes"][0]["primitives"][0]
         if EXTENSION not in primitive.get("extensions", {}):
@@ -209,26 +220,41 @@ def read_glb(path: Path) -> Gaussians:
             raise FormatError(
                 f"{path} moves its Gaussians with a node transform, which is not supported. Export them untransformed."
             )
-        arrays = {
-            key: _read_accessor(document, binary, index, path)
-            for key, index in primitive["attributes"].items()
-            if key == "POSITION" or key.startswith(EXTENSION)
-        }
-        degree = max(degree for degree in range(4) if _sh_name(degree, 0) in arrays)
-        coefficients = [arrays[_sh_name(band, order)] for band in range(degree + 1) for order in range(2 * band + 1)]
-        opacity = arrays[_OPACITY][:, 0].astype(np.float64)
-        gaussians = Gaussians(
-            means=arrays["POSITION"],
-            log_scales=np.log(np.maximum(arrays[_SCALE], np.finfo(np.float32).tiny)),
-            quats=np.roll(arrays[_ROTATION], 1, axis=1),
-            opacity_logits=logits_of(opacity),
-            sh=np.stack(coefficients, axis=1),
-        )
-    except (KeyError, IndexError, ValueError, TypeError) as error:
+        if any("uri" in buffer for buffer in document["buffers"]):
+            raise FormatError(f"{path} takes its values from another file. Export it as one binary file.")
+        gaussians = _gaussians(document, binary, primitive["attributes"], path)
+    except (KeyError, IndexError, ValueError) as error:
         raise FormatError(
             f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."
         ) from error
+    if not usable_rows(gaussians).all():
+        raise FormatError(f"{path} has Gaussians with values that are not finite or too large. Export it again.")
     return transform_gaussians(gaussians, z_up_from_y_up())
+
+
+def _gaussians(
+    document: dict[str, Any], binary: NDArray[np.uint8], attributes: dict[str, int], path: Path
+) -> Gaussians:
+    """Return the Gaussians in glTF's world; raises `KeyError`, `IndexError` or `ValueError` for a missing part."""
+    count = document["accessors"][_index(attributes["POSITION"])]["count"]
+
+    def read(name: str, width: int) -> NDArray[np.float32]:
+        return _read_accessor(document, binary, attributes[name], (count, width), path)
+
+    degree = max(degree for degree in range(4) if _sh_name(degree, 0) in attributes)
+    names = [_sh_name(band, order) for band in range(degree + 1) for order in range(2 * band + 1)]
+    with np.errstate(invalid="ignore"):
+        return Gaussians(
+            means=read("POSITION", 3),
+            log_scales=np.log(np.maximum(read(_SCALE, 3), np.finfo(np.float32).tiny)),
+            quats=np.roll(read(_ROTATION, 4), 1, axis=1),
+            opacity_logits=logits_of(read(_OPACITY, 1)[:, 0].astype(np.float64)),
+            sh=np.stack([read(name, 3) for name in names], axis=1),
+        )
+
+
+def _is_ours(document: dict[str, Any]) -> bool:
+    return bool(document["asset"].get("generator", "").startswith("Gaussian Heritage"))
 
 
 def _no_gaussians() -> Gaussians:
@@ -236,36 +262,54 @@ def _no_gaussians() -> Gaussians:
     return Gaussians(empty[:, :3], empty[:, :3], empty, empty[:, 0], np.zeros((0, 1, 3), dtype=np.float32))
 
 
-def _read_chunks(path: Path) -> tuple[dict[str, Any], bytes]:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DiskError(
-            f"Could not read {path}: {error.strerror or error}. Check the path and its permissions."
-        ) from error
-    try:
-        magic, version, total = struct.unpack_from("<III", data, 0)
-        if magic != _MAGIC or version != 2:
+def _read_chunks(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8]]:
+    """Return the JSON part, checked, and the bytes of the binary part."""
+    with opened(path, advice="Check the path and its permissions.") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        head = stream.read(20)
+        if len(head) >= 12 and struct.unpack_from("<II", head) != (_MAGIC, 2):
             raise FormatError(f"{path} is not a glTF 2.0 binary (.glb). Choose another file.")
-        if total != len(data):
-            raise FormatError(f"{path} is truncated: it has {len(data)} of {total} bytes. Copy or export it again.")
-        length, kind = struct.unpack_from("<II", data, 12)
-        if kind != _JSON_CHUNK:
+        if len(head) < 20:
+            raise FormatError(f"{path} is not a readable GLB: it has {len(head)} bytes. Copy or export it again.")
+        _, _, total, length, kind = struct.unpack("<IIIII", head)
+        if total != size:
+            raise FormatError(f"{path} is truncated: it has {size} of {total} bytes. Copy or export it again.")
+        if kind != _JSON_CHUNK or length > min(size - 20, _MAX_JSON_BYTES):
             raise FormatError(f"{path} is not a readable GLB: it does not begin with its JSON part. Export it again.")
-        document = json.loads(data[20 : 20 + length])
-    except (struct.error, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise FormatError(f"{path} is not a readable GLB ({error}). Copy or export it again.") from error
-    return document, data[20 + length + 8 :]
+        text = stream.read(length).decode("utf-8", "replace")
+        document = parse_json(text, _SCHEMA, source=str(path), advice="Copy or export it again.")
+        head = stream.read(8)
+        if not head:
+            return document, np.zeros(0, np.uint8)
+        length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
+        if kind != _BIN_CHUNK or length > size - stream.tell():
+            raise FormatError(f"{path} is not a readable GLB: its binary part is damaged. Copy or export it again.")
+        # The bytes, the arrays that are made of them, and their transformed copies.
+        require_memory(path, 3 * length)
+        return document, np.frombuffer(stream.read(length), np.uint8)
 
 
-def _read_accessor(document: dict[str, Any], binary: bytes, index: int, path: Path) -> NDArray[np.float32]:
-    accessor = document["accessors"][index]
-    view = document["bufferViews"][accessor["bufferView"]]
+def _read_accessor(
+    document: dict[str, Any], binary: NDArray[np.uint8], index: int, shape: tuple[int, int], path: Path
+) -> NDArray[np.float32]:
+    accessor = document["accessors"][_index(index)]
+    view = document["bufferViews"][_index(accessor["bufferView"])]
     if accessor["componentType"] != _FLOAT or "byteStride" in view or "sparse" in accessor:
         raise FormatError(
             f"{path} has quantised or interleaved Gaussians, which is not supported. Export plain floats."
         )
-    width = {kind: number for number, kind in _TYPES.items()}[accessor["type"]]
-    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-    values = np.frombuffer(binary, dtype="<f4", count=accessor["count"] * width, offset=start)
-    return values.reshape(accessor["count"], width).astype(np.float32)
+    if view["buffer"] != 0 or (accessor["count"], accessor["type"]) != (shape[0], _TYPES[shape[1]]):
+        raise ValueError("an attribute has another length or width")
+    start, offset = _index(view.get("byteOffset", 0)), _index(accessor.get("byteOffset", 0))
+    end = start + min(_index(view["byteLength"]), len(binary) - start)
+    n_bytes = 4 * _index(shape[0]) * shape[1]
+    if n_bytes == 0 or start + offset + n_bytes > end:
+        raise ValueError("an attribute is empty or is not inside of the file")
+    return binary[start + offset : start + offset + n_bytes].view("<f4").reshape(shape).astype(np.float32)
+
+
+def _index(number: int) -> int:
+    if number < 0:
+        raise ValueError(f"{number} is negative")
+    return number

@@ -8,17 +8,19 @@ the given Gaussians.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DiskError, FormatError, NumericalError
-from ..files import atomic_write
+from ..errors import FormatError, NumericalError
+from ..files import atomic_write, opened
 from ..scene import Gaussians
+from .bounds import require_memory, usable_rows
 from .transform import logits_of
 
 __all__ = ["check_finite", "read_ply", "write_ply"]
@@ -37,14 +39,24 @@ _ROWS_PER_CHUNK = 1 << 16
 """Gaussians written at once, to limit the memory of their table."""
 _MAX_HEADER = 1 << 20
 """Bytes. A longer header is taken for damage."""
+_MAX_HEADER_LINES = 10_000
+_MAX_PROPERTIES = 1000
+_CHUNK_BYTES = 1 << 24
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Element:
     name: str
     count: int
-    dtype: np.dtype[np.void] | None
-    """Row type; None when the element has a list property, so that its rows have no fixed size."""
+    properties: dict[str, str] = field(default_factory=dict)
+    """NumPy type of each property that is no list."""
+    n_properties: int = 0
+    has_lists: bool = False
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """Type of a row."""
+        return np.dtype(list(self.properties.items()))
 
 
 def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ()) -> None:
@@ -117,33 +129,44 @@ def read_ply(path: Path, *, skip_broken: bool = False) -> Gaussians:
     path : Path
         Binary file of either byte order.
     skip_broken : bool
-        Whether to skip Gaussians with a value that is not finite instead of refusing the file.
+        Whether to skip Gaussians with a value that is not finite or too large instead of refusing the file.
 
     Raises
     ------
     FormatError
-        When the file is not a PLY or has no Gaussians, is truncated, ASCII or compressed, or has values that are not
-        finite.
-    DiskError
-        When the file cannot be read.
+        When the file cannot be read, is not a PLY or has no Gaussians, is truncated, ASCII or compressed, or has values
+        that are not finite or too large. Nothing is allocated for more Gaussians than the file has bytes for.
     """
-    try:
-        with path.open("rb") as stream:
-            elements = _read_header(stream, path)
-            vertex = _skip_to_vertex(stream, elements, path)
-            _check_properties(vertex, path)
-            assert vertex.dtype is not None
-            rows = np.fromfile(stream, dtype=vertex.dtype, count=vertex.count)
-    except OSError as error:
-        raise DiskError(
-            f"Could not read {path}: {error.strerror or error}. Check the path and its permissions."
-        ) from error
-    if len(rows) < vertex.count:
-        raise FormatError(
-            f"{path} is truncated: its header states {vertex.count} Gaussians and it has {len(rows)}. "
-            "Copy or export it again."
-        )
+    with opened(path, advice="Check the path and its permissions.") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        elements = _read_header(stream, path)
+        vertex = _skip_to_vertex(stream, elements, path, size)
+        dtype = vertex.dtype
+        _check_properties(dtype, path)
+        complete = (size - stream.tell()) // dtype.itemsize
+        if complete < vertex.count:
+            raise FormatError(
+                f"{path} is truncated: its header states {vertex.count} Gaussians and it has {complete}. "
+                "Copy or export it again."
+            )
+        if vertex.count == 0:
+            raise FormatError(f"{path} has no Gaussians: its list is empty. Choose another file.")
+        rows = _read_rows(stream, vertex.count, dtype, path)
     return _drop_or_refuse_broken(_gaussians_from_rows(rows), path, skip_broken=skip_broken)
+
+
+def _read_rows(stream: IO[bytes], count: int, dtype: np.dtype[np.void], path: Path) -> NDArray[np.void]:
+    # The table, and the arrays that are made of it.
+    require_memory(path, 2 * count * dtype.itemsize)
+    rows = np.empty(count, dtype)
+    data = rows.view(np.uint8)
+    for start in range(0, len(data), _CHUNK_BYTES):
+        chunk = stream.read(min(_CHUNK_BYTES, len(data) - start))
+        if len(chunk) < min(_CHUNK_BYTES, len(data) - start):
+            raise FormatError(f"{path} became shorter while it was read. Copy or export it again.")
+        data[start : start + len(chunk)] = np.frombuffer(chunk, np.uint8)
+    return rows
 
 
 def _read_header(stream: IO[bytes], path: Path) -> list[_Element]:
@@ -152,7 +175,7 @@ def _read_header(stream: IO[bytes], path: Path) -> list[_Element]:
     lines: list[str] = []
     while True:
         raw = stream.readline(_MAX_HEADER)
-        if not raw or stream.tell() > _MAX_HEADER:
+        if not raw or stream.tell() > _MAX_HEADER or len(lines) > _MAX_HEADER_LINES:
             raise FormatError(f"{path} is not a readable PLY file: its header does not end. Copy or export it again.")
         line = raw.decode("utf-8", "replace").strip()
         if line == "end_header":
@@ -160,29 +183,33 @@ def _read_header(stream: IO[bytes], path: Path) -> list[_Element]:
         lines.append(line)
     order = _byte_order(lines, path)
     elements: list[_Element] = []
-    properties: list[tuple[str, str]] = []
-    for line in [*lines, "element end 0"]:
+    for line in lines:
         words = line.split()
         try:
             if words[:1] == ["element"]:
-                if elements:
-                    elements[-1] = _with_properties(elements[-1], properties)
-                elements.append(_Element(words[1], int(words[2]), np.dtype([])))
-                properties = []
+                elements.append(_Element(words[1], _count(words[2])))
             elif words[:2] == ["property", "list"]:
-                elements[-1] = _Element(elements[-1].name, elements[-1].count, None)
+                elements[-1].has_lists = True
             elif words[:1] == ["property"]:
-                properties.append((words[2], order + _TYPES[words[1]]))
+                elements[-1].properties[words[2]] = order + _TYPES[words[1]]
+                elements[-1].n_properties += 1
         except (IndexError, KeyError, ValueError) as error:
             raise FormatError(
-                f"{path} has a PLY header line that cannot be read: `{line}`. Export it again."
+                f"{path} has a PLY header line that cannot be read: `{line[:80]}`. Export it again."
             ) from error
-    return elements[:-1]
+    names = [element.name for element in elements]
+    if len(set(names)) < len(names) or any(len(one.properties) < one.n_properties for one in elements):
+        raise FormatError(f"{path} has a PLY header that lists an element or a property twice. Export it again.")
+    if any(one.n_properties > _MAX_PROPERTIES for one in elements):
+        raise FormatError(f"{path} has more than {_MAX_PROPERTIES} properties in one element. Export it again.")
+    return elements
 
 
-def _with_properties(element: _Element, properties: list[tuple[str, str]]) -> _Element:
-    """Return `element` with its row type; NumPy raises `ValueError` for a repeated property name."""
-    return element if element.dtype is None else _Element(element.name, element.count, np.dtype(properties))
+def _count(word: str) -> int:
+    """Return a count of elements; raises `ValueError` for text, a negative number, or one that no file can have."""
+    if not (word.isascii() and word.isdecimal() and len(word) <= 15):
+        raise ValueError(word)
+    return int(word)
 
 
 def _byte_order(lines: list[str], path: Path) -> str:
@@ -199,23 +226,33 @@ def _byte_order(lines: list[str], path: Path) -> str:
     raise FormatError(f"{path} is not a readable PLY file: it states no format. Export it again.")
 
 
-def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path) -> _Element:
+def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path, size: int) -> _Element:
+    """Return the element of the Gaussians; the stream, of `size` bytes, then stands at its rows."""
     if any(element.name == "chunk" for element in elements):
         raise FormatError(
             f"{path} is a compressed Gaussian PLY. Save it uncompressed (standard 3DGS PLY) and import that."
         )
-    for element in elements:
-        if element.name == "vertex" and element.dtype is not None:
-            return element
-        if element.dtype is None:
-            break
-        stream.seek(element.count * element.dtype.itemsize, 1)
-    raise FormatError(f"{path} contains no Gaussians: it has no plain `vertex` element. Choose a standard 3DGS PLY.")
+    names = [element.name for element in elements]
+    before = elements[: names.index("vertex")] if "vertex" in names else []
+    vertex = elements[len(before)] if "vertex" in names else None
+    # The rows of a list have no fixed size.
+    if vertex is None or any(element.has_lists for element in (*before, vertex)):
+        raise FormatError(
+            f"{path} contains no Gaussians: it has no plain `vertex` element. Choose a standard 3DGS PLY."
+        )
+    for element in before:
+        n_bytes = element.count * element.dtype.itemsize
+        if n_bytes > size - stream.tell():
+            raise FormatError(
+                f"{path} is truncated: its header states {element.count} rows of `{element.name[:40]}`. "
+                "Copy or export it again."
+            )
+        stream.seek(n_bytes, os.SEEK_CUR)
+    return vertex
 
 
-def _check_properties(vertex: _Element, path: Path) -> None:
-    assert vertex.dtype is not None
-    names = set(vertex.dtype.names or ())
+def _check_properties(dtype: np.dtype[np.void], path: Path) -> None:
+    names = set(dtype.names or ())
     missing = [name for name in (*_POSITION, *_COLOR, "opacity", *_SCALE, *_ROTATION) if name not in names]
     if missing:
         kind = (
@@ -247,7 +284,9 @@ def _gaussians_from_rows(rows: NDArray[np.void]) -> Gaussians:
             first, last = indices[0], indices[-1] + 1
             contiguous = indices == list(range(first, last))
             return np.ascontiguousarray(table[:, first:last] if contiguous else table[:, indices], dtype=np.float32)
-        return np.stack([rows[name].astype(np.float32) for name in wanted], axis=1)
+        # What float32 cannot hold becomes infinite, and is refused or skipped as such.
+        with np.errstate(over="ignore"):
+            return np.stack([rows[name].astype(np.float32) for name in wanted], axis=1)
 
     rest = sum(name.startswith("f_rest_") for name in names)
     sh = np.empty((len(rows), 1 + rest // 3, 3), dtype=np.float32)
@@ -271,21 +310,13 @@ def _finite_logits(logits: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _drop_or_refuse_broken(gaussians: Gaussians, path: Path, *, skip_broken: bool) -> Gaussians:
-    count = len(gaussians)
-    finite = np.ones(count, dtype=bool)
-    for values in (
-        gaussians.means,
-        gaussians.log_scales,
-        gaussians.quats,
-        gaussians.opacity_logits,
-        gaussians.sh,
-    ):
-        if not np.isfinite(values).all():
-            finite &= np.isfinite(values).reshape(count, -1).all(axis=1)
-    broken = count - int(finite.sum())
-    if broken and not skip_broken:
+    usable = usable_rows(gaussians)
+    n_broken = len(usable) - int(usable.sum())
+    if n_broken and not skip_broken:
         raise FormatError(
-            f"{path} has {broken} of {count} Gaussians with values that are not finite. "
+            f"{path} has {n_broken} of {len(usable)} Gaussians with values that are not finite or too large. "
             "Repair the file, or import it with broken Gaussians skipped."
         )
-    return gaussians[finite] if broken else gaussians
+    if n_broken == len(usable):
+        raise FormatError(f"{path} has no Gaussian whose values are all finite. Choose another file.")
+    return gaussians[usable] if n_broken else gaussians

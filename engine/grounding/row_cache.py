@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import DiskError
-from ..files import atomic_write
+from ..errors import DiskError, FormatError
+from ..files import ArraySpec, atomic_write, delete_derived, read_array
 
 __all__ = ["RowCache"]
 
@@ -36,12 +36,11 @@ class RowCache:
 
     def get(self, key: str) -> Float32 | None:
         """Return the rows stored under `key`; None when there are none or the file is damaged."""
+        spec = ArraySpec("float32", ("n", self._width), finite=True)
         try:
-            with self._file(key).open("rb") as stream:
-                rows = np.load(stream, allow_pickle=False)
-        except (OSError, ValueError, EOFError):
+            return read_array(self._file(key), spec, advice="It is computed again.")
+        except FormatError:
             return None
-        return rows if rows.dtype == np.float32 and rows.ndim == 2 and rows.shape[1] == self._width else None
 
     def put(self, key: str, rows: Float32) -> None:
         """Store `rows` under `key`; a file that cannot be written is logged and ignored."""
@@ -50,8 +49,8 @@ class RowCache:
                 np.save(stream, rows)
             files = sorted(self._folder.glob("*.npy"), key=lambda file: file.stat().st_mtime)
             for file in files[: -self._max_files]:
-                file.unlink(missing_ok=True)
-        except (DiskError, OSError) as error:
+                delete_derived(self._folder, file.name)
+        except (DiskError, FormatError, OSError) as error:
             _LOG.info("Rows are not stored: %s", error)
 
     def _file(self, key: str) -> Path:

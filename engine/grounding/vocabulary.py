@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import PromptError
-from ..files import atomic_write
+from ..errors import FormatError, PromptError
+from ..files import ArraySpec, atomic_write, read_array, read_text
 from ..project_folder import stage_key
 from .detector import PromptCheck
 from .sentences import SentenceEncoder
@@ -36,7 +36,7 @@ class _ClassWords:
 
 
 def _read_rows(file: Path) -> list[list[str]]:
-    text = file.read_text(encoding="utf-8")
+    text = read_text(file, advice="Install the engine again.")
     return [line.split("\t") for line in text.splitlines() if line and not line.startswith("#")]
 
 
@@ -157,13 +157,11 @@ class Vocabulary:
         file = None
         if self._derived is not None:
             file = self._derived / f"class-words-{stage_key(texts, self._encoder.fingerprint)[:16]}.npy"
-            if file.is_file():
-                try:
-                    vectors = np.load(file, allow_pickle=False)
-                    if vectors.shape == (len(texts), self._encoder.width):
-                        return np.asarray(vectors, np.float32)
-                except (OSError, ValueError, EOFError):
-                    file.unlink(missing_ok=True)  # derived data: computed again below
+            spec = ArraySpec("float32", (len(texts), self._encoder.width), finite=True)
+            try:
+                return read_array(file, spec, advice="It is computed again.")
+            except FormatError:
+                pass  # missing or damaged: computed again below, and replaced
         # Texts of similar length are encoded together, because padding would otherwise cost more than the words.
         order = np.argsort([len(text) for text in texts], kind="stable")
         vectors = np.empty((len(texts), self._encoder.width), np.float32)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import keep_arrays, path_within, read_kept_arrays
+from ..files import ArraySpec, keep_arrays, path_within, read_kept_arrays
 from ..project_folder import stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MAX_EMBEDDINGS
@@ -21,7 +21,7 @@ __all__ = ["EmbeddingFolder"]
 
 _VERSION = 1
 _SUFFIX = ".sam.npz"
-_SHAPE = (1, 256, 64, 64)
+_FEATURES = ArraySpec("float16", (1, 256, 64, 64))
 
 
 class EmbeddingFolder:
@@ -71,5 +71,5 @@ class EmbeddingFolder:
 
 def _read(path: Path, recipe: str) -> NDArray[np.float16] | None:
     """Return the features at `path`; None unless the file is intact and was computed with `recipe`."""
-    features = (read_kept_arrays(path, recipe) or {}).get("features")
-    return features if features is not None and features.shape == _SHAPE and features.dtype == np.float16 else None
+    stored = read_kept_arrays(path, recipe, {"features": _FEATURES})
+    return None if stored is None else stored["features"]

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import json
-import zipfile
-import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MaskError
-from ..files import atomic_write, path_within
+from ..errors import FormatError, MaskError
+from ..files import ArraySpec, atomic_write, parse_json, path_within, read_arrays
 
 __all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
 
 _VERSION = 1
+_ARRAYS = {"labels": ArraySpec("int32", ("h", "w")), "header": ArraySpec("str", ())}
+_ADVICE = "Delete it and run `reconstruct` again."
+_MAX_SEGMENTS = 1 << 20
+"""Largest segment id. Segments are counted in arrays of this length; a photo has at most some hundred."""
 
 
 def label_map_path(folder: Path, photo: str) -> Path:
@@ -60,34 +63,29 @@ def read_label_map(path: Path) -> NDArray[np.int32]:
     MaskError
         When the file is missing, damaged or not a label map.
     """
-    labels, _ = _read(path, wanted="labels")
-    if labels.ndim != 2 or labels.dtype != np.int32:
-        raise MaskError(f"{path} is not a label map of Gaussian Heritage. Delete it and run again.")
+    if not path.is_file():
+        raise MaskError(f"The label map {path} is missing. Run `reconstruct` again.")
+    try:
+        _read_header(path)
+        labels: NDArray[np.int32] = read_arrays(path, _ARRAYS, advice=_ADVICE, only=frozenset({"labels"}))["labels"]
+    except FormatError as error:
+        raise MaskError(str(error)) from error
+    if labels.size == 0 or labels.min() < 0 or labels.max() > _MAX_SEGMENTS:
+        raise MaskError(f"{path} is not a label map of Gaussian Heritage. {_ADVICE}")
     return labels
 
 
 def read_recipe(path: Path) -> str | None:
     """Return the recipe of the label map at `path`; None when there is no readable label map."""
-    if not path.is_file():
-        return None
     try:
-        _, header = _read(path, wanted="header")
-    except MaskError:
+        return str(_read_header(path)["recipe"]) if path.is_file() else None
+    except (FormatError, MaskError):
         return None
-    return str(header.get("recipe", ""))
 
 
-def _read(path: Path, *, wanted: str) -> tuple[NDArray[np.int32], dict[str, object]]:
-    """Return labels and header; the labels are only read when `wanted` is ``"labels"``, else they are empty."""
-    try:
-        # Opened here because np.load leaves the file open when it is not a zip archive.
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            header = json.loads(str(archive["header"]))
-            if header["version"] != _VERSION:
-                raise MaskError(f"{path} was written by another version of Gaussian Heritage. Delete it and run again.")
-            labels = archive["labels"] if wanted == "labels" else np.zeros((0, 0), np.int32)
-    except FileNotFoundError as error:
-        raise MaskError(f"The label map {path} is missing. Run `reconstruct` again.") from error
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise MaskError(f"The label map {path} cannot be read ({error}). Delete it and run again.") from error
-    return labels, header
+def _read_header(path: Path) -> dict[str, Any]:
+    text = str(read_arrays(path, _ARRAYS, advice=_ADVICE, only=frozenset({"header"}))["header"])
+    header: dict[str, Any] = parse_json(text, {"version": int, "recipe": str}, source=str(path), advice=_ADVICE)
+    if header["version"] != _VERSION:
+        raise MaskError(f"{path} was written by another version of Gaussian Heritage. {_ADVICE}")
+    return header

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from ..errors import FormatError
-from ..files import object_file, write_json
+from ..files import object_file, optional, read_versioned, write_json
 
 __all__ = ["RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
 
@@ -69,10 +68,10 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
     file = object_file(project, object_id, _FILE)
     if not file.exists():
         return MuseumRecord()
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        if data["version"] != RECORD_VERSION:
-            raise FormatError(f"{file} was written by another version of Gaussian Heritage. Move it away.")
-        return MuseumRecord(**{f.name: str(data.get(f.name, "")) for f in fields(MuseumRecord)})
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{file} cannot be read: {error}. Repair it or move it away.") from error
+    advice = "Repair it or move it away."
+    names = [f.name for f in fields(MuseumRecord)]
+    data = read_versioned(file, ({name: optional(str) for name in names},), (), advice=advice)
+    record = MuseumRecord(**{name: data.get(name, "") for name in names})
+    if any("\0" in value for value in asdict(record).values()):
+        raise FormatError(f"{file} cannot be read: it has a null character. {advice}")
+    return record

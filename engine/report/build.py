@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ObjectError, PhotoError
-from ..files import atomic_write, finite_or_null, write_json
+from ..errors import FormatError, ObjectError, PhotoError
+from ..files import atomic_write, delete_derived, finite_or_null, write_json
 from ..objects import list_objects, load_membership, object_gaussians
 from ..pictures import Backend, Scene, write_png
 from ..project_folder import ProjectFolder
@@ -82,7 +82,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
     if sheet is not None:
         write_png(folder / SHEET_FILE, sheet, description="Every object from four sides")
     else:
-        (folder / SHEET_FILE).unlink(missing_ok=True)
+        delete_derived(folder, SHEET_FILE)
     write_json(folder / "report.json", finite_or_null(facts))
     path = folder / "report.html"
     with atomic_write(path, "w") as stream:
@@ -105,7 +105,7 @@ def _held_out_pairs(
     for name in picked:
         try:
             pairs[name] = photo_pair(folder, cameras[name], gaussians, backend=backend)
-        except PhotoError as error:
+        except (PhotoError, FormatError) as error:
             log.warning("The report shows no picture of %s: %s", name, error)
     return pairs
 

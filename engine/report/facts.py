@@ -10,14 +10,52 @@ from pathlib import PurePath
 from typing import Any
 
 from .. import __version__
+from ..errors import FormatError
+from ..files import Schema, check, optional
 from ..objects import list_objects
-from ..project_folder import ProjectFolder
+from ..project_folder import PROJECT_FILE, ProjectFolder
 from ..settings import to_dict
 
 __all__ = ["REPORT_VERSION", "STAGES", "collect_facts"]
 
 REPORT_VERSION = 1
 STAGES = ("photos", "cameras", "masks", "training", "objects")
+_NUMBER = optional((float, None))
+_FIGURES: dict[str, Schema] = {
+    "photos": {"n_photos": _NUMBER, "rejected": optional([{"name": str, "reason": str}])},
+    "cameras": {
+        "n_registered": _NUMBER,
+        "unregistered": optional([str]),
+        "reprojection_error": _NUMBER,
+        "poses_given": optional(bool),
+    },
+    "masks": {"n_photos": _NUMBER, "seconds_per_photo": _NUMBER},
+    "training": {
+        "curve": optional([{str: (float, None)}]),
+        "held_out": optional(([str], None)),
+        "measured_photos": optional(([str], None)),
+        "preset": optional((str, None)),
+        "guards": optional({str: float}),
+        "limits": optional({str: float}),
+        "trials": optional([{"what": str, "step": int, "n_steps": int, "gain": (float, None), "kept": bool}]),
+        "stopped_early": optional(
+            (dict.fromkeys(("planned_steps", "expected_gain", "limit", "wall_seconds_saved"), float), None)
+        ),
+        "feature_agreement": optional(({str: (float, None)}, None)),
+        **dict.fromkeys(("steps", "n_gaussians", "step_ms", "sh_degree"), _NUMBER),
+    },
+    "objects": {"refused": optional({str: str})},
+}
+"""What the figures of each stage must be, as far as the report shows them."""
+_VALUES: dict[str, Schema] = {
+    "work_plan": {
+        "pairs": str,
+        "features": bool,
+        **dict.fromkeys(("width", "height", "n_pairs", "n_mask_photos", "max_gaussians", "sh_degree", "steps"), int),
+    },
+    "measured_savings": {str: {"training_cpu_seconds": float, "psnr_lost": float, "mask_cpu_seconds": optional(float)}},
+}
+"""The same for values of ``project.json`` that no stage records and `engine.project_versions` does not check."""
 _PACKAGES = (
     "torch",
     "numpy",
@@ -44,7 +82,13 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         ``stages`` (name, wall and CPU seconds), ``photos``, ``cameras``, ``masks``, ``training``, ``objects``,
         ``refused_prompts``, ``plan``, ``forecast`` (per stage, with the actual cost), ``left_out``,
         ``measured_savings``, ``software`` and ``machine``.
+
+    Raises
+    ------
+    FormatError
+        When a part of ``project.json`` that the report shows is damaged.
     """
+    _require_figures(project)
     records = {stage: project.stage_record(stage) for stage in STAGES}
     figures = {stage: (record or {}).get("figures") or {} for stage, record in records.items()}
     plan = project.get("plan") or {}
@@ -87,6 +131,21 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
     }
 
 
+def _require_figures(project: ProjectFolder) -> None:
+    """Raise `FormatError` unless what the report shows of ``project.json`` has the types that it needs."""
+    problem = None
+    for stage, schema in _FIGURES.items():
+        record = project.stage_record(stage)
+        problem = problem or (record and check(record["figures"], schema, f"stages.{stage}.figures"))
+    for name, schema in _VALUES.items():
+        problem = problem or check(project.get(name), (schema, None), name)
+    if problem:
+        raise FormatError(
+            f"{project.path / PROJECT_FILE} cannot be read: {problem}. Run `reconstruct` in a new folder, or ask "
+            "whoever made the project for an undamaged copy."
+        )
+
+
 def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
     """Return the forecast and the actual cost of each stage of the plan; None where the cost is unknown."""
     rows = []
@@ -110,18 +169,22 @@ def _rejected_by_trials(training: dict[str, Any]) -> list[dict[str, Any]]:
         {
             "what": "the brightness correction per photo"
             if trial["what"] == "exposure"
-            else f"bands of view-dependent colour above {int(trial['what']) - 1}",
+            else f"bands of view-dependent colour above {_band_below(trial['what'])}",
             "why": f"{trial['n_steps']} steps with and without, from step {trial['step']:,} on: "
             f"{trial['gain']:+.2f} dB on the held-out photos",
         }
         for trial in training.get("trials", ())
-        if not trial["kept"]
+        if not trial["kept"] and trial["gain"] is not None
     ]
+
+
+def _band_below(band: str) -> str:
+    return str(int(band) - 1) if band.isascii() and band.isdecimal() and len(band) < 3 else f"the one below {band}"
 
 
 def _steps_left_out(training: dict[str, Any]) -> list[dict[str, Any]]:
     stopped = training.get("stopped_early")
-    if not stopped:
+    if not stopped or training.get("steps") is None:
         return []
     planned = stopped["planned_steps"]
     return [

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import base64
-import html
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .markup import Html, fill, joined
 from .plots import error_curve
 from .style import STYLE
 from .views import PhotoPair
@@ -79,15 +79,17 @@ def page(facts: dict[str, Any], pictures: Pictures) -> str:
         _guards(facts),
         _software(facts),
     )
-    title = html.escape(str(facts["title"]))
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title>'
-        f"<style>{STYLE}</style></head><body><main>{''.join(parts)}</main></body></html>\n"
+    return fill(
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1"><title>{title}</title>'
+        "<style>{style}</style></head><body><main>{parts}</main></body></html>\n",
+        title=facts["title"],
+        style=Html(STYLE),
+        parts=joined(parts),
     )
 
 
-def _head(facts: dict[str, Any]) -> str:
+def _head(facts: dict[str, Any]) -> Html:
     training, cameras = facts["training"], facts["cameras"]
     last = (training.get("curve") or [{}])[-1]
     tiles = [
@@ -101,49 +103,57 @@ def _head(facts: dict[str, Any]) -> str:
         ("SSIM", _number(last.get("ssim"), "{:.3f}")),
         ("total run time", _duration(sum(stage["wall_seconds"] for stage in facts["stages"]))),
     ]
-    shown = "".join(f"<div><b>{value}</b><span>{name}</span></div>" for name, value in tiles if value)
-    waiting = [_STAGE_NAMES[stage].lower() for stage in facts["not_done"] if stage not in ("objects", "masks")]
-    note = f'<p class="note">Not done yet: {", ".join(waiting)}.</p>' if waiting else ""
-    return (
-        f"<header><p>Gaussian Heritage report</p><h1>{html.escape(str(facts['title']))}</h1></header>"
-        f'<div class="tiles">{shown}</div>{note}'
+    waiting = [_stage_name(stage).lower() for stage in facts["not_done"] if stage not in ("objects", "masks")]
+    return fill(
+        '<header><p>Gaussian Heritage report</p><h1>{title}</h1></header><div class="tiles">{tiles}</div>{note}',
+        title=facts["title"],
+        tiles=joined(fill("<div><b>{}</b><span>{}</span></div>", value, name) for name, value in tiles if value),
+        note=fill('<p class="note">Not done yet: {}.</p>', ", ".join(waiting)) if waiting else "",
     )
 
 
-def _objects(facts: dict[str, Any], pictures: Pictures) -> str:
+def _objects(facts: dict[str, Any], pictures: Pictures) -> Html:
     cards = []
     for record in facts["objects"]:
         sides = pictures.objects.get(record["id"], [])
-        images = "".join(_image(side, f"{record['name']}, side {i}") for i, side in enumerate(sides, start=1))
-        seeds = len({seed["photo"] for seed in record["seeds"]})
+        photos = len({seed["photo"] for seed in record["seeds"]})
         details = (
             f"{_describe_prompt(record['prompt'])}; {_count(record['n_gaussians'])} Gaussians; "
             f"confidence {record['score']:.2f}; "
             f"agreement with its mask {record['fit']:.2f}; "
-            f"seen in {seeds} photo{'s' if seeds != 1 else ''}; {record['seconds']:.0f} s"
+            f"seen in {photos} photo{'s' if photos != 1 else ''}; {record['seconds']:.0f} s"
         )
         cards.append(
-            f'<article><h3>{html.escape(record["name"])}</h3><div class="sides">{images}</div>'
-            f"<p>{html.escape(details)}</p></article>"
+            fill(
+                '<article><h3>{name}</h3><div class="sides">{images}</div><p>{details}</p></article>',
+                name=record["name"],
+                images=joined(_image(side, f"{record['name']}, side {i}") for i, side in enumerate(sides, start=1)),
+                details=details,
+            )
         )
-    refused = "".join(f"<li>{html.escape(str(reason))}</li>" for reason in facts["refused_prompts"].values())
+    refused = joined(fill("<li>{}</li>", reason) for reason in facts["refused_prompts"].values())
     if refused:
-        cards.append(f"<h3>Not found</h3><ul>{refused}</ul>")
-    return _section("Objects", "".join(cards) or "<p>No object was isolated yet.</p>")
+        cards.append(fill("<h3>Not found</h3><ul>{}</ul>", refused))
+    return _section("Objects", joined(cards) or Html("<p>No object was isolated yet.</p>"))
 
 
 def _describe_prompt(prompt: dict[str, Any]) -> str:
     if prompt.get("kind") == "text":
-        return f"prompt “{prompt['text']}”"
+        return f"prompt “{prompt.get('text', '')}”"
     return f"selected by {prompt.get('kind', 'hand')} in {prompt.get('photo', 'a photo')}"
 
 
-def _held_out(facts: dict[str, Any], pictures: Pictures) -> str:
+def _held_out(facts: dict[str, Any], pictures: Pictures) -> Html:
     if not pictures.held_out:
-        return ""
-    rows = "".join(
-        f"<figure>{_image(pair.photo, 'photo')}{_image(pair.render, 'render')}"
-        f"<figcaption>{html.escape(name)}: the photo, and the scene rendered from its camera</figcaption></figure>"
+        return Html()
+    rows = joined(
+        fill(
+            "<figure>{photo}{render}"
+            "<figcaption>{name}: the photo, and the scene rendered from its camera</figcaption></figure>",
+            photo=_image(pair.photo, "photo"),
+            render=_image(pair.render, "render"),
+            name=name,
+        )
         for name, pair in pictures.held_out.items()
     )
     kept = facts["training"].get("held_out")
@@ -152,18 +162,19 @@ def _held_out(facts: dict[str, Any], pictures: Pictures) -> str:
         if kept
         else "There were too few photos to hold one out; these were trained on."
     )
-    return _section("Photo and scene", f'<p>{text}</p><div class="pairs">{rows}</div>')
+    return _section("Photo and scene", fill('<p>{}</p><div class="pairs">{}</div>', text, rows))
 
 
-def _curve(facts: dict[str, Any]) -> str:
+def _curve(facts: dict[str, Any]) -> Html:
     training = facts["training"]
-    svg = error_curve(training.get("curve") or [])
+    # Drawn from numbers only.
+    svg = Html(error_curve(training.get("curve") or []))
     if not svg:
-        return ""
+        return Html()
     table = [
         ("steps", _count((training.get("curve") or [{}])[-1].get("step"))),
         ("time per step", _number(training.get("step_ms"), "{:.0f} ms")),
-        ("preset", html.escape(str(training.get("preset") or ""))),
+        ("preset", str(training.get("preset") or "")),
     ]
     agreement = training.get("feature_agreement")
     if agreement:
@@ -173,26 +184,31 @@ def _curve(facts: dict[str, Any]) -> str:
         )
         table.append(("segments of held-out photos reproduced by features (IoU)", f"{trained} (untrained {untrained})"))
     text = "Error on photos that were not trained on, over run time." if training.get("held_out") else ""
-    return _section("Error against run time", f'<p>{text}</p><div class="plot">{svg}</div>{_pairs(table)}')
+    content = fill('<p>{}</p><div class="plot">{}</div>{}', text, svg, _pairs(table))
+    return _section("Error against run time", content)
 
 
-def _stages(facts: dict[str, Any]) -> str:
+def _stages(facts: dict[str, Any]) -> Html:
     rows = [
-        (_STAGE_NAMES[stage["stage"]], _duration(stage["wall_seconds"]), _duration(stage["cpu_seconds"]))
+        (_stage_name(stage["stage"]), _duration(stage["wall_seconds"]), _duration(stage["cpu_seconds"]))
         for stage in facts["stages"]
     ]
     if not rows:
-        return ""
-    total = tuple(_duration(sum(stage[key] for stage in facts["stages"])) for key in ("wall_seconds", "cpu_seconds"))
-    body = "".join(f"<tr><td>{a}</td><td>{b}</td><td>{c}</td></tr>" for a, b, c in rows)
+        return Html()
+    wall, cpu = (_duration(sum(stage[key] for stage in facts["stages"])) for key in ("wall_seconds", "cpu_seconds"))
     return _section(
         "Time",
-        f"<table><thead><tr><th>stage</th><th>wall</th><th>CPU</th></tr></thead><tbody>{body}</tbody>"
-        f"<tfoot><tr><td>total</td><td>{total[0]}</td><td>{total[1]}</td></tr></tfoot></table>",
+        fill(
+            "<table><thead><tr><th>stage</th><th>wall</th><th>CPU</th></tr></thead><tbody>{rows}</tbody>"
+            "<tfoot><tr><td>total</td><td>{wall}</td><td>{cpu}</td></tr></tfoot></table>",
+            rows=joined(fill("<tr><td>{}</td><td>{}</td><td>{}</td></tr>", *row) for row in rows),
+            wall=wall,
+            cpu=cpu,
+        ),
     )
 
 
-def _photos(facts: dict[str, Any]) -> str:
+def _photos(facts: dict[str, Any]) -> Html:
     photos, cameras = facts["photos"], facts["cameras"]
     table = [
         ("readable photos", _count(photos.get("n_photos"))),
@@ -202,22 +218,21 @@ def _photos(facts: dict[str, Any]) -> str:
         ("photos with segments", _count(facts["masks"].get("n_photos"))),
         ("time per segmented photo", _number(facts["masks"].get("seconds_per_photo"), "{:.1f} s")),
     ]
-    rejected = [f"<b>{html.escape(p['name'])}</b> {html.escape(p['reason'])}" for p in photos.get("rejected", ())]
-    unplaced = [html.escape(name) for name in cameras.get("unregistered", ())]
-    return _section(
-        "Photos",
-        _pairs(table)
-        + _list("Not used", rejected, "Every photo was used.")
-        + _list("Not registered", unplaced, "Every photo was registered."),
+    rejected = [fill("<b>{}</b> {}", photo["name"], photo["reason"]) for photo in photos.get("rejected", ())]
+    parts = (
+        _pairs(table),
+        _list("Not used", rejected, "Every photo was used."),
+        _list("Not registered", cameras.get("unregistered", ()), "Every photo was registered."),
     )
+    return _section("Photos", joined(parts))
 
 
-def _plan(facts: dict[str, Any]) -> str:
+def _plan(facts: dict[str, Any]) -> Html:
     """Return the plan, and the forecast with the actual cost."""
     plan, training = facts["plan"], facts["training"]
     if not plan:
-        return ""
-    pairs = {"none": "none", "all": "all", "promising": "promising ones, about"}[plan["pairs"]]
+        return Html()
+    pairs = {"promising": "promising ones, about"}.get(plan["pairs"], plan["pairs"])
     table = [
         ("training pictures", f"{plan['width']} x {plan['height']}"),
         ("pairs matched", f"{pairs} {_count(plan['n_pairs'])}" if plan["n_pairs"] else pairs),
@@ -228,24 +243,26 @@ def _plan(facts: dict[str, Any]) -> str:
         ("brightness correction per photo", "yes" if "exposure" in training else "no"),
         ("maximum number of steps", _count(plan["steps"])),
     ]
-    return _section("Plan and forecast", _pairs(table) + _forecast(facts["forecast"]))
+    return _section("Plan and forecast", joined((_pairs(table), _forecast(facts["forecast"]))))
 
 
-def _forecast(rows: list[dict[str, Any]]) -> str:
+def _forecast(rows: list[dict[str, Any]]) -> Html:
     if not rows:
-        return ""
-    body = "".join(
-        f"<tr><td>{_STAGE_NAMES[row['stage']]}</td>"
-        f"<td>{_duration(row['seconds'])} ({_duration(row['low'])} to {_duration(row['high'])})</td>"
-        f"<td>{_actual_time(row)}</td>"
-        f"<td>{_memory(row['memory'])} ({_memory(row['memory_low'])} to {_memory(row['memory_high'])})</td>"
-        f"<td>{_memory(row['actual_memory'])}</td></tr>"
-        for row in rows
-    )
-    return (
+        return Html()
+    return fill(
         "<p>Forecast before the run, with the range in which 8 of 10 runs are expected, and the actual cost.</p>"
         "<table><thead><tr><th>stage</th><th>time, forecast</th><th>actual</th><th>memory, forecast</th>"
-        f"<th>actual peak</th></tr></thead><tbody>{body}</tbody></table>"
+        "<th>actual peak</th></tr></thead><tbody>{}</tbody></table>",
+        joined(
+            fill(
+                "<tr><td>{}</td><td>{} ({} to {})</td><td>{}</td><td>{} ({} to {})</td><td>{}</td></tr>",
+                _stage_name(row["stage"]),
+                *(_duration(row[key]) for key in ("seconds", "low", "high")),
+                _actual_time(row),
+                *(_memory(row[key]) for key in ("memory", "memory_low", "memory_high", "actual_memory")),
+            )
+            for row in rows
+        ),
     )
 
 
@@ -259,38 +276,41 @@ def _memory(value: Any) -> str:
     return f"{value / 1e9:.2f} GB" if isinstance(value, int | float) else "unknown"
 
 
-def _left_out(facts: dict[str, Any]) -> str:
+def _left_out(facts: dict[str, Any]) -> Html:
     items = [
-        f"<b>{html.escape(item['what'])}</b>: {html.escape(item['why'])}. "
-        f'<span class="small">Saved: {html.escape(item.get("saved") or "not measured")}.</span>'
+        fill(
+            '<b>{}</b>: {}. <span class="small">Saved: {}.</span>',
+            item["what"],
+            item["why"],
+            item.get("saved") or "not measured",
+        )
         for item in facts["left_out"]
     ]
-    return _section("What was left out", _list("", items, "Nothing was left out.") + _savings(facts))
+    return _section("What was left out", joined((_list("", items, "Nothing was left out."), _savings(facts))))
 
 
-def _savings(facts: dict[str, Any]) -> str:
+def _savings(facts: dict[str, Any]) -> Html:
     saved = facts["measured_savings"]
     if not saved:
-        return ""
+        return Html()
     masks = f" and {saved['mask_cpu_seconds']:.0f} CPU s of masks" if "mask_cpu_seconds" in saved else ""
-    return (
-        f"<p>Measured against a run of the same preset with nothing left out: {saved['training_cpu_seconds']:.0f} CPU "
-        f"s of training{masks} saved, at {saved['psnr_lost']:.2f} dB less on held-out photos.</p>"
+    return fill(
+        "<p>{}</p>",
+        f"Measured against a run of the same preset with nothing left out: {saved['training_cpu_seconds']:.0f} CPU "
+        f"s of training{masks} saved, at {saved['psnr_lost']:.2f} dB less on held-out photos.",
     )
 
 
-def _guards(facts: dict[str, Any]) -> str:
+def _guards(facts: dict[str, Any]) -> Html:
     fired = {name: n for name, n in (facts["training"].get("guards") or {}).items() if n}
     items = [
-        f"<b>{_count(n)}</b> {html.escape(_GUARD_NAMES.get(name, name.replace('_', ' ')))}" for name, n in fired.items()
+        fill("<b>{}</b> {}", _count(n), _GUARD_NAMES.get(name, name.replace("_", " "))) for name, n in fired.items()
     ]
-    return _section(
-        "Numerical problems",
-        _list("", items, "None: all numbers stayed finite and within bounds.") + _limits(facts),
-    )
+    none = "None: all numbers stayed finite and within bounds."
+    return _section("Numerical problems", joined((_list("", items, none), _limits(facts))))
 
 
-def _limits(facts: dict[str, Any]) -> str:
+def _limits(facts: dict[str, Any]) -> Html:
     """Return how many Gaussians the limits of the method clamped on average. That is normal and no problem."""
     training = facts["training"]
     limits, steps = training.get("limits") or {}, training.get("steps") or 0
@@ -300,47 +320,53 @@ def _limits(facts: dict[str, Any]) -> str:
         if steps and name in limits
     ]
     if not clamped:
-        return ""
-    return (
-        f'<p class="small">As in every run, limits of the method clamped some Gaussians. On average over the steps: '
-        f"{', '.join(clamped)}; of {_count(training.get('n_gaussians'))} at the end.</p>"
+        return Html()
+    return fill(
+        '<p class="small">{}</p>',
+        "As in every run, limits of the method clamped some Gaussians. On average over the steps: "
+        f"{', '.join(clamped)}; of {_count(training.get('n_gaussians'))} at the end.",
     )
 
 
-def _software(facts: dict[str, Any]) -> str:
+def _software(facts: dict[str, Any]) -> Html:
     machine = facts["machine"]
-    versions = ", ".join(f"{html.escape(name)} {html.escape(version)}" for name, version in facts["software"].items())
-    return _section(
-        "Software",
-        f'<p class="small">{versions}. {html.escape(machine["system"])}, {html.escape(machine["processor"])}, '
-        f"{machine['cores']} cores.</p>",
-    )
+    versions = ", ".join(f"{name} {version}" for name, version in facts["software"].items())
+    text = f"{versions}. {machine['system']}, {machine['processor']}, {machine['cores']} cores."
+    return _section("Software", fill('<p class="small">{}</p>', text))
 
 
-def _section(title: str, content: str) -> str:
-    return f"<section><h2>{title}</h2>{content}</section>"
+def _stage_name(stage: str) -> str:
+    return _STAGE_NAMES.get(stage, stage)
 
 
-def _list(title: str, items: Sequence[str], otherwise: str) -> str:
-    heading = f"<h3>{title}</h3>" if title and items else ""
-    return f"{heading}<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>" if items else f"<p>{otherwise}</p>"
+def _section(title: str, content: Html) -> Html:
+    return fill("<section><h2>{}</h2>{}</section>", title, content)
 
 
-def _pairs(rows: Iterable[tuple[str, str]]) -> str:
-    shown = "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in rows if value)
-    return f"<dl>{shown}</dl>" if shown else ""
+def _list(title: str, items: Iterable[Html | str], otherwise: str) -> Html:
+    lines = joined(fill("<li>{}</li>", item) for item in items)
+    if not lines:
+        return fill("<p>{}</p>", otherwise)
+    return fill("{}<ul>{}</ul>", fill("<h3>{}</h3>", title) if title else "", lines)
 
 
-def _image(pixels: NDArray[np.uint8], text: str) -> str:
+def _pairs(rows: Iterable[tuple[str, str]]) -> Html:
+    shown = joined(fill("<div><dt>{}</dt><dd>{}</dd></div>", name, value) for name, value in rows if value)
+    return fill("<dl>{}</dl>", shown) if shown else Html()
+
+
+def _image(pixels: NDArray[np.uint8], text: str) -> Html:
     from PIL import Image
 
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, format="JPEG", quality=86)
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
     height, width = pixels.shape[:2]
-    return (
-        f'<img loading="lazy" width="{width}" height="{height}" alt="{html.escape(text)}" '
-        f'src="data:image/jpeg;base64,{data}">'
+    return fill(
+        '<img loading="lazy" width="{}" height="{}" alt="{}" src="data:image/jpeg;base64,{}">',
+        width,
+        height,
+        text,
+        base64.b64encode(buffer.getvalue()).decode("ascii"),
     )
 
 

@@ -130,4 +130,5 @@ def compare_curves(
 
 def _finite(point: dict[str, Any], key: str) -> bool:
     value = point.get(key)
-    return isinstance(value, int | float) and math.isfinite(value)
+    # Matplotlib cannot place ticks at larger numbers.
+    return isinstance(value, int | float) and math.isfinite(value) and abs(value) < 1e12

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..pictures import Backend, Scene
 from ..scene import Gaussians, PinholeCamera
+from ..visible_text import visible
 
 __all__ = ["picture_sheet", "render_alone"]
 
@@ -23,6 +24,8 @@ _GAP = 8
 """Space between pictures, pixels."""
 _CAPTION_HEIGHT = 34
 """Height of a caption, pixels."""
+_MAX_CAPTION = 200
+"""Characters; more do not fit the width of the picture."""
 _CAPTION_COLOR = (60, 56, 50)
 """Colour of captions, sRGB, 0 to 255."""
 
@@ -89,9 +92,8 @@ def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], background: Sequ
     for number, (name, sides) in enumerate(shown):
         top = _GAP + number * (height + _CAPTION_HEIGHT + _GAP)
         # The built-in font has ASCII letters only; others would be drawn as boxes.
-        draw.text(
-            (_GAP, top), name if name.isascii() else name.encode("ascii", "replace").decode(), _CAPTION_COLOR, font
-        )
+        caption = visible(name[:_MAX_CAPTION]).encode("ascii", "replace").decode()
+        draw.text((_GAP, top), caption, _CAPTION_COLOR, font)
         for column, side in enumerate(sides):
             sheet.paste(Image.fromarray(side), (_GAP + column * (width + _GAP), top + _CAPTION_HEIGHT))
     return np.asarray(sheet)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..cameras import covering_pinhole, is_point_visible, training_pinhole, undistort
 from ..evaluation import feature_agreement
+from ..files import path_within
 from ..objects import spread_cameras
 from ..pictures import Backend, Scene, render_view
 from ..scene import Camera, Gaussians, PinholeCamera
@@ -70,11 +71,13 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
     ------
     PhotoError
         When the photo can no longer be read.
+    FormatError
+        When its name leads out of the folder.
     """
     from ..photos import load_pixels
 
     frame = training_pinhole(camera, max_side=_PAIR_SIDE)
-    pixels = load_pixels(folder / camera.photo, max_side=2 * _PAIR_SIDE)
+    pixels = load_pixels(path_within(folder, camera.photo), max_side=2 * _PAIR_SIDE)
     photo = np.asarray(undistort(pixels, camera, frame, interpolation="linear"), np.uint8)
     return PhotoPair(photo, render_view(gaussians, frame, backend=backend))
 

@@ -11,7 +11,7 @@ from .gaussians import FEATURE_DIM, Gaussians
 from .lens import focal_and_center, lens_pixels, photo_pixels
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_storage import read_photo_set, write_photo_set
-from .polished import Polished, forget_polished, load_polished, save_polished
+from .polished import Polished, load_polished, save_polished
 
 __all__ = [
     "FEATURE_DIM",
@@ -25,7 +25,6 @@ __all__ = [
     "Polished",
     "RejectedPhoto",
     "focal_and_center",
-    "forget_polished",
     "lens_pixels",
     "load_polished",
     "photo_pixels",

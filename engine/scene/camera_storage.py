@@ -5,20 +5,36 @@ Units and axes are those of `engine.scene.camera`: lens parameters in pixels of 
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..files import atomic_write, is_inner_name, write_json
+from ..files import ArraySpec, atomic_write, read_arrays, read_versioned, write_json
 from .camera import Camera, CameraSet
+from .lens import lens_problem
+from .photo_storage import photo_name, size_problem
 
 __all__ = ["read_camera_set", "write_camera_set"]
 
 _VERSION = 1
 _CAMERAS, _POINTS = "cameras.json", "points.npz"
+_SCHEMA = {
+    "poses_given": bool,
+    "reprojection_error": (float, None),
+    "original_from_world": [[float]],
+    "unregistered": [str],
+    "cameras": [{"photo": str, "width": int, "height": int, "model": str, "params": [float], "viewmat": [[float]]}],
+}
+_ARRAYS = {"points": ArraySpec("float32", ("n", 3), finite=True), "colors": ArraySpec("uint8", ("n", 3))}
+_RIGID_TOLERANCE = 1e-4
+"""Largest error of the products of a rotation's rows. Some programs write poses as float32 or with 6 digits; the engine
+and Blender invert poses by transposition, which this error changes by less than a pixel in 10,000."""
+_MAX_ENTRY = 1e15
+"""Largest entry of a matrix. Georeferenced scenes have translations of 1e7; beyond 1e19, squares overflow float32."""
 
 
 def write_camera_set(path: Path, camera_set: CameraSet) -> None:
@@ -63,46 +79,71 @@ def read_camera_set(path: Path) -> CameraSet:
     Raises
     ------
     FormatError
-        When a file is missing, damaged or written by another version.
+        When a file is missing, damaged or written by another version, or a camera cannot exist: a photo without
+        pixels, a lens that `lens_problem` refuses, a pose that is not a rotation and a translation.
     """
-    if not (path / _CAMERAS).is_file():
-        raise FormatError(f"{path / _CAMERAS} is missing. Run `reconstruct` first.")
+    file = path / _CAMERAS
+    if not file.is_file():
+        raise FormatError(f"{file} is missing. Run `reconstruct` first.")
+    advice = f"Delete the folder {path} and run `reconstruct` again."
+    data = read_versioned(file, (_SCHEMA,), (), advice=advice)
+    arrays = read_arrays(path / _POINTS, _ARRAYS, advice=advice)
+    error = data["reprojection_error"]
     try:
-        data = json.loads((path / _CAMERAS).read_text(encoding="utf-8"))
-        if data["version"] != _VERSION:
-            raise FormatError(
-                f"{path} was written by another version of Gaussian Heritage. Use a new folder for the scene."
-            )
-        with np.load(path / _POINTS, allow_pickle=False) as arrays:
-            points, colors = arrays["points"], arrays["colors"]
-        error = data["reprojection_error"]
         return CameraSet(
-            cameras=tuple(
-                Camera(
-                    photo=_photo_name(camera["photo"]),
-                    width=int(camera["width"]),
-                    height=int(camera["height"]),
-                    model=camera["model"],
-                    params=tuple(float(value) for value in camera["params"]),
-                    viewmat=np.array(camera["viewmat"], dtype=np.float64).reshape(4, 4),
-                )
-                for camera in data["cameras"]
-            ),
-            unregistered=tuple(data["unregistered"]),
-            points=points.astype(np.float32, copy=False).reshape(-1, 3),
-            point_colors=colors.astype(np.uint8, copy=False).reshape(-1, 3),
+            cameras=_cameras(data["cameras"]),
+            unregistered=tuple(map(photo_name, data["unregistered"])),
+            points=arrays["points"],
+            point_colors=arrays["colors"],
             reprojection_error=math.nan if error is None else float(error),
-            original_from_world=np.array(data["original_from_world"], dtype=np.float64).reshape(4, 4),
-            poses_given=bool(data["poses_given"]),
+            original_from_world=_similarity(data["original_from_world"]),
+            poses_given=data["poses_given"],
         )
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
-        raise FormatError(
-            f"The cameras in {path} cannot be read: {error}. Delete the folder and run `reconstruct` again."
-        ) from error
+    except ValueError as problem:
+        raise FormatError(f"{file} cannot be read: {problem}. {advice}") from problem
 
 
-def _photo_name(name: object) -> str:
-    """Return the name of a photo. It names files of the project, so that it must not lead out of a folder."""
-    if not isinstance(name, str) or not is_inner_name(name):
-        raise ValueError(f"{name!r} is not the name of a photo")
-    return name
+def _cameras(entries: list[dict[str, Any]]) -> tuple[Camera, ...]:
+    """Return the cameras of `entries`; raises `ValueError` for one that cannot exist, or two of one photo."""
+    cameras = {}
+    for entry in entries:
+        name = photo_name(entry["photo"])
+        if name in cameras:
+            raise ValueError(f"{name} has two cameras")
+        params = tuple(float(value) for value in entry["params"])
+        camera = Camera(name, entry["width"], entry["height"], entry["model"], params, _matrix(entry["viewmat"]))
+        problem = size_problem(camera.width, camera.height) or lens_problem(camera.lens) or _pose_problem(camera)
+        if problem:
+            raise ValueError(f"the camera of {name} cannot be used, because {problem}")
+        cameras[name] = camera
+    return tuple(cameras.values())
+
+
+def _pose_problem(camera: Camera) -> str | None:
+    return None if _is_rigid(camera.viewmat) else "its pose is not a rotation and a translation"
+
+
+def _similarity(rows: list[Any]) -> NDArray[np.float64]:
+    """Return a rotation, uniform scale and translation; raises `ValueError` for another matrix."""
+    matrix = _matrix(rows)
+    scale = np.cbrt(np.abs(np.linalg.det(matrix[:3, :3])))
+    rigid = matrix.copy()
+    rigid[:3, :3] /= scale if scale > 0 else 1.0
+    if not _is_rigid(rigid):
+        raise ValueError("`original_from_world` is not a rotation, a scale and a translation")
+    return matrix
+
+
+def _matrix(rows: list[Any]) -> NDArray[np.float64]:
+    if len(rows) != 4 or any(len(row) != 4 for row in rows):
+        raise ValueError("a matrix does not have 4 rows of 4 numbers")
+    matrix = np.array(rows, dtype=np.float64)
+    if np.abs(matrix).max() > _MAX_ENTRY:
+        raise ValueError("a number of a matrix is too large")
+    return matrix
+
+
+def _is_rigid(matrix: NDArray[np.float64]) -> bool:
+    rotation = matrix[:3, :3]
+    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() <= _RIGID_TOLERANCE and np.linalg.det(rotation) > 0
+    return bool(is_rotation and (matrix[3] == (0, 0, 0, 1)).all())

@@ -15,6 +15,8 @@ docs/design_notes/cameras.md.
 from __future__ import annotations
 
 import functools
+import math
+import reprlib
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -23,7 +25,7 @@ from numpy.typing import NDArray
 from ..errors import CameraError
 from .camera import Camera, Lens
 
-__all__ = ["focal_and_center", "lens_pixels", "photo_pixels"]
+__all__ = ["focal_and_center", "lens_pixels", "lens_problem", "photo_pixels"]
 
 Float64 = NDArray[np.float64]
 _Distortion = Callable[[Float64, Float64, Sequence[float]], tuple[Float64, Float64]]
@@ -32,6 +34,25 @@ _TURNING_POINT_ANGLES = 65
 """Angles around the optical axis at which the turning point is searched; it is interpolated between them."""
 _TURNING_POINT_STEPS = np.linspace(0.0, 89.0, 891)
 """Degrees off the optical axis at which the search tests the lens model."""
+_MAX_PARAMETER = 1e9
+"""Largest absolute parameter of a usable lens, and the inverse of the smallest focal length in pixels."""
+
+
+def lens_problem(lens: Lens) -> str | None:
+    """Return why `lens` cannot be used, as a clause for a message; None for a usable one.
+
+    Its model must be known and have this number of parameters, all finite, with focal lengths above 0.
+    """
+    count = _N_PARAMETERS.get(lens.model)
+    if count is None:
+        return f"the lens model {reprlib.repr(lens.model)} is not known"
+    if len(lens.params) != count:
+        return f"the lens model {lens.model} has {count} parameters, not {len(lens.params)}"
+    if not all(math.isfinite(value) and abs(value) <= _MAX_PARAMETER for value in lens.params):
+        return "a parameter of its lens is not finite or is too large"
+    if min(focal_and_center(lens)[:2]) < 1 / _MAX_PARAMETER:
+        return "its focal length must be above 0"
+    return None
 
 
 def focal_and_center(camera: Camera | Lens) -> tuple[float, float, float, float]:
@@ -227,3 +248,23 @@ _DISTORTIONS: dict[str, _Distortion] = {
     "DIVISION": _division,
     "EUCM": _eucm,
 }
+_N_PARAMETERS = {
+    "SIMPLE_PINHOLE": 3,
+    "PINHOLE": 4,
+    "SIMPLE_RADIAL": 4,
+    "RADIAL": 5,
+    "OPENCV": 8,
+    "FULL_OPENCV": 12,
+    "SIMPLE_FISHEYE": 3,
+    "FISHEYE": 4,
+    "SIMPLE_RADIAL_FISHEYE": 4,
+    "RADIAL_FISHEYE": 5,
+    "OPENCV_FISHEYE": 8,
+    "THIN_PRISM_FISHEYE": 12,
+    "RAD_TAN_THIN_PRISM_FISHEYE": 16,
+    "FOV": 5,
+    "SIMPLE_DIVISION": 4,
+    "DIVISION": 5,
+    "EUCM": 6,
+}
+"""Number of parameters of each model, focal lengths and principal point included."""

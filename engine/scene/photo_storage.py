@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from ..errors import FormatError
-from ..files import is_inner_name, write_json
+from ..files import is_inner_name, optional, read_versioned, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
-__all__ = ["read_photo_set", "write_photo_set"]
+__all__ = ["photo_name", "read_photo_set", "size_problem", "write_photo_set"]
 
 _VERSION = 1
+_PHOTO = {
+    "name": str,
+    "width": int,
+    "height": int,
+    "focal_px": (float, None),
+    "sha256": str,
+    "mask": optional((str, None)),
+    "mask_sha256": optional((str, None)),
+}
+_SCHEMA = {"folder": str, "photos": [_PHOTO], "rejected": [{"name": str, "reason": str}]}
+_MAX_SIDE = 100_000
+"""Pixels. Larger than any photo, and small enough that its pixels can be counted in 64 bits."""
 
 
 def write_photo_set(path: Path, photo_set: PhotoSet) -> None:
@@ -40,24 +52,46 @@ def read_photo_set(path: Path) -> PhotoSet:
     Raises
     ------
     FormatError
-        When the file is missing, damaged or written by another version.
+        When the file is missing, damaged or written by another version, or a photo has an impossible name or size.
     """
+    advice = "Delete it and run `reconstruct` again."
+    data = read_versioned(path, (_SCHEMA,), (), advice=advice)
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-        if data["version"] != _VERSION:
-            raise FormatError(
-                f"{path} was written by another version of Gaussian Heritage. Use a new folder for the scene."
-            )
-        photos = tuple(Photo(**photo) for photo in data["photos"])
-        for photo in photos:
-            if not is_inner_name(photo.name) or not (photo.mask is None or isinstance(photo.mask, str)):
-                raise ValueError(f"{photo.name!r} is not the name of a photo")
         return PhotoSet(
-            folder=Path(data["folder"]),
-            photos=photos,
-            rejected=tuple(RejectedPhoto(**photo) for photo in data["rejected"]),
+            folder=_path(data["folder"]),
+            photos=tuple(map(_photo, data["photos"])),
+            rejected=tuple(RejectedPhoto(photo["name"], photo["reason"]) for photo in data["rejected"]),
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(
-            f"The photo list {path} cannot be read: {error}. Delete it and run `reconstruct` again."
-        ) from error
+    except ValueError as error:
+        raise FormatError(f"{path} cannot be read: {error}. {advice}") from error
+
+
+def photo_name(name: str) -> str:
+    """Return `name`; raises `ValueError` when it cannot be a photo's: it names files, so it must not lead out."""
+    if not is_inner_name(name):
+        raise ValueError(f"{name[:200]!r} is not the name of a photo")
+    return name
+
+
+def size_problem(width: int, height: int) -> str | None:
+    """Return why a photo cannot have this size, as a clause for a message; None for a usable one."""
+    usable = all(1 <= side <= _MAX_SIDE for side in (width, height))
+    return None if usable else f"it cannot have {width} x {height} pixels"
+
+
+def _photo(entry: dict[str, Any]) -> Photo:
+    name, focal, mask = photo_name(entry["name"]), entry["focal_px"], entry.get("mask")
+    problem = size_problem(entry["width"], entry["height"])
+    if problem or (focal is not None and focal <= 0):
+        raise ValueError(f"the photo {name} cannot be used, because {problem or 'its focal length must be above 0'}")
+    if mask is not None:
+        _path(mask)
+    return Photo(
+        name, entry["width"], entry["height"], focal, entry["sha256"], mask=mask, mask_sha256=entry.get("mask_sha256")
+    )
+
+
+def _path(text: str) -> Path:
+    if "\0" in text:
+        raise ValueError("a path has a null character")
+    return Path(text)

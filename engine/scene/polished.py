@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..files import atomic_write, object_file
+from ..files import ArraySpec, atomic_write, object_file, read_arrays
 from .gaussians import Gaussians
 
-__all__ = ["Polished", "forget_polished", "load_polished", "save_polished"]
+__all__ = ["Polished", "load_polished", "save_polished"]
 
 _POLISHED = "polished.npz"
 _ROWS, _TRAINED_MEANS = "rows", "trained_means"
 _VALUES = tuple(field.name for field in fields(Gaussians) if field.name != "features")
+_ARRAYS = {
+    _ROWS: ArraySpec("int32", ("n",)),
+    _TRAINED_MEANS: ArraySpec("float32", ("n", 3), finite=True),
+    "means": ArraySpec("float32", ("n", 3), finite=True),
+    "log_scales": ArraySpec("float32", ("n", 3), finite=True),
+    "quats": ArraySpec("float32", ("n", 4), finite=True),
+    "opacity_logits": ArraySpec("float32", ("n",), finite=True),
+    "sh": ArraySpec("float32", ("n", "n_sh", 3), finite=True),
+}
+_ADVICE = "Isolate the object again."
 
 
 @dataclass(frozen=True)
@@ -70,11 +79,6 @@ def save_polished(folder: Path, polished: Polished) -> None:
         np.savez(stream, **arrays)
 
 
-def forget_polished(folder: Path) -> None:
-    """Remove the polished Gaussians from an object's folder, if it has any."""
-    (folder / _POLISHED).unlink(missing_ok=True)
-
-
 def load_polished(project: Path, object_id: str) -> Polished | None:
     """Return the polished Gaussians of an object, None when it was not polished.
 
@@ -86,19 +90,10 @@ def load_polished(project: Path, object_id: str) -> Polished | None:
     file = object_file(project, object_id, _POLISHED)
     if not file.is_file():
         return None
-    try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            values = {name: np.asarray(archive[name], np.float32) for name in _VALUES}
-            rows = np.asarray(archive[_ROWS], np.int32)
-            trained_means = np.asarray(archive[_TRAINED_MEANS], np.float32)
-        count, n_sh = rows.shape[0], values["sh"].shape[1]
-        shapes = {"means": (3,), "log_scales": (3,), "quats": (4,), "opacity_logits": (), "sh": (n_sh, 3)}
-        arrays = {**values, _TRAINED_MEANS: trained_means, _ROWS: rows}
-        expected = {**shapes, _TRAINED_MEANS: (3,), _ROWS: ()}
-        wrong = [name for name, array in arrays.items() if array.shape != (count, *expected[name])]
-        if wrong:
-            raise ValueError(f"{', '.join(wrong)} has an unexpected shape")
-    # NumPy raises RuntimeError for a broken zip header and TypeError for a file that is no archive.
-    except (OSError, ValueError, KeyError, IndexError, TypeError, RuntimeError, EOFError, zipfile.BadZipFile) as error:
-        raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
-    return Polished(rows, trained_means, Gaussians(**values))
+    arrays = read_arrays(file, _ARRAYS, advice=_ADVICE)
+    rows = arrays[_ROWS]
+    if len(rows) and (rows[0] < 0 or (np.diff(rows) <= 0).any()):
+        raise FormatError(f"{file} cannot be read: `{_ROWS}` is not ascending. {_ADVICE}")
+    if arrays["sh"].shape[1] not in (1, 4, 9, 16):
+        raise FormatError(f"{file} cannot be read: `sh` has an unexpected shape. {_ADVICE}")
+    return Polished(rows, arrays[_TRAINED_MEANS], Gaussians(**{name: arrays[name] for name in _VALUES}))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,8 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import HeritageError
+from ..errors import FormatError, HeritageError
 from ..events import Event, StopCheck, Warned, never_stop
+from ..files import ArraySpec, parse_json, read_arrays
 from ..gaussians import load_gaussians, save_gaussians
 from ..scene import Gaussians
 from ..training import CHECKPOINT_FILE, TrainingResult, train
@@ -30,6 +30,7 @@ __all__ = [
     "run_training",
 ]
 
+_STORED = ArraySpec("float32|int32|bool")
 Ending = Literal["finishes", "warns", "refused"]
 
 
@@ -150,16 +151,23 @@ def non_finite_values(folder: Path) -> list[str]:
     """Return the arrays of checkpoint and scene in `folder` that are not finite, one clause each."""
     problems = []
     if (folder / CHECKPOINT_FILE).is_file():
-        with np.load(folder / CHECKPOINT_FILE, allow_pickle=False) as stored:
-            record = json.loads(str(stored["record"]), parse_constant=lambda word: problems.append(f"{word} in record"))
-            bad = [name for name in stored.files if name != "record" and not np.isfinite(stored[name]).all()]
-        problems += [f"`{name}` of the checkpoint at step {record['step']} is not finite" for name in bad]
+        problems += _non_finite_in_checkpoint(folder / CHECKPOINT_FILE)
     if (folder / "scene.ply").is_file():
         scene = load_gaussians(folder)
         for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
             if not np.isfinite(getattr(scene, name)).all():
                 problems.append(f"`{name}` of the scene is not finite")
     return problems
+
+
+def _non_finite_in_checkpoint(file: Path) -> list[str]:
+    try:
+        stored = read_arrays(file, {"record": ArraySpec("str", ())}, optional={"*": _STORED}, advice="")
+        step = parse_json(str(stored.pop("record")), {"step": int}, source=str(file), advice="")["step"]
+    except FormatError as error:
+        return [str(error).strip()]
+    bad = [name for name, values in stored.items() if not np.isfinite(values).all()]
+    return [f"`{name}` of the checkpoint at step {step} is not finite" for name in bad]
 
 
 def _count_problems(result: TrainingResult, settings: TrainingSettings) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -12,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..errors import Cancelled
+from ..errors import Cancelled, FormatError
 from ..events import StopCheck
+from ..files import parse_json
 from ..training import Parameters, TrainingResult, render
 from ..training.settings import TrainingSettings
 from .memory_limit import MALLOC_ENVIRONMENT
@@ -24,6 +24,9 @@ __all__ = ["resumes_exactly", "resumes_after_memory_error", "stays_empty"]
 
 _STEPS_PER_ATTEMPT = (1, 47, 20, 35)
 """Steps of each attempt: they end before the first checkpoint, between two, after growth, and near the end."""
+
+_ANSWER = {"type": (str, None), "message": str, "code": int, "step": int, "problems": [str], "same": bool}
+"""What `engine.stability.memory_limit` prints."""
 
 _MAX_COVERED_SHARE = 0.05
 """Largest mean opacity of pixels that are black in the photos. The soft edges of the balls cause 1 to 2 %."""
@@ -101,8 +104,8 @@ def resumes_after_memory_error() -> TrainingFinding:
             check=False,
         )  # fmt: skip
     try:
-        answer = json.loads(child.stdout)
-    except ValueError:
+        answer = parse_json(child.stdout, _ANSWER, source="the answer of the process", advice="")
+    except FormatError:
         last = (child.stderr.strip().splitlines() or ["no message"])[-1]
         return TrainingFinding("refused", problems=(f"the process failed with exit code {child.returncode}: {last}",))
     problems = list(answer["problems"])

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import zipfile
+import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..errors import NumericalError
-from ..files import atomic_write
+from ..errors import FormatError, NumericalError
+from ..files import ArraySpec, atomic_write, delete_derived, finite_or_null, parse_json, read_arrays
 from ..rasterizer import AdamState
 from ..scene import Gaussians
 from ..settings import to_dict
@@ -29,12 +28,13 @@ from .guards import ADVICE
 from .held_out import CurvePoint
 from .parameters import NAMES, Parameters
 from .settings import TrainingSettings
-from .trials import Trial
+from .trials import EXPOSURE, Trial
 from .views import TrainingView
 
 __all__ = [
     "CHECKPOINT_FILE",
     "RunState",
+    "continues",
     "delete_old_runs",
     "latest_run",
     "read_checkpoint",
@@ -56,6 +56,66 @@ TRANSIENT_MASK_PREFIX = "out_of_place."
 
 SETTINGS_WITHOUT_EFFECT = ("checkpoint_interval", "preview_seconds")
 """Stored names of the settings that do not change the result."""
+
+_ADVICE = "Training starts again."
+_MAX_MASK_SIDE = 32_766
+"""Pixels; OpenCV cannot resize larger pictures."""
+
+
+def _array_specs() -> tuple[dict[str, ArraySpec], dict[str, ArraySpec]]:
+    """Return the arrays that every checkpoint has, and those that it may have."""
+
+    def finite(*shape: int | str) -> ArraySpec:
+        return ArraySpec("float32", shape, finite=True)
+
+    values = {
+        "value.means": finite("n", 3),
+        "value.log_scales": finite("n", 3),
+        "value.quats": finite("n", 4),
+        "value.opacity_logits": finite("n"),
+        "value.sh_dc": finite("n", 1, 3),
+        "exposure": finite("n_train", 3),
+        "record": ArraySpec("str", ()),
+    }
+    optional = {
+        "value.sh_rest": finite("n", "n_rest", 3),
+        "value.features": finite("n", "n_features"),
+        # Each pair of moments must have the shape of its values, see `_state_from`.
+        "first.*": ArraySpec("float32", finite=True),
+        "second.*": ArraySpec("float32", finite=True),
+        "neighbours": ArraySpec("int32", ("n_neighbours", "k")),
+        f"{TRANSIENT_MASK_PREFIX}*": ArraySpec("bool"),
+    }
+    return values, optional
+
+
+_ARRAYS, _OPTIONAL_ARRAYS = _array_specs()
+_POINT = {
+    "step": int,
+    "wall_seconds": float,
+    "cpu_seconds": float,
+    "psnr": (float, None),
+    "ssim": (float, None),
+    "l1": (float, None),
+    "n_gaussians": int,
+}
+_TRIAL = {"what": str, "step": int, "n_steps": int, "gain": (float, None), "kept": bool}
+_RECORD = {
+    "version": int,
+    "key": str,
+    "step": int,
+    "cooling_from": (int, None),
+    "sh_limit": (int, None),
+    "uses_exposure": bool,
+    "trials": [_TRIAL],
+    "adam_steps": {str: int},
+    "neighbours_step": int,
+    "curve": [_POINT],
+    "guards": {str: int},
+    "wall_seconds": float,
+    "cpu_seconds": float,
+}
+"""The values of a checkpoint that are not arrays. JSON has no NaN: an error that could not be measured is null."""
 
 
 @dataclass
@@ -171,7 +231,7 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         "wall_seconds": state.wall_seconds,
         "cpu_seconds": state.cpu_seconds,
     }
-    arrays["record"] = np.array(json.dumps(record))
+    arrays["record"] = np.array(json.dumps(finite_or_null(record)))
     with atomic_write(folder / CHECKPOINT_FILE) as stream:
         np.savez(stream, **arrays)
 
@@ -190,16 +250,13 @@ def read_checkpoint(folder: Path, key: str) -> RunState | None:
 def read_state(folder: Path, key: str | None = None) -> RunState | None:
     """Return the state stored in `folder`, of any run without a `key`; None as for `read_checkpoint`."""
     path = folder / CHECKPOINT_FILE
-    if not path.is_file():
-        return None
     try:
-        # Opened here because NumPy does not close a file that it finds damaged.
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            record = json.loads(str(stored["record"]))
-            if key is not None and record["key"] != key:
-                return None
-            return _state_from(dict(stored), record)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        record = _read_record(path)
+        if record["version"] != VERSION or (key is not None and record["key"] != key):
+            return None
+        arrays = read_arrays(path, _ARRAYS, optional=_OPTIONAL_ARRAYS, advice=_ADVICE)
+        return _state_from(arrays, record)
+    except (FormatError, _Damaged):
         return None
 
 
@@ -212,11 +269,11 @@ def read_progress(folder: Path) -> dict[str, Any] | None:
         ``step``, ``curve`` (list of dict), ``wall_seconds`` and ``cpu_seconds``, as JSON values.
     """
     try:
-        with (folder / CHECKPOINT_FILE).open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            record = json.loads(str(stored["record"]))
-            return {name: record[name] for name in ("step", "curve", "wall_seconds", "cpu_seconds")}
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        record = _read_record(folder / CHECKPOINT_FILE)
+        points = [asdict(point) for point in _curve(record)]
+    except (FormatError, _Damaged):
         return None
+    return {"curve": points, **{name: record[name] for name in ("step", "wall_seconds", "cpu_seconds")}}
 
 
 def delete_old_runs(folder: Path, *, keep: str) -> None:
@@ -226,7 +283,7 @@ def delete_old_runs(folder: Path, *, keep: str) -> None:
     """
     others = [path for path in folder.glob("*") if path.name != keep]
     for old in sorted(others, key=_written_at, reverse=True)[N_OTHER_RUNS_KEPT:]:
-        shutil.rmtree(old)
+        delete_derived(folder, old.name)
 
 
 def latest_run(folder: Path) -> Path | None:
@@ -240,36 +297,113 @@ def _written_at(run: Path) -> float:
     return file.stat().st_mtime if file.is_file() else 0.0
 
 
+class _Damaged(ValueError):
+    """Values of a checkpoint that contradict each other."""
+
+
+def _read_record(path: Path) -> dict[str, Any]:
+    """Return the values that are not arrays; raises `FormatError` or `_Damaged` unless all are usable."""
+    text = str(read_arrays(path, {"record": _ARRAYS["record"]}, advice=_ADVICE)["record"])
+    record: dict[str, Any] = parse_json(text, _RECORD, source=str(path), advice=_ADVICE)
+    counts = ("step", "neighbours_step", "wall_seconds", "cpu_seconds", "cooling_from", "sh_limit")
+    if any((record[name] or 0) < 0 for name in counts) or any(step < 0 for step in record["adam_steps"].values()):
+        raise _Damaged
+    if any(not (trial["what"] == EXPOSURE or _is_number(trial["what"])) for trial in record["trials"]):
+        raise _Damaged
+    return record
+
+
+def _curve(record: dict[str, Any]) -> list[CurvePoint]:
+    names = [one.name for one in fields(CurvePoint)]
+    curve = [CurvePoint(**{name: _nan_if_none(point[name]) for name in names}) for point in record["curve"]]
+    steps = [point.step for point in curve]
+    if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= record["step"]):
+        raise _Damaged
+    return curve
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) < 10
+
+
+def _is_mask(mask: NDArray[np.bool_]) -> bool:
+    return mask.ndim == 2 and mask.size > 0 and max(mask.shape) <= _MAX_MASK_SIDE
+
+
+def _are_rows(neighbours: NDArray[np.int32]) -> bool:
+    return neighbours.size > 0 and 0 <= neighbours.min() <= neighbours.max() < len(neighbours)
+
+
+def _nan_if_none(value: Any) -> Any:
+    return math.nan if value is None else value
+
+
 def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunState:
-    steps = record["adam_steps"]
+    """Return the state; raises `_Damaged` when its values contradict each other."""
+    # The kernels of the rasterizer rely on the order of the values in memory.
+    arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
+    names = [name for name in NAMES if f"value.{name}" in arrays]
+    degree = record["sh_limit"]
+    neighbours = arrays.get("neighbours")
+    masks = {name.removeprefix(TRANSIENT_MASK_PREFIX): mask for name, mask in arrays.items() if mask.dtype == bool}
+    if (
+        len(arrays["value.means"]) == 0
+        or ("value.sh_rest" in arrays and arrays["value.sh_rest"].shape[1] not in (3, 8, 15))
+        or (neighbours is not None and not _are_rows(neighbours))
+        or any(not _is_number(number) or not _is_mask(mask) for number, mask in masks.items())
+    ):
+        raise _Damaged
 
     def moments(name: str) -> AdamState:
-        return AdamState(
-            torch.from_numpy(arrays[f"first.{name}"]), torch.from_numpy(arrays[f"second.{name}"]), int(steps[name])
-        )
+        values = arrays["exposure" if name == "exposure" else f"value.{name}"]
+        first, second = arrays.get(f"first.{name}"), arrays.get(f"second.{name}")
+        if first is None or second is None or name not in record["adam_steps"]:
+            raise _Damaged
+        if not first.shape == second.shape == values.shape or (second < 0).any():
+            raise _Damaged
+        return AdamState(torch.from_numpy(first), torch.from_numpy(second), record["adam_steps"][name])
 
-    names = [name for name in NAMES if f"value.{name}" in arrays]
-    neighbours = arrays.get("neighbours")
-    return RunState(
+    state = RunState(
         parameters=Parameters(
             {name: torch.from_numpy(arrays[f"value.{name}"]) for name in names}, {n: moments(n) for n in names}
         ),
         exposure=torch.from_numpy(arrays["exposure"]),
         exposure_moments=moments("exposure"),
-        step=int(record["step"]),
+        step=record["step"],
         cooling_from=record["cooling_from"],
-        sh_limit=record["sh_limit"],
+        sh_limit=degree,
         uses_exposure=record["uses_exposure"],
-        trials=[Trial(**trial) for trial in record["trials"]],
-        transient_masks={
-            int(name.removeprefix(TRANSIENT_MASK_PREFIX)): mask
-            for name, mask in arrays.items()
-            if name.startswith(TRANSIENT_MASK_PREFIX)
-        },
+        trials=[
+            Trial(**{one.name: _nan_if_none(trial[one.name]) for one in fields(Trial)}) for trial in record["trials"]
+        ],
+        transient_masks={int(number): mask for number, mask in masks.items()},
         neighbours=None if neighbours is None else torch.from_numpy(neighbours),
-        neighbours_step=int(record["neighbours_step"]),
-        curve=[CurvePoint(**point) for point in record["curve"]],
+        neighbours_step=record["neighbours_step"],
+        curve=_curve(record),
         guards=Counter(record["guards"]),
         wall_seconds=float(record["wall_seconds"]),
         cpu_seconds=float(record["cpu_seconds"]),
+    )
+    if degree is not None and degree > state.parameters.sh_degree:
+        raise _Damaged
+    return state
+
+
+def continues(state: RunState, begun: RunState, *, n_steps: int) -> bool:
+    """Return whether a stored state can be one of the run that begins with `begun` and makes at most `n_steps` steps.
+
+    The key of a checkpoint proves that it was written by the same run, unless another program wrote it.
+    """
+    values, first = state.parameters.values, begun.parameters.values
+    return (
+        state.step <= n_steps
+        and (state.step < n_steps or bool(state.curve) and state.curve[-1].step == state.step)
+        and (state.cooling_from is None or len(state.curve) > 1 and state.cooling_from <= state.step)
+        and state.exposure.shape == begun.exposure.shape
+        and (state.sh_limit is None) == (begun.sh_limit is None)
+        and set(values) | {"sh_rest"} == set(first) | {"sh_rest"}
+        and all(values[name].shape[1:] == first[name].shape[1:] for name in values if name != "sh_rest")
+        and state.parameters.sh_degree <= begun.parameters.sh_degree
+        and (state.sh_limit is not None or state.parameters.sh_degree == begun.parameters.sh_degree)
+        and all(number < len(begun.exposure) for number in state.transient_masks)
     )

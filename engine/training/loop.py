@@ -15,7 +15,7 @@ from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..rasterizer import AdamState, adam_step, compile_kernels
 from ..scene import Gaussians
-from .checkpoint import RunState, read_checkpoint, run_key, write_checkpoint
+from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .densify import gaussian_errors, grow, position_noise, relocate, split_by_error
 from .guards import (
     backward,
@@ -185,7 +185,11 @@ class _TrainingRun:
         shares = coarse_shares(training, 2 * settings.schedule.coarse_levels)
         self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled, shares=shares)
         self.key = run_key(start, views, settings)
-        self.state = read_checkpoint(checkpoints, self.key) or self._initial_state(start)
+        begun = self._initial_state(start)
+        stored = read_checkpoint(checkpoints, self.key)
+        if stored is None or not continues(stored, begun, n_steps=settings.schedule.steps):
+            stored = begun
+        self.state = stored
         self.pyramid.mask_pixels(self.state.transient_masks)
         self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)

@@ -146,8 +146,69 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
         read_ground_truth(folder, PHOTOS).masks("view_07.jpg")
     labels = as_lerf_ovs(tmp_path / "label", TRUE_VIEWS)
     (labels / "view_07.json").write_text('{"info": {}}', encoding="utf-8")
-    with pytest.raises(FormatError, match=r"view_07\.json is not a label of LERF-OVS"):
+    with pytest.raises(FormatError, match=r"view_07\.json cannot be read: .* A label of LERF-OVS"):
         read_ground_truth(labels, PHOTOS)
     (folder / "names.json").write_text("[]", encoding="utf-8")
-    with pytest.raises(FormatError, match=r"names\.json is not of the form"):
+    with pytest.raises(FormatError, match=r"names\.json .*must be of the form"):
+        read_ground_truth(folder, PHOTOS)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"x": {"prompt": "vase"}}', '{"-1": {"prompt": "vase"}}', '{"1": {"prompt": 7}}', '{"1": "vase"}',
+        "[" * 100_000,
+        '{"' + "9" * 5000 + '": {"prompt": "vase"}}', "\ufeff{", '{"1": {"prompt": "\\ud800"}}',
+    ],
+    ids=range(8),
+)  # fmt: skip
+def test_names_of_another_form_are_one_sentence(tmp_path: Path, text: str) -> None:
+    folder = as_museum(tmp_path / "museum", TRUE_VIEWS)
+    (folder / "names.json").write_text(text, encoding="utf-8")
+    with pytest.raises(FormatError, match=r"names\.json .*must be of the form"):
+        read_ground_truth(folder, PHOTOS)
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("height", 10**9),
+        ("height", 0),
+        ("width", -5),
+        ("width", 1e9),
+        ("name", None),
+        ("segmentation", [[1, 2], [3]]),
+        ("segmentation", [[1, "a"]]),
+        ("segmentation", [[1e30, 2], [3, 4], [5, 6]]),
+        ("segmentation", [[None, 2], [3, 4]]),
+        ("segmentation", {}),
+        ("category", 7),
+    ],
+)
+def test_a_label_that_cannot_be_drawn_is_one_sentence(tmp_path: Path, place: str, value: object) -> None:
+    labels = as_lerf_ovs(tmp_path / "label", TRUE_VIEWS)
+    file = labels / "view_07.json"
+    data = json.loads(file.read_text(encoding="utf-8"))
+    (data["objects"][0] if place in ("segmentation", "category") else data["info"])[place] = value
+    file.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(FormatError, match=r"view_07\.json cannot be read"):
+        read_ground_truth(labels, PHOTOS)
+
+
+def test_a_mask_of_too_many_pixels_is_refused_before_it_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = as_museum(tmp_path / "museum", TRUE_VIEWS)
+    monkeypatch.setattr("engine.evaluation.ground_truth._MAX_PIXELS", 100)
+    monkeypatch.setattr(Image.Image, "convert", None)
+    with pytest.raises(MaskError, match=r"view_07\.png cannot be read: it has \d+ x \d+ pixels"):
+        read_ground_truth(folder, PHOTOS).masks("view_07.jpg")
+
+
+@pytest.mark.parametrize("line", ["../vase", "/vase", "a\0b", "vase\xff"])
+def test_a_class_that_names_another_folder_is_refused(tmp_path: Path, line: str) -> None:
+    folder = MAKERS["3d-ovs"](tmp_path)
+    listed = next(folder.rglob("classes.txt"))
+    listed.write_bytes(line.encode("latin-1"))
+    with pytest.raises(FormatError, match=r"classes\.txt"):
         read_ground_truth(folder, PHOTOS)

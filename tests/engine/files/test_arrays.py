@@ -111,3 +111,55 @@ def test_a_size_that_the_data_cannot_have_allocates_nothing(tmp_path):
     (tmp_path / "p.npz").write_bytes(archive_of(points=npy(header), colors=npy(header)))
     with pytest.raises(FormatError, match="another size|too large"):
         read_arrays(tmp_path / "p.npz", POINTS, advice="")
+
+
+def test_a_length_that_numpy_cannot_hold_is_one_sentence(tmp_path):
+    header = "{'descr': '<f4', 'fortran_order': False, 'shape': (0, 1" + "0" * 40 + "), }\n"
+    (tmp_path / "a.npy").write_bytes(npy(header))
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_array(tmp_path / "a.npy", ArraySpec("float32", ("n", "m")), advice="")
+    (tmp_path / "a.npz").write_bytes(archive_of(a=npy(header)))
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_arrays(tmp_path / "a.npz", {"a": ArraySpec("float32", ("n", "m"))}, advice="")
+
+
+def test_a_small_archive_does_not_decode_for_minutes(tmp_path, monkeypatch):
+    """Compressed zeros decode to a thousand times their size."""
+    monkeypatch.setattr("engine.files.arrays._MAX_DEFLATED_BYTES", 1_000_000)
+    np.savez_compressed(tmp_path / "p.npz", points=np.zeros((50_000, 3)), colors=np.zeros((50_000, 3), np.uint8))
+    assert (tmp_path / "p.npz").stat().st_size < 4000
+    with pytest.raises(FormatError, match="its compressed arrays state 0.0 GB"):
+        read_arrays(tmp_path / "p.npz", POINTS, advice="")
+    assert set(read_arrays(tmp_path / "p.npz", POINTS, advice="", only=frozenset({"colors"}))) == {"colors"}
+
+
+def test_arrays_that_share_their_bytes_are_refused(tmp_path):
+    """Thousands of members at one place would decode to thousands of times the size of the file."""
+    data = io.BytesIO()
+    values = npy("{'descr': '|u1', 'fortran_order': False, 'shape': (1000,), }\n", bytes(1000))
+    with zipfile.ZipFile(data, "w") as archive:
+        archive.writestr("a.npy", values)
+        first = archive.infolist()[0]
+        for number in range(9):
+            other = zipfile.ZipInfo(f"{number}.npy")
+            other.CRC, other.compress_size, other.file_size = first.CRC, first.compress_size, first.file_size
+            other.header_offset = first.header_offset
+            archive.filelist.append(other)
+    (tmp_path / "p.npz").write_bytes(data.getvalue())
+    with pytest.raises(FormatError, match="its arrays overlap"):
+        read_arrays(tmp_path / "p.npz", {}, optional={"*": ArraySpec("uint8", ("n",))}, advice="")
+
+
+def test_text_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr("engine.files.arrays._MAX_TEXT_BYTES", 100)
+    np.savez(tmp_path / "s.npz", header=np.array("x" * 26))
+    with pytest.raises(FormatError, match="too large"):
+        read_arrays(tmp_path / "s.npz", {"header": ArraySpec("str", ())}, advice="")
+
+
+def test_the_message_about_a_huge_name_is_short(tmp_path):
+    whole = archive_of(**{"a" * 5000: npy("{'descr': '|u1', 'fortran_order': False, 'shape': (0,), }\n")})
+    (tmp_path / "p.npz").write_bytes(whole.replace(b"aaaaa", b"aaaab", 1))
+    with pytest.raises(FormatError, match="cannot be read: .*[^.]\\. Run again") as caught:
+        read_arrays(tmp_path / "p.npz", {}, optional={"*": ArraySpec("uint8", ("n",))}, advice="Run again.")
+    assert len(str(caught.value)) < 500

@@ -42,6 +42,16 @@ def test_what_is_wrong_is_one_sentence_with_the_place(text, problem):
     assert str(caught.value).endswith("Run again.")
 
 
+@pytest.mark.parametrize("number", ["1e999", "-1e309", "1" * 400 + ".0", "1" * 300 + "e99"])
+def test_no_number_is_infinite_where_the_schema_allows_everything(number):
+    with pytest.raises(FormatError):
+        read(f'{{"a": [{number}]}}', {"a": list})
+
+
+def test_large_numbers_that_are_finite_are_read():
+    assert read('{"a": [1e300, 1e-400, 12e10]}', {"a": list}) == {"a": [1e300, 0.0, 12e10]}
+
+
 def test_every_value_of_a_mapping_is_checked():
     assert read('{"a": 1, "b": 2.5}', {str: float}) == {"a": 1, "b": 2.5}
     with pytest.raises(FormatError, match="`b` must be a finite number, got 'x'"):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.errors import DiskError, FormatError, NumericalError
+from engine.errors import FormatError, NumericalError
 from engine.formats.glb import read_glb, write_glb, y_up_from_z_up, z_up_from_y_up
 from engine.formats.spherical_harmonics import sh_basis
 from engine.scene.gaussians import Gaussians
@@ -124,9 +124,9 @@ def test_empty_object_is_written_and_read(tmp_path: Path, random_gaussians: Rand
     [
         (b"ply\nformat", "is not a glTF 2.0 binary"),
         (b"", "is not a readable GLB"),
-        (struct.pack("<IIIII", 0x46546C67, 2, 24, 4, 0x4E4F534A) + b"{}  ", "is not a GLB with Gaussians"),
+        (struct.pack("<IIIII", 0x46546C67, 2, 24, 4, 0x4E4F534A) + b"{}  ", "cannot be read: `asset` is missing"),
         (struct.pack("<IIIII", 0x46546C67, 2, 99, 4, 0x4E4F534A) + b"{}  ", "is truncated"),
-        (struct.pack("<IIIII", 0x46546C67, 2, 24, 4, 0x4E4F534A) + b"{]  ", "is not a readable GLB"),
+        (struct.pack("<IIIII", 0x46546C67, 2, 24, 4, 0x4E4F534A) + b"{]  ", "cannot be read"),
     ],
 )
 def test_other_files_are_refused_with_a_reason(tmp_path: Path, content: bytes, sentence: str) -> None:
@@ -137,7 +137,7 @@ def test_other_files_are_refused_with_a_reason(tmp_path: Path, content: bytes, s
 
 
 def test_a_missing_file_is_reported_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(DiskError, match=r"nowhere\.glb"):
+    with pytest.raises(FormatError, match=r"nowhere\.glb cannot be read: No such file"):
         read_glb(tmp_path / "nowhere.glb")
 
 
@@ -180,3 +180,98 @@ def test_khronos_validator_accepts_all_but_the_new_attribute_names(
     assert {error["code"] for error in errors} == {"MESH_PRIMITIVE_INVALID_ATTRIBUTE"}
     assert all("/attributes/KHR_gaussian_splatting:" in error["pointer"] for error in errors)
     assert len(errors) == known
+
+
+def changed(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """Change the JSON part of a file."""
+    data, document = path.read_bytes(), json_part(path)
+    length = struct.unpack_from("<I", data, 12)[0]
+    change(document)
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    path.write_bytes(
+        struct.pack("<IIIII", 0x46546C67, 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+    )
+
+
+def set_to(place: str, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(document: dict[str, Any]) -> None:
+        *parents, last = place.split("/")
+        target: Any = document
+        for name in parents:
+            target = target[int(name)] if isinstance(target, list) else target[name]
+        target[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        ("accessors/0/count", 10**15),
+        ("accessors/0/count", -1),
+        ("accessors/0/count", 0),
+        ("accessors/0/count", 6),
+        ("accessors/1/count", 10**9),
+        ("accessors/1/count", 1e400),
+        ("accessors/1/byteOffset", -4),
+        ("accessors/1/byteOffset", 10**18),
+        ("accessors/1/bufferView", -1),
+        ("accessors/1/bufferView", 999),
+        ("accessors/1/type", "VEC3"),
+        ("accessors/1/type", []),
+        ("bufferViews/1/byteOffset", 10**30),
+        ("bufferViews/1/byteOffset", -16),
+        ("bufferViews/1/byteLength", 4),
+        ("bufferViews/1/buffer", 1),
+        ("meshes/0/primitives/0/attributes", {"POSITION": -1}),
+        ("meshes/0/primitives/0/attributes", []),
+        ("meshes/0/primitives/0/extensions", None),
+        ("meshes/0/primitives", []),
+        ("meshes", None),
+        ("nodes", [7]),
+        ("asset/generator", 5),
+        ("buffers/0/uri", "data:application/octet-stream;base64,AAAA"),
+        ("buffers/0/uri", "../../secret.bin"),
+    ],
+)
+def test_a_part_that_contradicts_the_file_is_one_sentence(
+    tmp_path: Path, place: str, value: Any, random_gaussians: RandomGaussians
+) -> None:
+    path = tmp_path / "object.glb"
+    write_glb(path, random_gaussians(5, degree=1))
+    changed(path, lambda document: None)
+    assert len(read_glb(path)) == 5
+    changed(path, set_to(place, value))
+    with pytest.raises(FormatError, match=r"object\.glb"):
+        read_glb(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
+def test_values_that_cannot_be_used_are_refused(
+    tmp_path: Path, value: float, random_gaussians: RandomGaussians
+) -> None:
+    path = tmp_path / "object.glb"
+    write_glb(path, random_gaussians(5, degree=0), color_fallback=False)
+    whole = path.read_bytes()
+    for end in (len(whole) - 4, 20 + struct.unpack_from("<I", whole, 12)[0] + 8):
+        path.write_bytes(whole[:end] + np.float32(value).tobytes() + whole[end + 4 :])
+        with pytest.raises(FormatError, match="not finite or too large"):
+            read_glb(path)
+
+
+def test_a_cut_file_and_a_damaged_binary_part_are_one_sentence(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    path = tmp_path / "object.glb"
+    write_glb(path, random_gaussians(5, degree=0))
+    whole = path.read_bytes()
+    start = 20 + struct.unpack_from("<I", whole, 12)[0]
+    hostile = [whole[:n] for n in (3, 12, 19, 20, start, start + 4, start + 8, len(whole) - 1)]
+    hostile += [data[:8] + struct.pack("<I", len(data)) + data[12:] for data in hostile if len(data) >= 12]
+    hostile += [whole[:12] + b"\xff\xff\xff\xff" + whole[16:], whole[:start] + b"\xff\xff\xff\xff" + whole[start + 4 :]]
+    for data in hostile:
+        path.write_bytes(data)
+        with pytest.raises(FormatError, match=r"object\.glb"):
+            read_glb(path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import DiskError, FormatError, NumericalError
+from engine.errors import FormatError, NumericalError
 from engine.formats.ply import read_ply, write_ply
 from engine.scene.gaussians import Gaussians
 
@@ -16,9 +16,7 @@ RandomGaussians = Callable[..., Gaussians]
 
 
 # Sizes around the chunk size are tested with one degree.
-@pytest.mark.parametrize(
-    ("count", "degree"), [(0, 3), (1, 0), (1, 1), (1, 2), (1, 3), (65_535, 1), (65_536, 1), (65_537, 1)]
-)
+@pytest.mark.parametrize(("count", "degree"), [(1, 0), (1, 1), (1, 2), (1, 3), (65_535, 1), (65_536, 1), (65_537, 1)])
 def test_written_gaussians_are_read_back_bit_for_bit(
     tmp_path: Path,
     count: int,
@@ -122,7 +120,7 @@ CLOUD = (
         (b"ply\nelement vertex 1\nproperty float x\nend_header\n", "states no format"),
         (CLOUD.replace(b"vertex 1", b"vertex one"), "header line that cannot be read: `element vertex one`"),
         (CLOUD.replace(b"float x", b"half x"), "header line that cannot be read: `property half x`"),
-        (CLOUD.replace(b"float y", b"float x"), "header line that cannot be read"),
+        (CLOUD.replace(b"float y", b"float x"), "lists an element or a property twice"),
         (CLOUD.replace(b"element vertex", b"element chunk"), "is a compressed Gaussian PLY"),
         (CLOUD.replace(b"element vertex", b"element face"), "has no plain `vertex` element"),
         (CLOUD.replace(b"float x", b"list uchar int x"), "has no plain `vertex` element"),
@@ -155,7 +153,7 @@ def test_incomplete_spherical_harmonics_are_refused(tmp_path: Path, random_gauss
 
 
 def test_a_missing_file_is_reported_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(DiskError, match=r"nowhere\.ply"):
+    with pytest.raises(FormatError, match=r"nowhere\.ply cannot be read: No such file"):
         read_ply(tmp_path / "nowhere.ply")
 
 
@@ -193,3 +191,81 @@ def test_infinite_opacity_logits_mean_opaque_and_transparent(tmp_path: Path, ran
     back = read_ply(path)
     assert np.isfinite(back.opacity_logits).all()
     np.testing.assert_allclose(back.opacities, [1, 0], atol=6e-8)
+
+
+def header(*lines: str, count: int | str = 1) -> bytes:
+    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", "scale_2"]
+    names += ["rot_0", "rot_1", "rot_2", "rot_3"]
+    properties = [f"property float {name}" for name in names]
+    text = ["ply", "format binary_little_endian 1.0", *lines, f"element vertex {count}", *properties, "end_header", ""]
+    return "\n".join(text).encode()
+
+
+def test_a_header_of_the_tests_is_a_scene(tmp_path: Path) -> None:
+    (tmp_path / "file.ply").write_bytes(header() + bytes(56))
+    assert len(read_ply(tmp_path / "file.ply")) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (header(count=1_000_000_000_000) + bytes(56), "is truncated: its header states 1000000000000 .* it has 1"),
+        (header(count="9" * 400), "header line that cannot be read: `element vertex 9{65}`"),
+        (header(count=-1) + bytes(56), "header line that cannot be read: `element vertex -1`"),
+        (header(count="1_0") + bytes(560), "header line that cannot be read"),
+        (header(count="١") + bytes(56), "header line that cannot be read"),
+        (header(count=0), "has no Gaussians: its list is empty"),
+        (header("element vertex 1", "property float x") + bytes(60), "lists an element or a property twice"),
+        (header("property float x") + bytes(56), "header line that cannot be read: `property float x`"),
+        (header("element a 999999999999", "property double b") + bytes(99), "truncated: .* 999999999999 rows of `a`"),
+        (header("element a 1", *(f"property float p{i}" for i in range(1001))), "more than 1000 properties"),
+        (header(*["comment"] * 20_000) + bytes(56), "header does not end"),
+        (header("comment " + "x" * (1 << 20)) + bytes(56), "header does not end"),
+    ],
+)
+def test_a_count_or_a_header_that_the_file_cannot_have_allocates_nothing(
+    tmp_path: Path, content: bytes, sentence: str
+) -> None:
+    path = tmp_path / "file.ply"
+    path.write_bytes(content)
+    with pytest.raises(FormatError, match=sentence):
+        read_ply(path)
+    with pytest.raises(FormatError, match=sentence):
+        read_ply(path, skip_broken=True)
+
+
+def test_a_file_that_needs_more_memory_than_is_free_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("engine.formats.bounds.free_memory", lambda: 1 << 20)
+    path = tmp_path / "file.ply"
+    with path.open("wb") as stream:  # a hole takes no space on the disk
+        stream.write(header(count=3_000_000))
+        stream.truncate(stream.tell() + 3_000_000 * 56)
+    with pytest.raises(FormatError, match="takes 0.3 GB of memory to read, and 0.0 GB are free"):
+        read_ply(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("means", 1e30), ("log_scales", 60.0), ("sh", -1e25), ("quats", 1e20)])
+def test_values_too_large_to_compute_with_count_as_broken(
+    tmp_path: Path, name: str, value: float, random_gaussians: RandomGaussians
+) -> None:
+    gaussians = random_gaussians(3, degree=0)
+    getattr(gaussians, name).reshape(3, -1)[1, 0] = value
+    write_ply(tmp_path / "scene.ply", gaussians)
+    with pytest.raises(FormatError, match="1 of 3 Gaussians with values that are not finite or too large"):
+        read_ply(tmp_path / "scene.ply")
+    assert len(read_ply(tmp_path / "scene.ply", skip_broken=True)) == 2
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_double_that_float32_cannot_hold_is_broken_without_a_warning(tmp_path: Path) -> None:
+    content = header(count=1).replace(b"property float x", b"property double x")
+    (tmp_path / "file.ply").write_bytes(content + np.float64(1e300).tobytes() + bytes(52))
+    with pytest.raises(FormatError, match="1 of 1 Gaussians"):
+        read_ply(tmp_path / "file.ply")
+    with pytest.raises(FormatError, match="has no Gaussian whose values are all finite"):
+        read_ply(tmp_path / "file.ply", skip_broken=True)
+
+
+def test_a_folder_is_no_scene(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="it is not a file"):
+        read_ply(tmp_path)

@@ -28,6 +28,12 @@ def test_damaged_or_foreign_rows_are_none(tmp_path: Path) -> None:
     (tmp_path / "a.npy").write_bytes(b"")
     assert cache.get("a") is None
     assert RowCache(tmp_path, width=5, max_files=2).get("a") is None
+    for rows in (ROWS * np.float32("nan"), ROWS.astype(np.float64), ROWS[0], np.array([["a"] * 4])):
+        np.save(tmp_path / "a.npy", rows)
+        assert cache.get("a") is None
+    np.savez(tmp_path / "archive.npz", ROWS)
+    (tmp_path / "archive.npz").rename(tmp_path / "a.npy")
+    assert cache.get("a") is None
 
 
 def test_oldest_rows_are_deleted_first(tmp_path: Path) -> None:

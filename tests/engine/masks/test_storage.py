@@ -36,7 +36,7 @@ def test_unusable_file_gives_a_readable_error_and_has_no_recipe(tmp_path: Path) 
         path.write_bytes(damaged)
         if damaged.endswith(whole):
             continue  # a zip may have bytes before it
-        with pytest.raises(MaskError, match="Delete it and run again"):
+        with pytest.raises(MaskError, match="Delete it and run `reconstruct` again"):
             read_label_map(path)
         assert read_recipe(path) is None
     np.savez(path, other=np.zeros(3))
@@ -55,3 +55,47 @@ def test_folder_that_cannot_be_written_is_a_disk_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(DiskError):
         write_label_map(tmp_path / "file" / "a.npz", np.zeros((2, 2), np.int32))
+
+
+def npz(path: Path, labels: np.ndarray, header: object = '{"version": 1, "recipe": "r"}') -> None:
+    np.savez(path, labels=labels, header=np.array(header))
+
+
+GOOD = np.array([[0, 1], [2, 1]], np.int32)
+
+
+@pytest.mark.parametrize(
+    ("labels", "header"),
+    [
+        (np.zeros(4, np.int32), None),
+        (np.zeros((2, 2, 2), np.int32), None),
+        (np.zeros((2, 2), np.int64), None),
+        (np.zeros((0, 5), np.int32), None),
+        (np.array([["a"]]), None),
+        (-GOOD, None),
+        (GOOD * 2**29, None),  # a count of each segment would take gigabytes
+        (GOOD, "{"),
+        (GOOD, "[" * 100_000),
+        (GOOD, '{"version": "1", "recipe": "r"}'),
+        (GOOD, '{"version": 1, "recipe": 7}'),
+        (GOOD, '{"version": 2, "recipe": "r"}'),
+        (GOOD, 7),
+    ],
+)
+def test_a_file_that_is_no_label_map_is_one_sentence(tmp_path: Path, labels: np.ndarray, header: object) -> None:
+    path = tmp_path / "a.npz"
+    npz(path, GOOD)
+    assert np.array_equal(read_label_map(path), GOOD) and read_recipe(path) == "r"
+    npz(path, labels) if header is None else npz(path, labels, header)
+    with pytest.raises(MaskError, match=r"a\.npz .*Delete it and run `reconstruct` again"):
+        read_label_map(path)
+    if header is not None:
+        assert read_recipe(path) is None
+
+
+def test_a_label_map_that_decodes_to_gigabytes_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("engine.files.arrays._MAX_DEFLATED_BYTES", 1 << 20)
+    write_label_map(tmp_path / "a.npz", np.zeros((1000, 1000), np.int32), recipe="r")
+    assert (tmp_path / "a.npz").stat().st_size < 10_000
+    with pytest.raises(MaskError, match="its compressed arrays state"):
+        read_label_map(tmp_path / "a.npz")

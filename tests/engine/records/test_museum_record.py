@@ -25,7 +25,21 @@ def test_comments_contain_the_fields_that_are_not_empty() -> None:
     assert MuseumRecord(title="Vase", rights="CC0").as_comments() == ["title Vase", "rights CC0"]
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"version": 99}', "{}"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        '{"version": 99}',
+        "{}",
+        '{"version": []}',
+        '{"version": 1, "title": 7}',
+        "[" * 100_000,
+        '{"version": 1, "notes": "a\\u0000b"}',
+        '{"version": 1, "notes": "\\ud800"}',
+        '{"version": 1' + "0" * 5000 + "}",
+    ],
+)
 def test_a_damaged_record_is_reported_in_a_sentence(tmp_path: Path, text: str) -> None:
     file = tmp_path / "objects" / "vase" / "record.json"
     file.parent.mkdir(parents=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.errors import FormatError
 from engine.masks.storage import label_map_path, write_label_map
 from engine.objects.storage import ObjectRecord, save_object
 from engine.pictures.scene import Scene
@@ -284,3 +285,120 @@ def test_what_hangs_on_a_wall_is_shown_from_where_the_photos_were_taken(blobs: B
     )
     assert np.ptp(shown) <= np.ptp(photographed) + 1e-6
     assert np.ptp(shown) > 0.8 * np.ptp(photographed)
+
+
+HOSTILE = "<script>alert(1)</script>\"'&\x1b\u202e"
+
+
+class Tags(HTMLParser):
+    """All elements and the names of their attributes; the values of attributes that can load or run something."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[tuple[str, str]] = set()
+        self.targets: set[str] = set()
+        self.feed(page.read_text(encoding="utf-8"))
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes |= {(tag, name) for name, _ in attrs}
+        self.targets |= {
+            (value or "").partition(",")[0] for name, value in attrs if name in ("src", "href", "action", "data")
+        }
+
+
+def with_every_text(value: object, text: str) -> object:
+    """Return a JSON value with every text in it replaced."""
+    if isinstance(value, dict):
+        return {key: with_every_text(item, text) for key, item in value.items()}
+    if isinstance(value, list):
+        return [with_every_text(item, text) for item in value]
+    return text if isinstance(value, str) else value
+
+
+PLAN = {
+    "width": 640, "height": 480, "pairs": "promising", "n_pairs": 201, "n_mask_photos": 8, "max_gaussians": 40_000,
+    "sh_degree": 1, "features": True, "exposure": False, "steps": 3000,
+}  # fmt: skip
+COST = {"seconds": 45.0, "low": 30.0, "high": 70.0, "memory": 9e8, "memory_low": 8e8, "memory_high": 1e9}
+
+
+def planned(project: ProjectFolder) -> ProjectFolder:
+    """The project with everything that the report can show."""
+    project.put("forecast", {"stages": [{"stage": stage, **COST} for stage in ("training", "report")]})
+    project.put("work_plan", PLAN)
+    project.put("measured_savings", {"standard": {"training_cpu_seconds": 120.0, "psnr_lost": 0.04}})
+    training = dict((project.stage_record("training") or {})["figures"])
+    training["trials"] = [{"what": "1", "step": 1500, "n_steps": 150, "gain": 0.012, "kept": False}]
+    project.finish_stage("training", "key", wall_seconds=61.0, cpu_seconds=100.0, figures=training)
+    return project
+
+
+def test_no_text_of_a_project_becomes_part_of_the_page(project: ProjectFolder) -> None:
+    healthy = Tags(build_report(planned(project)))
+    for stage in ("photos", "cameras", "masks", "training", "objects"):
+        record = project.stage_record(stage) or {}
+        figures = with_every_text(record["figures"], HOSTILE)
+        if stage == "training":
+            # The names of photos are looked up; those of guards are shown.
+            figures |= {"held_out": ["view_0.png", HOSTILE], "guards": {HOSTILE: 7}}  # type: ignore[operator]
+        project.finish_stage(stage, HOSTILE, wall_seconds=61.0, cpu_seconds=100.0, figures=figures)  # type: ignore[arg-type]
+    for name in ("work_plan", "forecast", "plan"):
+        project.put(name, with_every_text(project.get(name), HOSTILE))
+    project.put("photo_folder", str(Path(str(project.get("photo_folder"))).parent / HOSTILE.replace("/", "")))
+    for file in project.path.glob("objects/*/object.json"):
+        data = json.loads(file.read_text(encoding="utf-8"))
+        data["name"], data["prompt"] = HOSTILE, {"kind": HOSTILE, "text": HOSTILE, "photo": HOSTILE}
+        file.write_text(json.dumps(data), encoding="utf-8")
+    page = build_report(project)
+    hostile = Tags(page)
+    assert hostile.tags <= healthy.tags and "script" not in hostile.tags
+    assert hostile.attributes <= healthy.attributes
+    assert hostile.targets <= healthy.targets
+    text = page.read_text(encoding="utf-8")
+    assert "<script" not in text and "alert(1)" in text, "the texts are shown"
+    assert "\x1b" not in text and "\u202e" not in text
+
+
+@pytest.mark.parametrize(
+    ("stage", "figures"),
+    [
+        ("training", {"curve": 7}),
+        ("training", {"curve": [7]}),
+        ("training", {"curve": [{"psnr": "x"}]}),
+        ("training", {"held_out": "view_0.png"}),
+        ("training", {"guards": {"reset_rotations": []}}),
+        ("training", {"trials": [{"what": 7}]}),
+        ("training", {"stopped_early": {}}),
+        ("photos", {"rejected": [{"name": "a"}]}),
+        ("cameras", {"unregistered": [7]}),
+        ("masks", {"n_photos": "8"}),
+        ("objects", {"refused": []}),
+    ],
+)
+def test_damaged_figures_are_one_sentence(project: ProjectFolder, stage: str, figures: dict[str, object]) -> None:
+    project.finish_stage(stage, "key", wall_seconds=1.0, cpu_seconds=1.0, figures=figures)
+    with pytest.raises(FormatError, match=rf"project\.json cannot be read: `stages\.{stage}\.figures\."):
+        build_report(project)
+
+
+@pytest.mark.parametrize("plan", [{}, {**PLAN, "width": "640"}, {**PLAN, "pairs": {}}, []])
+def test_a_damaged_plan_is_one_sentence(project: ProjectFolder, plan: object) -> None:
+    project.put("work_plan", plan)
+    with pytest.raises(FormatError, match=r"project\.json cannot be read: `work_plan"):
+        build_report(project)
+
+
+def test_picture_from_outside_of_the_photo_folder_is_not_shown(project: ProjectFolder, tmp_path: Path) -> None:
+    """A link of a project that was sent could lead to any picture of the computer."""
+    view = tmp_path / "photos" / "view_0.png"
+    view.rename(tmp_path / "private.png")
+    view.symlink_to(tmp_path / "private.png")
+    assert read(build_report(project)).pictures == 2 + 4
+
+
+def test_numbers_that_cannot_be_drawn_are_left_out() -> None:
+    assert error_curve([{**point, "psnr": 1e308} for point in CURVE]).startswith("<svg")
+    assert error_curve([{**point, "wall_seconds": 1e300} for point in CURVE]) == ""

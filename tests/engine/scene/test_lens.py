@@ -86,3 +86,14 @@ def test_directions_beyond_the_turning_point_have_no_pixel() -> None:
 def test_an_unknown_model_is_refused_with_a_sentence() -> None:
     with pytest.raises(errors.CameraError, match=r"lens model EQUIRECTANGULAR of a\.jpg is not known"):
         lens.photo_pixels(camera_of("EQUIRECTANGULAR", (800.0, 600.0, 0.0, 0.0)), np.zeros((1, 2)))
+
+
+@pytest.mark.parametrize("model", sorted(PARAMETERS))
+def test_a_lens_has_the_parameters_of_its_model(model: str) -> None:
+    assert lens.lens_problem(camera_of(model).lens) is None
+    assert "parameters" in str(lens.lens_problem(camera_of(model, (*PARAMETERS[model], 0.0)).lens))
+
+
+def test_a_focal_length_of_zero_is_a_problem_of_either_axis() -> None:
+    for params in ((0.0, 610.0, 390.0, 310.0), (610.0, 0.0, 390.0, 310.0), (610.0, np.nan, 390.0, 310.0)):
+        assert lens.lens_problem(camera_of("PINHOLE", params).lens) is not None

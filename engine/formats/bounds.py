@@ -1,0 +1,43 @@
+"""What the readers of both formats check: memory before a file is read, values after."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import FormatError
+from ..machine import free_memory
+from ..scene import Gaussians
+
+__all__ = ["require_memory", "usable_rows"]
+
+_ALWAYS_FREE = 128 << 20
+_MAX_VALUE = 1e18
+"""Largest absolute value, whose square is finite in float32."""
+_MAX_LOG_SCALE = 41.0
+"""Logarithm of about `_MAX_VALUE`."""
+
+
+def require_memory(path: Path, n_bytes: int) -> None:
+    """Raise `FormatError` when the file at `path` needs `n_bytes` of memory and fewer are free."""
+    free = free_memory() if n_bytes > _ALWAYS_FREE else None
+    if free is not None and n_bytes > free:
+        raise FormatError(
+            f"{path} takes {n_bytes / 1e9:.1f} GB of memory to read, and {free / 1e9:.1f} GB are free. Close other "
+            "programs, or read it on a computer with more memory."
+        )
+
+
+def usable_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
+    """Return for each Gaussian whether all its values are finite, and small enough to compute with."""
+    usable = np.ones(len(gaussians), dtype=bool)
+    parts = (gaussians.means, gaussians.log_scales, gaussians.quats, gaussians.opacity_logits, gaussians.sh)
+    for values in parts:
+        # NaN compares as False.
+        within = np.abs(values) <= _MAX_VALUE
+        if not within.all():
+            usable &= within.reshape(len(values), -1).all(axis=1)
+    usable &= (gaussians.log_scales <= _MAX_LOG_SCALE).all(axis=1)
+    return usable

@@ -1,0 +1,234 @@
+"""Files are read, and deleted, in engine/files only, where size, type and shape are checked before anything is used."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("engine", "gaussian_heritage_addon", "operators")
+CHECKED = "engine/files"
+"""The package that reads, writes and deletes."""
+
+FORBIDDEN = {
+    "json.load": "read_json",
+    "json.loads": "parse_json",
+    "json.JSONDecoder": "parse_json",
+    "numpy.load": "read_array or read_arrays",
+    "numpy.fromfile": "read_array",
+    "numpy.memmap": "read_array(mapped=True)",
+    "numpy.loadtxt": "read_text",
+    "numpy.genfromtxt": "read_text",
+    "torch.load": "read_arrays",
+    "zipfile.ZipFile": "read_arrays",
+    "zipfile.is_zipfile": "read_arrays",
+    "tarfile.open": "nothing: archives are not unpacked",
+    "tarfile.TarFile": "nothing: archives are not unpacked",
+    "gzip.open": "opened",
+    "bz2.open": "opened",
+    "lzma.open": "opened",
+    "codecs.open": "opened",
+    "io.open": "opened",
+    "io.FileIO": "opened",
+    "os.open": "opened",
+    "open": "opened",
+    ".open": "opened",
+    ".read_text": "read_text",
+    ".read_bytes": "read_bytes",
+    "shutil.rmtree": "delete_derived",
+    "shutil.unpack_archive": "nothing: archives are not unpacked",
+    "os.remove": "delete_derived",
+    "os.unlink": "delete_derived",
+    ".unlink": "delete_derived",
+}
+"""Call: what to use of `engine.files` instead. A name with a dot in front is a method of any object."""
+FORBIDDEN_MODULES = ("pickle", "marshal", "shelve", "dill", "joblib")
+"""Modules that run code from the data that they read."""
+
+_OWN_CODE = "the program's own source, which lies beside this file"
+_SYSTEM = "a file of the Linux kernel, which has no size and belongs to no project"
+_ARCHIVE = "takes one file of a downloaded package, whose size the catalogue states, out of a stream from `opened`"
+_PILLOW = "gets a stream from `opened`; the number of pixels is checked before they are decoded"
+EXCEPTIONS: dict[tuple[str, str], str] = {
+    ("engine/lazy_exports.py", ".read_text"): _OWN_CODE,
+    ("engine/rasterizer/jit.py", ".read_bytes"): _OWN_CODE,
+    ("engine/machine.py", ".read_text"): _SYSTEM,
+    ("engine/stability/memory_limit.py", ".read_text"): _SYSTEM,
+    (
+        "engine/grounding/efficientnet.py",
+        "torch.load",
+    ): "reads a weight file after its SHA-256 was checked, and unpickles tensors only (weights_only)",
+    ("engine/child_process.py", "os.open"): "the null device",
+    (
+        "engine/child_process.py",
+        "json.loads",
+    ): "the request of the parent process, which is this program; names of files "
+    "in it may have characters that `parse_json` refuses",
+    ("engine/cameras/colmap_calls.py", ".open"): "the database of the run's own folder; every error is translated",
+    ("engine/models/archives.py", "zipfile.is_zipfile"): _ARCHIVE,
+    ("engine/models/archives.py", "zipfile.ZipFile"): _ARCHIVE,
+    ("engine/models/archives.py", ".open"): _ARCHIVE,
+    ("engine/models/archives.py", "tarfile.TarFile"): _ARCHIVE,
+    ("engine/models/https.py", ".open"): "a connection, no file",
+    ("engine/photos/pixels.py", "PIL.Image.open"): _PILLOW,
+    ("engine/objects/prompts.py", "PIL.Image.open"): _PILLOW,
+    ("engine/project_folder.py", ".open"): "the lock, whose content is never read",
+    ("engine/evaluation/ground_truth.py", "PIL.Image.open"): _PILLOW,
+}
+"""Call in a file: why it is right there. Keep this short; an exception without a use is an error."""
+
+
+class _Calls(ast.NodeVisitor):
+    """Collects the forbidden calls of a module, also under other names."""
+
+    def __init__(self) -> None:
+        self.names: dict[str, str] = {}
+        self.found: list[tuple[int, str]] = []
+
+    def visit_Import(self, node: ast.Import) -> None:
+        for alias in node.names:
+            package = alias.name.partition(".")[0]
+            self.names[alias.asname or package] = alias.name if alias.asname else package
+            self._check_module(node, alias.name)
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
+        if node.level == 0 and node.module:
+            self._check_module(node, node.module)
+            for alias in node.names:
+                self.names[alias.asname or alias.name] = f"{node.module}.{alias.name}"
+
+    def visit_Call(self, node: ast.Call) -> None:
+        self.generic_visit(node)
+        function = node.func
+        if isinstance(function, ast.Attribute):
+            # Only the call of `open` tells whether it reads.
+            if function.attr == "open" and self._qualified(function) not in FORBIDDEN and not _writes_only(node):
+                self._note(node, self._qualified(function) or ".open")
+        elif isinstance(function, ast.Name):
+            name = self.names.get(function.id, function.id)
+            if name in FORBIDDEN and not (name == "open" and _writes_only(node)):
+                self._note(node, name)
+
+    def visit_Attribute(self, node: ast.Attribute) -> None:
+        """Find functions of modules and methods, whether they are called or passed on, as in ``map(json.loads, x)``."""
+        self.generic_visit(node)
+        qualified, method = self._qualified(node), f".{node.attr}"
+        if qualified in FORBIDDEN:
+            self._note(node, qualified)
+        elif method in FORBIDDEN and method != ".open":
+            self._note(node, method)
+
+    def _qualified(self, node: ast.expr) -> str | None:
+        """Return the full name of an attribute of an imported module, None for a method of a value."""
+        parts: list[str] = []
+        while isinstance(node, ast.Attribute):
+            parts.append(node.attr)
+            node = node.value
+        if not isinstance(node, ast.Name) or node.id not in self.names:
+            return None
+        return ".".join([self.names[node.id], *reversed(parts)])
+
+    def _check_module(self, node: ast.stmt, module: str) -> None:
+        if module.partition(".")[0] in FORBIDDEN_MODULES:
+            self._note(node, module)
+
+    def _note(self, node: ast.expr | ast.stmt, call: str) -> None:
+        self.found.append((node.lineno, call))
+
+
+def _writes_only(call: ast.Call) -> bool:
+    """Return whether a call of ``open``, a function or a method, has a mode that does not read."""
+    position = 1 if isinstance(call.func, ast.Name) else 0
+    given = [keyword.value for keyword in call.keywords if keyword.arg == "mode"] or call.args[position : position + 1]
+    if not given or not isinstance(given[0], ast.Constant) or not isinstance(given[0].value, str):
+        return False
+    mode = given[0].value
+    return bool(mode) and mode[0] in "wax" and set(mode) <= set("waxbt")
+
+
+def forbidden_calls(source: str) -> list[tuple[int, str]]:
+    """Return line and name of each forbidden call."""
+    calls = _Calls()
+    calls.visit(ast.parse(source))
+    return sorted(calls.found)
+
+
+def places() -> Iterator[tuple[str, int, str]]:
+    """All forbidden calls outside of `CHECKED` as (file, line, call)."""
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            file = path.relative_to(ROOT).as_posix()
+            if not file.startswith(CHECKED + "/"):
+                yield from ((file, line, call) for line, call in forbidden_calls(path.read_text(encoding="utf-8")))
+
+
+def test_files_are_read_and_deleted_in_one_package() -> None:
+    found = [
+        f"{file}:{line}: {call}; use {FORBIDDEN.get(call, 'engine.files')}"
+        for file, line, call in places()
+        if (file, call) not in EXCEPTIONS
+    ]
+    assert found == [], f"{len(found)} places:\n" + "\n".join(found)
+
+
+def test_no_exception_is_stale() -> None:
+    used = Counter((file, call) for file, _, call in places())
+    stale = [f"{file}: {call}" for file, call in EXCEPTIONS if not used[file, call]]
+    assert stale == [], "delete these exceptions"
+
+
+@pytest.mark.parametrize(
+    ("source", "call"),
+    [
+        ("import json\njson.loads(x)", "json.loads"),
+        ("import json as j\nj.load(x)", "json.load"),
+        ("from json import loads\nloads(x)", "json.loads"),
+        ("from json import loads as parse\nparse(x)", "json.loads"),
+        ("import json\nlist(map(json.loads, x))", "json.loads"),
+        ("list(map(Path.read_text, x))", ".read_text"),
+        ("import numpy as np\nnp.load(x)", "numpy.load"),
+        ("import numpy as np\nnp.fromfile(x)", "numpy.fromfile"),
+        ("import torch\ntorch.load(x)", "torch.load"),
+        ("open(x)", "open"),
+        ("open(x, 'rb')", "open"),
+        ("open(x, mode)", "open"),
+        ("open(x, 'w+')", "open"),
+        ("path.open()", ".open"),
+        ("path.open('rb')", ".open"),
+        ("path.open('a+')", ".open"),
+        ("path.open(mode='r')", ".open"),
+        ("from PIL import Image\nImage.open(path)", "PIL.Image.open"),
+        ("path.read_text(encoding='utf-8')", ".read_text"),
+        ("Path(x).read_bytes()", ".read_bytes"),
+        ("import pickle", "pickle"),
+        ("from pickle import loads", "pickle"),
+        ("import zipfile\nzipfile.ZipFile(x)", "zipfile.ZipFile"),
+        ("import tarfile\nwith tarfile.open(x) as archive: pass", "tarfile.open"),
+        ("import shutil\nshutil.rmtree(x)", "shutil.rmtree"),
+        ("from shutil import rmtree\nrmtree(x)", "shutil.rmtree"),
+        ("import os\nos.unlink(x)", "os.unlink"),
+        ("def f():\n    import os\n    os.remove(x)", "os.remove"),
+        ("path.unlink(missing_ok=True)", ".unlink"),
+    ],
+)
+def test_planted_reading_or_deleting_is_found(source: str, call: str) -> None:
+    assert [name for _, name in forbidden_calls(source)] == [call]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "open(x, 'w', encoding='utf-8')",
+        "path.open('ab')",
+        "path.open(mode='x')",
+        "import json\njson.dumps(x)",
+        "import numpy as np\nnp.save(stream, x)",
+        "from .files import read_text\nread_text(path, advice='')",
+    ],
+)
+def test_writing_and_our_own_readers_are_right(source: str) -> None:
+    assert forbidden_calls(source) == []
