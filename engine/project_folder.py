@@ -9,19 +9,36 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import IO, Any
 
 from .errors import DiskError, FormatError, ProjectError
-from .files import TEMPORARY_PREFIX, finite_or_null, require_no_links_out, write_json
+from .files import (
+    TEMPORARY_PREFIX,
+    FileRecord,
+    delete_derived,
+    finish_replacements,
+    finite_or_null,
+    is_as_recorded,
+    path_within,
+    read_versioned,
+    record_of,
+    require_no_links_out,
+    write_json,
+)
+from .project_versions import MIGRATIONS, PROJECT_VERSION, SCHEMAS
 
-__all__ = ["PROJECT_FILE", "PROJECT_VERSION", "ProjectFolder", "stage_key"]
+__all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "stage_key"]
 
-PROJECT_VERSION = 1
 PROJECT_FILE = "project.json"
+SCENE_OUTPUT = "gaussians/scene.ply"
+"""Output of training that the objects refer to, as `ProjectFolder.recorded_outputs` names it."""
+
 _LOCK_FILE = "lock"
+_OURS = (_LOCK_FILE, "log.jsonl", "trash")
+"""What a folder without ``project.json`` may hold and still become a project."""
 
 
 def stage_key(*parts: Any) -> str:
@@ -41,12 +58,13 @@ class ProjectFolder:
     Notes
     -----
     Layout: ``project.json``, ``photos/``, ``cameras/``, ``masks/``, ``gaussians/scene.ply`` and ``features.npy``,
-    ``checkpoints/``, ``groups/`` (cache; made by the first text prompt), ``objects/<id>/``, ``report/``, ``log.jsonl``.
+    ``checkpoints/``, ``groups/`` (cache; made by the first text prompt), ``objects/<id>/``, ``report/``, ``trash/``,
+    ``log.jsonl``.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._data: dict[str, Any] = {"version": PROJECT_VERSION, "stages": {}}
+        self._data: dict[str, Any] = {"version": PROJECT_VERSION, "stages": {}, "earlier_outputs": {}}
         self._lock: IO[str] | None = None
 
     @classmethod
@@ -66,9 +84,8 @@ class ProjectFolder:
             return project
         if path.exists() and not path.is_dir():
             raise ProjectError(f"{path} is a file. Choose a folder for the project.")
-        ours = (_LOCK_FILE, "log.jsonl")
         if path.exists() and any(
-            entry.name not in ours and not entry.name.startswith(TEMPORARY_PREFIX) for entry in path.iterdir()
+            entry.name not in _OURS and not entry.name.startswith(TEMPORARY_PREFIX) for entry in path.iterdir()
         ):
             raise ProjectError(
                 f"{path} already holds files that are not a Gaussian Heritage project. Choose an empty or new folder."
@@ -93,21 +110,13 @@ class ProjectFolder:
 
     def _read(self) -> None:
         file = self.path / PROJECT_FILE
-        try:
-            data = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, json.JSONDecodeError) as error:
-            raise FormatError(f"{file} cannot be read: {error}. Use a new folder for the scene.") from error
-        if not (
-            isinstance(data, dict) and isinstance(data.get("stages"), dict) and data.get("version") == PROJECT_VERSION
-        ):
-            raise FormatError(f"{file} was written by another version of Gaussian Heritage. Use a new folder.")
-        self._data = data
+        self._data = read_versioned(file, SCHEMAS, MIGRATIONS, advice="Use a new folder for the scene.")
 
     def _write(self) -> None:
         write_json(self.path / PROJECT_FILE, self._data)
 
     def __enter__(self) -> ProjectFolder:
-        """Lock the folder for writing and delete temporary files that a killed run left.
+        """Lock the folder for writing, finish replacing files where a killed run began to, delete its temporary files.
 
         Raises
         ------
@@ -132,8 +141,13 @@ class ProjectFolder:
         if (self.path / PROJECT_FILE).exists():
             # Another job may have finished after the folder was read and before it was locked.
             self._read()
-        for leftover in self.path.rglob(TEMPORARY_PREFIX + "*"):
-            leftover.unlink(missing_ok=True)
+        try:
+            finish_replacements(self.path)
+            for leftover in list(self.path.rglob(TEMPORARY_PREFIX + "*")):
+                delete_derived(self.path, str(leftover.relative_to(self.path)))
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
         return self
 
     def __exit__(
@@ -171,6 +185,7 @@ class ProjectFolder:
         figures: dict[str, Any],
         peak_memory: int | None = None,
         continued: bool = False,
+        outputs: Iterable[Path] = (),
     ) -> None:
         """Record that `stage` is done with `key`.
 
@@ -184,7 +199,14 @@ class ProjectFolder:
         peak_memory : int or None
             Peak memory of the process in bytes, None where the system does not report it.
         continued : bool
-            Whether an earlier run had begun the stage, so that the seconds cover only a part of it.
+            Whether an earlier run had done a part of the stage, so that the seconds cover only the rest.
+        outputs : iterable of Path
+            Files that the stage made; their size and SHA-256 are recorded.
+
+        Raises
+        ------
+        FormatError
+            When an output is missing.
         """
         self._data["stages"][stage] = {
             "key": key,
@@ -193,15 +215,65 @@ class ProjectFolder:
             "peak_memory": peak_memory,
             "continued": continued,
             "figures": finite_or_null(figures),
+            "outputs": {self._name_of(path): record_of(path) for path in outputs},
         }
+        self._data["earlier_outputs"].pop(stage, None)
         self._write()
 
-    def forget_stages(self, stages: list[str]) -> None:
-        """Mark `stages` as not done."""
-        if any(stage in self._data["stages"] for stage in stages):
-            for stage in stages:
-                self._data["stages"].pop(stage, None)
+    def forget_stages(self, stages: Iterable[str]) -> None:
+        """Mark `stages` as not done. What is recorded of their outputs is kept until they are done again."""
+        forgotten = {stage: self._data["stages"].pop(stage) for stage in stages if stage in self._data["stages"]}
+        for stage, record in forgotten.items():
+            self._data["earlier_outputs"][stage] = record["outputs"] or {}
+        if forgotten:
             self._write()
+
+    def recorded_outputs(self, stage: str) -> dict[str, FileRecord]:
+        """Return what is recorded of the outputs of `stage`, by path relative to the project.
+
+        Of a stage that is not done any more, these are the outputs that it had; empty when nothing is recorded, as in
+        projects of release 0.1.0.
+        """
+        record = self._data["stages"].get(stage)
+        outputs = self._data["earlier_outputs"].get(stage) if record is None else record["outputs"]
+        return dict(outputs or {})
+
+    def record_outputs(self, stage: str, outputs: Iterable[Path]) -> None:
+        """Record size and SHA-256 of more outputs of `stage`, which must be done; raises as `finish_stage` does."""
+        record = self._data["stages"][stage]
+        record["outputs"] = {**(record["outputs"] or {}), **{self._name_of(path): record_of(path) for path in outputs}}
+        self._write()
+
+    def damaged_outputs(self, stage: str) -> dict[str, str]:
+        """Return the outputs of `stage` that are not as recorded, with ``"is missing"`` or ``"was damaged"``."""
+        found = {}
+        for name, record in self.recorded_outputs(stage).items():
+            path = path_within(self.path, *PurePosixPath(name).parts)
+            if not is_as_recorded(path, record):
+                found[name] = "was damaged" if path.exists() else "is missing"
+        return found
+
+    def require_intact(self, *stages: str) -> None:
+        """Check the outputs of `stages` before they are used. What was not recorded is left to the files' readers.
+
+        Raises
+        ------
+        ProjectError
+            When a run that makes an output anew was stopped.
+        FormatError
+            When an output is missing or damaged.
+        """
+        for stage in stages:
+            if stage in self._data["earlier_outputs"]:
+                raise ProjectError(
+                    f"The stage {stage!r} of {self.path} was begun again and is not finished. Run `reconstruct` again, "
+                    "which continues it."
+                )
+            for name, problem in self.damaged_outputs(stage).items():
+                raise FormatError(f"{self.path / name} {problem}. Run `reconstruct` again, which makes it again.")
+
+    def _name_of(self, path: Path) -> str:
+        return path.relative_to(self.path).as_posix()
 
 
 def _lock_function() -> Callable[[IO[str]], None]:

@@ -1,33 +1,32 @@
 """The stages of the pipeline, one function each: photos, cameras, masks, training, objects, report.
 
 Each function computes its stage and stores the result in the project, or reuses what an earlier run stored: a stage is
-done when its key, a hash of everything it read, stands in ``project.json`` and its files exist. Heavy packages are
-imported inside the functions, so that a stage that is reused costs nothing.
+done when its key, a hash of everything it read, stands in ``project.json`` and its files are as recorded there. Heavy
+packages are imported inside the functions, so that a stage that is reused costs little.
 """
 
 from __future__ import annotations
 
 import functools
-import shutil
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from .cameras.settings import CameraSettings
-from .errors import Cancelled, ProjectError
-from .events import Emit, StageFinished, StageStarted, StopCheck, Warned
-from .files import file_sha256, write_json
-from .machine import PeakMemory, cpu_seconds
+from .errors import FormatError, ProjectError
+from .events import Warned
+from .files import delete_derived, file_sha256, read_json, record_of, write_json
 from .masks.settings import MaskSettings
-from .objects.settings import SegmentSettings
+from .objects_stage import forget_found_objects, objects_stage
 from .photos import PhotoStatistics
 from .photos.settings import PhotoSettings
 from .planning import ScenePlan
-from .project_folder import ProjectFolder, stage_key
+from .project_folder import SCENE_OUTPUT, ProjectFolder, stage_key
 from .scene import CameraSet, PhotoSet
 from .settings import to_dict
+from .stage_runner import StageRunner
 from .training.settings import TrainingSettings
 
 __all__ = [
@@ -43,66 +42,6 @@ __all__ = [
 ]
 
 STAGES = ("photos", "cameras", "masks", "training", "objects", "report")
-
-_FOUND_BY_PROMPT = "objects_by_prompt"
-"""Name in ``project.json`` of what each prompt has found so far: a killed run continues after it."""
-_BEGUN = "begun"
-"""Name in ``project.json`` of the stage that was begun last and its key: what it took is then not measured whole."""
-
-
-@dataclass(frozen=True)
-class StageRunner:
-    """Runs the stages of one project.
-
-    Attributes
-    ----------
-    project : ProjectFolder
-        Held for writing.
-    emit, should_stop
-        See `engine.events`.
-    computed : list of str
-        Stages that this run computed, in order; the others were reused.
-    """
-
-    project: ProjectFolder
-    emit: Emit
-    should_stop: StopCheck
-    computed: list[str] = field(default_factory=list)
-
-    def run(self, stage: str, key: str, compute: Callable[[], dict[str, Any]], outputs: Iterable[Path] = ()) -> None:
-        """Run `compute` unless `stage` is done with this `key` and its `outputs` exist; store its figures and cost."""
-        if self.should_stop():
-            raise Cancelled(f"Stopped before the stage {stage!r}. Run the same command again to continue.")
-        self.emit(StageStarted(stage))
-        wall, cpu = time.perf_counter(), cpu_seconds()
-        reused = self.project.stage_is_done(stage, key) and all(path.is_file() for path in outputs)
-        if not reused:
-            continued = self.project.get(_BEGUN) == [stage, key]
-            # Reading photos leaves nothing half-done, and may be refused, which must change nothing in the project.
-            if stage != "photos":
-                self.project.put(_BEGUN, [stage, key])
-            with PeakMemory.of() as peak:
-                figures = compute()
-            self.project.finish_stage(
-                stage,
-                key,
-                wall_seconds=time.perf_counter() - wall,
-                cpu_seconds=cpu_seconds() - cpu,
-                figures=figures,
-                peak_memory=peak.bytes,
-                continued=continued,
-            )
-            self.computed.append(stage)
-        self.emit(StageFinished(stage, time.perf_counter() - wall, reused))
-
-    def before_replacing_outputs(self, stage: str) -> None:
-        """Mark `stage` as not done before its files are replaced: after a kill they must not count as done."""
-        self.project.forget_stages([stage])
-
-    def key_of(self, stage: str) -> str | None:
-        """Return the key that `stage` was done with, None while it is not done."""
-        record = self.project.stage_record(stage)
-        return None if record is None else record["key"]
 
 
 def photos_stage(
@@ -123,7 +62,7 @@ def photos_stage(
     ProjectError
         When the project holds the scene of other photos.
     """
-    from .photos import inspect_photos, picture_files, read_photo_statistics, read_photos
+    from .photos import file_listing, inspect_photos, picture_files, read_photo_statistics, read_photos
     from .scene import read_photo_set, write_photo_set
 
     stored = runner.project.path / "photos" / "photos.json"
@@ -132,7 +71,7 @@ def photos_stage(
     def compute() -> dict[str, Any]:
         photo_set = read_photos(folder, settings, masks=photo_masks, emit=runner.emit, should_stop=runner.should_stop)
         if stored.exists():
-            _require_same_scene(runner.project, folder, photo_set, read_photo_set(stored))
+            _require_same_scene(runner.project, folder, photo_set, stored)
         statistics = inspect_photos(photo_set, should_stop=runner.should_stop)
         runner.before_replacing_outputs("photos")
         write_photo_set(stored, photo_set)
@@ -140,21 +79,27 @@ def photos_stage(
         return {"n_photos": len(photo_set.photos), "rejected": [asdict(photo) for photo in photo_set.rejected]}
 
     # Changes when a photo is added, edited or removed, and not with other files in the folder, this project among them.
-    listing = _listing(folder, picture_files(folder, without=photo_masks))
-    mask_listing = [] if photo_masks is None else [_listing(photo_masks, sorted(photo_masks.rglob("*.png")))]
-    runner.run("photos", stage_key(listing, to_dict(settings), *mask_listing), compute, [stored, stored_statistics])
+    listing = file_listing(folder, picture_files(folder, without=photo_masks))
+    mask_listing = [] if photo_masks is None else [file_listing(photo_masks, sorted(photo_masks.rglob("*.png")))]
+    outputs = {
+        stored: lambda: read_photo_set(stored),
+        stored_statistics: lambda: read_photo_statistics(stored_statistics),
+    }
+    runner.run("photos", stage_key(listing, to_dict(settings), *mask_listing), compute, outputs)
     return replace(read_photo_set(stored), folder=folder), read_photo_statistics(stored_statistics)
 
 
-def _listing(folder: Path, files: Iterable[Path]) -> list[list[Any]]:
-    stats = [(path, path.stat()) for path in files]
-    return [[str(path.relative_to(folder)), stat.st_size, stat.st_mtime_ns] for path, stat in stats]
-
-
-def _require_same_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSet, before: PhotoSet) -> None:
+def _require_same_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSet, stored: Path) -> None:
     """Photos that moved or changed continue a project; entirely different ones would overwrite another scene."""
-    same_folder = project.get("photo_folder") in (None, str(folder.resolve()))
-    if not same_folder and not {p.sha256 for p in photo_set.photos} & {p.sha256 for p in before.photos}:
+    from .scene import read_photo_set
+
+    if project.get("photo_folder") in (None, str(folder.resolve())):
+        return
+    try:
+        before = {photo.sha256 for photo in read_photo_set(stored).photos}
+    except FormatError:
+        before = set()
+    if not {photo.sha256 for photo in photo_set.photos} & before:
         raise ProjectError(
             f"{project.path} holds the scene of other photos ({project.get('photo_folder')}). "
             f"Choose another folder for the scene of {folder}."
@@ -164,7 +109,7 @@ def _require_same_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSe
 def cameras_stage(
     runner: StageRunner, photo_set: PhotoSet, settings: CameraSettings, *, camera_model: Path | None
 ) -> CameraSet:
-    """Estimate the cameras of the photos, or read them from `camera_model`.
+    """Estimate the cameras of the photos, or read them from `camera_model`. If they change, training is no longer done.
 
     Parameters
     ----------
@@ -184,7 +129,7 @@ def cameras_stage(
         if camera_model is not None:
             from .cameras import read_cameras
 
-            camera_set = read_cameras(camera_model, photo_set)
+            camera_set = read_cameras(camera_model, photo_set, emit=runner.emit, should_stop=runner.should_stop)
         else:
             from .cameras import estimate_cameras
 
@@ -192,12 +137,16 @@ def cameras_stage(
             work_folder = folder / f"sfm-{key[:12]}"
             for old in folder.glob("sfm-*"):
                 if old != work_folder:
-                    shutil.rmtree(old)
+                    delete_derived(folder, old.name)
             camera_set = estimate_cameras(
                 photo_set, work_folder, settings, emit=runner.emit, should_stop=runner.should_stop
             )
         runner.before_replacing_outputs("cameras")
         write_camera_set(folder, camera_set)
+        # Not those of before: COLMAP's poses depend on the number of threads. A scene fits only the cameras that it
+        # was trained with.
+        if runner.project.damaged_outputs("cameras"):
+            runner.project.forget_stages(["training"])
         if camera_set.unregistered:
             names = ", ".join(camera_set.unregistered)
             runner.emit(Warned(f"{len(camera_set.unregistered)} photos could not be placed: {names}."))
@@ -209,7 +158,12 @@ def cameras_stage(
             "n_points": len(camera_set.points),
         }
 
-    runner.run("cameras", key, compute, [folder / "cameras.json", folder / "points.npz"])
+    poses, points = folder / "cameras.json", folder / "points.npz"
+    outputs = {
+        poses: lambda: read_json(poses, {"cameras": [dict]}, advice="Run `reconstruct` again."),
+        points: lambda: read_camera_set(folder),
+    }
+    runner.run("cameras", key, compute, outputs)
     return read_camera_set(folder)
 
 
@@ -224,7 +178,7 @@ def masks_stage(
     runner: StageRunner, photo_set: PhotoSet, camera_set: CameraSet, plan: ScenePlan, settings: MaskSettings
 ) -> dict[str, Path]:
     """Segment the photos that the plan names and return the files of their label maps by photo; none, no stage."""
-    from .masks import label_map_path
+    from .masks import label_map_path, read_label_map
 
     folder = runner.project.path / "masks"
     if not plan.mask_photos:
@@ -235,6 +189,8 @@ def masks_stage(
 
         start = time.perf_counter()
         sam = load_sam(settings.model)
+        # Label maps are replaced one by one.
+        runner.before_replacing_outputs("masks")
         made = make_masks(
             photo_set,
             camera_set,
@@ -249,7 +205,8 @@ def masks_stage(
 
     hashes = [[photo.name, photo.sha256] for photo in photo_set.photos if photo.name in plan.mask_photos]
     paths = {name: label_map_path(folder, name) for name in plan.mask_photos}
-    runner.run("masks", stage_key(hashes, to_dict(settings)), compute, paths.values())
+    outputs = {path: functools.partial(read_label_map, path) for path in paths.values()}
+    runner.run("masks", stage_key(hashes, to_dict(settings)), compute, outputs)
     return paths
 
 
@@ -277,7 +234,9 @@ class TrainingInput:
 def training_stage(
     runner: StageRunner, given: TrainingInput, plan: ScenePlan, settings: TrainingSettings, *, preset: str
 ) -> None:
-    """Train the Gaussians and store them in the project; objects of an earlier training are moved aside.
+    """Train the Gaussians and store them in the project.
+
+    Objects of another scene go to the trash. They stay when training only repeated the scene that they belong to.
 
     Parameters
     ----------
@@ -291,6 +250,13 @@ def training_stage(
     # Not the whole plan: its sentences about what is left out may change without a change of the result.
     inputs = [given.cameras_key, given.masks_key]
     key = stage_key(inputs, [plan.held_out, plan.mask_photos, plan.features], to_dict(settings))
+    folder = runner.project.path / "gaussians"
+
+    def before_replacing(scene: Path) -> None:
+        before = runner.project.recorded_outputs("training").get(SCENE_OUTPUT)
+        runner.before_replacing_outputs("training")
+        if before is None or record_of(scene) != before:
+            _discard_objects(runner)
 
     def compute() -> dict[str, Any]:
         from .gaussians import save_gaussians
@@ -315,9 +281,7 @@ def training_stage(
             emit=runner.emit,
             should_stop=runner.should_stop,
         )
-        runner.before_replacing_outputs("training")
-        _move_old_objects_aside(runner)
-        save_gaussians(runner.project.path / "gaussians", result.gaussians)
+        save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
         return {
             **result.figures,
             "preset": preset,
@@ -326,84 +290,33 @@ def training_stage(
             "n_gaussians": len(result.gaussians),
         }
 
-    files = ["scene.ply", "features.npy"] if given.label_maps else ["scene.ply"]
-    runner.run("training", key, compute, [runner.project.path / "gaussians" / name for name in files])
+    from .formats import read_ply
+    from .gaussians import FEATURES_FILE, SCENE_FILE, load_features
+
+    scene, features = folder / SCENE_FILE, folder / FEATURES_FILE
+    outputs: dict[Path, Callable[[], object]] = {scene: lambda: read_ply(scene)}
+    if given.label_maps:
+        outputs[features] = lambda: load_features(features)
+    runner.run("training", key, compute, outputs)
 
 
-def _move_old_objects_aside(runner: StageRunner) -> None:
-    """Objects refer to Gaussians by index: those of an earlier training are kept in a folder of another name."""
-    objects = runner.project.path / "objects"
-    if not objects.is_dir() or not any(objects.iterdir()):
+def _discard_objects(runner: StageRunner) -> None:
+    """Objects refer to Gaussians by index: those of an earlier training go to the trash."""
+    from .objects import discard_object, forget_candidates, object_ids
+
+    ids = object_ids(runner.project.path)
+    if not ids:
         return
-    number = 1
-    while (aside := runner.project.path / f"objects-of-earlier-training-{number}").exists():
-        number += 1
-    runner.project.put(_FOUND_BY_PROMPT, None)
-    runner.project.forget_stages(["objects"])
-    objects.rename(aside)
+    forget_found_objects(runner)
+    for object_id in ids:
+        discard_object(runner.project, object_id, why="of an earlier training")
+    forget_candidates(runner.project.path)
     runner.emit(
         Warned(
-            f"The scene is trained again; the objects isolated before were moved to {aside.name}. Isolate them again."
+            f"The scene is trained again; the objects isolated before were moved to the trash: {', '.join(ids)}. "
+            "Isolate them again."
         )
     )
-
-
-def objects_stage(runner: StageRunner, prompts: Sequence[str], settings: SegmentSettings, *, sam_model: str) -> None:
-    """Isolate what the texts `prompts` name; nothing to do without any.
-
-    Parameters
-    ----------
-    runner : StageRunner
-    prompts : sequence of str
-    settings : SegmentSettings
-    sam_model : str
-        Name of the Segment Anything model, see `MaskSettings.model`.
-    """
-    if not prompts:
-        return
-    key = stage_key(runner.key_of("training"), tuple(prompts), to_dict(settings))
-
-    def compute() -> dict[str, Any]:
-        from .grounding import load_default_detector
-        from .masks import load_sam
-        from .objects import load_context, segment_each_text
-
-        found = _found_before(runner, key)
-        refused: dict[str, str] = {}
-        context = load_context(runner.project, settings, functools.partial(load_sam, sam_model))
-        for result in segment_each_text(
-            runner.project,
-            context,
-            {prompt: prompt for prompt in prompts},
-            settings,
-            detector_factory=load_default_detector,
-            emit=runner.emit,
-            should_stop=runner.should_stop,
-            skip=tuple(found),
-        ):
-            if result.refusal:
-                refused[result.text] = result.refusal
-                runner.emit(Warned(result.refusal))
-                continue
-            found[result.text] = [record.id for record in result.records]
-            runner.project.put(_FOUND_BY_PROMPT, {"key": key, "found": found})
-        return {"found": found, "refused": refused}
-
-    runner.run("objects", key, compute)
-
-
-def _found_before(runner: StageRunner, key: str) -> dict[str, list[str]]:
-    """Return what a killed run of this very stage found; objects that it made with other settings are deleted."""
-    from .objects import delete_object, list_objects
-
-    before = runner.project.get(_FOUND_BY_PROMPT) or {"key": key, "found": {}}
-    found: dict[str, list[str]] = before["found"]
-    if before["key"] == key:
-        return found
-    existing = {record.id for record in list_objects(runner.project.path)}
-    for object_id in [one for ids in found.values() for one in ids if one in existing]:
-        delete_object(runner.project.path, object_id)
-    return {}
 
 
 def report_stage(runner: StageRunner) -> None:
@@ -414,4 +327,4 @@ def report_stage(runner: StageRunner) -> None:
         return {"html": str(build_report(runner.project).relative_to(runner.project.path))}
 
     page = runner.project.path / "report" / "report.html"
-    runner.run("report", stage_key([runner.key_of(stage) for stage in STAGES[:-1]]), compute, [page])
+    runner.run("report", stage_key([runner.key_of(stage) for stage in STAGES[:-1]]), compute, {page: None})

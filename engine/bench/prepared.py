@@ -54,6 +54,7 @@ def read_prepared(scene: Path, should_stop: StopCheck) -> PreparedScene:
         When the project has no cameras, or its photos are missing.
     """
     project = ProjectFolder.open_existing(scene)
+    project.require_intact("photos", "cameras", "masks")
     record = project.stage_record("cameras")
     if record is None:
         raise ProjectError(f"{scene} has no cameras yet. Run reconstruct on its photos first, or name the photos.")

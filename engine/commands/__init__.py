@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from . import bench, doctor, evaluate, export, models, plan, reconstruct, render, report, segment, stability
+from . import bench, doctor, evaluate, export, models, plan, reconstruct, render, report, segment, stability, trash
 from .deprecated import warn_of_deprecated_options
 
 __all__ = ["COMMANDS", "warn_of_deprecated_options"]
 
-COMMANDS = (plan, reconstruct, segment, export, render, report, evaluate, bench, models, doctor, stability)
+COMMANDS = (plan, reconstruct, segment, trash, export, render, report, evaluate, bench, models, doctor, stability)

@@ -67,6 +67,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if options.doc is not None and options.doc.is_dir():
         raise SettingsError(f"{options.doc} is a folder. Choose a file name.")
     project = ProjectFolder.open_existing(options.project)
+    project.require_intact("cameras", "training")
     settings = EvaluationSettings(
         presets=tuple(name.strip() for name in options.presets.split(",") if name.strip()),
         prompt_kind=options.prompt_kind,

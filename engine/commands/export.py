@@ -54,6 +54,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.exists() and not options.overwrite:
         raise ProjectError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
+    project.require_intact("cameras", "training")
     gaussians = load_gaussians(project.path / "gaussians")
     title = "scene"
     if options.object is not None:

@@ -54,6 +54,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.exists() and not options.overwrite:
         raise SettingsError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
+    project.require_intact("cameras", "training")
     camera: Camera | PinholeCamera
     if options.view is not None:
         camera = _camera_of(read_camera_set(project.path / "cameras"), options.view)

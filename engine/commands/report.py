@@ -31,6 +31,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..report import build_report
 
     with ProjectFolder.open_existing(options.project) as project:
+        project.require_intact("cameras", "training")
         page = build_report(project)
+        if project.stage_record("report") is not None:
+            # The report is an output of that stage, which would take it for damaged.
+            project.record_outputs("report", [page])
     emit(Finished(f"The report is {page}.", {"report": str(page)}))
     return 0

@@ -8,13 +8,16 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .initialise import InitialValues, gaussians_at, gaussians_from_points, initial_features
-    from .storage import load_gaussians, save_gaussians
+    from .storage import FEATURES_FILE, SCENE_FILE, load_features, load_gaussians, save_gaussians
 
 __all__ = [
+    "FEATURES_FILE",
+    "SCENE_FILE",
     "InitialValues",
     "gaussians_at",
     "gaussians_from_points",
     "initial_features",
+    "load_features",
     "load_gaussians",
     "save_gaussians",
 ]

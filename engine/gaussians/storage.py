@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..errors import DiskError, FormatError, NumericalError
-from ..files import atomic_write
+from ..errors import FormatError, NumericalError
+from ..files import ArraySpec, atomic_write, read_array, replace_together
 from ..formats import read_ply, write_ply
 from ..scene import Gaussians
 
-__all__ = ["FEATURES_FILE", "SCENE_FILE", "load_gaussians", "save_gaussians"]
+__all__ = ["FEATURES_FILE", "SCENE_FILE", "load_features", "load_gaussians", "save_gaussians"]
 
 SCENE_FILE = "scene.ply"
 FEATURES_FILE = "features.npy"
+_ADVICE = "Run `reconstruct` again."
 
 
-def save_gaussians(folder: Path, gaussians: Gaussians) -> None:
-    """Write `gaussians` to `folder`, each file atomically, features as float16.
+def save_gaussians(
+    folder: Path, gaussians: Gaussians, *, before_replacing: Callable[[Path], None] | None = None
+) -> None:
+    """Write `gaussians` to `folder`, features as float16. After a kill both files are old, or both are new.
 
     Parameters
     ----------
@@ -27,6 +33,8 @@ def save_gaussians(folder: Path, gaussians: Gaussians) -> None:
         Created when missing.
     gaussians : Gaussians
         When it has no features, a ``features.npy`` of an earlier run is removed.
+    before_replacing : callable, optional
+        Called with the new ``scene.ply`` before it replaces an old one.
 
     Raises
     ------
@@ -35,20 +43,21 @@ def save_gaussians(folder: Path, gaussians: Gaussians) -> None:
     DiskError
         When the folder cannot be written.
     """
-    features = folder / FEATURES_FILE
-    if gaussians.features is None:
-        write_ply(folder / SCENE_FILE, gaussians)
-        features.unlink(missing_ok=True)
-        return
-    with np.errstate(over="ignore"):
-        half = gaussians.features.astype(np.float16)
-    if not np.isfinite(half).all():
-        raise NumericalError("`features` are not finite or too large for float16. Nothing was written; train again.")
-    # A run that is killed between the two writes leaves a scene without features, never with those of another scene.
-    features.unlink(missing_ok=True)
-    write_ply(folder / SCENE_FILE, gaussians)
-    with atomic_write(features) as stream:
-        np.save(stream, half, allow_pickle=False)
+    half: NDArray[np.float16] | None = None
+    if gaussians.features is not None:
+        with np.errstate(over="ignore"):
+            half = gaussians.features.astype(np.float16)
+        if not np.isfinite(half).all():
+            raise NumericalError(
+                "`features` are not finite or too large for float16. Nothing was written; train again."
+            )
+    with replace_together(folder, optional=(FEATURES_FILE,)) as new:
+        write_ply(new / SCENE_FILE, gaussians)
+        if half is not None:
+            with atomic_write(new / FEATURES_FILE) as stream:
+                np.save(stream, half, allow_pickle=False)
+        if before_replacing is not None:
+            before_replacing(new / SCENE_FILE)
 
 
 def load_gaussians(folder: Path) -> Gaussians:
@@ -63,8 +72,6 @@ def load_gaussians(folder: Path) -> Gaussians:
     ------
     FormatError
         When the scene is missing or damaged, or the features belong to another scene.
-    DiskError
-        When a file cannot be read.
     """
     scene = folder / SCENE_FILE
     if not scene.is_file():
@@ -73,15 +80,21 @@ def load_gaussians(folder: Path) -> Gaussians:
     path = folder / FEATURES_FILE
     if not path.is_file():
         return gaussians
-    try:
-        features = np.load(path, allow_pickle=False)
-    except ValueError as error:
-        raise FormatError(f"{path} is not a NumPy array: {error}. Train the scene again.") from error
-    except OSError as error:
-        raise DiskError(f"Could not read {path}: {error.strerror or error}. Check its permissions.") from error
-    if features.ndim != 2 or len(features) != len(gaussians):
+    features = load_features(path)
+    if len(features) != len(gaussians):
         raise FormatError(
-            f"{path} has shape {features.shape} and {scene.name} {len(gaussians)} Gaussians: they do not belong "
-            "together. Train the scene again."
+            f"{path} has {len(features)} rows and {scene.name} {len(gaussians)} Gaussians: they do not belong "
+            f"together. {_ADVICE}"
         )
     return replace(gaussians, features=features.astype(np.float32))
+
+
+def load_features(path: Path) -> NDArray[Any]:
+    """Return the features in a ``features.npy``, shape [N, D], float16.
+
+    Raises
+    ------
+    FormatError
+        When the file is missing or damaged.
+    """
+    return read_array(path, ArraySpec("float16|float32", ("n", "d"), finite=True), advice=_ADVICE)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .candidate_file import CANDIDATES
+    from .candidate_file import CANDIDATES, forget_candidates
     from .context import SegmentationContext, label_maps_of, load_context, photo_folder_of
     from .curation import (
         TextResult,
@@ -24,8 +24,18 @@ if TYPE_CHECKING:
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
     from .ranking import NoMatchError
+    from .record import ObjectRecord
     from .segment import THRESHOLD, find_objects, segment_project
-    from .storage import delete_object, list_objects, load_membership, load_object, object_gaussians
+    from .storage import (
+        forget_unreadable_record,
+        is_object_intact,
+        list_objects,
+        load_membership,
+        load_object,
+        object_gaussians,
+        object_ids,
+    )
+    from .trash import TrashEntry, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
     from .views import View, Views, erode_mask, spread_cameras
 
 __all__ = [
@@ -35,32 +45,43 @@ __all__ = [
     "DetectorFactory",
     "MaskPrompt",
     "NoMatchError",
+    "ObjectRecord",
     "Photos",
     "Prompt",
     "SamFactory",
     "TextPrompt",
     "TextResult",
     "SegmentationContext",
+    "TrashEntry",
     "View",
     "Views",
     "accept_candidate",
     "choose_level",
     "delete_object",
+    "discard_object",
+    "empty_trash",
     "erode_mask",
     "find_everything",
     "find_objects",
+    "forget_candidates",
+    "forget_unreadable_record",
+    "is_object_intact",
+    "keep_version",
     "label_maps_of",
     "list_objects",
+    "list_trash",
     "load_membership",
     "load_object",
     "load_context",
     "object_gaussians",
+    "object_ids",
     "parse_point",
     "parse_prompt",
     "parse_texts",
     "photo_folder_of",
     "polish",
     "refine_object",
+    "restore_object",
     "segment_each_text",
     "segment_everything_in",
     "segment_project",

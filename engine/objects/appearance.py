@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck
-from ..files import keep_arrays, read_kept_arrays
+from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
 from ..scene import Camera
 from .crops import MIN_VISIBLE_PIXELS, crop_photo
@@ -36,6 +36,14 @@ Mask = NDArray[np.bool_]
 _VERSION = 3
 _GROUP_MAP_PREFIX = "picture "
 """First part of the stored names of the group maps; the name of the photo follows."""
+
+_SPECS = {
+    "groups": ArraySpec("int32", ("k", 2)),
+    "standing": ArraySpec("float32", ("k",), finite=True),
+    "group": ArraySpec("int32", ("s",)),
+    "photo": ArraySpec("str", ("s",)),
+    "described": ArraySpec("float16", ("s", "d"), finite=True),
+}
 
 _N_VIEWS = 16
 """Photos for which group maps are rendered."""
@@ -178,9 +186,11 @@ def load_or_describe_groups(
     parameters and the errors are those of `describe_groups`.
     """
     recipe = _recipe(views, detector)
-    stored = read_kept_arrays(file, recipe)
-    if stored is not None:
-        return _from_arrays(stored)
+    specs = {"finest": ArraySpec("int32", (len(views.scene.gaussians),)), **_SPECS}
+    stored = read_kept_arrays(file, recipe, specs, optional={_GROUP_MAP_PREFIX + "*": ArraySpec("int16", (-1, -1))})
+    known = None if stored is None else _from_arrays(stored)
+    if known is not None:
+        return known
     appearance = describe_groups(views, photos, detector, emit=emit, should_stop=should_stop)
     if appearance is not None:
         keep_arrays(file, recipe, _to_arrays(appearance))
@@ -210,15 +220,29 @@ def _to_arrays(appearance: GroupAppearance) -> dict[str, NDArray[Any]]:
     }
 
 
-def _from_arrays(arrays: dict[str, NDArray[Any]]) -> GroupAppearance:
+def _from_arrays(arrays: dict[str, NDArray[Any]]) -> GroupAppearance | None:
+    """Return the appearance; None when an array holds what is no group or no photo."""
+    groups, group, finest = arrays["groups"], arrays["group"], arrays["finest"]
+    maps = {name.removeprefix(_GROUP_MAP_PREFIX): map_ for name, map_ in arrays.items() if _is_group_map(name)}
+    n_finest = int(groups[:, 1].max(initial=0))
+    in_range = (
+        (groups[:, 0] >= 0).all()
+        and (groups[:, 0] < groups[:, 1]).all()
+        and (group >= 0).all()
+        and (group < len(groups)).all()
+        and set(arrays["photo"].tolist()) <= set(maps)
+        and all((map_ >= -1).all() and (map_ < n_finest).all() for map_ in (finest, *maps.values()))
+    )
+    if not in_range:
+        return None
     return GroupAppearance(
-        Hierarchy(arrays["finest"], arrays["groups"], arrays["standing"]),
-        {
-            name.removeprefix(_GROUP_MAP_PREFIX): map_.astype(np.int32)
-            for name, map_ in arrays.items()
-            if name.startswith(_GROUP_MAP_PREFIX)
-        },
-        arrays["group"],
+        Hierarchy(finest, groups, arrays["standing"]),
+        {photo: map_.astype(np.int32) for photo, map_ in maps.items()},
+        group,
         tuple(str(photo) for photo in arrays["photo"]),
         arrays["described"].astype(np.float32),
     )
+
+
+def _is_group_map(name: str) -> bool:
+    return name.startswith(_GROUP_MAP_PREFIX)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, PromptError
-from ..files import write_json
+from ..files import delete_derived, read_json, write_json
 from ..masks import mask_box
 from ..pictures import write_png
 from .candidates import Candidate
@@ -26,6 +24,24 @@ __all__ = ["CANDIDATES", "StoredCandidate", "forget_candidates", "load_candidate
 CANDIDATES = "objects/candidates.json"
 _PICTURES = "objects/_candidates"
 _VERSION = 1
+_ADVICE = "Ask for the text again."
+_SCHEMA = {
+    "version": int,
+    "refused": [{"text": str, "message": str}],
+    "candidates": [
+        {
+            "number": int,
+            "text": str,
+            "score": float,
+            "photo": str,
+            "x": float,
+            "y": float,
+            "box": [float],
+            "n_gaussians": int,
+            "picture": str,
+        }
+    ],
+}
 
 _MAX_STORED = 5
 """Candidates of one text that are stored, at most."""
@@ -49,8 +65,8 @@ class StoredCandidate:
 
 def forget_candidates(project: Path) -> None:
     """Delete the candidates of earlier texts."""
-    (project / CANDIDATES).unlink(missing_ok=True)
-    shutil.rmtree(project / _PICTURES, ignore_errors=True)
+    delete_derived(project, CANDIDATES)
+    delete_derived(project, _PICTURES)
 
 
 def remember_candidates(
@@ -163,10 +179,7 @@ def load_candidate(project: Path, number: int) -> StoredCandidate:
 
 def _read(project: Path) -> dict[str, Any]:
     file = project / CANDIDATES
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        if data["version"] != _VERSION or not isinstance(data["candidates"], list):
-            raise ValueError("its version is not known")
-        return dict(data)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FormatError(f"{file} cannot be read: {error}. Ask for the text again.") from error
+    data: dict[str, Any] = read_json(file, _SCHEMA, advice=_ADVICE)
+    if data["version"] != _VERSION:
+        raise FormatError(f"{file} was written by another version of Gaussian Heritage. {_ADVICE}")
+    return data

@@ -91,6 +91,7 @@ def load_context(
     from ..masks import EmbeddingFolder
     from ..scene import read_camera_set
 
+    project.require_intact("cameras", "training")
     cameras = read_camera_set(project.path / "cameras")
     scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
     return SegmentationContext(

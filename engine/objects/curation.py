@@ -23,12 +23,11 @@ from .levels import Levels
 from .photos import SamFactory
 from .polishing import polish_each
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
+from .record import ObjectRecord
 from .segment import isolate_objects, refine_membership, segment_prompt
 from .selection import BELOW_HALF, HALF
 from .settings import SegmentSettings
 from .storage import (
-    ObjectRecord,
-    delete_object,
     list_objects,
     load_fitting_membership,
     load_levels,
@@ -36,6 +35,7 @@ from .storage import (
     load_object,
     save_object,
 )
+from .trash import delete_object, keep_version
 
 __all__ = [
     "BACKGROUND",
@@ -86,6 +86,7 @@ def segment_each_text(
     emit: Emit,
     should_stop: StopCheck,
     skip: Collection[str] = (),
+    again: Mapping[str, Sequence[str | None]] | None = None,
 ) -> Iterator[TextResult]:
     """Segment the objects of each text, and yield its result as soon as the objects are stored.
 
@@ -103,6 +104,8 @@ def segment_each_text(
         As in `engine.objects.segment.segment_project`.
     skip : collection of str
         Texts that were segmented before, e.g. in a run that was killed. They yield nothing.
+    again : mapping of str to sequence of (str or None), optional
+        By text: ids of its objects that are made again, see `engine.objects.found.ObjectRequest`.
 
     Yields
     ------
@@ -126,6 +129,7 @@ def segment_each_text(
                 detector_factory=detector_factory,
                 emit=part_of(emit, number, len(names)),
                 should_stop=should_stop,
+                again=tuple((again or {}).get(text, ())),
             )
         except PromptError as error:
             yield TextResult(text, refusal=str(error))
@@ -276,7 +280,8 @@ def refine_object(
     Returns
     -------
     ObjectRecord
-        With the same id and name. The levels are removed, because they were versions of the old object.
+        With the same id and name. The levels are removed, because they were versions of the old object, which is copied
+        to the trash.
 
     Raises
     ------
@@ -308,6 +313,7 @@ def refine_object(
         refined=(*record.refined, correction),
     )
     (polished,) = polish_each(views, [membership >= record.threshold], settings, emit=emit, should_stop=should_stop)
+    keep_version(project, record.id, why="corrected")
     save_object(project.path, changed, membership, polished=polished)
     return changed
 
@@ -369,7 +375,7 @@ def memberships_of(project: Path, count: int) -> dict[str, Float32]:
 
 
 def store_background(project: ProjectFolder, settings: SegmentSettings) -> ObjectRecord:
-    """Store the Gaussians that belong to no object as an object of its own, replacing an earlier background.
+    """Store the Gaussians that belong to no object as an object of its own; an earlier background goes to the trash.
 
     Parameters
     ----------
@@ -390,6 +396,7 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
     from ..gaussians import load_gaussians
 
     started = time.perf_counter()
+    project.require_intact("training")
     count = len(load_gaussians(project.path / "gaussians"))
     memberships = memberships_of(project.path, count)
     if not memberships:
@@ -401,7 +408,7 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
     background = np.where(highest >= HALF, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
     for record in list_objects(project.path):
         if record.prompt.get("kind") == BACKGROUND:
-            delete_object(project.path, record.id)
+            delete_object(project, record.id, why="replaced by a new background")
     membership = background.astype(np.float32)
     request = ObjectRequest({"kind": BACKGROUND}, BACKGROUND, settings, started)
     background_record = new_record(project.path, Levels((membership,)), request, score=1.0, fit=1.0)

@@ -22,8 +22,9 @@ from .found import ObjectRequest, new_record
 from .levels import Levels
 from .photos import SamFactory
 from .polishing import polish_each
+from .record import ObjectRecord
 from .settings import SegmentSettings
-from .storage import ObjectRecord, save_object
+from .storage import save_object
 from .views import MAX_OBJECT_EXTENT, Views, spread_cameras
 
 __all__ = ["DetectedObject", "find_everything", "segment_everything_in"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,9 @@ from .context import SegmentationContext
 from .evidence import MaskEvidence
 from .levels import Levels
 from .polishing import polish_each
+from .record import ObjectRecord, new_id, new_name
 from .settings import SegmentSettings
-from .storage import ObjectRecord, list_objects, new_id, new_name, save_object
+from .storage import list_objects, save_object, taken_ids
 
 __all__ = ["FoundObject", "ObjectRequest", "new_record", "store_found"]
 
@@ -66,12 +67,16 @@ class ObjectRequest:
     settings : SegmentSettings
     started : float
         `time.perf_counter` at the start.
+    again : tuple of (str or None)
+        Ids of the objects that an earlier run stored for this prompt, in their order, when only some are made again:
+        each keeps its id and name. None stands for one that is not stored. By default all are stored as new objects.
     """
 
     prompt: dict[str, Any]
     name: str
     settings: SegmentSettings
     started: float
+    again: tuple[str | None, ...] = ()
 
 
 def store_found(
@@ -100,12 +105,19 @@ def store_found(
     Cancelled
         When `should_stop` returns True; nothing is stored then.
     """
+    ids: Sequence[str | None] = [None] * len(found)
+    if request.again:
+        pairs = [(item, known) for item, known in zip(found, request.again, strict=False) if known is not None]
+        found, ids = [item for item, _ in pairs], [known for _, known in pairs]
+    names = {record.id: record.name for record in list_objects(project.path)}
     members = [item.membership >= THRESHOLD for item in found]
     # All objects are polished before the first is stored, so that a cancelled prompt stores none and can be repeated.
     all_polished = polish_each(context.views, members, request.settings, emit=emit, should_stop=should_stop)
     records: list[ObjectRecord] = []
-    for item, polished in zip(found, all_polished, strict=True):
+    for item, known, polished in zip(found, ids, all_polished, strict=True):
         record = new_record(project.path, item.levels, request, score=item.score, fit=item.fit, evidence=item.evidence)
+        if known is not None:
+            record = replace(record, id=known, name=names.get(known, record.name))
         best = item.evidence[0]
         preview = np.where(best.view.to_photo(best.mask), np.uint8(255), np.uint8(0))
         save_object(
@@ -134,7 +146,7 @@ def new_record(
     several = len(levels.memberships) > 1
     counts = [int((level >= THRESHOLD).sum()) for level in levels.memberships]
     return ObjectRecord(
-        id=new_id(request.name, [record.id for record in existing]),
+        id=new_id(request.name, taken_ids(project)),
         name=new_name(request.name, [record.name for record in existing]),
         prompt=request.prompt,
         threshold=THRESHOLD,

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MaskError, PromptError
+from ..errors import FormatError, HeritageError, MaskError, PromptError
+from ..files import opened
 from ..scene import Camera, CameraSet
 
 __all__ = [
@@ -30,6 +31,14 @@ __all__ = [
     "parse_prompt",
     "parse_texts",
 ]
+
+_MAX_MASK_PIXELS = 400_000_000
+"""As for photos."""
+
+_MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")
+"""Formats that Pillow decodes by itself: for some others it starts a program."""
+
+_SAVE_AS_PNG = "Save it as PNG."
 
 
 @dataclass(frozen=True)
@@ -294,21 +303,33 @@ def load_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
     MaskError
         When the file cannot be read, its size differs from the photo's, or no pixel of it is white.
     """
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
     try:
-        with Image.open(path) as picture:
+        with opened(path, advice=_SAVE_AS_PNG) as stream, Image.open(stream, formats=_MASK_FORMATS) as picture:
+            # Before a pixel is decoded: a small file may state a huge size.
+            _require_size(path, picture.size, camera)
             wide = picture.mode.startswith("I")
             values = np.asarray(picture if wide else picture.convert("L"))
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise MaskError(f"The mask {path} cannot be read: {error}. Save it as PNG.") from error
-    height, width = values.shape
+    except FormatError as error:
+        raise MaskError(f"The mask {error}") from error
+    except HeritageError:
+        raise
+    # Pillow's decoders raise exceptions of any type on damaged data.
+    except Exception as error:
+        raise MaskError(f"The mask {path} cannot be read: {error}. {_SAVE_AS_PNG}") from error
+    mask = values > (32767 if wide else 127)
+    if not mask.any():
+        raise MaskError(f"The mask {path} is empty: no pixel is lighter than half. Paint the object white.")
+    return mask
+
+
+def _require_size(path: Path, size: tuple[int, int], camera: Camera) -> None:
+    width, height = size
     if (width, height) != (camera.width, camera.height):
         raise MaskError(
             f"The mask {path} is {width} x {height} pixels, but {camera.photo} is {camera.width} x {camera.height}. "
             "Draw it over the photo itself."
         )
-    mask = values > (32767 if wide else 127)
-    if not mask.any():
-        raise MaskError(f"The mask {path} is empty: no pixel is lighter than half. Paint the object white.")
-    return mask
+    if width * height > _MAX_MASK_PIXELS:
+        raise MaskError(f"The mask {path} has {width} x {height} pixels, more than can be read safely.")

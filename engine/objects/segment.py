@@ -25,8 +25,8 @@ from .lifting import complete, refine_by_votes
 from .photos import SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
 from .ranking import NoMatchError, TextScorer, build_text_candidates, no_match_error, rank_for_text
+from .record import ObjectRecord
 from .settings import SegmentSettings
-from .storage import ObjectRecord
 
 if TYPE_CHECKING:
     from ..grounding import Detector
@@ -373,9 +373,13 @@ def segment_prompt(
     detector_factory: DetectorFactory,
     emit: Emit,
     should_stop: StopCheck,
+    again: tuple[str | None, ...] = (),
 ) -> list[ObjectRecord]:
-    """Do the same as `segment_project` with the `context` of the project, which several prompts share."""
-    request = ObjectRequest(describe_prompt(prompt), name, settings, time.perf_counter())
+    """Do the same as `segment_project` with the `context` of the project, which several prompts share.
+
+    `again` is that of `ObjectRequest`.
+    """
+    request = ObjectRequest(describe_prompt(prompt), name, settings, time.perf_counter(), again)
     return _find_and_store(
         project, context, prompt, request, detector_factory=detector_factory, emit=emit, should_stop=should_stop
     )

@@ -1,130 +1,51 @@
-"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews."""
+"""Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews.
+
+The record holds size and SHA-256 of the files that are computed, which are checked when they are read. Pictures, and
+the museum record that the user writes, are not among them.
+"""
 
 from __future__ import annotations
 
 import difflib
-import json
-import re
-import shutil
-import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError, ObjectError
-from ..files import atomic_write, object_file, path_within, write_json
-from ..scene import Gaussians, Polished, forget_polished, load_polished, save_polished
-from ..settings import to_dict
+from ..errors import FormatError, HeritageError, ObjectError
+from ..files import (
+    ArraySpec,
+    atomic_write,
+    delete_derived,
+    is_as_recorded,
+    object_file,
+    path_within,
+    read_array,
+    record_of,
+    replace_together,
+)
+from ..scene import Gaussians, Polished, load_polished, save_polished
+from .record import RECORD_FILE, ObjectRecord, read_record, recorded_files, write_record
 
 __all__ = [
-    "OBJECT_VERSION",
-    "ObjectRecord",
-    "delete_object",
+    "forget_unreadable_record",
+    "is_object_intact",
     "list_objects",
     "load_fitting_membership",
     "load_levels",
     "load_membership",
     "load_object",
-    "new_id",
-    "new_name",
     "object_gaussians",
+    "object_ids",
     "save_object",
+    "taken_ids",
 ]
 
-OBJECT_VERSION = 1
-_RECORD = "object.json"
-_MEMBERSHIP = "membership.npy"
-_LEVELS = "levels.npy"
-
-
-@dataclass(frozen=True)
-class ObjectRecord:
-    """An object of a scene.
-
-    Attributes
-    ----------
-    id : str
-        Name of the object's folder, safe in every file system, e.g. ``"vase-2"``. What the file says is ignored.
-    name : str
-        Name given by the user, or made from the prompt.
-    prompt : dict
-        See `engine.objects.prompts.describe_prompt`.
-    threshold : float
-        A Gaussian belongs to the object when its membership is at least this.
-    score : float
-        Confidence that this is the object of the prompt, 0 to 1: for a text see `engine.objects.ranking`, otherwise
-        SAM's own estimate (1 for a given mask).
-    fit : float
-        IoU of the object with the best mask of its evidence, in the view of that mask.
-    n_gaussians : int
-        Gaussians at `threshold`.
-    n_scene_gaussians : int
-        Gaussians of the scene the membership belongs to.
-    evidence : tuple of dict
-        Photos with masks of this object, the best first: ``photo``, ``score``. Stored as ``seeds``.
-    settings : dict
-        `SegmentSettings` of the extraction.
-    seconds : float
-        Wall time of the extraction.
-    created : str
-        ISO 8601 time in UTC.
-    level : int
-        Index of the level that is the object.
-    levels : tuple of dict
-        Versions from part to whole, each contained in the next: ``n_gaussians``. Empty when there is only one.
-    refined : tuple of dict
-        Later corrections, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
-    """
-
-    id: str
-    name: str
-    prompt: dict[str, Any]
-    threshold: float
-    score: float
-    fit: float
-    n_gaussians: int
-    n_scene_gaussians: int
-    evidence: tuple[dict[str, Any], ...] = field(default=(), metadata={"stored_as": "seeds"})
-    settings: dict[str, Any] = field(default_factory=dict)
-    seconds: float = 0.0
-    created: str = ""
-    level: int = 0
-    levels: tuple[dict[str, Any], ...] = ()
-    refined: tuple[dict[str, Any], ...] = ()
-
-
-def new_id(name: str, taken: Sequence[str]) -> str:
-    """Return a folder name made from `name` that is valid in every file system and not in `taken`.
-
-    Letters and digits of every script are kept in lower case; any run of other characters becomes one ``-``. A number
-    is added when the name is taken. Names are compared without case, so no two ids differ by case alone.
-    """
-    folded = unicodedata.normalize("NFC", unicodedata.normalize("NFKC", name).casefold())
-    slug = re.sub(r"[\W_]+", "-", folded, flags=re.UNICODE).strip("-")
-    # 60 letters of 3 bytes stay below every file system's 255 bytes.
-    slug = slug[:60].strip("-") or "object"
-    if re.fullmatch(r"con|prn|aux|nul|com\d|lpt\d", slug):
-        slug = f"object-{slug}"
-    return _numbered(slug, {other.casefold() for other in taken})
-
-
-def new_name(name: str, taken: Sequence[str]) -> str:
-    """Return `name`, with ``-2``, ``-3``... when another object has that name."""
-    name = " ".join(name.split()) or "object"
-    return _numbered(name, set(taken))
-
-
-def _numbered(name: str, taken: set[str]) -> str:
-    if name.casefold() not in taken and name not in taken:
-        return name
-    number = 2
-    while f"{name}-{number}" in taken or f"{name}-{number}".casefold() in taken:
-        number += 1
-    return f"{name}-{number}"
+MEMBERSHIP, LEVELS, POLISHED = "membership.npy", "levels.npy", "polished.npz"
+_COMPUTED = (MEMBERSHIP, LEVELS, POLISHED)
+"""Files whose size and hash are in the record."""
+_ADVICE = "Isolate the object again."
 
 
 def save_object(
@@ -136,7 +57,7 @@ def save_object(
     levels: Sequence[NDArray[np.float32]] = (),
     polished: Polished | None = None,
 ) -> None:
-    """Write an object. It is listed only after all of its files are written.
+    """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
 
     Parameters
     ----------
@@ -160,34 +81,34 @@ def save_object(
     from PIL import Image
 
     folder = path_within(project, "objects", record.id)
-    forget_polished(folder)
-    with atomic_write(folder / _MEMBERSHIP) as stream:
-        np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
-    if record.levels:
-        with atomic_write(folder / _LEVELS) as stream:
-            np.save(stream, np.stack(list(levels)).astype(np.float32), allow_pickle=False)
-    else:
-        (folder / _LEVELS).unlink(missing_ok=True)
-    if polished is not None:
-        save_polished(folder, polished)
-    for name, picture in previews:
-        with atomic_write(folder / f"{name}.png") as stream:
-            Image.fromarray(picture).save(stream, format="PNG")
-    write_json(folder / _RECORD, {"version": OBJECT_VERSION, **to_dict(record)})
+    with replace_together(folder, optional=_COMPUTED) as new:
+        with atomic_write(new / MEMBERSHIP) as stream:
+            np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
+        if record.levels:
+            with atomic_write(new / LEVELS) as stream:
+                np.save(stream, np.stack(list(levels)).astype(np.float32), allow_pickle=False)
+        if polished is not None:
+            save_polished(new, polished)
+        for name, picture in previews:
+            with atomic_write(new / f"{name}.png") as stream:
+                Image.fromarray(picture).save(stream, format="PNG")
+        write_record(
+            new / RECORD_FILE, record, {name: record_of(new / name) for name in _COMPUTED if (new / name).exists()}
+        )
 
 
-def _read_record(file: Path) -> ObjectRecord:
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        if data.pop("version") != OBJECT_VERSION:
-            raise FormatError(f"{file} was written by another version of Gaussian Heritage. Isolate the object again.")
-        attributes = {known.metadata.get("stored_as", known.name): known.name for known in fields(ObjectRecord)}
-        values = {attributes[key]: value for key, value in data.items() if key in attributes}
-        for name in ("evidence", "levels", "refined"):
-            values[name] = tuple(values.get(name, ()))
-        return ObjectRecord(**{**values, "id": file.parent.name})
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise FormatError(f"{file} cannot be read: {error}. Delete its folder and isolate the object again.") from error
+def object_ids(project: Path) -> list[str]:
+    """Return the ids of the objects of a project: the names of the folders that hold a record. No record is read."""
+    return sorted(file.parent.name for file in (project / "objects").glob(f"*/{RECORD_FILE}"))
+
+
+def taken_ids(project: Path) -> list[str]:
+    """Return the names in the folder of the objects that a new object must not have.
+
+    A folder without a record may still hold what the user wrote about an object. An empty one is left by a kill.
+    """
+    folders = (path for path in (project / "objects").glob("*") if path.is_dir())
+    return [folder.name for folder in folders if any(folder.iterdir())]
 
 
 def list_objects(project: Path) -> list[ObjectRecord]:
@@ -198,8 +119,7 @@ def list_objects(project: Path) -> list[ObjectRecord]:
     FormatError
         When an ``object.json`` is damaged, or a folder is a link that leads out of the project.
     """
-    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{_RECORD}"))
-    records = (_read_record(object_file(project, name, _RECORD)) for name in folders)
+    records = (read_record(object_file(project, name, RECORD_FILE)) for name in object_ids(project))
     return sorted(records, key=lambda record: (record.created, record.id))
 
 
@@ -238,11 +158,10 @@ def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
     FormatError
         When its file is damaged.
     """
-    file = object_file(project, object_id, _MEMBERSHIP)
-    membership = _load(file)
-    if membership.ndim != 1:
-        raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
-    return membership
+    file = _require_intact(project, object_id, MEMBERSHIP)
+    if not file.is_file():
+        raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
+    return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
 
 
 def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> NDArray[np.float32]:
@@ -271,13 +190,10 @@ def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
     FormatError
         When its file is damaged.
     """
-    file = object_file(project, object_id, _LEVELS)
+    file = _require_intact(project, object_id, LEVELS)
     if not file.is_file():
         return load_membership(project, object_id)[None]
-    levels = _load(file)
-    if levels.ndim != 2:
-        raise FormatError(f"{file} does not hold one row for each level. Isolate the object again.")
-    return levels
+    return read_array(file, ArraySpec("float32", ("k", "n"), finite=True), advice=_ADVICE)
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
@@ -291,33 +207,40 @@ def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) 
         When one of its files is damaged.
     """
     rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
+    _require_intact(project, record.id, POLISHED)
     polished = load_polished(project, record.id)
     return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
 
 
-def _load(file: Path) -> NDArray[np.float32]:
-    if not file.is_file():
-        raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
+def forget_unreadable_record(project: Path, object_id: str) -> None:
+    """Delete the record of an object if it is damaged, since no object can be listed then. Its other files stay."""
     try:
-        values = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise FormatError(f"{file} cannot be read: {error}. Isolate the object again.") from error
-    if not np.isfinite(values).all():
-        raise FormatError(f"{file} does not hold one finite number for each Gaussian. Isolate the object again.")
-    return np.asarray(values, np.float32)
+        read_record(object_file(project, object_id, RECORD_FILE))
+    except FormatError:
+        delete_derived(project, "objects", object_id, RECORD_FILE)
 
 
-def delete_object(project: Path, name: str) -> ObjectRecord:
-    """Delete the object with the id or the name `name` and return its record.
+def is_object_intact(project: Path, object_id: str) -> bool:
+    """Return whether the record of an object can be read, and all files that it records are as they were written."""
+    try:
+        recorded = recorded_files(object_file(project, object_id, RECORD_FILE))
+        for name in recorded:
+            _require_intact(project, object_id, name)
+        if not recorded:
+            load_levels(project, object_id)
+            load_membership(project, object_id)
+            load_polished(project, object_id)
+    except HeritageError:
+        return False
+    return True
 
-    Raises
-    ------
-    ObjectError
-        When there is none.
-    """
-    record = load_object(project, name)
-    folder = path_within(project, "objects", record.id)
-    # The record is deleted first: an interrupted deletion must not leave an object without membership in the list.
-    (folder / _RECORD).unlink()
-    shutil.rmtree(folder)
-    return record
+
+def _require_intact(project: Path, object_id: str, name: str) -> Path:
+    """Return the path of a file of an object; raises `FormatError` when it is not what the object's record says."""
+    file = object_file(project, object_id, name)
+    record = object_file(project, object_id, RECORD_FILE)
+    expected = recorded_files(record).get(name) if record.is_file() else None
+    if expected is not None and not is_as_recorded(file, expected):
+        problem = "was damaged" if file.exists() else "is missing"
+        raise FormatError(f"{file} {problem}. {_ADVICE}")
+    return file

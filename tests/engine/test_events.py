@@ -63,3 +63,61 @@ def test_progress_of_a_part_is_told_as_that_of_the_whole_and_the_rest_as_it_is()
     assert isinstance(first, Progress) and isinstance(second, Warned)
     assert (first.fraction, first.seconds_left, first.message) == (0.375, None, "vase")
     assert second.message == "look"
+
+
+DAMAGED = [
+    '{"v":1,"kind":[]}',
+    '{"v":1,"kind":{}}',
+    '{"v":1,"kind":null}',
+    '{"v":[],"kind":"warning","message":"x"}',
+    '{"v":true,"kind":"warning","message":"x"}',
+    '{"v":1,"kind":"warning","message":7}',
+    '{"v":1,"kind":"warning","message":"x","time":"now"}',
+    '{"v":1,"kind":"warning","message":"\\ud800"}',
+    '{"v":1,"kind":"progress","stage":"masks","fraction":NaN}',
+    '{"v":1,"kind":"progress","stage":"masks","fraction":1e999}',
+    '{"v":1,"kind":"progress","stage":"masks","fraction":"0.5"}',
+    '{"v":1,"kind":"progress","stage":"masks","fraction":true}',
+    '{"v":1,"kind":"progress","stage":["masks"],"fraction":0.5}',
+    '{"v":1,"kind":"progress","stage":"masks","fraction":0.5,"seconds_left":"soon"}',
+    '{"v":1,"kind":"metric","stage":"s","name":"psnr","value":1,"step":1.5}',
+    '{"v":1,"kind":"metric","stage":"s","name":"psnr","value":1' + "0" * 400 + "}",
+    '{"v":1,"kind":"metric","stage":"s","name":"psnr","value":1' + "0" * 5000 + "}",
+    '{"v":1,"kind":"finished","outputs":[]}',
+    '{"v":1,"kind":"finished","message":null}',
+    '{"v":1,"kind":"stage_finished","stage":"masks","seconds":1,"reused":"no"}',
+    "[" * 100_000,
+    '{"v":1,"kind":"warning","message":"x","more":' + "[" * 100_000 + "]" * 100_000 + "}",
+    '{"v":1,"kind":"warning","message":"' + "x" * (17 << 20) + '"}',
+    "\udce9",
+    "\x00",
+    "",
+    "7",
+]
+
+
+@pytest.mark.parametrize("line", DAMAGED, ids=range(len(DAMAGED)))
+def test_a_damaged_line_is_skipped(line: str) -> None:
+    assert from_json_line(line) is None
+
+
+def test_whole_numbers_become_floats_and_fractions_stay_between_0_and_1() -> None:
+    event = from_json_line('{"v":1,"kind":"progress","stage":"masks","fraction":7,"seconds_left":3,"time":5}')
+    assert event == Progress("masks", 1.0, 3.0, time=5.0)
+    assert all(type(value) is float for value in (event.fraction, event.seconds_left, event.time))
+    low = from_json_line('{"v":1,"kind":"progress","stage":"masks","fraction":-1e300}')
+    assert isinstance(low, Progress) and low.fraction == 0.0
+
+
+def test_a_number_that_is_not_finite_is_written_as_null() -> None:
+    line = to_json_line(Progress("training", 0.5, float("nan"), "step 1"))
+    assert json.loads(line)["seconds_left"] is None
+    read = from_json_line(line)
+    assert isinstance(read, Progress) and read.seconds_left is None
+
+
+def test_a_name_that_is_not_utf_8_can_be_sent() -> None:
+    line = to_json_line(Warned("a\udce9.jpg is not used"))
+    line.encode("utf-8")
+    read = from_json_line(line)
+    assert isinstance(read, Warned) and read.message == "a\\udce9.jpg is not used"

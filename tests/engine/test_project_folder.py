@@ -66,11 +66,77 @@ def test_damaged_project_file_is_said(tmp_path: Path) -> None:
         ProjectFolder.open_existing(tmp_path)
 
 
-@pytest.mark.parametrize("content", ["[]", '{"version": 1}', '{"version": 99, "stages": {}}'])
-def test_project_file_of_another_kind_is_said(content: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("[]", "must be an object"),
+        ("{}", "`version` is missing"),
+        ('{"version": 0, "stages": {}}', "no version 0"),
+        ('{"version": 1}', "`stages` is missing"),
+        ('{"version": 1, "stages": {"photos": {"key": 3}}}', r"`stages\.photos\.key` must be a text"),
+        (
+            '{"version": 2, "stages": {}, "earlier_outputs": {"training": {"a": {}}}}',
+            r"`earlier_outputs\.training\.a\.size` is missing",
+        ),
+        ('{"version": 99, "stages": {}}', "a newer version of Gaussian Heritage. Update"),
+    ],
+)
+def test_project_file_of_another_kind_is_said(content: str, said: str, tmp_path: Path) -> None:
     (tmp_path / "project.json").write_text(content)
-    with pytest.raises(FormatError, match="another version"):
+    with pytest.raises(FormatError, match=said):
         ProjectFolder.open_existing(tmp_path)
+
+
+def done(project: ProjectFolder, stage: str, outputs: dict[str, bytes]) -> None:
+    for name, content in outputs.items():
+        (project.path / name).parent.mkdir(exist_ok=True)
+        (project.path / name).write_bytes(content)
+    project.finish_stage(
+        stage, "key", wall_seconds=1, cpu_seconds=1, figures={}, outputs=[project.path / name for name in outputs]
+    )
+
+
+@pytest.mark.parametrize(("change", "said"), [(b"cut", "was damaged"), (b"SCENE", "was damaged"), (None, "is missing")])
+def test_output_that_changed_since_it_was_recorded_is_named(change: bytes | None, said: str, tmp_path: Path) -> None:
+    done(ProjectFolder.create(tmp_path / "p"), "training", {"gaussians/scene.ply": b"scene", "gaussians/b.npy": b"b"})
+    project = ProjectFolder.open_existing(tmp_path / "p")
+    project.require_intact("training", "cameras")
+    file = tmp_path / "p" / "gaussians" / "scene.ply"
+    if change is None:
+        file.unlink()
+    else:
+        file.write_bytes(change)
+    assert project.damaged_outputs("training") == {"gaussians/scene.ply": said}
+    with pytest.raises(FormatError, match=rf"scene\.ply {said}\. Run `reconstruct` again"):
+        project.require_intact("training")
+
+
+def test_outputs_that_are_being_made_anew_are_not_used_and_their_hashes_are_kept(tmp_path: Path) -> None:
+    project = ProjectFolder.create(tmp_path / "p")
+    done(project, "training", {"gaussians/scene.ply": b"scene"})
+    recorded = project.recorded_outputs("training")
+    assert recorded["gaussians/scene.ply"]["size"] == 5
+    project.forget_stages(["training"])
+    again = ProjectFolder.open_existing(tmp_path / "p")
+    assert again.stage_record("training") is None and again.recorded_outputs("training") == recorded
+    with pytest.raises(ProjectError, match="'training' of .* is not finished. Run `reconstruct` again"):
+        again.require_intact("training")
+    done(again, "training", {"gaussians/scene.ply": b"other"})
+    again.require_intact("training")
+
+
+def test_recorded_name_that_leads_out_of_the_project_is_refused(tmp_path: Path) -> None:
+    project = ProjectFolder.create(tmp_path / "p")
+    done(project, "training", {"gaussians/scene.ply": b"scene"})
+    text = (tmp_path / "p" / "project.json").read_text().replace("gaussians/scene.ply", "../secret")
+    (tmp_path / "p" / "project.json").write_text(text)
+    with pytest.raises(FormatError, match="leads out of the folder"):
+        ProjectFolder.open_existing(tmp_path / "p").require_intact("training")
+
+
+def test_trash_of_a_project_is_not_a_foreign_file(tmp_path: Path) -> None:
+    (tmp_path / "trash").mkdir()
+    ProjectFolder.create(tmp_path)
 
 
 def test_stage_counts_as_done_only_with_its_key(tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ from engine.models.cache import CACHE_VARIABLE
 from engine.models.catalogue import CATALOGUE, ModelFile
 from tests.engine.command_line import call
 
+TOKENIZER = b'{"model": {"vocab": {}}}'.ljust(100_000)
+
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -21,7 +23,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("one", "two"):
         (tmp_path / "models" / name).write_bytes(name.encode())
         digest = hashlib.sha256(name.encode()).hexdigest()
-        models[name] = ModelFile(name, "npm:none@1.0.0", name, name, 3, digest, "MIT", "anyone")
+        models[name] = ModelFile(name, "npm:none@1.0.0", name, name, 3, digest, "MIT", "anyone", max_package_size=9)
     for name in list(CATALOGUE):
         monkeypatch.delitem(CATALOGUE, name)
     for name, model in models.items():
@@ -63,7 +65,7 @@ def test_unknown_name_lists_the_known_ones(cache: Path, capsys: pytest.CaptureFi
 def optional(cache: Path, monkeypatch: pytest.MonkeyPatch) -> ModelFile:
     """An optional third file that is missing and whose hash is not known yet."""
     model = ModelFile(
-        "three", "https://models.invalid/r1/three", "", "three", None, None, "MIT", "anyone", optional=True
+        "three", "https://models.invalid/r1/three", "", "three.json", None, None, "MIT", "anyone", True, len(TOKENIZER)
     )
     monkeypatch.setitem(CATALOGUE, "three", model)
     return model
@@ -73,16 +75,14 @@ def test_optional_files_are_listed_with_their_pin_but_neither_fetched_nor_verifi
     cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["models", "list"]) == 0
-    assert (
-        "three: optional, size unknown, MIT (anyone), https://models.invalid/r1/three, pinned by revision; hash is "
-        in (capsys.readouterr().out)
-    )
+    line = "three: optional, about 0.1 MB, MIT (anyone), https://models.invalid/r1/three, pinned by revision; hash is "
+    assert line in capsys.readouterr().out
     assert main(["models", "verify"]) == 0 and main(["models", "fetch"]) == 0
     assert "three" not in capsys.readouterr().out
 
 
 def test_stored_optional_file_is_verified(cache: Path, optional: ModelFile, capsys: pytest.CaptureFixture[str]) -> None:
-    (cache / "three").write_bytes(b"three")
+    (cache / "three.json").write_bytes(TOKENIZER)
     assert main(["models", "verify"]) == 1
     assert "copied here by hand" in capsys.readouterr().out
 
@@ -94,9 +94,9 @@ def test_offline_folder_delivers_its_files_without_the_network(
     assert "no folder" in call(capsys, "models", "fetch", "--from", offline).error
     offline.mkdir()
     assert "contains no model file" in call(capsys, "models", "fetch", "--from", offline).error
-    (offline / "three").write_bytes(b"three")
+    (offline / "three.json").write_bytes(TOKENIZER)
     assert call(capsys, "models", "fetch", "--from", offline).code == 0
-    assert (cache / "three").read_bytes() == b"three"
+    assert (cache / "three.json").read_bytes() == TOKENIZER
     assert main(["models", "verify"]) == 0
     (cache / "one").unlink()
     assert "contains neither one nor" in call(capsys, "models", "fetch", "one", "--from", offline).error

@@ -20,7 +20,7 @@ def make(n: int, features: bool = True) -> Gaussians:
     return Gaussians(**arrays, features=rng.normal(size=(n, 16)).astype(np.float32) if features else None)
 
 
-@pytest.mark.parametrize("n", [0, 1, 100])
+@pytest.mark.parametrize("n", [1, 100])
 def test_scene_and_features_are_read_as_written(tmp_path: Path, n: int) -> None:
     scene = make(n)
     save_gaussians(tmp_path, scene)
@@ -53,6 +53,27 @@ def test_errors_name_damaged_features_and_a_missing_scene(tmp_path: Path) -> Non
     (tmp_path / "features.npy").write_bytes(b"not an array")
     with pytest.raises(FormatError, match=r"features\.npy"):
         load_gaussians(tmp_path)
+
+
+def test_features_cut_in_half_are_refused(tmp_path: Path) -> None:
+    save_gaussians(tmp_path, make(20))
+    whole = (tmp_path / "features.npy").read_bytes()
+    (tmp_path / "features.npy").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FormatError, match=r"features\.npy cannot be read: .* Run `reconstruct` again"):
+        load_gaussians(tmp_path)
+
+
+def test_new_scene_is_seen_before_it_replaces_the_old_one(tmp_path: Path) -> None:
+    save_gaussians(tmp_path, make(20))
+    before = (tmp_path / "scene.ply").read_bytes()
+    seen = []
+
+    def look(new: Path) -> None:
+        assert (tmp_path / "scene.ply").read_bytes() == before
+        seen.append(new.read_bytes())
+
+    save_gaussians(tmp_path, make(30), before_replacing=look)
+    assert seen == [(tmp_path / "scene.ply").read_bytes()] != [before]
 
 
 def test_values_that_are_not_finite_are_not_written(tmp_path: Path) -> None:

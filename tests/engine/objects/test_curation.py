@@ -28,6 +28,7 @@ from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, pa
 from engine.objects.segment import segment_project
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership
+from engine.objects.trash import list_trash, restore_object
 from engine.project_folder import ProjectFolder
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
@@ -220,6 +221,10 @@ def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) 
     assert before.created == more.created == less.created
     assert less.n_gaussians == members(project, "ball").sum() and len(less.refined) == 2
     assert less.refined[0] == {"clicks": [{"photo": added.photo, "x": added.x, "y": added.y}], "not": []}
+    first, second = list_trash(project.path)
+    assert (first.name, first.why, second.name, second.why) == ("ball", "corrected", "ball", "corrected")
+    restore_object(project, "1")
+    assert overlap(members(project, "ball-2"), blobs.part == RED) > 0.8
 
 
 def _place(blobs: BlobScene, part: int, photo: str) -> tuple[str, float, float]:
@@ -325,7 +330,8 @@ class BallOnly(FakeSam):
 
 
 def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
-    from engine.objects.storage import ObjectRecord, save_object
+    from engine.objects.record import ObjectRecord
+    from engine.objects.storage import save_object
 
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
     counts = tuple({"n_gaussians": int(one.sum())} for one in (small, large))
@@ -368,6 +374,7 @@ def test_background_is_what_belongs_to_no_object(blobs: BlobScene, project: Proj
     isolate(blobs, project, ClickPrompt(*_place(blobs, BLUE, "view_1.png")), "two")
     record = store_background(project, SMALL)
     assert [other.id for other in list_objects(project.path)] == ["one", "two", "background"]
+    assert [entry.name for entry in list_trash(project.path)] == ["background"]
     rest = members(project, record.id)
     np.testing.assert_array_equal(rest, ~(members(project, "one") | members(project, "two")))
 

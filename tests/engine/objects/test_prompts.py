@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageFile
 
 from engine.errors import MaskError, PromptError
 from engine.objects.prompts import (
@@ -106,6 +107,37 @@ def test_unusable_masks_say_why(blobs: BlobScene, tmp_path: Path) -> None:
     for name in ("text.png", "missing.png"):
         with pytest.raises(MaskError, match="cannot be read"):
             load_mask(tmp_path / name, camera)
+
+
+def test_mask_that_states_a_huge_size_is_refused_before_it_is_decoded(
+    blobs: BlobScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = replace(blobs.cameras.cameras[0], width=30_000, height=30_000)
+    Image.new("1", (30_000, 30_000)).save(tmp_path / "bomb.png")
+
+    def decoded(*_: object) -> None:
+        raise AssertionError("decoded")
+
+    monkeypatch.setattr(ImageFile.ImageFile, "load", decoded)
+    with pytest.raises(MaskError, match="30000 x 30000 pixels, but"):
+        load_mask(tmp_path / "bomb.png", blobs.cameras.cameras[0])
+    with pytest.raises(MaskError, match="more than can be read safely"):
+        load_mask(tmp_path / "bomb.png", camera)
+
+
+@pytest.mark.parametrize("name", ["cut.png", "cut.tif", "damaged.png", "drawing.eps"])
+def test_damaged_mask_is_a_sentence(name: str, blobs: BlobScene, tmp_path: Path) -> None:
+    camera = blobs.cameras.cameras[0]
+    file = tmp_path / name
+    Image.new("RGB", (camera.width, camera.height), "white").save(file)
+    content = bytearray(file.read_bytes())
+    if name.startswith("cut"):
+        del content[len(content) // 2 :]
+    elif name.startswith("damaged"):
+        content[40:60] = b"\xff" * 20
+    file.write_bytes(content)
+    with pytest.raises(MaskError, match=rf"{name} cannot be read: .* Save it as PNG"):
+        load_mask(file, camera)
 
 
 def test_prompt_is_stored_without_folders_of_this_machine() -> None:

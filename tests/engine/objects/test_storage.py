@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,16 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.errors import DiskError, FormatError, ObjectError
+from engine.objects.record import ObjectRecord, new_id, new_name
 from engine.objects.storage import (
-    ObjectRecord,
-    delete_object,
+    is_object_intact,
     list_objects,
+    load_levels,
     load_membership,
     load_object,
-    new_id,
-    new_name,
+    object_gaussians,
     save_object,
+    taken_ids,
 )
+from engine.scene import Gaussians, Polished
 
 RECORD = ObjectRecord(
     id="vase",
@@ -62,12 +65,6 @@ def test_unknown_object_lists_those_there_are(tmp_path: Path) -> None:
         load_membership(tmp_path, "bowl")
 
 
-def test_removed_object_is_gone(tmp_path: Path) -> None:
-    save_object(tmp_path, RECORD, MEMBERSHIP)
-    assert delete_object(tmp_path, "Vase") == RECORD
-    assert list_objects(tmp_path) == [] and not (tmp_path / "objects" / "vase").exists()
-
-
 def test_half_written_object_is_not_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -79,19 +76,100 @@ def test_half_written_object_is_not_listed(tmp_path: Path, monkeypatch: pytest.M
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def test_damaged_files_are_named(tmp_path: Path) -> None:
+def save_whole(project: Path) -> Path:
+    """Save an object with every file that an object can have, and return its folder."""
+    levels = (MEMBERSHIP, np.ones(3, np.float32))
+    record = replace(RECORD, levels=({"n_gaussians": 2}, {"n_gaussians": 3}))
+    gaussians = Gaussians(
+        *(np.ones(shape, np.float32) for shape in ((2, 3), (2, 3), (2, 4), (2,), (2, 1, 3))), features=None
+    )
+    polished = Polished(np.array([1, 2], np.int32), gaussians.means, gaussians)
+    save_object(project, record, MEMBERSHIP, levels=levels, polished=polished)
+    return project / "objects" / "vase"
+
+
+READERS = {
+    "membership.npy": lambda project, record: load_membership(project, "vase"),
+    "levels.npy": lambda project, record: load_levels(project, "vase"),
+    "polished.npz": lambda project, record: object_gaussians(
+        project, record, Gaussians(*(np.ones(s, np.float32) for s in ((3, 3), (3, 3), (3, 4), (3,), (3, 1, 3))), None)
+    ),
+}
+
+
+@pytest.mark.parametrize("damage", ["cut", "one bit", "gone"])
+@pytest.mark.parametrize("name", READERS)
+def test_damaged_file_of_an_object_is_named(name: str, damage: str, tmp_path: Path) -> None:
+    folder = save_whole(tmp_path)
+    (record,) = list_objects(tmp_path)
+    READERS[name](tmp_path, record)
+    assert is_object_intact(tmp_path, "vase")
+    content = bytearray((folder / name).read_bytes())
+    content[-20] ^= 1
+    if damage == "gone":
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes(bytes(content) if damage == "one bit" else bytes(content[: len(content) // 2]))
+    problem = "is missing" if damage == "gone" else "was damaged"
+    with pytest.raises(FormatError, match=rf"{name} {problem}\. Isolate the object again"):
+        READERS[name](tmp_path, record)
+    assert not is_object_intact(tmp_path, "vase")
+
+
+def test_title_and_new_name_are_no_damage(tmp_path: Path) -> None:
+    folder = save_whole(tmp_path)
+    (folder / "record.json").write_text("{}")
+    data = json.loads((folder / "object.json").read_text())
+    (folder / "object.json").write_text(json.dumps({**data, "name": "Krater"}))
+    assert is_object_intact(tmp_path, "vase")
+    assert [record.name for record in list_objects(tmp_path)] == ["Krater"]
+    save_object(tmp_path, RECORD, MEMBERSHIP)
+    assert sorted(path.name for path in folder.iterdir()) == ["membership.npy", "object.json", "record.json"]
+
+
+def first_release(folder: Path) -> None:
+    """Turn an object into one of release 0.1.0, which recorded no hashes."""
+    data = json.loads((folder / "object.json").read_text())
+    del data["files"]
+    (folder / "object.json").write_text(json.dumps({**data, "version": 1}))
+
+
+def test_object_of_the_first_release_is_read_and_gets_hashes_when_it_is_written(tmp_path: Path) -> None:
+    folder = save_whole(tmp_path)
+    (before,) = list_objects(tmp_path)
+    first_release(folder)
+    assert list_objects(tmp_path) == [before] and is_object_intact(tmp_path, "vase")
+    whole = (folder / "levels.npy").read_bytes()
+    (folder / "levels.npy").write_bytes(whole[:-4])
+    assert not is_object_intact(tmp_path, "vase")
+    save_object(tmp_path, RECORD, MEMBERSHIP)
+    data = json.loads((folder / "object.json").read_text())
+    assert data["version"] == 2 and list(data["files"]) == ["membership.npy"]
+    assert is_object_intact(tmp_path, "vase")
+
+
+def test_damaged_records_and_values_are_named(tmp_path: Path) -> None:
     save_object(tmp_path, RECORD, MEMBERSHIP)
     folder = tmp_path / "objects" / "vase"
+    first_release(folder)
     (folder / "membership.npy").write_bytes(b"\x93NUMPY broken")
     with pytest.raises(FormatError, match=r"membership\.npy cannot be read"):
         load_membership(tmp_path, "vase")
     np.save(folder / "membership.npy", np.array([0.5, np.nan], np.float32))
     with pytest.raises(FormatError, match="finite"):
         load_membership(tmp_path, "vase")
-    for text in ("{", "[]", '{"version": 1}', '{"version": 99}'):
+    for text in ("{", "[]", "[" * 5000, '{"version": 1}', '{"version": 99}', '{"version": 1, "name": 3}'):
         (folder / "object.json").write_text(text)
         with pytest.raises(FormatError, match=r"object\.json"):
             list_objects(tmp_path)
+        assert not is_object_intact(tmp_path, "vase")
+
+
+def test_object_is_not_stored_where_the_user_left_something(tmp_path: Path) -> None:
+    (tmp_path / "objects" / "vase").mkdir(parents=True)
+    assert taken_ids(tmp_path) == []
+    (tmp_path / "objects" / "vase" / "record.json").write_text("{}")
+    assert new_id("Vase", taken_ids(tmp_path)) == "vase-2"
 
 
 @pytest.mark.parametrize(

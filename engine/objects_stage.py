@@ -1,0 +1,142 @@
+"""The stage ``objects`` of the pipeline: isolates what texts name, and repairs what an earlier run isolated."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+from .events import Warned
+from .objects.settings import SegmentSettings
+from .project_folder import stage_key
+from .settings import to_dict
+from .stage_runner import StageRunner
+
+__all__ = ["forget_found_objects", "objects_stage"]
+
+_FOUND_BY_PROMPT = "objects_by_prompt"
+"""Name in ``project.json`` of what each prompt has found so far: a killed run continues after it.
+
+``key`` of the stage; ``found``: ids of the objects by text; ``again``: of texts whose objects were damaged, the ids of
+those that are made again, and null in the place of the others; ``before``: ids of all objects when these were noted.
+"""
+
+
+def objects_stage(runner: StageRunner, prompts: Sequence[str], settings: SegmentSettings, *, sam_model: str) -> None:
+    """Isolate what the texts `prompts` name, if any, and say which stored objects are damaged.
+
+    Parameters
+    ----------
+    runner : StageRunner
+    prompts : sequence of str
+    settings : SegmentSettings
+    sam_model : str
+        Name of the Segment Anything model, see `MaskSettings.model`.
+    """
+    key = stage_key(runner.key_of("training"), tuple(prompts), to_dict(settings))
+
+    def compute() -> dict[str, Any]:
+        from .grounding import load_default_detector
+        from .masks import load_sam
+        from .objects import load_context, segment_each_text
+
+        found, again = _found_before(runner, key)
+        refused: dict[str, str] = {}
+        _discard_unfinished(runner, [text for text in prompts if text not in found])
+        _note(runner, key, found, again)
+        context = load_context(runner.project, settings, functools.partial(load_sam, sam_model))
+        for result in segment_each_text(
+            runner.project,
+            context,
+            {prompt: prompt for prompt in prompts},
+            settings,
+            detector_factory=load_default_detector,
+            emit=runner.emit,
+            should_stop=runner.should_stop,
+            skip=tuple(text for text in found if text not in again),
+            again=dict(again),
+        ):
+            if result.refusal:
+                refused[result.text] = result.refusal
+                runner.emit(Warned(result.refusal))
+                continue
+            if again.pop(result.text, None) is None:
+                found[result.text] = [record.id for record in result.records]
+            _note(runner, key, found, again)
+        return {"found": found, "refused": refused}
+
+    _forget_damaged_objects(runner, key if prompts else None)
+    if prompts:
+        runner.run("objects", key, compute)
+
+
+def forget_found_objects(runner: StageRunner) -> None:
+    """Forget which objects the prompts found, and that the stage is done."""
+    runner.project.put(_FOUND_BY_PROMPT, None)
+    runner.project.forget_stages(["objects"])
+
+
+def _note(runner: StageRunner, key: str, found: dict[str, list[str]], again: dict[str, list[str | None]]) -> None:
+    from .objects import object_ids
+
+    before = object_ids(runner.project.path)
+    runner.project.put(_FOUND_BY_PROMPT, {"key": key, "found": found, "again": again, "before": before})
+
+
+def _discard_unfinished(runner: StageRunner, texts: Sequence[str]) -> None:
+    """Move objects of `texts` that a killed run stored and did not note to the trash: the texts are isolated again."""
+    from .objects import discard_object, list_objects
+
+    before = (runner.project.get(_FOUND_BY_PROMPT) or {}).get("before")
+    if before is None:
+        return
+    for record in list_objects(runner.project.path):
+        if record.id not in before and record.prompt.get("text") in texts:
+            discard_object(runner.project, record.id, why="left by a run that was stopped")
+
+
+def _forget_damaged_objects(runner: StageRunner, key: str | None) -> None:
+    """Find damaged objects. Those that the stage with this `key` found are isolated again, each under its id and name.
+
+    A damaged object is copied to the trash before, for what the user changed. What the user deleted is not made again.
+    """
+    from .objects import forget_unreadable_record, is_object_intact, keep_version, object_ids
+
+    project = runner.project
+    damaged = [one for one in object_ids(project.path) if not is_object_intact(project.path, one)]
+    if not damaged:
+        return
+    before = project.get(_FOUND_BY_PROMPT)
+    found: dict[str, list[str]] = before["found"] if before is not None and before["key"] == key else {}
+    texts = {one: text for text, ids in found.items() for one in ids if one in damaged}
+    for object_id in damaged:
+        what = f"{texts[object_id]!r} is isolated again" if object_id in texts else "isolate the object again"
+        runner.emit(Warned(f"A file of objects/{object_id} was damaged; {what}."))
+    if not texts:
+        return
+    again: dict[str, list[str | None]] = dict(before.get("again", {}))
+    for text in set(texts.values()):
+        again[text] = [one if one in {*texts, *again.get(text, ())} else None for one in found[text]]
+    # Stored first, so that a run that is killed below knows what is left to do.
+    project.put(_FOUND_BY_PROMPT, {**before, "again": again})
+    project.forget_stages(["objects"])
+    for object_id in texts:
+        keep_version(project, object_id, why="damaged")
+        forget_unreadable_record(project.path, object_id)
+
+
+def _found_before(runner: StageRunner, key: str) -> tuple[dict[str, list[str]], dict[str, list[str | None]]]:
+    """Return what a killed run of this very stage found, and what is made again.
+
+    Objects that it made with other settings go to the trash.
+    """
+    from .objects import discard_object, object_ids
+
+    before = runner.project.get(_FOUND_BY_PROMPT) or {"key": key, "found": {}}
+    found: dict[str, list[str]] = before["found"]
+    if before["key"] == key:
+        return found, dict(before.get("again", {}))
+    existing = set(object_ids(runner.project.path))
+    for object_id in [one for ids in found.values() for one in ids if one in existing]:
+        discard_object(runner.project, object_id, why="isolated again with other prompts or settings")
+    return {}, {}
