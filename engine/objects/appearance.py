@@ -186,7 +186,7 @@ def load_or_describe_groups(
     parameters and the errors are those of `describe_groups`.
     """
     recipe = _recipe(views, detector)
-    specs = {"finest": ArraySpec("int32", (len(views.scene.gaussians),)), **_SPECS}
+    specs = {"finest": ArraySpec("int32", (len(views.scene.gaussians.means),)), **_SPECS}
     stored = read_kept_arrays(file, recipe, specs, optional={_GROUP_MAP_PREFIX + "*": ArraySpec("int16", (-1, -1))})
     known = None if stored is None else _from_arrays(stored)
     if known is not None:

@@ -18,6 +18,7 @@ __all__ = ["RECORD_FILE", "ObjectRecord", "new_id", "new_name", "read_record", "
 RECORD_FILE = "object.json"
 _ADVICE = "Delete its folder and isolate the object again."
 
+_POINTS: Schema = [{"photo": str, "x": float, "y": float}]
 _OBJECT_1: Schema = {
     "version": int,
     "name": str,
@@ -27,13 +28,13 @@ _OBJECT_1: Schema = {
     "fit": float,
     "n_gaussians": int,
     "n_scene_gaussians": int,
-    "seeds": optional([dict]),
+    "seeds": optional([{"photo": str, "score": float}]),
     "settings": optional(dict),
     "seconds": optional(float),
     "created": optional(str),
     "level": optional(int),
     "levels": optional([{"n_gaussians": int}]),
-    "refined": optional([dict]),
+    "refined": optional([{"clicks": optional(_POINTS), "not": optional(_POINTS)}]),
 }
 _SCHEMAS: tuple[Schema, ...] = (_OBJECT_1, {**_OBJECT_1, "files": ({str: FILE_RECORD}, None)})
 
