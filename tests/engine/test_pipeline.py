@@ -346,8 +346,8 @@ def test_cameras_that_are_not_the_same_again_train_the_scene_again(small: Small)
     """COLMAP's poses depend on the number of threads; a scene fits only the cameras that it was trained with."""
     from engine.cameras import read_cameras
 
-    def moved(model: Path, photo_set: PhotoSet) -> CameraSet:
-        cameras = read_cameras(model, photo_set)
+    def moved(model: Path, photo_set: PhotoSet, **options: Any) -> CameraSet:
+        cameras = read_cameras(model, photo_set, **options)
         return replace(cameras, points=cameras.points + np.float32(0.01))
 
     damage(small.path / "cameras" / "points.npz", "cut")

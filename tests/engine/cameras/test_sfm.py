@@ -96,12 +96,13 @@ def test_progress_rises_to_one(found: tuple[CameraSet, list[Event]]) -> None:
     assert fractions[-1] == 1.0
 
 
-def test_the_same_photos_give_the_same_cameras(
-    found: tuple[CameraSet, list[Event]], room: Scene, tmp_path: Path
-) -> None:
-    again = estimate_cameras(room.photo_set, tmp_path, QUICK)
-    for a, b in zip(found[0].cameras, again.cameras, strict=True):
-        assert np.allclose(a.viewmat, b.viewmat, atol=1e-5)
+def test_the_same_photos_give_the_same_cameras_with_one_thread(room: Scene, tmp_path: Path) -> None:
+    # With several threads, COLMAP's results depend in the last digits on which of them is first.
+    first, again = (
+        estimate_cameras(room.photo_set, tmp_path / name, replace(QUICK, threads=1)) for name in ("first", "again")
+    )
+    for a, b in zip(first.cameras, again.cameras, strict=True):
+        assert np.array_equal(a.viewmat, b.viewmat) and a.params == b.params
 
 
 @pytest.mark.parametrize("count", [1, 2])
