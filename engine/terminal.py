@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 import sys
 from pathlib import Path
@@ -74,12 +75,13 @@ class EventOutput:
         logging.getLogger().removeHandler(self._handler)
 
     def write_log(self, line: str) -> None:
-        """Append `line` to the log of the project, if the project exists already; never through a link."""
+        """Append `line` to the log of the project, if the project exists already; never through a link of any kind."""
         if self._log is None or self._log.is_symlink() or not (self._log.parent / PROJECT_FILE).is_file():
             return
         try:
             with self._log.open("a", encoding="utf-8", errors="backslashreplace") as stream:
-                stream.write(line + "\n")
+                if os.fstat(stream.fileno()).st_nlink == 1:
+                    stream.write(line + "\n")
         except OSError:
             # The stage itself reports a full disk; a failing log must not hide that message.
             self._log = None

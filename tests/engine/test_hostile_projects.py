@@ -109,6 +109,18 @@ def test_link_that_leads_out_is_refused_before_anything_is_written(
     assert computer.outside() == before
 
 
+def test_log_that_is_another_name_of_a_file_outside_is_not_written(
+    computer: Computer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    notes = computer.precious / "notes.txt"
+    notes.write_text("mine", encoding="utf-8")
+    (computer.sent / "log.jsonl").unlink(missing_ok=True)
+    (computer.sent / "log.jsonl").hardlink_to(notes)
+    before = computer.outside()
+    call(capsys, "segment", computer.sent, "--complement")
+    assert computer.outside() == before
+
+
 def test_record_of_an_object_is_written_inside_of_the_project_only(computer: Computer) -> None:
     """A .blend file holds the id of each object; typing a title writes its record."""
     before = computer.outside()
