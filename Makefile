@@ -13,9 +13,10 @@ BLENDER := $(VENVS)/blender-4.5/$(BIN)
 PHOTOS ?=
 PROMPTS ?=
 PRESET ?= standard
+FUZZ_S ?= 600
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability bench-raster lock zip clean
+.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -50,11 +51,20 @@ bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterize
 lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
 	$(PYTHON) scripts/lock_requirements.py
 
+kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 35 minutes
+	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
+
+hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
+	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
+
 zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
 stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
 	$(ENGINE) -m engine stability --out docs/stability.md
+
+fuzz: setup ## damaged inputs to every reader for FUZZ_S seconds, on Linux; writes docs/security_fuzz.md
+	$(ENGINE) -m benchmarks.security.fuzz --seconds $(FUZZ_S) --out docs/security_fuzz.md
 
 clean: ## remove results and caches, keep the environments
 	rm -rf out dist build *.egg-info .cache .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -23,6 +23,7 @@ Mask = NDArray[np.bool_]
 _MIN_PIXELS = 100
 """Smallest mask in a picture of instance ids, in pixels. Smaller ones would not be annotated by hand."""
 
+_STRIP_ROWS = 256
 _MAX_PIXELS = 200_000_000
 """Largest picture of a mask, in pixels."""
 _MAX_MASK_PIXELS = 1 << 30
@@ -339,15 +340,18 @@ def _picture(file: Path, what: Literal["ids", "white"]) -> NDArray[Any]:
         with opened(file, advice="Replace the mask.") as stream, Image.open(stream) as picture:
             if picture.width * picture.height > _MAX_PIXELS:
                 raise MaskError(f"The mask {file} cannot be read: it has {picture.width} x {picture.height} pixels.")
-            if what == "white":
-                return np.asarray(picture.convert("L")) > 128
-            ids = np.asarray(picture)
+            values = np.empty((picture.height, picture.width), bool if what == "white" else np.int32)
+            # In strips, because the conversion of a whole picture copies it several times.
+            for top in range(0, picture.height, _STRIP_ROWS):
+                strip = picture.crop((0, top, picture.width, min(top + _STRIP_ROWS, picture.height)))
+                rows = np.asarray(strip.convert("L")) > 128 if what == "white" else np.asarray(strip)
+                if rows.ndim != 2:
+                    raise MaskError(f"{file} is a colour picture; instance ids are one number per pixel.")
+                values[top : top + _STRIP_ROWS] = rows
+            return values
     except FormatError as error:
         raise MaskError(str(error)) from error
     except HeritageError:
         raise
     except Exception as error:  # Pillow raises exceptions of many types on damaged data
         raise MaskError(f"The mask {file} cannot be read: {error}.") from error
-    if ids.ndim != 2:
-        raise MaskError(f"{file} is a colour picture; instance ids are one number per pixel.")
-    return ids.astype(np.int32)

@@ -43,6 +43,8 @@ _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
 one of them starts another program."""
 # Protects against decompression bombs. The largest camera backs used in museums have fewer pixels.
 _MAX_PIXELS = 400_000_000
+_MAX_PIXELS_OF_FORMAT = {"WEBP": 30_000_000}
+"""Formats whose decoder takes so much memory per pixel that fewer can be read safely."""
 # Pillow's own limit warns at 89 million pixels, which reproduction cameras exceed; `_MAX_PIXELS` replaces it.
 Image.MAX_IMAGE_PIXELS = None
 
@@ -166,10 +168,12 @@ def _opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Im
     with opened(path, advice="Check its permissions.") as stream, photo_errors(path), without_pillow_warnings():
         require_usual_structure(stream, path)
         image = Image.open(stream, formats=formats)
-        if image.width * image.height > _MAX_PIXELS:
+        most = _MAX_PIXELS_OF_FORMAT.get(image.format or "", _MAX_PIXELS)
+        if image.width * image.height > most:
+            advice = "Reduce its size." if most == _MAX_PIXELS else f"Save it in another format than {image.format}."
             raise PhotoError(
                 f"{visible(path.name)} has {image.width} x {image.height} pixels, and at most "
-                f"{_MAX_PIXELS // 1_000_000} million pixels can be read safely. Reduce its size."
+                f"{most // 1_000_000} million pixels can be read safely. {advice}"
             )
         full_size = image.size
         if max_side is not None:

@@ -173,3 +173,15 @@ def test_photo_with_damaged_exif_is_used(tmp_path: Path) -> None:
 def test_a_missing_photo_is_named() -> None:
     with pytest.raises(PhotoError, match="gone.jpg is missing"):
         load_pixels(Path("gone.jpg"))
+
+
+def test_format_whose_decoder_takes_much_memory_has_a_smaller_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.photos.pixels._MAX_PIXELS_OF_FORMAT", {"WEBP": 2_000_000})
+    picture = Image.new("RGB", (2000, 1001))
+    picture.save(tmp_path / "a.jpg")
+    picture.save(tmp_path / "a.webp")
+    assert load_pixels(tmp_path / "a.jpg").shape == (1001, 2000, 3)
+    with pytest.raises(PhotoError, match="at most 2 million pixels .* Save it in another format than WEBP"):
+        load_pixels(tmp_path / "a.webp")

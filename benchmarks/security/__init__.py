@@ -1,0 +1,1 @@
+"""Benchmarks of what docs/security.md promises: ``python -m benchmarks.security.NAME``."""

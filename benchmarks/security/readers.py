@@ -1,0 +1,16 @@
+"""Every reader of the product with a small valid input, for `fuzz` and tests/security.
+
+A reader that calls the functions of `engine.files`, and is in no entry here, fails tests/security/test_fuzz.py.
+"""
+
+from __future__ import annotations
+
+from .reader import Reader
+from .readers_models import MODELS
+from .readers_photos import PHOTOS
+from .readers_project import PROJECT
+from .readers_scene import SCENE
+
+__all__ = ["READERS", "Reader"]
+
+READERS: tuple[Reader, ...] = (*PROJECT, *SCENE, *PHOTOS, *MODELS)
