@@ -1,0 +1,229 @@
+"""Open hostile projects and .blend files with every command and button, and look for changes outside: ``make hostile``.
+
+example: python -m benchmarks.security.hostile --out docs/security_hostile.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import functools
+import json
+import os
+import shlex
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from engine.machine import describe_machine
+from engine.models import models_folder
+from engine.planning.benchmark import calibrate
+
+from .hostile_blends import BLENDS
+from .hostile_cases import CASES, HONEST, Case, Sandbox
+from .hostile_engine import ALLOWED, COMMANDS, Outcome
+from .kills_process import ROOT
+
+__all__ = ["main"]
+
+_SECONDS = 3600
+_MARK = "OUTCOME "
+"""Begins the lines of Blender's output that are ours."""
+_SITECUSTOMIZE = """
+import os, sys
+from pathlib import Path
+sys.path.insert(0, {folder!r})
+from hostile_audit import watch
+
+def found(text):
+    with open({found!r}, "a", encoding="utf-8") as stream:
+        stream.write(text.replace("\\n", " ") + "\\n")
+
+watch(lambda: [*map(Path, os.environ["HERITAGE_HOSTILE_ALLOWED"].split(os.pathsep)), *map(Path, {allowed!r})], found)
+"""
+"""Startup code of the engine's Python that Blender starts."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all cases and write the table; return 1 when something outside of a project was changed."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.security.hostile", description=__doc__)
+    parser.add_argument("--only", default="", help="cases with this text in their names")
+    parser.add_argument("--no-blender", action="store_true", help="only the commands of the engine")
+    parser.add_argument("--workers", type=int, default=2, help="processes at the same time (default: %(default)s)")
+    parser.add_argument("--out", type=Path, help="Markdown file to write; by default the table is printed")
+    options = parser.parse_args(arguments)
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="heritage-hostile-") as name:
+        folder = Path(name).resolve()
+        numbers = [number for number, case in enumerate(CASES) if options.only in case.name]
+        tasks: list[Callable[[], list[Outcome]]] = []
+        environment = _environment(folder)
+        embeddings = folder / "embeddings"
+        embeddings.mkdir()
+        _engine(folder / "honest", embeddings, [], environment)
+        if not options.no_blender:
+            tasks.append(lambda: run_blender(folder, embeddings, numbers, environment))
+        # Dealt out, so that each worker gets short and long cases.
+        shares = [numbers[start :: 4 * options.workers] for start in range(4 * options.workers)]
+        tasks += [
+            functools.partial(_engine, folder / f"engine-{n}", embeddings, share, environment)
+            for n, share in enumerate(shares)
+            if share
+        ]
+        with ThreadPoolExecutor(options.workers) as pool:
+            outcomes = [outcome for found in pool.map(lambda task: task(), tasks) for outcome in found]
+    text = table(outcomes, (time.monotonic() - begin) / 60)
+    if options.out:
+        options.out.write_text(text, encoding="utf-8")
+    else:
+        print(text)
+    return int(any(outcome.changed or outcome.audited or outcome.is_traceback for outcome in outcomes))
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """Return the environment of all processes: what a user's programs write goes to folders in `folder`."""
+    user = folder / "user"
+    (user / "tmp").mkdir(parents=True)
+    os.environ["GAUSSIAN_HERITAGE_CALIBRATION"] = str(user / "calibration.json")
+    calibrate(describe_machine(), emit=lambda event: None)
+    return {
+        **os.environ,
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "TMPDIR": str(user / "tmp"),
+        "MPLCONFIGDIR": str(user / "matplotlib"),
+        ALLOWED: os.pathsep.join([str(user), str(models_folder().parent.resolve())]),
+    }
+
+
+def _engine(root: Path, embeddings: Path, numbers: Sequence[int], environment: dict[str, str]) -> list[Outcome]:
+    """Put the hostile projects `numbers` through the engine's commands; without any, make the embeddings."""
+    module = "benchmarks.security.hostile_engine"
+    command = [sys.executable, "-m", module, str(root), str(embeddings), *map(str, numbers)]
+    answer = _run(command, {**environment, "PYTHONPATH": str(ROOT)})
+    outcomes = [Outcome(**json.loads(line)) for line in answer.stdout.splitlines()]
+    return outcomes + _failure("the engine", answer, [CASES[n].name for n in numbers] or [HONEST.name], outcomes)
+
+
+def run_blender(folder: Path, embeddings: Path, numbers: Sequence[int], environment: dict[str, str]) -> list[Outcome]:
+    """Open the hostile projects `numbers` and all hostile .blend files in Blender."""
+    blender = Path(os.environ.get("GAUSSIAN_HERITAGE_VENVS") or ROOT / ".venv") / "blender-4.5" / "bin" / "python"
+    zip_file, found, resources = folder / "extension.zip", folder / "engine-found.txt", folder / "resources"
+    subprocess.run([sys.executable, ROOT / "scripts" / "build_extension.py", "--out", zip_file], check=True)
+    resources.mkdir()
+
+    def made(name: str, case: Case) -> str:
+        sandbox = Sandbox(folder / name, embeddings)
+        sandbox.make(case)
+        return str(sandbox.root)
+
+    projects = [(CASES[n].name, made(f"project-{n}", CASES[n]), CASES[n].photo) for n in numbers]
+    work = {
+        "resources": str(resources),
+        "zip": str(zip_file),
+        "python": str(_audited_python(folder, found, [*environment[ALLOWED].split(os.pathsep), str(resources)])),
+        "engine_found": str(found),
+        "projects": projects,
+        "blends": [made(f"blend-{n}", HONEST) for n, _ in enumerate(BLENDS)],
+    }
+    answer = _run([str(blender), str(Path(__file__).parent / "hostile_blender.py"), json.dumps(work)], environment)
+    lines = [line.removeprefix(_MARK) for line in answer.stdout.splitlines() if line.startswith(_MARK)]
+    outcomes = [Outcome(**json.loads(line)) for line in lines]
+    names = [name for name, _, _ in projects] + [name for name, _ in BLENDS]
+    return outcomes + _failure("Blender", answer, names, outcomes)
+
+
+def _audited_python(folder: Path, found: Path, allowed: Sequence[str]) -> Path:
+    """Write a program that starts the engine's Python with the audit hook, and return it."""
+    startup = folder / "startup"
+    startup.mkdir()
+    code = _SITECUSTOMIZE.format(folder=str(Path(__file__).parent), found=str(found), allowed=allowed)
+    (startup / "sitecustomize.py").write_text(code, encoding="utf-8")
+    program = folder / "engine-python"
+    program.write_text(
+        f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(startup))}:"$PYTHONPATH" exec {shlex.quote(sys.executable)} "$@"\n',
+        encoding="utf-8",
+    )
+    program.chmod(program.stat().st_mode | stat.S_IXUSR)
+    return program
+
+
+def _run(command: Sequence[str], environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, errors="replace", check=False,
+        timeout=_SECONDS,
+    )  # fmt: skip
+
+
+def _failure(
+    what: str, answer: subprocess.CompletedProcess[str], names: Sequence[str], outcomes: Sequence[Outcome]
+) -> list[Outcome]:
+    """Return an outcome for a process that died: the case that it was working on counts as failed."""
+    if answer.returncode == 0:
+        return []
+    last = outcomes[-1].case if outcomes else names[0]
+    lines = [line for line in answer.stderr.strip().splitlines() if "leak detector" not in line][-3:]
+    return [Outcome(last, what, answer.returncode, f"Traceback: the process ended: {' '.join(lines)}")]
+
+
+_HEAD = """# Hostile projects and .blend files
+
+Made by `make hostile` in {minutes:.0f} minutes: {n_cases} cases, {n_steps} commands and buttons.
+
+Each case is a finished project of the first release that was changed with bad intent, or a `.blend` file. It lies in a
+folder tree with a curator's own files beside it. Each command of the engine gets a fresh copy of the project:
+{commands}.
+In Blender, with the installed extension: Open Project, a title is typed, the sliders are moved, Look Through Photo,
+both exports, Close List; for `.blend` files also Background and Isolate Candidate, which start the engine.
+
+- **outside**: files, folders and links outside of the project that were made, deleted, moved or changed, and the bytes
+  of these files: kind, mode, time of change, size and SHA-256 of the whole tree are compared before and after each
+  step. Exports may be written to their folder, and caches to the user's.
+- **audited**: attempts to write, move or delete there that an audit hook saw in any Python process, also failed ones.
+- **refused**: steps that ended with one sentence; the others had nothing hostile to read, or read it without harm.
+- **tracebacks**: errors that are not one of our sentences.
+
+| case | steps | refused | outside | bytes | audited | tracebacks |
+| --- | --- | --- | --- | --- | --- | --- |
+"""
+
+
+def table(outcomes: Sequence[Outcome], minutes: float) -> str:
+    """Return the table as Markdown, with what was found below it."""
+    by_case: dict[str, list[Outcome]] = collections.defaultdict(list)
+    for outcome in outcomes:
+        by_case[outcome.case].append(outcome)
+    order = [name for name in (*(case.name for case in CASES), *(name for name, _ in BLENDS)) if name in by_case]
+    text = _HEAD.format(
+        minutes=minutes, n_cases=len(by_case), n_steps=len(outcomes), commands=", ".join(f"`{one}`" for one in COMMANDS)
+    )
+    for name in order:
+        text += _row(name, by_case[name])
+    text += _row("**all**", outcomes)
+    problems = [
+        f"- {outcome.case}; {outcome.command}: {finding}"
+        for outcome in outcomes
+        for finding in (*outcome.changed, *outcome.audited, *([outcome.sentence] if outcome.is_traceback else []))
+    ]
+    return text + ("\nProblems:\n\n" + "\n".join(problems) + "\n" if problems else "\nNothing was changed outside.\n")
+
+
+def _row(name: str, outcomes: Sequence[Outcome]) -> str:
+    cells = [
+        name.replace("|", "\\|"),
+        len(outcomes),
+        sum(bool(outcome.sentence) for outcome in outcomes),
+        sum(len(outcome.changed) for outcome in outcomes),
+        sum(outcome.n_bytes for outcome in outcomes),
+        sum(len(outcome.audited) for outcome in outcomes),
+        sum(outcome.is_traceback for outcome in outcomes),
+    ]
+    return f"| {' | '.join(map(str, cells))} |\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,175 @@
+"""Kill the engine at random moments of every stage and command, continue, and compare: ``make kills``.
+
+example: python -m benchmarks.security.kills --trials 200 --out docs/security_kills.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import os
+import platform
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeVar
+
+from engine.machine import describe_machine
+from engine.planning.benchmark import calibrate
+
+from .kills_engine import shorten_stages
+from .kills_fixture import KINDS, Fixture, Kind
+from .kills_trial import MAX_STOP_SECONDS, Trial
+
+__all__ = ["main"]
+
+_ALL = 200
+Item = TypeVar("Item")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the trials and write the table; return 1 when one of them found a problem."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.security.kills", description=__doc__)
+    parser.add_argument("--trials", type=int, default=_ALL, help="number of kills (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, help="of the random moments (default: %(default)s)")
+    parser.add_argument("--workers", type=int, default=2, help="trials at the same time (default: %(default)s)")
+    parser.add_argument("--only", default="", help="kinds whose names begin with this")
+    parser.add_argument("--out", type=Path, help="Markdown file to write; by default the table is printed")
+    options = parser.parse_args(arguments)
+    begin = time.monotonic()
+    folder = Path(tempfile.mkdtemp(prefix="heritage-kills-"))
+    kinds = [kind for kind in KINDS if kind.name.startswith(options.only)]
+    trials = plan_trials(kinds, options.trials, options.seed)
+    fixture = Fixture(folder)
+    os.environ["GAUSSIAN_HERITAGE_CALIBRATION"] = str(fixture.calibration)
+    shorten_stages(seed=0, threads=1)
+    calibrate(describe_machine(), emit=lambda event: None)
+    fixture.make_states()
+    _say(begin, "the states are ready")
+    used = [kind for kind in kinds if any(trial.kind is kind for trial in trials)]
+    _in_parallel(lambda task: task(), fixture.tasks(used), options.workers)
+    _say(begin, f"uninterrupted runs are measured; {len(trials)} trials")
+
+    def run(numbered: tuple[int, Trial]) -> None:
+        number, trial = numbered
+        trial.run(fixture, folder / "trials" / str(number))
+        _say(begin, f"{number + 1:3} {trial.kind.name}: {trial.moment}{'; '.join(trial.problems) or 'as it was'}")
+
+    # Long and short trials are mixed, so that no worker waits for the other at the end.
+    _in_parallel(run, list(enumerate(trials)), options.workers)
+    minutes = (time.monotonic() - begin) / 60
+    text = table(trials, fixture, minutes, options.workers, options.seed)
+    if options.out:
+        options.out.write_text(text, encoding="utf-8")
+    else:
+        print(text)
+    failed = [trial for trial in trials if trial.problems]
+    if failed:
+        print(f"{len(failed)} trials found a problem; their folders are kept in {folder}.", file=sys.stderr)
+    else:
+        shutil.rmtree(folder)
+    return int(bool(failed))
+
+
+def plan_trials(kinds: Sequence[Kind], count: int, seed: int) -> list[Trial]:
+    """Return `count` trials, spread over `kinds` by their shares; every second one of a kind is a SIGTERM."""
+    total = sum(kind.share for kind in kinds)
+    rng = random.Random(seed)
+    trials: list[Trial] = []
+    for number, kind in enumerate(kinds):
+        done = sum(kind.share for kind in kinds[:number])
+        # Rounded sums, not rounded shares: they add up to `count`.
+        n = round((done + kind.share) * count / total) - round(done * count / total)
+        signals = [(signal.SIGKILL, signal.SIGTERM)[(number + i) % 2] for i in range(n)]
+        trials += [Trial(kind, one, rng.randrange(1 << 32)) for one in signals]
+    rng.shuffle(trials)
+    return trials
+
+
+def _in_parallel(work: Callable[[Item], None], items: Sequence[Item], workers: int) -> None:
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(work, items))
+
+
+def _say(begin: float, text: str) -> None:
+    print(f"{(time.monotonic() - begin) / 60:5.1f} min  {text}", flush=True)
+
+
+_HEAD = """# Kills at random moments
+
+Made by `make kills` in {minutes:.0f} minutes ({cpu_minutes:.0f} of all cores together): {count} kills, {workers} at a time, seed {seed}, {machine}.
+
+Each trial takes a project of 8 photos as it stands before a stage, starts the command, waits until the stage or the
+command has begun, and sends SIGKILL or SIGTERM to the engine's process at a random moment of it; in a quarter of the
+trials, the signal waits from this moment on until a file is being written. Then the same command runs to its end; in
+a quarter of the trials this continuation is killed as well. Stages are short: few steps, clicks and photos to segment.
+
+- **continued**: the same command, run again, ended with exit code 0.
+- **identical**: photos, poses, points, label maps, `scene.ply`, `features.npy`, PSNR, objects with memberships, levels
+  and polished Gaussians, or the exported file, have the same bytes as after an uninterrupted run, and the project has
+  the same files. This is promised for all but cameras estimated with several threads.
+- **within the spread**: not identical, but cameras and PSNR are as close to those of an uninterrupted run as runs with
+  {n_seeds} other random seeds are: {camera_spread:.2g} of the cameras' extent and {psnr_spread:.2g} dB.
+- **orphans**: processes that the engine had started and that still ran 5 s after its end.
+- **lost**: objects or files that existed before, or that an uninterrupted run has. **damaged**: files that cannot be
+  read, stages called done that cannot be opened, objects that are a mixture of old and new.
+- **stop**: longest time from SIGTERM to the end, with exit code 130 and one sentence. At most {limit:.0f} s are accepted.
+  A command without a further safe point ends with its result instead.
+
+| stage or command | SIGKILL | SIGTERM | of them ended with the result | killed again | continued | identical | within the spread | orphans | lost | damaged | stop (s) |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
+"""  # noqa: E501
+
+
+def table(trials: Sequence[Trial], fixture: Fixture, minutes: float, workers: int, seed: int) -> str:
+    """Return the table as Markdown, with what went wrong below it."""
+    text = _HEAD.format(
+        minutes=minutes, cpu_minutes=_cpu_minutes(), count=len(trials), workers=workers, seed=seed, n_seeds=4,
+        limit=MAX_STOP_SECONDS,
+        machine=f"{platform.system()}, {describe_machine().cores} cores",
+        camera_spread=fixture.camera_spread, psnr_spread=fixture.psnr_spread,
+    )  # fmt: skip
+    by_kind: dict[str, list[Trial]] = collections.defaultdict(list)
+    for trial in sorted(trials, key=lambda trial: KINDS.index(trial.kind)):
+        by_kind[trial.kind.name].append(trial)
+    for name, group in by_kind.items():
+        text += _row(name, group)
+    text += _row("**all**", trials)
+    problems = [f"- {trial.kind.name}, {trial.moment}{problem}" for trial in trials for problem in trial.problems]
+    return text + ("\nProblems:\n\n" + "\n".join(problems) + "\n" if problems else "\nNo trial found a problem.\n")
+
+
+def _cpu_minutes() -> float:
+    """Return the CPU time of this process and of those that it started."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(one.ru_utime + one.ru_stime for one in used) / 60
+
+
+def _row(name: str, trials: Sequence[Trial]) -> str:
+    terms = [trial for trial in trials if trial.number == signal.SIGTERM]
+    cells = [
+        name,
+        len(trials) - len(terms),
+        len(terms),
+        sum(trial.ended_itself for trial in terms),
+        sum(trial.killed_again for trial in trials),
+        sum(trial.continued for trial in trials),
+        sum(trial.identical for trial in trials),
+        sum(trial.within_spread for trial in trials),
+        sum(len(trial.orphans) for trial in trials),
+        sum(len(trial.lost) for trial in trials),
+        sum(len(trial.damaged) for trial in trials),
+        f"{max((trial.stop_seconds for trial in terms), default=0.0):.1f}",
+    ]
+    return f"| {' | '.join(map(str, cells))} |\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

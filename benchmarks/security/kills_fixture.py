@@ -1,0 +1,299 @@
+"""What is killed: 8 photos, a project as it stands before each stage, and what an uninterrupted run makes of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from engine.errors import Cancelled
+from engine.events import Event, StageFinished
+from engine.pipeline import reconstruct
+from engine.scene import read_camera_set
+
+from .kills_checks import camera_distance, objects_of, psnr_of, scene_of
+from .kills_engine import PRESET, pipeline_settings
+from .kills_process import ROOT, EngineRun
+
+__all__ = ["KINDS", "Fixture", "Kind", "Reference"]
+
+_VIEWS = range(4, 12)
+"""Neighbouring photos of the museum room, which COLMAP places."""
+_SIZE = (384, 288)
+_PROMPTS = "bell;vase"
+"""Texts that are found in them."""
+_CLICK = "view_08.jpg=160,150"
+_SPREAD_SEEDS = (1, 2, 3, 4)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One stage of ``reconstruct``, or one other command.
+
+    Attributes
+    ----------
+    name : str
+    state : str
+        Name of the prepared project that the command starts from; empty: no project yet.
+    command : str
+        Arguments; ``{photos}``, ``{project}``, ``{model}`` and ``{out}`` are replaced.
+    share : int
+        Trials of 200.
+    stage : str
+        Stage to kill; empty: the whole command.
+    threads : int
+        Threads of COLMAP; with 0, all cores, poses differ in the last digits and are compared within a spread.
+    reconstructs : bool
+        Whether the command is ``reconstruct``, so that the whole scene is compared, and not only objects.
+    may_repeat : bool
+        Whether a repetition of the finished command would do the same to the same project.
+    """
+
+    name: str
+    state: str
+    command: str
+    share: int
+    stage: str = ""
+    threads: int = 1
+    reconstructs: bool = True
+    may_repeat: bool = True
+
+
+_RECONSTRUCT = f"reconstruct {{photos}} --out {{project}} --preset {PRESET}"
+_WITHOUT_OBJECTS = f"{_RECONSTRUCT} --no-objects"
+_WITH_PROMPTS = f"{_RECONSTRUCT} --prompts {_PROMPTS}"
+
+
+def _segment(name: str, arguments: str, share: int, *, may_repeat: bool = True) -> Kind:
+    return Kind(name, "finished", f"segment {{project}} {arguments}", share, reconstructs=False, may_repeat=may_repeat)
+
+
+def _export(file_format: str) -> Kind:
+    arguments = f"--format {file_format.lower()} --out {{out}}.{file_format.lower()} --overwrite"
+    return Kind(f"export, {file_format}", "finished", f"export {{project}} {arguments}", 10, reconstructs=False)
+
+
+KINDS = (
+    Kind("photos", "", _WITHOUT_OBJECTS, 14, "photos"),
+    Kind("cameras", "cameras", _WITHOUT_OBJECTS, 18, "cameras", threads=0),
+    Kind("cameras, one thread", "cameras", _WITHOUT_OBJECTS, 10, "cameras"),
+    Kind("cameras, COLMAP model given", "", f"{_WITHOUT_OBJECTS} --cameras {{model}}", 8, "cameras"),
+    Kind("masks", "masks", _RECONSTRUCT, 22, "masks"),
+    Kind("training", "training", _RECONSTRUCT, 34, "training"),
+    Kind("objects, first text", "objects", _WITH_PROMPTS, 8, "objects"),
+    Kind("objects, photos described", "objects-described", _WITH_PROMPTS, 14, "objects"),
+    Kind("report", "report", _WITH_PROMPTS, 16, "report"),
+    _segment("segment --click", f"--click {_CLICK} --name thing", 14),
+    _segment("segment --prompt", "--prompt jug", 8),
+    _segment("segment --refine", f"--refine bell --click {_CLICK}", 8, may_repeat=False),
+    _segment("segment --complement", "--complement", 6),
+    Kind(
+        "export, PLY", "finished", "export {project} --format ply --out {out}.ply --overwrite", 10, reconstructs=False
+    ),
+    Kind(
+        "export, GLB", "finished", "export {project} --format glb --out {out}.glb --overwrite", 10, reconstructs=False
+    ),
+)
+
+
+@dataclass
+class Reference:
+    """What an uninterrupted run made of a state, and how long its stage took.
+
+    Attributes
+    ----------
+    project : Path
+    seconds : float
+        From the beginning of the stage to that of the next, or to the end of the command.
+    scene, objects : dict of str to str
+        As `kills_checks` returns them.
+    exported : bytes
+        The exported file; empty for other commands.
+    """
+
+    project: Path
+    seconds: float
+    scene: dict[str, str]
+    objects: dict[str, str]
+    exported: bytes
+
+
+@dataclass
+class Fixture:
+    """The prepared photos, projects and references in a folder.
+
+    Attributes
+    ----------
+    folder : Path
+    references : dict of str to Reference
+        By the name of the kind.
+    camera_spread, psnr_spread : float
+        Largest distance between the uninterrupted run with all cores and one with another seed: of the cameras, see
+        `camera_distance`, and of the PSNR in dB.
+    """
+
+    folder: Path
+    references: dict[str, Reference] = field(default_factory=dict)
+    camera_spread: float = 0.0
+    psnr_spread: float = 0.0
+
+    @property
+    def photos(self) -> Path:
+        """The folder of the photos."""
+        return self.folder / "photos"
+
+    @property
+    def calibration(self) -> Path:
+        """A calibration of the forecasts, so that no run measures this machine again."""
+        return self.folder / "calibration.json"
+
+    def state(self, kind: Kind) -> Path:
+        """Return the project that a kind starts from."""
+        return self.folder / "states" / kind.state
+
+    def arguments(self, kind: Kind, folder: Path) -> list[str]:
+        """Return the command line of a kind for the project ``folder/project``."""
+        places = {
+            "photos": self.photos,
+            "project": folder / "project",
+            "model": self.folder / "model",
+            "out": folder / "exported",
+        }
+        # Split before the paths are filled in, which may contain spaces.
+        return [part.format(**places) for part in kind.command.split()]
+
+    def start(self, kind: Kind, folder: Path, *, seed: int = 0) -> EngineRun:
+        """Copy the state of a kind to ``folder/project``, unless it is there, and start the command of the kind."""
+        folder.mkdir(parents=True, exist_ok=True)
+        calibration = folder / "calibration.json"
+        if not calibration.exists():
+            if kind.state:
+                shutil.copytree(self.state(kind), folder / "project")
+            shutil.copy(self.calibration, calibration)
+        return EngineRun.start(
+            self.arguments(kind, folder), folder, seed=seed, threads=kind.threads, calibration=calibration
+        )
+
+    def make_states(self) -> None:
+        """Make the photos and the projects as they stand before each stage. `shorten_stages` was called before."""
+        self.photos.mkdir(parents=True)
+        for view in _VIEWS:
+            name = f"view_{view:02}.jpg"
+            with Image.open(ROOT / "demo" / "museum_room" / "photos" / name) as photo:
+                photo.resize(_SIZE, Image.Resampling.LANCZOS).save(self.photos / name, quality=95)
+        self._run_until("cameras", wants_objects=False)
+        shutil.rmtree(self._work)
+        for stage in ("masks", "training"):
+            self._run_until(stage)
+        self._run_until("")
+        prompts = tuple(_PROMPTS.split(";"))
+        for stage in ("objects", "report"):
+            self._run_until(stage, prompts=prompts)
+        self._run_until("", prompts=prompts)
+        described = self.folder / "states" / "objects-described"
+        shutil.copytree(self.folder / "states" / "objects", described)
+        for cache in ("groups", "masks"):
+            shutil.copytree(self._work / cache, described / cache, dirs_exist_ok=True)
+        shutil.copytree(self._work, self.folder / "states" / "finished")
+        _write_colmap_model(self._work / "cameras", self.folder / "model")
+
+    @property
+    def _work(self) -> Path:
+        return self.folder / "work"
+
+    def _run_until(self, stage: str, *, wants_objects: bool = True, prompts: tuple[str, ...] = ()) -> None:
+        """Run to the beginning of `stage` and keep a copy; empty: to the end."""
+        finished: list[str] = []
+        stages = ("photos", "cameras", "masks", "training", "objects", "report")
+        before = stages[stages.index(stage) - 1] if stage else None
+
+        def emit(event: Event) -> None:
+            if isinstance(event, StageFinished):
+                finished.append(event.stage)
+
+        settings = pipeline_settings(wants_objects=wants_objects, prompts=prompts)
+        try:
+            reconstruct(self.photos, self._work, settings, emit=emit, should_stop=lambda: before in finished)
+        except Cancelled:
+            shutil.copytree(self._work, self.folder / "states" / stage)
+
+    def make_reference(self, kind: Kind) -> None:
+        """Run a kind without a kill."""
+        folder = self.folder / "references" / kind.name.replace(" ", "-")
+        run = self.start(kind, folder)
+        began = run.wait_until_begun(kind.stage)
+        seconds = run.seconds_of(kind.stage)
+        if not began or run.process.returncode != 0:
+            raise RuntimeError(f"{kind.name} fails without a kill: {run.events[-1:]} {run.errors.read_text()}")
+        project = folder / "project"
+        exported = next((file.read_bytes() for file in folder.glob("exported.*")), b"")
+        scene = scene_of(project) if kind.reconstructs else {}
+        self.references[kind.name] = Reference(project, seconds, scene, objects_of(project), exported)
+
+    def measure_spread(self, kind: Kind) -> None:
+        """Measure how much an uninterrupted run changes with the random seed."""
+        reference = self.references[kind.name].project
+        for seed in _SPREAD_SEEDS:
+            folder = self.folder / "spread" / str(seed)
+            run = self.start(kind, folder, seed=seed)
+            if run.wait() != 0:
+                raise RuntimeError(f"{kind.name} fails with the seed {seed}: {run.events[-1:]}")
+            cameras, psnr = self.distances(reference, folder / "project")
+            self.camera_spread = max(self.camera_spread, cameras)
+            self.psnr_spread = max(self.psnr_spread, psnr)
+
+    @staticmethod
+    def distances(first: Path, second: Path) -> tuple[float, float]:
+        """Return the distance of the cameras and of the PSNR of two projects."""
+        return camera_distance(first, second), abs(psnr_of(first) - psnr_of(second))
+
+    def tasks(self, kinds: Sequence[Kind]) -> list[Callable[[], None]]:
+        """Return what has to be measured before the trials of `kinds`; independent of each other."""
+
+        def reference_of(kind: Kind) -> Callable[[], None]:
+            def task() -> None:
+                self.make_reference(kind)
+                if kind.threads != 1:
+                    self.measure_spread(kind)
+
+            return task
+
+        return [reference_of(kind) for kind in sorted(kinds, key=lambda kind: kind.threads)]
+
+
+def _write_colmap_model(cameras: Path, folder: Path) -> None:
+    """Write the cameras of a project as a COLMAP model in text, to be given to ``--cameras``."""
+    folder.mkdir()
+    camera_set = read_camera_set(cameras)
+    lenses, images = [], []
+    for number, camera in enumerate(camera_set.cameras, start=1):
+        numbers = " ".join(repr(float(value)) for value in camera.params)
+        lenses.append(f"{number} {camera.model} {camera.width} {camera.height} {numbers}")
+        pose = " ".join(repr(float(value)) for value in (*_quaternion(camera.viewmat[:3, :3]), *camera.viewmat[:3, 3]))
+        images += [f"{number} {pose} {number} {camera.photo}", ""]
+    points = [
+        f"{number} {' '.join(repr(float(value)) for value in point)} 128 128 128 0.5"
+        for number, point in enumerate(camera_set.points, start=1)
+    ]
+    for name, lines in (("cameras", lenses), ("images", images), ("points3D", points)):
+        (folder / f"{name}.txt").write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """Return the unit quaternion wxyz of a rotation matrix [3, 3]."""
+    m = rotation
+    # The eigenvector of the largest eigenvalue: right for every rotation, without cases.
+    k = np.array(
+        [
+            [m[0, 0] - m[1, 1] - m[2, 2], m[1, 0] + m[0, 1], m[2, 0] + m[0, 2], m[2, 1] - m[1, 2]],
+            [m[1, 0] + m[0, 1], m[1, 1] - m[0, 0] - m[2, 2], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
+            [m[2, 0] + m[0, 2], m[2, 1] + m[1, 2], m[2, 2] - m[0, 0] - m[1, 1], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], m[0, 0] + m[1, 1] + m[2, 2]],
+        ]
+    )
+    x, y, z, w = np.linalg.eigh(k)[1][:, -1]
+    return np.array([w, x, y, z])
