@@ -85,10 +85,9 @@ def test_damaged_file_is_replaced_and_that_is_logged(
 
 
 def test_damaged_values_of_another_machine_are_dropped(tmp_path: Path) -> None:
-    """They could not be written again: JSON has no infinite numbers."""
     file, speed = tmp_path / "calibration.json", Speed()
     load(file, speed)
-    text = file.read_text().replace('"machines": {', '"machines": {"other": {"n_runs": 1e999},')
+    text = file.read_text().replace('"machines": {', '"machines": {"other": {"n_runs": "many"},')
     file.write_text(text)
     calibration = load(file, speed)
     assert speed.made == 1
