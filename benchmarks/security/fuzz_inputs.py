@@ -19,7 +19,7 @@ __all__ = ["Outcome", "Workplace", "corpus", "keep", "outcome_of", "quick_number
 _STATES = ("missing", "empty", "folder", "dangling", "loop", "pipe", "unreadable")
 """What a file may be instead of damaged; the first inputs of each reader."""
 _LARGE_TURNS = frozenset({len(_STATES), 100, 300, 700, 1500})
-"""Inputs that are large, and show what a reader takes at most. They are far apart, because they take most of the time."""
+"""Inputs that are large, and show what a reader takes at most; far apart, because they take most of the time."""
 
 
 @dataclass
