@@ -20,7 +20,7 @@ from ..child_process import ChildFailure, run_in_child
 from ..errors import CameraError
 from ..events import StopCheck
 from ..files import ArraySpec, atomic_write, opened, read_arrays
-from ..scene import Lens
+from ..scene import MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens
 from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
 from .colmap import pycolmap
 from .model_files import require_whole_files
@@ -46,8 +46,6 @@ _MAX_NUMBER = 1e15
 """Largest coordinate. Georeferenced models have 1e7; a project with larger numbers is refused when it is read."""
 _QUATERNION_ERROR, _EXACT_QUATERNION_ERROR = 1e-2, 1e-6
 """Errors of a quaternion's length above which its file is damaged, and above which it is normalised."""
-_MAX_PARAMETER = 1e9
-_MAX_SIDE = 100_000
 _MAX_HEADER_LINES = 1000
 
 
@@ -240,9 +238,9 @@ def _viewmat(image: pycolmap.Image) -> NDArray[np.float64]:
 
 
 def _lens_problem(lens: pycolmap.Camera) -> str | None:
-    if not (1 <= lens.width <= _MAX_SIDE and 1 <= lens.height <= _MAX_SIDE):
+    if not (1 <= lens.width <= MAX_PHOTO_SIDE and 1 <= lens.height <= MAX_PHOTO_SIDE):
         return f"cannot have {lens.width} x {lens.height} pixels"
-    if not (lens.verify_params() and (np.abs(lens.params) <= _MAX_PARAMETER).all()):
+    if not (lens.verify_params() and (np.abs(lens.params) <= MAX_LENS_PARAMETER).all()):
         return "has lens parameters that are not finite or are too large"
     if not all(lens.params[index] > 0.0 for index in lens.focal_length_idxs()):
         return "has a focal length that is not above 0"

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CameraError, FormatError
 from ..files import optional, path_within, read_json
-from ..scene import Camera, Photo, PhotoSet
+from ..scene import MAX_LENS_PARAMETER, Camera, Photo, PhotoSet
 from .reconstruction import is_scaled
 
 __all__ = ["read_transforms", "read_transforms_json"]
@@ -39,7 +39,6 @@ _SCHEMA = {
 }
 _MAX_NUMBER = 1e15
 """Largest coordinate. Georeferenced scenes have 1e7; a project with larger numbers is refused when it is read."""
-_MAX_PARAMETER = 1e9
 
 
 def read_transforms_json(file: Path) -> dict[str, Any]:
@@ -146,7 +145,7 @@ def _lens(values: dict[str, Any], photo: Photo) -> tuple[str, tuple[float, ...]]
         fy = fx
     k1, k2, k3, k4, p1, p2 = distortion = [float(values.get(key, 0.0)) for key in ("k1", "k2", "k3", "k4", "p1", "p2")]
     pinhole = (fx * sx, fy * sy, float(values.get("cx", 0.5 * width)) * sx, float(values.get("cy", 0.5 * height)) * sy)
-    if not (fx > 0.0 and fy > 0.0 and all(abs(value) <= _MAX_PARAMETER for value in (*pinhole, *distortion))):
+    if not (fx > 0.0 and fy > 0.0 and all(abs(value) <= MAX_LENS_PARAMETER for value in (*pinhole, *distortion))):
         raise ValueError("its focal lengths must be positive and all lens values finite")
     model = str(values.get("camera_model", "OPENCV")).upper()
     if model in _FISHEYE or values.get("is_fisheye"):

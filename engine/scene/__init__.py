@@ -8,13 +8,15 @@ from __future__ import annotations
 from .camera import Camera, CameraSet, Lens, PinholeCamera
 from .camera_storage import read_camera_set, write_camera_set
 from .gaussians import FEATURE_DIM, Gaussians
-from .lens import focal_and_center, lens_pixels, photo_pixels
+from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixels
 from .photo import Photo, PhotoSet, RejectedPhoto
-from .photo_storage import read_photo_set, write_photo_set
+from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .polished import Polished, load_polished, save_polished
 
 __all__ = [
     "FEATURE_DIM",
+    "MAX_LENS_PARAMETER",
+    "MAX_PHOTO_SIDE",
     "Camera",
     "CameraSet",
     "Gaussians",

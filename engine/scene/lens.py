@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..errors import CameraError
 from .camera import Camera, Lens
 
-__all__ = ["focal_and_center", "lens_pixels", "lens_problem", "photo_pixels"]
+__all__ = ["MAX_LENS_PARAMETER", "focal_and_center", "lens_pixels", "lens_problem", "photo_pixels"]
 
 Float64 = NDArray[np.float64]
 _Distortion = Callable[[Float64, Float64, Sequence[float]], tuple[Float64, Float64]]
@@ -34,7 +34,7 @@ _TURNING_POINT_ANGLES = 65
 """Angles around the optical axis at which the turning point is searched; it is interpolated between them."""
 _TURNING_POINT_STEPS = np.linspace(0.0, 89.0, 891)
 """Degrees off the optical axis at which the search tests the lens model."""
-_MAX_PARAMETER = 1e9
+MAX_LENS_PARAMETER = 1e9
 """Largest absolute parameter of a usable lens, and the inverse of the smallest focal length in pixels."""
 
 
@@ -48,9 +48,9 @@ def lens_problem(lens: Lens) -> str | None:
         return f"the lens model {reprlib.repr(lens.model)} is not known"
     if len(lens.params) != count:
         return f"the lens model {lens.model} has {count} parameters, not {len(lens.params)}"
-    if not all(math.isfinite(value) and abs(value) <= _MAX_PARAMETER for value in lens.params):
+    if not all(math.isfinite(value) and abs(value) <= MAX_LENS_PARAMETER for value in lens.params):
         return "a parameter of its lens is not finite or is too large"
-    if min(focal_and_center(lens)[:2]) < 1 / _MAX_PARAMETER:
+    if min(focal_and_center(lens)[:2]) < 1 / MAX_LENS_PARAMETER:
         return "its focal length must be above 0"
     return None
 

@@ -10,7 +10,7 @@ from ..errors import FormatError
 from ..files import is_inner_name, optional, read_versioned, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
-__all__ = ["photo_name", "read_photo_set", "size_problem", "write_photo_set"]
+__all__ = ["MAX_PHOTO_SIDE", "photo_name", "read_photo_set", "size_problem", "write_photo_set"]
 
 _VERSION = 1
 _PHOTO = {
@@ -23,7 +23,7 @@ _PHOTO = {
     "mask_sha256": optional((str, None)),
 }
 _SCHEMA = {"folder": str, "photos": [_PHOTO], "rejected": [{"name": str, "reason": str}]}
-_MAX_SIDE = 100_000
+MAX_PHOTO_SIDE = 100_000
 """Pixels. Larger than any photo, and small enough that its pixels can be counted in 64 bits."""
 
 
@@ -75,7 +75,7 @@ def photo_name(name: str) -> str:
 
 def size_problem(width: int, height: int) -> str | None:
     """Return why a photo cannot have this size, as a clause for a message; None for a usable one."""
-    usable = all(1 <= side <= _MAX_SIDE for side in (width, height))
+    usable = all(1 <= side <= MAX_PHOTO_SIDE for side in (width, height))
     return None if usable else f"it cannot have {width} x {height} pixels"
 
 
