@@ -11,18 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.errors import CameraError, FormatError, ObjectError, ProjectError
-from ..engine.files import (
-    FILE_RECORD,
-    ArraySpec,
-    FileRecord,
-    is_as_recorded,
-    object_file,
-    optional,
-    path_within,
-    read_array,
-    read_versioned,
-)
+from ..engine.files import ArraySpec, is_as_recorded, object_file, path_within, read_array
 from ..engine.project_folder import PROJECT_FILE
+from ..engine.records import RECORD_FILE, read_record, recorded_files
 from ..engine.scene import Camera, read_camera_set
 
 __all__ = [
@@ -39,20 +30,8 @@ __all__ = [
 ]
 
 _ADVICE = "Isolate the object again."
-_RECORD = "object.json"
 _MAX_TEXT = 1000
 """Characters of a text from a project that are kept in the .blend file."""
-_OBJECT_1: dict[str, Any] = {
-    "version": int,
-    "name": str,
-    "threshold": float,
-    "prompt": optional((str, dict)),
-    "score": optional(float),
-    "level": optional((int, None)),
-    "levels": optional(([dict], None)),
-}
-_SCHEMAS = (_OBJECT_1, {**_OBJECT_1, "files": optional(({str: FILE_RECORD}, None))})
-"""What Blender reads of an object, for each version of its file; `engine.objects` reads and writes all of it."""
 
 
 @dataclass(frozen=True)
@@ -112,38 +91,29 @@ def list_objects(project: Path) -> list[ProjectObject]:
     FormatError
         When an ``object.json`` cannot be read.
     """
-    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{_RECORD}"))
-    objects = [_read_object(object_file(project, name, _RECORD)) for name in folders]
+    folders = sorted(file.parent.name for file in (project / "objects").glob(f"*/{RECORD_FILE}"))
+    objects = [_read_object(object_file(project, name, RECORD_FILE)) for name in folders]
     return sorted(objects, key=lambda item: (item.name.casefold(), item.id))
 
 
-def _read_record(file: Path) -> dict[str, Any]:
-    # Version 2 only added the files.
-    return read_versioned(
-        file, _SCHEMAS, (lambda data: data,), advice="Delete its folder and isolate the object again."
-    )
-
-
 def _read_object(file: Path) -> ProjectObject:
-    data = _read_record(file)
-    prompt, level, n_levels = data.get("prompt", ""), data.get("level") or 0, max(1, len(data.get("levels") or ()))
-    if not 0 <= level < n_levels:
-        raise FormatError(f"{file} cannot be read: it has {n_levels} levels, not level {level}. {_ADVICE}")
+    record = read_record(file)
+    n_levels = max(1, len(record.levels))
+    if not 0 <= record.level < n_levels:
+        raise FormatError(f"{file} cannot be read: it has {n_levels} levels, not level {record.level}. {_ADVICE}")
     return ProjectObject(
-        id=file.parent.name,
-        name=data["name"][:_MAX_TEXT],
-        prompt=_prompt_text(prompt)[:_MAX_TEXT],
-        score=min(max(float(data.get("score", 0.0)), 0.0), 1.0),
-        threshold=min(max(float(data["threshold"]), 0.0), 1.0),
-        kind=str(prompt.get("kind", ""))[:_MAX_TEXT] if isinstance(prompt, dict) else "",
-        level=level,
+        id=record.id,
+        name=record.name[:_MAX_TEXT],
+        prompt=_prompt_text(record.prompt)[:_MAX_TEXT],
+        score=min(max(record.score, 0.0), 1.0),
+        threshold=record.threshold,
+        kind=str(record.prompt.get("kind", ""))[:_MAX_TEXT],
+        level=record.level,
         n_levels=n_levels,
     )
 
 
-def _prompt_text(prompt: Any) -> str:
-    if not isinstance(prompt, dict):
-        return str(prompt)
+def _prompt_text(prompt: dict[str, Any]) -> str:
     if prompt.get("text"):
         return str(prompt["text"])
     clicks, others = ((value if isinstance(value, list) else []) for value in map(prompt.get, ("clicks", "not")))
@@ -165,7 +135,7 @@ def is_project(folder: Path) -> bool:
 def require_object(project: Path, object_id: str) -> None:
     """Raise `ObjectError` unless `project` is a project with the object `object_id`, and `FormatError` for no id."""
     # Unlike Path.is_file, this is false for names that are too long.
-    if not (is_project(project) and os.path.isfile(object_file(project, object_id, _RECORD))):
+    if not (is_project(project) and os.path.isfile(object_file(project, object_id, RECORD_FILE))):
         raise ObjectError(f"{project} has no object {object_id!r}. Changes are kept in this .blend file only.")
 
 
@@ -177,8 +147,7 @@ def require_intact(project: Path, object_id: str) -> None:
     FormatError
         When one of them is missing or damaged.
     """
-    files: dict[str, FileRecord] = _read_record(object_file(project, object_id, _RECORD)).get("files") or {}
-    for name, recorded in files.items():
+    for name, recorded in recorded_files(object_file(project, object_id, RECORD_FILE)).items():
         file = object_file(project, object_id, name)
         if not is_as_recorded(file, recorded):
             raise FormatError(f"{file} {'was damaged' if file.exists() else 'is missing'}. {_ADVICE}")

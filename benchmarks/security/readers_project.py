@@ -79,7 +79,7 @@ def write_project(folder: Path) -> None:
 
 def write_object(folder: Path, arrays: bool = False) -> None:
     """Write an object of a scene of three Gaussians. Its files are not recorded, so that their readers are reached."""
-    from engine.objects.record import ObjectRecord, write_record
+    from engine.records import ObjectRecord, write_record
 
     record = ObjectRecord(
         id="vase", name="vase", prompt={"kind": "click", "photo": "a.jpg", "x": 5.0, "y": 6.0, "clicks": [{"x": 1}]},

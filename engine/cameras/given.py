@@ -12,11 +12,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from ..errors import CameraError, FormatError
 from ..events import Emit, StopCheck, ignore_events, never_stop
-from ..scene import Camera, CameraSet, Photo, PhotoSet
+from ..scene import Camera, CameraSet, Photo, PhotoSet, camera_problem
 from .colmap import pycolmap
 from .model_reading import SparsePoints, read_cloud, read_model
 from .reconstruction import camera_in_photo, camera_set, is_scaled
@@ -210,9 +208,12 @@ def _require_usable_cameras(cameras: list[Camera], model: Path) -> None:
             f"None of the pictures in {model} is among the photos. Choose the photo folder the model was made from."
         )
     for camera in cameras:
-        if not (np.isfinite(camera.viewmat).all() and np.isfinite(camera.params).all()):
-            raise CameraError(f"The camera of {camera.photo} in {model} has numbers that are not finite.")
         require_valid_lens(camera.lens)
+        if problem := camera_problem(camera):
+            raise CameraError(
+                f"The camera of {camera.photo} in {model} cannot be used, because {problem}. Correct it, or let the "
+                "cameras be estimated."
+            )
 
 
 def _triangulated(

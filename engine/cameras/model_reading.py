@@ -20,7 +20,7 @@ from ..child_process import ChildFailure, run_in_child
 from ..errors import CameraError
 from ..events import StopCheck
 from ..files import ArraySpec, atomic_write, opened, read_arrays
-from ..scene import MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens
+from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens
 from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
 from .colmap import pycolmap
 from .model_files import require_whole_files
@@ -42,8 +42,6 @@ _FAILURES = {
     "time": "reading it takes longer than files of this size need",
     "crash": "COLMAP crashed on it",
 }
-_MAX_NUMBER = 1e15
-"""Largest coordinate. Georeferenced models have 1e7; a project with larger numbers is refused when it is read."""
 _QUATERNION_ERROR, _EXACT_QUATERNION_ERROR = 1e-2, 1e-6
 """Errors of a quaternion's length above which its file is damaged, and above which it is normalised."""
 _MAX_HEADER_LINES = 1000
@@ -214,7 +212,7 @@ def _write(
     colors: NDArray[np.uint8],
     viewmats: NDArray[np.float64] | None = None,
 ) -> None:
-    usable = (np.abs(points) <= _MAX_NUMBER).all(axis=1)
+    usable = (np.abs(points) <= MAX_COORDINATE).all(axis=1)
     arrays: dict[str, Any] = {"points": points[usable], "colors": colors[usable]}
     if viewmats is not None:
         arrays["viewmats"] = viewmats
@@ -229,7 +227,7 @@ def _viewmat(image: pycolmap.Image) -> NDArray[np.float64]:
     length = float(np.linalg.norm(quat))
     if not abs(length - 1.0) <= _QUATERNION_ERROR:
         raise ValueError(f"the camera of {image.name} has no rotation")
-    if not (np.abs(viewmat) <= _MAX_NUMBER).all():
+    if not (np.abs(viewmat) <= MAX_COORDINATE).all():
         raise ValueError(f"the camera of {image.name} has a position that is not finite or is too large")
     if abs(length - 1.0) > _EXACT_QUATERNION_ERROR:
         # COLMAP does not normalise; a quaternion of few digits gives a matrix that is scaled.

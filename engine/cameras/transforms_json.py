@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CameraError, FormatError
 from ..files import optional, path_within, read_json
-from ..scene import MAX_LENS_PARAMETER, Camera, Photo, PhotoSet
+from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, Camera, Photo, PhotoSet
 from .reconstruction import is_scaled
 
 __all__ = ["read_transforms", "read_transforms_json"]
@@ -37,8 +37,6 @@ _SCHEMA = {
     "ply_file_path": optional((str, None)),
     "frames": [{**_LENS_SCHEMA, "file_path": str, "transform_matrix": [[float]]}],
 }
-_MAX_NUMBER = 1e15
-"""Largest coordinate. Georeferenced scenes have 1e7; a project with larger numbers is refused when it is read."""
 
 
 def read_transforms_json(file: Path) -> dict[str, Any]:
@@ -102,7 +100,7 @@ def _cloud_file(file: Path, name: str | None) -> Path | None:
 def _camera(values: dict[str, Any], photo: Photo) -> Camera:
     rows = values["transform_matrix"]
     # instant-ngp writes 4 rows, others leave out the last one.
-    if len(rows) not in (3, 4) or any(len(row) != 4 or max(map(abs, row)) > _MAX_NUMBER for row in rows):
+    if len(rows) not in (3, 4) or any(len(row) != 4 or max(map(abs, row)) > MAX_COORDINATE for row in rows):
         raise ValueError("`transform_matrix` must be 4 rows of 4 finite numbers")
     matrix = np.array(rows, dtype=np.float64)
     rotation, center = matrix[:3, :3] @ _OPENCV_FROM_OPENGL[:3, :3], matrix[:3, 3]

@@ -56,9 +56,8 @@ def read_kept_arrays(
         What the arrays must be, see `read_arrays`.
     """
     try:
-        header = read_arrays(path, {_HEADER: _TEXT}, advice=_ADVICE)[_HEADER]
-        if parse_json(str(header), {"recipe": str}, source=str(path), advice=_ADVICE)["recipe"] != recipe:
-            return None
-        return read_arrays(path, specs, optional=optional, advice=_ADVICE)
+        arrays = read_arrays(path, {_HEADER: _TEXT, **specs}, optional=optional, advice=_ADVICE)
+        header = parse_json(str(arrays.pop(_HEADER)), {"recipe": str}, source=str(path), advice=_ADVICE)
     except FormatError:
         return None
+    return arrays if header["recipe"] == recipe else None

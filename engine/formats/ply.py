@@ -121,7 +121,7 @@ def check_finite(gaussians: Gaussians) -> None:
             raise NumericalError(f"{n_broken} of {values.size} values of `{name}` are not finite. Nothing was written.")
 
 
-def read_ply(path: Path, *, skip_broken: bool = False) -> Gaussians:
+def read_ply(path: Path, *, skip_broken: bool = False, advice: str = "Copy or export it again.") -> Gaussians:
     """Return the Gaussians of a 3DGS PLY, whose properties may be in any order; unknown properties are ignored.
 
     Parameters
@@ -130,6 +130,8 @@ def read_ply(path: Path, *, skip_broken: bool = False) -> Gaussians:
         Binary file of either byte order.
     skip_broken : bool
         Whether to skip Gaussians with a value that is not finite or too large instead of refusing the file.
+    advice : str
+        What the user should do about an incomplete file.
 
     Raises
     ------
@@ -140,23 +142,22 @@ def read_ply(path: Path, *, skip_broken: bool = False) -> Gaussians:
     with opened(path, advice="Check the path and its permissions.") as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(0)
-        elements = _read_header(stream, path)
-        vertex = _skip_to_vertex(stream, elements, path, size)
+        elements = _read_header(stream, path, advice)
+        vertex = _skip_to_vertex(stream, elements, path, size, advice)
         dtype = vertex.dtype
         _check_properties(dtype, path)
         complete = (size - stream.tell()) // dtype.itemsize
         if complete < vertex.count:
             raise FormatError(
-                f"{path} is truncated: its header states {vertex.count} Gaussians and it has {complete}. "
-                "Copy or export it again."
+                f"{path} is truncated: its header states {vertex.count} Gaussians and it has {complete}. {advice}"
             )
         if vertex.count == 0:
             raise FormatError(f"{path} has no Gaussians: its list is empty. Choose another file.")
-        rows = _read_rows(stream, vertex.count, dtype, path)
+        rows = _read_rows(stream, vertex.count, dtype, path, advice)
     return _drop_or_refuse_broken(_gaussians_from_rows(rows), path, skip_broken=skip_broken)
 
 
-def _read_rows(stream: IO[bytes], count: int, dtype: np.dtype[np.void], path: Path) -> NDArray[np.void]:
+def _read_rows(stream: IO[bytes], count: int, dtype: np.dtype[np.void], path: Path, advice: str) -> NDArray[np.void]:
     # The table, and the arrays that are made of it.
     require_memory(path, 2 * count * dtype.itemsize)
     rows = np.empty(count, dtype)
@@ -164,19 +165,19 @@ def _read_rows(stream: IO[bytes], count: int, dtype: np.dtype[np.void], path: Pa
     for start in range(0, len(data), _CHUNK_BYTES):
         chunk = stream.read(min(_CHUNK_BYTES, len(data) - start))
         if len(chunk) < min(_CHUNK_BYTES, len(data) - start):
-            raise FormatError(f"{path} became shorter while it was read. Copy or export it again.")
+            raise FormatError(f"{path} became shorter while it was read. {advice}")
         data[start : start + len(chunk)] = np.frombuffer(chunk, np.uint8)
     return rows
 
 
-def _read_header(stream: IO[bytes], path: Path) -> list[_Element]:
+def _read_header(stream: IO[bytes], path: Path, advice: str) -> list[_Element]:
     if stream.readline(64).strip() != b"ply":
         raise FormatError(f"{path} is not a PLY file. Choose a Gaussian scene saved as .ply.")
     lines: list[str] = []
     while True:
         raw = stream.readline(_MAX_HEADER)
         if not raw or stream.tell() > _MAX_HEADER or len(lines) > _MAX_HEADER_LINES:
-            raise FormatError(f"{path} is not a readable PLY file: its header does not end. Copy or export it again.")
+            raise FormatError(f"{path} is not a readable PLY file: its header does not end. {advice}")
         line = raw.decode("utf-8", "replace").strip()
         if line == "end_header":
             break
@@ -226,7 +227,7 @@ def _byte_order(lines: list[str], path: Path) -> str:
     raise FormatError(f"{path} is not a readable PLY file: it states no format. Export it again.")
 
 
-def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path, size: int) -> _Element:
+def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path, size: int, advice: str) -> _Element:
     """Return the element of the Gaussians; the stream, of `size` bytes, then stands at its rows."""
     if any(element.name == "chunk" for element in elements):
         raise FormatError(
@@ -244,8 +245,7 @@ def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path, siz
         n_bytes = element.count * element.dtype.itemsize
         if n_bytes > size - stream.tell():
             raise FormatError(
-                f"{path} is truncated: its header states {element.count} rows of `{element.name[:40]}`. "
-                "Copy or export it again."
+                f"{path} is truncated: its header states {element.count} rows of `{element.name[:40]}`. {advice}"
             )
         stream.seek(n_bytes, os.SEEK_CUR)
     return vertex

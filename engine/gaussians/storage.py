@@ -76,7 +76,7 @@ def load_gaussians(folder: Path) -> Gaussians:
     scene = folder / SCENE_FILE
     if not scene.is_file():
         raise FormatError(f"{scene} is missing. Run `reconstruct` first.")
-    gaussians = read_ply(scene)
+    gaussians = read_ply(scene, advice=_ADVICE)
     path = folder / FEATURES_FILE
     if not path.is_file():
         return gaussians

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
     from .ranking import NoMatchError
-    from .record import ObjectRecord
     from .segment import THRESHOLD, find_objects, segment_project
     from .storage import (
         forget_unreadable_record,
@@ -45,7 +44,6 @@ __all__ = [
     "DetectorFactory",
     "MaskPrompt",
     "NoMatchError",
-    "ObjectRecord",
     "Photos",
     "Prompt",
     "SamFactory",

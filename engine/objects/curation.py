@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..errors import ObjectError, PromptError
 from ..events import Emit, StopCheck, Warned, part_of
 from ..project_folder import ProjectFolder
+from ..records import ObjectRecord
 from .candidate_file import forget_candidates, load_candidate
 from .candidates import THRESHOLD, build_candidates
 from .context import SegmentationContext, load_context
@@ -23,7 +24,6 @@ from .levels import Levels
 from .photos import SamFactory
 from .polishing import polish_each
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
-from .record import ObjectRecord
 from .segment import isolate_objects, refine_membership, segment_prompt
 from .selection import BELOW_HALF, HALF
 from .settings import SegmentSettings

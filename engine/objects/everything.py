@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
+from ..records import ObjectRecord
 from .candidates import THRESHOLD, overlap
 from .clustering import cluster_scene, vote_for_groups
 from .context import SegmentationContext, load_context
@@ -22,7 +23,6 @@ from .found import ObjectRequest, new_record
 from .levels import Levels
 from .photos import SamFactory
 from .polishing import polish_each
-from .record import ObjectRecord
 from .settings import SegmentSettings
 from .storage import save_object
 from .views import MAX_OBJECT_EXTENT, Views, spread_cameras

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ..events import Emit, StopCheck
 from ..project_folder import ProjectFolder
+from ..records import ObjectRecord, new_id, new_name
 from ..settings import to_dict
 from .candidates import THRESHOLD
 from .context import SegmentationContext
 from .evidence import MaskEvidence
 from .levels import Levels
 from .polishing import polish_each
-from .record import ObjectRecord, new_id, new_name
 from .settings import SegmentSettings
 from .storage import list_objects, save_object, taken_ids
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
+from ..records import ObjectRecord
 from .candidate_file import remember_candidates
 from .candidates import THRESHOLD, Candidate, build_candidates, fit_of, overlap
 from .context import SegmentationContext, load_context
@@ -25,7 +26,6 @@ from .lifting import complete, refine_by_votes
 from .photos import SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
 from .ranking import NoMatchError, TextScorer, build_text_candidates, no_match_error, rank_for_text
-from .record import ObjectRecord
 from .settings import SegmentSettings
 
 if TYPE_CHECKING:

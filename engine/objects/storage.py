@@ -25,8 +25,8 @@ from ..files import (
     record_of,
     replace_together,
 )
+from ..records import RECORD_FILE, ObjectRecord, read_record, recorded_files, write_record
 from ..scene import Gaussians, Polished, load_polished, save_polished
-from .record import RECORD_FILE, ObjectRecord, read_record, recorded_files, write_record
 
 __all__ = [
     "forget_unreadable_record",

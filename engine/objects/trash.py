@@ -23,7 +23,7 @@ from ..files import (
     write_json,
 )
 from ..project_folder import SCENE_OUTPUT, ProjectFolder
-from .record import RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
+from ..records import RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
 from .storage import list_objects, load_object, object_ids, taken_ids
 
 __all__ = [

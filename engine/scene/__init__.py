@@ -6,7 +6,7 @@ NumPy only, because the add-on imports this package into Blender.
 from __future__ import annotations
 
 from .camera import Camera, CameraSet, Lens, PinholeCamera
-from .camera_storage import read_camera_set, write_camera_set
+from .camera_storage import MAX_COORDINATE, camera_problem, read_camera_set, write_camera_set
 from .gaussians import FEATURE_DIM, Gaussians
 from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixels
 from .photo import Photo, PhotoSet, RejectedPhoto
@@ -15,6 +15,7 @@ from .polished import Polished, load_polished, save_polished
 
 __all__ = [
     "FEATURE_DIM",
+    "MAX_COORDINATE",
     "MAX_LENS_PARAMETER",
     "MAX_PHOTO_SIDE",
     "Camera",
@@ -26,6 +27,7 @@ __all__ = [
     "PinholeCamera",
     "Polished",
     "RejectedPhoto",
+    "camera_problem",
     "focal_and_center",
     "lens_pixels",
     "load_polished",

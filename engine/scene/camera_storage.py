@@ -18,7 +18,7 @@ from .camera import Camera, CameraSet
 from .lens import lens_problem
 from .photo_storage import photo_name, size_problem
 
-__all__ = ["read_camera_set", "write_camera_set"]
+__all__ = ["MAX_COORDINATE", "camera_problem", "read_camera_set", "write_camera_set"]
 
 _VERSION = 1
 _CAMERAS, _POINTS = "cameras.json", "points.npz"
@@ -33,8 +33,8 @@ _ARRAYS = {"points": ArraySpec("float32", ("n", 3), finite=True), "colors": Arra
 _RIGID_TOLERANCE = 1e-4
 """Largest error of the products of a rotation's rows. Some programs write poses as float32 or with 6 digits; the engine
 and Blender invert poses by transposition, which this error changes by less than a pixel in 10,000."""
-_MAX_ENTRY = 1e15
-"""Largest entry of a matrix. Georeferenced scenes have translations of 1e7; beyond 1e19, squares overflow float32."""
+MAX_COORDINATE = 1e15
+"""Largest coordinate, and entry of a matrix. Georeferenced scenes have 1e7; beyond 1e19, squares overflow float32."""
 
 
 def write_camera_set(path: Path, camera_set: CameraSet) -> None:
@@ -112,15 +112,26 @@ def _cameras(entries: list[dict[str, Any]]) -> tuple[Camera, ...]:
             raise ValueError(f"{name} has two cameras")
         params = tuple(float(value) for value in entry["params"])
         camera = Camera(name, entry["width"], entry["height"], entry["model"], params, _matrix(entry["viewmat"]))
-        problem = size_problem(camera.width, camera.height) or lens_problem(camera.lens) or _pose_problem(camera)
-        if problem:
+        if problem := camera_problem(camera):
             raise ValueError(f"the camera of {name} cannot be used, because {problem}")
         cameras[name] = camera
     return tuple(cameras.values())
 
 
-def _pose_problem(camera: Camera) -> str | None:
-    return None if _is_rigid(camera.viewmat) else "its pose is not a rotation and a translation"
+def camera_problem(camera: Camera) -> str | None:
+    """Return why `camera` cannot be used, as a clause for a message; None for a usable one.
+
+    Its photo must have pixels, its lens be one that `lens_problem` accepts, and its pose a rotation and a translation.
+    `read_camera_set` refuses other cameras, so whatever makes cameras must not write them.
+    """
+    return size_problem(camera.width, camera.height) or lens_problem(camera.lens) or _pose_problem(camera.viewmat)
+
+
+def _pose_problem(viewmat: NDArray[np.float64]) -> str | None:
+    # Written so that NaN fails.
+    if not np.abs(viewmat).max() <= MAX_COORDINATE:
+        return "its position is not finite or is too large"
+    return None if _is_rigid(viewmat) else "its pose is not a rotation and a translation"
 
 
 def _similarity(rows: list[Any]) -> NDArray[np.float64]:
@@ -138,7 +149,7 @@ def _matrix(rows: list[Any]) -> NDArray[np.float64]:
     if len(rows) != 4 or any(len(row) != 4 for row in rows):
         raise ValueError("a matrix does not have 4 rows of 4 numbers")
     matrix = np.array(rows, dtype=np.float64)
-    if np.abs(matrix).max() > _MAX_ENTRY:
+    if np.abs(matrix).max() > MAX_COORDINATE:
         raise ValueError("a number of a matrix is too large")
     return matrix
 

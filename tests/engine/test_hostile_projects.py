@@ -15,8 +15,8 @@ import pytest
 
 from engine.errors import FormatError
 from engine.files import is_inner_name, path_within
-from engine.objects.storage import ObjectRecord, list_objects, save_object
-from engine.records import MuseumRecord, save_record
+from engine.objects.storage import list_objects, save_object
+from engine.records import MuseumRecord, ObjectRecord, save_record
 from tests.conftest import ROOT
 from tests.engine.command_line import call
 from tests.engine.models.weights import fetched

@@ -244,6 +244,16 @@ def test_missing_and_foreign_models_are_refused(room: Scene, tmp_path: Path) -> 
         read_cameras(model, turned)
 
 
+def test_a_lens_that_the_project_could_not_read_again_is_refused_before_it_is_stored(
+    room: Scene, tmp_path: Path
+) -> None:
+    model = write_colmap(room, tmp_path / "model", ORIGIN, text=True)
+    lens = f"1 PINHOLE {WIDTH} {HEIGHT} 1e-20 {LENS[0]} {WIDTH / 2} {HEIGHT / 2}"
+    (model / "cameras.txt").write_text(lens + "\n")
+    with pytest.raises(CameraError, match="its focal length must be above 0. Correct it, or let the cameras"):
+        read_cameras(model, room.photo_set, QUICK)
+
+
 def test_pictures_are_matched_to_photos_by_relative_name_then_by_unique_file_name() -> None:
     photos = tuple(Photo(name, 4, 3, None, "") for name in ("a/1.jpg", "b/1.jpg", "b/2.jpg", "3.png", "r_4.png"))
     found = match_photos(

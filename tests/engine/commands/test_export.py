@@ -12,7 +12,8 @@ from PIL import Image
 
 from engine.formats.glb import read_glb
 from engine.formats.ply import read_ply
-from engine.objects.storage import ObjectRecord, save_object
+from engine.objects.storage import save_object
+from engine.records import ObjectRecord
 from engine.scene.polished import Polished
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud

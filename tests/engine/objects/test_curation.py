@@ -330,8 +330,8 @@ class BallOnly(FakeSam):
 
 
 def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
-    from engine.objects.record import ObjectRecord
     from engine.objects.storage import save_object
+    from engine.records import ObjectRecord
 
     small, large = (blobs.part == RED).astype(np.float32), np.isin(blobs.part, [RED, TWIN]).astype(np.float32)
     counts = tuple({"n_gaussians": int(one.sum())} for one in (small, large))

@@ -11,8 +11,9 @@ from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.context import SegmentationContext, load_context
 from engine.objects.everything import DetectedObject, find_everything, segment_everything_in
 from engine.objects.settings import BETTER
-from engine.objects.storage import ObjectRecord, list_objects, load_membership, save_object
+from engine.objects.storage import list_objects, load_membership, save_object
 from engine.project_folder import ProjectFolder
+from engine.records import ObjectRecord
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene

@@ -12,9 +12,10 @@ from engine.errors import Cancelled, FormatError, ObjectError
 from engine.events import never_stop
 from engine.objects.polishing import polish
 from engine.objects.settings import BETTER
-from engine.objects.storage import ObjectRecord, object_gaussians, save_object
+from engine.objects.storage import object_gaussians, save_object
 from engine.objects.views import Views, erode_mask
 from engine.pictures.scene import Scene
+from engine.records import ObjectRecord
 from engine.scene.gaussians import Gaussians
 from engine.scene.polished import Polished, load_polished
 from tests.engine.pictures.blob_scene import RED, BlobScene, as_pinhole, make_scene

@@ -10,9 +10,10 @@ import pytest
 
 from engine.errors import FormatError
 from engine.masks.storage import label_map_path, write_label_map
-from engine.objects.storage import ObjectRecord, save_object
+from engine.objects.storage import save_object
 from engine.pictures.scene import Scene
 from engine.project_folder import ProjectFolder
+from engine.records import ObjectRecord
 from engine.report.build import build_report
 from engine.report.plots import compare_curves, error_curve
 from engine.report.views import best_seen_from, orbit_cameras
