@@ -49,12 +49,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     trials = plan_trials(kinds, options.trials, options.seed)
     fixture = Fixture(folder)
     os.environ["GAUSSIAN_HERITAGE_CALIBRATION"] = str(fixture.calibration)
-    shorten_stages(seed=0, threads=1)
+    shorten_stages()
     calibrate(describe_machine(), emit=lambda event: None)
     fixture.make_states()
     _say(begin, "the states are ready")
     used = [kind for kind in kinds if any(trial.kind is kind for trial in trials)]
-    _in_parallel(lambda task: task(), fixture.tasks(used), options.workers)
+    _in_parallel(fixture.make_reference, used, options.workers)
     _say(begin, f"uninterrupted runs are measured; {len(trials)} trials")
 
     def run(numbered: tuple[int, Trial]) -> None:
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Long and short trials are mixed, so that no worker waits for the other at the end.
     _in_parallel(run, list(enumerate(trials)), options.workers)
     minutes = (time.monotonic() - begin) / 60
-    text = table(trials, fixture, minutes, options.workers, options.seed)
+    text = table(trials, minutes, options.workers, options.seed)
     if options.out:
         options.out.write_text(text, encoding="utf-8")
     else:
@@ -114,27 +114,23 @@ a quarter of the trials this continuation is killed as well. Stages are short: f
 - **continued**: the same command, run again, ended with exit code 0.
 - **identical**: photos, poses, points, label maps, `scene.ply`, `features.npy`, PSNR, objects with memberships, levels
   and polished Gaussians, or the exported file, have the same bytes as after an uninterrupted run, and the project has
-  the same files. This is promised for all but cameras estimated with several threads.
-- **within the spread**: not identical, but cameras and PSNR are as close to those of an uninterrupted run as runs with
-  {n_seeds} other random seeds are: {camera_spread:.2g} of the cameras' extent and {psnr_spread:.2g} dB.
+  the same files.
 - **orphans**: processes that the engine had started and that still ran 5 s after its end.
 - **lost**: objects or files that existed before, or that an uninterrupted run has. **damaged**: files that cannot be
   read, stages called done that cannot be opened, objects that are a mixture of old and new.
 - **stop**: longest time from SIGTERM to the end, with exit code 130 and one sentence. At most {limit:.0f} s are accepted.
   A command without a further safe point ends with its result instead.
 
-| stage or command | SIGKILL | SIGTERM | of them ended with the result | killed again | continued | identical | within the spread | orphans | lost | damaged | stop (s) |
-| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
+| stage or command | SIGKILL | SIGTERM | of them ended with the result | killed again | continued | identical | orphans | lost | damaged | stop (s) |
+| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
 """  # noqa: E501
 
 
-def table(trials: Sequence[Trial], fixture: Fixture, minutes: float, workers: int, seed: int) -> str:
+def table(trials: Sequence[Trial], minutes: float, workers: int, seed: int) -> str:
     """Return the table as Markdown, with what went wrong below it."""
     text = _HEAD.format(
-        minutes=minutes, cpu_minutes=_cpu_minutes(), count=len(trials), workers=workers, seed=seed, n_seeds=4,
-        limit=MAX_STOP_SECONDS,
-        machine=f"{platform.system()}, {describe_machine().cores} cores",
-        camera_spread=fixture.camera_spread, psnr_spread=fixture.psnr_spread,
+        minutes=minutes, cpu_minutes=_cpu_minutes(), count=len(trials), workers=workers, seed=seed,
+        limit=MAX_STOP_SECONDS, machine=f"{platform.system()}, {describe_machine().cores} cores",
     )  # fmt: skip
     by_kind: dict[str, list[Trial]] = collections.defaultdict(list)
     for trial in sorted(trials, key=lambda trial: KINDS.index(trial.kind)):
@@ -162,7 +158,6 @@ def _row(name: str, trials: Sequence[Trial]) -> str:
         sum(trial.killed_again for trial in trials),
         sum(trial.continued for trial in trials),
         sum(trial.identical for trial in trials),
-        sum(trial.within_spread for trial in trials),
         sum(len(trial.orphans) for trial in trials),
         sum(len(trial.lost) for trial in trials),
         sum(len(trial.damaged) for trial in trials),

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from engine.errors import HeritageError
@@ -29,13 +28,11 @@ from engine.scene import load_polished, read_camera_set
 from engine.stages import STAGES
 
 __all__ = [
-    "camera_distance",
     "damaged_files",
     "files_of",
     "leftovers",
     "objects_of",
     "opened_copy",
-    "psnr_of",
     "scene_of",
 ]
 
@@ -201,7 +198,7 @@ def scene_of(project: Path) -> dict[str, str]:
         "points": [cameras.points, cameras.point_colors],
         "label maps": [[file.name, read_label_map(file)] for file in maps],
         **{file.name: file.read_bytes().hex() for file in sorted(gaussians.iterdir())},
-        "psnr": psnr_of(project),
+        "psnr": _psnr(project),
         "objects": sorted(objects_of(project).items()),
         "report": (project / "report" / "report.html").stat().st_size > 1000,
     }
@@ -218,27 +215,8 @@ def leftovers(project: Path) -> list[str]:
     return [name for name in files_of(project) if any(part.startswith(".") for part in Path(name).parts)]
 
 
-def psnr_of(project: Path) -> float:
+def _psnr(project: Path) -> float:
     """Return the PSNR of the held-out photos in dB."""
     record = ProjectFolder.open_existing(project).stage_record("training")
     assert record is not None
     return float(record["figures"]["psnr"])
-
-
-def camera_distance(first: Path, second: Path) -> float:
-    """Return the largest distance of the same photo's camera in two projects, as a share of the cameras' extent.
-
-    The second is moved, turned and scaled onto the first before.
-    """
-    sets = [{camera.photo: camera for camera in read_camera_set(one / "cameras").cameras} for one in (first, second)]
-    if set(sets[0]) != set(sets[1]):
-        return float("inf")
-    centres: list[NDArray[np.float64]] = [
-        np.array([-cameras[name].viewmat[:3, :3].T @ cameras[name].viewmat[:3, 3] for name in sorted(cameras)])
-        for cameras in sets
-    ]
-    a, b = (points - points.mean(axis=0) for points in centres)
-    u, scales, vt = np.linalg.svd(b.T @ a)
-    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
-    fitted = b @ (u @ flip @ vt) * (scales * np.diag(flip)).sum() / (b**2).sum()
-    return float(np.linalg.norm(fitted - a, axis=1).max() / np.linalg.norm(a, axis=1).max())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from engine.events import Event, StageFinished
 from engine.pipeline import reconstruct
 from engine.scene import read_camera_set
 
-from .kills_checks import camera_distance, objects_of, psnr_of, scene_of
+from .kills_checks import objects_of, scene_of
 from .kills_engine import PRESET, pipeline_settings
 from .kills_process import ROOT, EngineRun
 
@@ -27,7 +26,6 @@ _SIZE = (384, 288)
 _PROMPTS = "bell;vase"
 """Texts that are found in them."""
 _CLICK = "view_08.jpg=160,150"
-_SPREAD_SEEDS = (1, 2, 3, 4)
 
 
 @dataclass(frozen=True)
@@ -45,8 +43,6 @@ class Kind:
         Trials of 200.
     stage : str
         Stage to kill; empty: the whole command.
-    threads : int
-        Threads of COLMAP; with 0, all cores, poses differ in the last digits and are compared within a spread.
     reconstructs : bool
         Whether the command is ``reconstruct``, so that the whole scene is compared, and not only objects.
     may_repeat : bool
@@ -58,7 +54,6 @@ class Kind:
     command: str
     share: int
     stage: str = ""
-    threads: int = 1
     reconstructs: bool = True
     may_repeat: bool = True
 
@@ -79,8 +74,7 @@ def _export(file_format: str) -> Kind:
 
 KINDS = (
     Kind("photos", "", _WITHOUT_OBJECTS, 14, "photos"),
-    Kind("cameras", "cameras", _WITHOUT_OBJECTS, 18, "cameras", threads=0),
-    Kind("cameras, one thread", "cameras", _WITHOUT_OBJECTS, 10, "cameras"),
+    Kind("cameras", "cameras", _WITHOUT_OBJECTS, 28, "cameras"),
     Kind("cameras, COLMAP model given", "", f"{_WITHOUT_OBJECTS} --cameras {{model}}", 8, "cameras"),
     Kind("masks", "masks", _RECONSTRUCT, 22, "masks"),
     Kind("training", "training", _RECONSTRUCT, 34, "training"),
@@ -131,15 +125,10 @@ class Fixture:
     folder : Path
     references : dict of str to Reference
         By the name of the kind.
-    camera_spread, psnr_spread : float
-        Largest distance between the uninterrupted run with all cores and one with another seed: of the cameras, see
-        `camera_distance`, and of the PSNR in dB.
     """
 
     folder: Path
     references: dict[str, Reference] = field(default_factory=dict)
-    camera_spread: float = 0.0
-    psnr_spread: float = 0.0
 
     @property
     def photos(self) -> Path:
@@ -166,7 +155,7 @@ class Fixture:
         # Split before the paths are filled in, which may contain spaces.
         return [part.format(**places) for part in kind.command.split()]
 
-    def start(self, kind: Kind, folder: Path, *, seed: int = 0) -> EngineRun:
+    def start(self, kind: Kind, folder: Path) -> EngineRun:
         """Copy the state of a kind to ``folder/project``, unless it is there, and start the command of the kind."""
         folder.mkdir(parents=True, exist_ok=True)
         calibration = folder / "calibration.json"
@@ -174,9 +163,7 @@ class Fixture:
             if kind.state:
                 shutil.copytree(self.state(kind), folder / "project")
             shutil.copy(self.calibration, calibration)
-        return EngineRun.start(
-            self.arguments(kind, folder), folder, seed=seed, threads=kind.threads, calibration=calibration
-        )
+        return EngineRun.start(self.arguments(kind, folder), folder, calibration=calibration)
 
     def make_states(self) -> None:
         """Make the photos and the projects as they stand before each stage. `shorten_stages` was called before."""
@@ -233,36 +220,6 @@ class Fixture:
         exported = next((file.read_bytes() for file in folder.glob("exported.*")), b"")
         scene = scene_of(project) if kind.reconstructs else {}
         self.references[kind.name] = Reference(project, seconds, scene, objects_of(project), exported)
-
-    def measure_spread(self, kind: Kind) -> None:
-        """Measure how much an uninterrupted run changes with the random seed."""
-        reference = self.references[kind.name].project
-        for seed in _SPREAD_SEEDS:
-            folder = self.folder / "spread" / str(seed)
-            run = self.start(kind, folder, seed=seed)
-            if run.wait() != 0:
-                raise RuntimeError(f"{kind.name} fails with the seed {seed}: {run.events[-1:]}")
-            cameras, psnr = self.distances(reference, folder / "project")
-            self.camera_spread = max(self.camera_spread, cameras)
-            self.psnr_spread = max(self.psnr_spread, psnr)
-
-    @staticmethod
-    def distances(first: Path, second: Path) -> tuple[float, float]:
-        """Return the distance of the cameras and of the PSNR of two projects."""
-        return camera_distance(first, second), abs(psnr_of(first) - psnr_of(second))
-
-    def tasks(self, kinds: Sequence[Kind]) -> list[Callable[[], None]]:
-        """Return what has to be measured before the trials of `kinds`; independent of each other."""
-
-        def reference_of(kind: Kind) -> Callable[[], None]:
-            def task() -> None:
-                self.make_reference(kind)
-                if kind.threads != 1:
-                    self.measure_spread(kind)
-
-            return task
-
-        return [reference_of(kind) for kind in sorted(kinds, key=lambda kind: kind.threads)]
 
 
 def _write_colmap_model(cameras: Path, folder: Path) -> None:

@@ -17,8 +17,6 @@ from typing import Any
 
 from engine.files import TEMPORARY_PREFIX
 
-from .kills_engine import SEED, THREADS
-
 __all__ = ["ROOT", "EngineRun", "wait_for_write"]
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,9 +49,7 @@ class EngineRun:
     _reader: threading.Thread | None = None
 
     @classmethod
-    def start(
-        cls, arguments: Sequence[object], folder: Path, *, seed: int = 0, threads: int = 1, calibration: Path
-    ) -> EngineRun:
+    def start(cls, arguments: Sequence[object], folder: Path, *, calibration: Path) -> EngineRun:
         """Start ``python -m engine`` with `arguments`; its files beside the project are written to `folder`."""
         mark = uuid.uuid4().hex
         errors = folder / f"errors-{mark}.txt"
@@ -61,8 +57,6 @@ class EngineRun:
             **os.environ,
             "PYTHONPATH": str(ROOT),
             "GAUSSIAN_HERITAGE_CALIBRATION": str(calibration),
-            SEED: str(seed),
-            THREADS: str(threads),
             _MARK: mark,
         }
         command = [sys.executable, "-m", "benchmarks.security.kills_engine", *map(str, arguments), "--events"]

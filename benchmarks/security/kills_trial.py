@@ -50,8 +50,6 @@ class Trial:
         Whether the last continuation ended with exit code 0.
     identical : bool
         Whether the result has the same bytes as that of an uninterrupted run.
-    within_spread : bool
-        Whether it is as close to it as runs with another seed; only for kinds that promise no identical bytes.
     orphans, damaged, lost, other : list of str
         What was wrong: processes that were left, files that cannot be read, what existed before and is gone, all else.
     """
@@ -65,7 +63,6 @@ class Trial:
     killed_again: bool = False
     continued: bool = False
     identical: bool = False
-    within_spread: bool = False
     orphans: list[str] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
@@ -79,7 +76,7 @@ class Trial:
         found = [*self.orphans, *self.damaged, *self.lost, *self.other]
         if not self.continued:
             found.append("it could not be continued")
-        elif not self.identical and not self.within_spread:
+        elif not self.identical:
             found.append("the result differs from that of an uninterrupted run")
         return found
 
@@ -194,11 +191,7 @@ class Trial:
         self.other += [f"left behind: {name}" for name in leftovers(project)]
         differences = self._differences(folder, reference)
         self.identical = not differences
-        if differences and self.kind.threads != 1:
-            cameras, psnr = fixture.distances(reference.project, project)
-            self.within_spread = cameras <= fixture.camera_spread and psnr <= fixture.psnr_spread
-        if not self.identical and not self.within_spread:
-            self.other += [f"different: {name}" for name in differences]
+        self.other += [f"different: {name}" for name in differences]
 
     def _differences(self, folder: Path, reference: Reference) -> list[str]:
         project = folder / "project"

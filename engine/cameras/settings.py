@@ -42,7 +42,7 @@ class CameraSettings:
     seed : int
         Random seed.
     threads : int
-        Number of threads, 0 for all cores. With 1, poses repeat exactly; with more, to about 1e-4 of the scene's size.
+        Number of threads for features and matches, 0 for all cores. Poses and points do not depend on it.
     """
 
     max_side: int = 1000

@@ -14,7 +14,7 @@ from ..events import Emit, Metric, Progress, StopCheck, Warned, ignore_events, n
 from ..files import delete_derived
 from ..scene import CameraSet, PhotoSet
 from .colmap import pycolmap
-from .colmap_calls import threads_for_colmap, wait_for
+from .colmap_calls import wait_for
 from .features import SfmWorkspace, match_features
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
@@ -117,7 +117,9 @@ def _map(workspace: SfmWorkspace, progress: _ProgressReporter, should_stop: Stop
     settings = workspace.settings
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
-    options.num_threads = threads_for_colmap(settings.threads)
+    # With several threads, the first that finds a pair to begin with wins, so poses would differ between runs. One
+    # thread takes no longer: see docs/design_notes/cameras.md.
+    options.num_threads = 1
     # COLMAP's default discards models of fewer than 10 photos.
     options.min_model_size = settings.min_registered
     options.max_num_models = 10

@@ -11,7 +11,7 @@ from ..errors import CameraError
 from ..events import Emit, Progress, StopCheck
 from ..scene import Camera, PhotoSet
 from .colmap import pycolmap
-from .colmap_calls import opened_database, threads_for_colmap, wait_for
+from .colmap_calls import opened_database, wait_for
 from .features import SfmWorkspace, match_features
 from .normalise import normalised_viewmat, original_from_world
 from .reconstruction import points_of
@@ -63,7 +63,8 @@ def triangulate(
     model = _posed_model(workspace, by_photo, similarity)
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed = settings.seed
-    options.num_threads = threads_for_colmap(settings.threads)
+    # As in `sfm`, so that the points are the same in every run.
+    options.num_threads = 1
     workspace.sparse.mkdir(parents=True, exist_ok=True)
     model = wait_for(
         "triangulating points",

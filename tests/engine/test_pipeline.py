@@ -32,19 +32,16 @@ from tests.engine.command_line import Answer, call, call_alone, start
 from tests.engine.models.weights import fetched
 from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 
-# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short. Poses repeat exactly on
-# one thread only.
+# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short.
 QUICK = """
 from dataclasses import replace
 from functools import partial
-from engine.cameras.settings import CameraSettings
 from engine.commands import reconstruct
 from engine.masks.settings import MaskSettings
 from engine.training.settings import PRESETS
 PRESETS["test"] = PRESETS["test"].changed(steps=400, curve_points=20)
-CAMERAS = CameraSettings(threads=1)
 MASKS = MaskSettings(max_prompts=8, grid=0)
-reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, cameras=CAMERAS, masks=MASKS)
+reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MASKS)
 """
 
 When = Callable[[dict[str, Any], Path], bool]
@@ -343,7 +340,7 @@ def test_other_commands_refuse_a_damaged_scene_and_say_what_to_do(
 
 
 def test_cameras_that_are_not_the_same_again_train_the_scene_again(small: Small) -> None:
-    """COLMAP's poses depend on the number of threads; a scene fits only the cameras that it was trained with."""
+    """Another COLMAP gives other poses; a scene fits only the cameras that it was trained with."""
     from engine.cameras import read_cameras
 
     def moved(model: Path, photo_set: PhotoSet, **options: Any) -> CameraSet:

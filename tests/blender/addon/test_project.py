@@ -111,11 +111,7 @@ def test_record_is_kept_in_the_project_and_in_exports(project: Any, part: Part, 
 
 SEGMENT = """
 project = Path(sys.argv[4])
-folder = project / "objects" / "bust"
-folder.mkdir(parents=True)
-np.save(folder / "membership.npy", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
-record = {"version": 1, "id": "bust", "name": "Bust", "prompt": {"text": "bust"}, "score": 0.7, "threshold": 0.5}
-(folder / "object.json").write_text(json.dumps(record))
+write_object(project, "bust", "Bust", np.r_[np.zeros(90), np.ones(10)].astype(np.float32), score=0.7)
 say("finished", message="Isolated Bust (0.70).", outputs={"objects": ["bust"]})
 """
 
