@@ -13,8 +13,12 @@ def start() -> int:
     if sys.version_info < (3, 11):  # noqa: UP036 users may choose any Python
         print(f"Error: {sys.executable} is too old: the engine needs Python 3.11 or newer.", file=sys.stderr)
         return 1
+    from .signal_masks import signals_held_back
+
     try:
-        from .cli import main
+        # The threads of NumPy start here, and must not take the signals of the main thread; see `cli`.
+        with signals_held_back():
+            from .cli import main
     except ModuleNotFoundError as error:
         from .doctor import missing_package
 

@@ -14,6 +14,7 @@ from .commands import COMMANDS, warn_of_deprecated_options
 from .doctor import missing_package
 from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
 from .events import Emit, ErrorEvent, StopCheck
+from .signal_masks import signals_held_back
 from .terminal import EventOutput
 
 __all__ = ["main"]
@@ -39,7 +40,8 @@ def build_parser() -> argparse.ArgumentParser:
         )
         module.add_arguments(command)
         command.add_argument("--events", action="store_true", help="progress as JSON lines on standard output")
-        command.set_defaults(run=module.run, find_project=module.project_folder)
+        uses_cameras = getattr(module, "USES_CAMERAS", False)
+        command.set_defaults(run=module.run, find_project=module.project_folder, uses_cameras=uses_cameras)
     return parser
 
 
@@ -57,6 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         warn_of_deprecated_options(options, output)
         with _StopOnSignal() as should_stop:
+            if options.uses_cameras:
+                # While pycolmap is imported, its handlers take the place of ours for some milliseconds. Here no other
+                # thread can take a signal, see `__main__`.
+                with signals_held_back():
+                    from .cameras import undistort  # noqa: F401
             code: int = options.run(options, output, should_stop)
         return code
     except HeritageError as error:

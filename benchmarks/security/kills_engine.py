@@ -11,13 +11,17 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from engine.commands import reconstruct as command
-from engine.masks.settings import MaskSettings
-from engine.objects.settings import DEFAULT_PRESET
-from engine.objects.settings import PRESETS as SEGMENT_PRESETS
-from engine.pipeline import PipelineSettings
-from engine.planning import PlanSettings
-from engine.training.settings import PRESETS
+from engine.signal_masks import signals_held_back
+
+# As in `engine.__main__`: threads that libraries start must not take signals.
+with signals_held_back():
+    from engine.commands import reconstruct as command
+    from engine.masks.settings import MaskSettings
+    from engine.objects.settings import DEFAULT_PRESET
+    from engine.objects.settings import PRESETS as SEGMENT_PRESETS
+    from engine.pipeline import PipelineSettings
+    from engine.planning import PlanSettings
+    from engine.training.settings import PRESETS
 
 __all__ = ["PRESET", "pipeline_settings", "shorten_stages"]
 

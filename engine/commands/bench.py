@@ -12,11 +12,12 @@ from ..project_folder import PROJECT_FILE, ProjectFolder
 from .deprecated import add_deprecated_option
 from .scene_options import add_camera_options, add_no_objects_option, describe_presets
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "bench"
 HELP = "Train presets on one scene and compare their error against run time; finished runs are kept."
 EXAMPLE = "python -m engine bench photos --presets preview,standard,best --limit 30 --out comparison"
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -15,11 +15,12 @@ from .chosen_models import add_sam_argument
 from .deprecated import add_deprecated_option
 from .scene_options import add_camera_options, add_no_objects_option, add_preset_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "reconstruct"
 HELP = "Rebuild a scene from a folder of photos; continues where an earlier run stopped."
 EXAMPLE = 'python -m engine reconstruct photos --out scene --prompts "vase;teapot"'
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,11 +10,12 @@ from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "render"
 HELP = "Render the scene or an object, in the pixels of the original photo after EXIF rotation."
 EXAMPLE = "python -m engine render scene --view IMG_3023.jpg --what rgb --out view.png"
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

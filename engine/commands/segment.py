@@ -14,11 +14,12 @@ from ..project_folder import ProjectFolder
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "segment"
 HELP = "Isolate objects of a trained scene by text, click, box or mask; correct an object; or find all objects."
 EXAMPLE = "python -m engine segment scene --click IMG_3023.jpg=364,500 --not IMG_3023.jpg=364,700 --name statue"
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

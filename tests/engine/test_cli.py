@@ -23,6 +23,7 @@ from engine.events import ErrorEvent, StopCheck
 from engine.project_folder import ProjectFolder
 from engine.terminal import EventOutput
 from tests.engine.command_line import ROOT, call
+from tests.engine.museum import write_photos
 
 
 def errors_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, str]]:
@@ -283,3 +284,32 @@ def test_run_under_nohup_goes_on_when_the_terminal_is_closed(tmp_path: Path) -> 
         process.send_signal(signal.SIGHUP)
         process.send_signal(signal.SIGTERM)
         assert process.communicate(timeout=60)[1].endswith("Stopped. The next run continues.\n")
+
+
+@POSIX
+def test_signal_while_pycolmap_is_imported_stops_the_run_like_any_other(tmp_path: Path) -> None:
+    write_photos(tmp_path / "photos")
+    # At this moment the handlers are those of pycolmap.
+    script = """
+import builtins, os, signal, sys, time
+import_module, sent = builtins.__import__, []
+
+def import_and_signal(name, *rest, **options):
+    module = import_module(name, *rest, **options)
+    if name == "pycolmap" and not sent:
+        sent.append(name)
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.1)
+    return module
+
+builtins.__import__ = import_and_signal
+from engine.__main__ import start
+code = start()
+assert sent
+sys.exit(code)
+"""
+    command = [sys.executable, "-c", script, "reconstruct", "photos", "--out", "project"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 130, done.stderr
+    assert "Stopping at the next safe point" in done.stderr and "Traceback" not in done.stderr
