@@ -17,7 +17,7 @@ from ..engine.project_folder import PROJECT_FILE, ProjectFolder
 __all__ = ["Point", "curve_picture", "stored_curve", "thinned"]
 
 Point = tuple[float, float]
-"""Wall seconds of training, and PSNR of the held-out photos in dB."""
+"""Wall seconds of training, and PSNR of the test photos in dB."""
 Picture = NDArray[np.float32]
 
 _LINE = np.array([0.92, 0.49, 0.20], np.float32)

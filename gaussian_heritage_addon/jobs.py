@@ -63,7 +63,7 @@ class JobState:
     metrics : dict
         Last value of each metric, e.g. ``psnr``.
     curve : list of (float, float)
-        Wall seconds of training, and PSNR of the held-out photos in dB.
+        Wall seconds of training, and PSNR of the test photos in dB.
     warnings : list of str
     error : str
         One sentence if the job failed or was cancelled, else empty.

@@ -216,7 +216,7 @@ def leftovers(project: Path) -> list[str]:
 
 
 def _psnr(project: Path) -> float:
-    """Return the PSNR of the held-out photos in dB."""
+    """Return the PSNR of the test photos in dB."""
     record = ProjectFolder.open_existing(project).stage_record("training")
     assert record is not None
     return float(record["figures"]["psnr"])

@@ -53,7 +53,7 @@ class Row:
     steps, planned_steps : int
     n_gaussians : int
     psnr, ssim, l1, flip : float or None
-        Errors of the final Gaussians on held-out photos, at the picture size of the largest preset for all rows; None
+        Errors of the final Gaussians on test photos, at the picture size of the largest preset for all rows; None
         without Gaussians.
     wall_seconds, cpu_seconds : float
         Time of training without the measurements.
@@ -168,7 +168,7 @@ class _ComparedScene:
             photo_masks=self._base.photo_set.mask_files,
             should_stop=self.should_stop,
         )
-        measured_on = "held-out photos" if held_out else "training photos"
+        measured_on = "test photos" if held_out else "training photos"
         quality = measured.quality
         return replace(
             row, n_gaussians=len(gaussians), psnr=quality.psnr, ssim=quality.ssim, l1=quality.l1, flip=measured.flip,

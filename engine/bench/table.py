@@ -58,7 +58,7 @@ def _savings_lines(rows: Sequence[Row]) -> list[str]:
             text += f" and {saved['mask_cpu_seconds']:.0f} CPU s of masks; together {saved['share']:.0%}"
         error = saved.get("psnr_lost_error")
         unit = f" ± {error:.2f} dB on average over seeds" if error is not None else " dB"
-        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f}{unit} on held-out photos (measured)")
+        lines.append(f"{text}, and cost {saved['psnr_lost']:.2f}{unit} on test photos (measured)")
     return ["", *lines] if lines else []
 
 
@@ -119,7 +119,7 @@ def _picture_link(name: str, picture: bytes | None) -> str:
 
 
 def _body(rows: Sequence[Row], *, command: str) -> str:
-    measured = next((row.measured_on for row in rows if row.measured_on), "held-out photos")
+    measured = next((row.measured_on for row in rows if row.measured_on), "test photos")
     machine = describe_machine()
     return (
         f"```\n{command}\n```\n\n{markdown(rows)}\n\n"

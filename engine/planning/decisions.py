@@ -1,7 +1,9 @@
 """The decisions of a run, made before the work: what the scene needs, what is left out, and why.
 
-`plan_work` decides from the photos and the user's settings. `plan_scene` adds the names of the held-out photos and of
-the photos that get masks, once the cameras are known. The plan and the report list what was left out with the reasons.
+`plan_work` decides from the photos and the user's settings. `plan_scene` adds the names of the test photos and of the
+photos that get masks, once the cameras are known. No decision that the trained scene depends on reads the pixels of a
+test photo: the exposures in EXIF are read of all photos, and the texture decides the forecast and the advice only. The
+plan and the report list what was left out with the reasons.
 No other module makes these decisions. Measurements behind the constants: docs/design_notes/planning.md.
 """
 
@@ -17,7 +19,7 @@ from ..cameras.settings import CameraSettings
 from ..photos import PhotoStatistics
 from ..scene import CameraSet, PhotoSet
 from ..settings import require
-from ..training.settings import PRESETS, TrainingSettings
+from ..training.settings import MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
 
 __all__ = [
     "LeftOut",
@@ -33,22 +35,19 @@ __all__ = [
 
 Pairs = Literal["none", "all", "promising"]
 
-MAX_EXPOSURE_RANGE = 0.5
+MAX_EXPOSURE_RANGE = 0.5  # chosen on sakharov_statue32, skull66, banana16
 """Largest difference of exposure in EXIF, in stops, at which all photos count as taken with one exposure. Above it the
 camera was on automatic."""
-MAX_BRIGHTNESS_DEVIATION = 0.75
-"""Largest standard deviation of the photos' brightness, in stops, at which they count as taken with one exposure. Used
-only where EXIF does not give every exposure and no trial can decide. Content alone causes up to 0.47 stops at one
-exposure, so the limit must be well above that."""
-MAX_TRIAL_SHARE = 0.1
-"""Largest share of the steps that one trial may take, the steps with and without the tried setting counted together."""
-MIN_TEXTURE_SHARE = 0.04
+MIN_ROUNDS_FOR_EXPOSURE = 40  # chosen on museum_room
+"""Number of times that each photo is trained on from which a brightness factor per photo is learned although EXIF does
+not give every exposure. With fewer, its trial would take more than a tenth of the steps."""
+MIN_TEXTURE_SHARE = 0.04  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Median share of textured pixels below which structure from motion may fail."""
-RECOMMENDED_PHOTOS = 12
+RECOMMENDED_PHOTOS = 12  # chosen on museum_room, sakharov_statue32
 """Number of photos below which the plan says that they are few."""
-MIN_STEPS = 1500
+MIN_STEPS = 1500  # chosen on banana16
 """Training steps that are done however few the photos: the Gaussians need them to reach their number and positions."""
-PAIRS_PER_PHOTO = 11.0
+PAIRS_PER_PHOTO = 11.0  # chosen on museum_room, sakharov_statue32
 """Expected number of promising pairs per photo: the geometric mean of two measured photo sets."""
 
 
@@ -72,11 +71,11 @@ class PlanSettings:
         and no early stop.
     """
 
-    preset: str = "standard"
-    wants_objects: bool = True
-    n_mask_photos: int = 28
-    exclude_transients: bool = False
-    leave_out: bool = True
+    preset: str = "standard"  # by definition
+    wants_objects: bool = True  # by definition
+    n_mask_photos: int = 28  # chosen on museum_room
+    exclude_transients: bool = False  # chosen on museum_room
+    leave_out: bool = True  # by definition
 
     def __post_init__(self) -> None:
         require(self, "preset", self.preset in PRESETS, f"one of {', '.join(PRESETS)}")
@@ -122,7 +121,7 @@ class WorkPlan:
     n_pairs : int
         Number of these pairs; an estimate for ``promising``.
     n_held_out, n_mask_photos : int
-        Numbers of held-out photos and of photos with masks. `ScenePlan` names them.
+        Numbers of test photos and of photos with masks. `ScenePlan` names them.
     features, exposure : bool
         Whether segmentation features, and a brightness factor per photo, are trained.
     sh_degree, max_gaussians, steps : int
@@ -171,9 +170,9 @@ class ScenePlan:
     Attributes
     ----------
     held_out : tuple of str
-        Photos that measure the error and are never trained on.
+        Test photos, which measure the error, are never trained on and decide nothing.
     mask_photos : tuple of str
-        Photos that get a SAM label map. Some of them are held out, to evaluate the features.
+        Photos that get a SAM label map. Some of them are test photos, to evaluate the features.
     features : bool
         Whether the segmentation features are trained.
     left_out : tuple of LeftOut
@@ -227,7 +226,7 @@ def plan_work(
     every = preset.measurement.held_out_every
     n_held_out = len(range(every // 2, count, every)) if every else 0
     if not n_held_out:
-        left_out.append(LeftOut("held-out photos", f"{count} photos are too few to exclude one from training"))
+        left_out.append(LeftOut("test photos", f"{count} photos are too few to exclude one from training"))
     features = settings.wants_objects or not settings.leave_out
     n_masks = _n_masks(count, settings, left_out)
     if preset.appearance.sh_degree < 3:
@@ -249,7 +248,9 @@ def plan_work(
     texture = float(np.median([photo.texture for photo in statistics])) if statistics else 1.0
     steps = _steps(count - n_held_out, preset, settings, left_out)
     flat = preset.measurement.stop_when_flat if settings.leave_out and n_held_out else 0.0
-    exposure = _exposure(statistics, settings, _can_try(preset.changed(steps=steps), count, n_held_out), left_out)
+    rounds = steps / (count - n_held_out)
+    exposure = _exposure(statistics, settings, rounds if n_held_out else 0.0, left_out)
+    _choose_nothing(count - n_held_out, preset, settings, left_out)
     interval = _clustering_interval(preset, settings, left_out)
     return WorkPlan(
         preset=settings.preset,
@@ -355,19 +356,14 @@ def _n_masks(count: int, settings: PlanSettings, left_out: list[LeftOut]) -> int
     return wanted
 
 
-def _can_try(training: TrainingSettings, count: int, n_held_out: int) -> bool:
-    """Return whether there are held-out photos for a trial and it takes at most `MAX_TRIAL_SHARE` of the steps."""
-    n_steps = training.trial_steps(count - n_held_out) if n_held_out else 0
-    return 0 < 2 * n_steps <= MAX_TRIAL_SHARE * training.schedule.steps
-
-
 def _exposure(
-    statistics: Sequence[PhotoStatistics], settings: PlanSettings, can_try: bool, left_out: list[LeftOut]
+    statistics: Sequence[PhotoStatistics], settings: PlanSettings, rounds: float, left_out: list[LeftOut]
 ) -> bool:
-    """Return whether a brightness factor per photo is trained.
+    """Return whether a brightness factor per photo is trained, each photo being used `rounds` times.
 
-    EXIF decides where it gives the exposure of every photo, with the limit `MAX_EXPOSURE_RANGE`. Otherwise a trial
-    during training decides if one is possible, else the photos' brightness, with the limit `MAX_BRIGHTNESS_DEVIATION`.
+    EXIF decides where it gives the exposure of every photo, with the limit `MAX_EXPOSURE_RANGE`. Otherwise the factors
+    are trained where `MIN_ROUNDS_FOR_EXPOSURE` allows it. Training then tries them first, or uses them without a trial
+    where there are too few photos for one. The brightness of the photos decides nothing: test photos are among them.
     """
     if not settings.leave_out:
         return True
@@ -376,16 +372,30 @@ def _exposure(
         difference = max(values) - min(values)
         differs = difference > MAX_EXPOSURE_RANGE
         why = f"the exposures in EXIF differ by {difference:.2f} stops at most; the limit is {MAX_EXPOSURE_RANGE}"
-    elif can_try:
-        return True
     else:
-        deviation = float(np.std([photo.brightness for photo in statistics])) if statistics else 0.0
-        differs = deviation > MAX_BRIGHTNESS_DEVIATION
-        why = f"the standard deviation of the photos' brightness is {deviation:.2f} stops; "
-        why += f"the limit is {MAX_BRIGHTNESS_DEVIATION} where EXIF does not give every exposure"
+        tried = PRESETS[settings.preset].appearance.trial_fraction > 0
+        differs = tried and rounds >= MIN_ROUNDS_FOR_EXPOSURE
+        why = "EXIF does not give every exposure, and a trial would take more than a tenth of the steps"
+        if not tried:
+            why = f"EXIF does not give every exposure, and the preset {settings.preset} makes no trials"
+        elif not rounds:
+            why = "EXIF does not give every exposure, and these photos are too few to learn it"
     if not differs:
         left_out.append(LeftOut("a brightness correction per photo", why))
     return differs
+
+
+def _choose_nothing(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> None:
+    """Add to `left_out` that nothing is decided during training, where there are too few photos to decide on."""
+    chooses = settings.leave_out and (preset.appearance.trial_fraction > 0 or preset.measurement.stop_when_flat > 0)
+    if chooses and not validation_photos(n_trained):
+        left_out.append(
+            LeftOut(
+                "trials during training, and stopping early",
+                f"{n_trained} training photos are too few to keep some of them for these decisions; "
+                f"{MIN_PHOTOS_TO_CHOOSE} are needed",
+            )
+        )
 
 
 def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str, ...]:
@@ -434,7 +444,7 @@ def work_plan_as_dict(work: WorkPlan) -> dict[str, Any]:
 
 
 def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:
-    """Name the held-out photos and the photos that get masks, among the photos with a camera."""
+    """Name the test photos and the photos that get masks, among the photos with a camera."""
     names = [camera.photo for camera in camera_set.cameras]
     every = PRESETS[work.preset].measurement.held_out_every
     held_out = tuple(names[every // 2 :: every]) if every else ()
@@ -449,8 +459,6 @@ def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:
     left_out = work.left_out
     if work.n_held_out and not held_out:
         left_out += (
-            LeftOut(
-                "held-out photos", f"only {len(names)} photos could be placed, too few to exclude one from training"
-            ),
+            LeftOut("test photos", f"only {len(names)} photos could be placed, too few to exclude one from training"),
         )
     return ScenePlan(held_out, mask_photos, work.features, left_out)

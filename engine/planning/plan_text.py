@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..masks.settings import EMBEDDING_BYTES, MAX_EMBEDDINGS
+from ..training.settings import validation_photos
 from .decisions import WorkPlan
 from .forecast import Forecast
 
@@ -36,9 +37,11 @@ def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
         f"{work.n_mask_photos} photos, selected once the cameras are known; "
         f"{megabytes:.0f} MB on disk for quick clicks later"
     )
-    held_out = f"{work.n_held_out} photos that measure the error, selected once the cameras are known"
-    early_stop = f"; stops when the rest would gain less than {work.stop_when_flat} dB" if work.stop_when_flat else ""
-    trial = ", if a trial shows a gain" if work.trial and work.n_held_out else ""
+    test_photos = f"{work.n_held_out}, to measure the error; selected once the cameras are known"
+    chooses = bool(validation_photos(work.n_photos - work.n_held_out))
+    stops = f"; stops when the rest would gain less than {work.stop_when_flat} dB"
+    early_stop = stops if work.stop_when_flat and chooses else ""
+    trial = ", if a trial shows a gain" if work.trial and chooses else ""
     bands = f"colour bands up to degree {work.sh_degree}{trial if work.sh_degree else ''}"
     return [
         ("cameras", pairs),
@@ -48,7 +51,7 @@ def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
         ("features", "16 numbers per Gaussian, trained together with the colour" if work.features else "none"),
         ("exposure", f"one brightness correction per photo{trial}" if work.exposure else "no correction"),
         ("steps", f"{work.steps:,}{early_stop}"),
-        ("held out", held_out if work.n_held_out else "none"),
+        ("test photos", test_photos if work.n_held_out else "none"),
     ]
 
 

@@ -35,7 +35,7 @@ log = logging.getLogger(__name__)
 SHEET_FILE = "objects.png"
 """Name of the picture of all objects."""
 _MAX_PAIRS = 3
-"""Held-out photos that are shown beside their renders."""
+"""Test photos that are shown beside their renders."""
 
 
 def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:

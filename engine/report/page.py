@@ -97,7 +97,7 @@ def _head(facts: dict[str, Any]) -> Html:
         ("Gaussians", _count(training.get("n_gaussians") or last.get("n_gaussians"))),
         ("object" if len(facts["objects"]) == 1 else "objects", _count(len(facts["objects"]))),
         (
-            "PSNR on held-out photos" if training.get("held_out") else "PSNR",
+            "PSNR on test photos" if training.get("held_out") else "PSNR",
             _number(last.get("psnr"), "{:.1f} dB"),
         ),
         ("SSIM", _number(last.get("ssim"), "{:.3f}")),
@@ -160,7 +160,7 @@ def _held_out(facts: dict[str, Any], pictures: Pictures) -> Html:
     text = (
         "These photos were never trained on: the second picture of each pair is a new view for the scene."
         if kept
-        else "There were too few photos to hold one out; these were trained on."
+        else "There were too few photos for test photos; these were trained on."
     )
     return _section("Photo and scene", fill('<p>{}</p><div class="pairs">{}</div>', text, rows))
 
@@ -182,7 +182,7 @@ def _curve(facts: dict[str, Any]) -> Html:
             _number(agreement.get("trained"), "{:.2f}"),
             _number(agreement.get("untrained"), "{:.2f}"),
         )
-        table.append(("segments of held-out photos reproduced by features (IoU)", f"{trained} (untrained {untrained})"))
+        table.append(("segments of test photos reproduced by features (IoU)", f"{trained} (untrained {untrained})"))
     text = "Error on photos that were not trained on, over run time." if training.get("held_out") else ""
     content = fill('<p>{}</p><div class="plot">{}</div>{}', text, svg, _pairs(table))
     return _section("Error against run time", content)
@@ -297,7 +297,7 @@ def _savings(facts: dict[str, Any]) -> Html:
     return fill(
         "<p>{}</p>",
         f"Measured against a run of the same preset with nothing left out: {saved['training_cpu_seconds']:.0f} CPU "
-        f"s of training{masks} saved, at {saved['psnr_lost']:.2f} dB less on held-out photos.",
+        f"s of training{masks} saved, at {saved['psnr_lost']:.2f} dB less on test photos.",
     )
 
 

@@ -13,7 +13,7 @@ _INK, _LINE, _QUIET = "#2b2a27", "#8a4b2a", "#3f6673"
 
 
 def error_curve(curve: Sequence[dict[str, Any]]) -> str:
-    """Return held-out PSNR, SSIM and L1 against wall and CPU seconds as one SVG element.
+    """Return PSNR, SSIM and L1 on the test photos against wall and CPU seconds as one SVG element.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
 def compare_curves(
     curves: Sequence[tuple[str, Sequence[dict[str, Any]]]], front: Sequence[tuple[float, float]]
 ) -> bytes:
-    """Return held-out PSNR and L1 of several runs against CPU and wall seconds as one PNG picture.
+    """Return PSNR and L1 on the test photos of several runs against CPU and wall seconds as one PNG picture.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of the report: held-out photos with their renders, and objects from several sides."""
+"""Pictures of the report: test photos with their renders, and objects from several sides."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def measure_feature_agreement(
     ----------
     gaussians : Gaussians
     views : sequence of (Camera, int32 array of shape [h, w])
-        Held-out photos with their label maps.
+        Test photos with their label maps.
     backend : {"cpu", "reference"}
     seed : int
         Random seed of the random features.

@@ -45,10 +45,10 @@ __all__ = [
 ]
 
 CHECKPOINT_FILE = "training.npz"
-VERSION = 3
+VERSION = 4  # by definition
 """Version of the format, part of the key of a run."""
 
-N_OTHER_RUNS_KEPT = 2
+N_OTHER_RUNS_KEPT = 2  # by definition
 """Number of other runs whose checkpoints are kept. Three checkpoints of the largest preset take half a gigabyte."""
 
 TRANSIENT_MASK_PREFIX = "out_of_place."
@@ -58,7 +58,7 @@ SETTINGS_WITHOUT_EFFECT = ("checkpoint_interval", "preview_seconds")
 """Stored names of the settings that do not change the result."""
 
 _ADVICE = "Training starts again."
-_MAX_MASK_SIDE = 32_766
+_MAX_MASK_SIDE = 32_766  # by definition
 """Pixels; OpenCV cannot resize larger pictures."""
 
 
@@ -111,6 +111,7 @@ _RECORD = {
     "adam_steps": {str: int},
     "neighbours_step": int,
     "curve": [_POINT],
+    "validation": [_POINT],
     "guards": {str: int},
     "wall_seconds": float,
     "cpu_seconds": float,
@@ -145,6 +146,9 @@ class RunState:
     neighbours_step : int
         Step at which they were found.
     curve : list of CurvePoint
+        Errors on the test photos.
+    validation : list of CurvePoint
+        Errors on the validation photos at the checks of whether to stop early.
     guards : Counter
         How often each numerical guard took effect.
     wall_seconds, cpu_seconds : float
@@ -154,18 +158,19 @@ class RunState:
     parameters: Parameters
     exposure: torch.Tensor
     exposure_moments: AdamState
-    step: int = 0
+    step: int = 0  # by definition
     cooling_from: int | None = None
     sh_limit: int | None = None
     uses_exposure: bool = False
     trials: list[Trial] = field(default_factory=list)
     transient_masks: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
     neighbours: torch.Tensor | None = None
-    neighbours_step: int = 0
+    neighbours_step: int = 0  # by definition
     curve: list[CurvePoint] = field(default_factory=list)
+    validation: list[CurvePoint] = field(default_factory=list)
     guards: Counter[str] = field(default_factory=Counter)
-    wall_seconds: float = 0.0
-    cpu_seconds: float = 0.0
+    wall_seconds: float = 0.0  # by definition
+    cpu_seconds: float = 0.0  # by definition
 
     def copy(self) -> RunState:
         """Return an independent copy that can be trained further."""
@@ -177,6 +182,7 @@ class RunState:
             trials=list(self.trials),
             transient_masks=dict(self.transient_masks),
             curve=list(self.curve),
+            validation=list(self.validation),
             guards=Counter(self.guards),
         )
 
@@ -227,6 +233,7 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         "adam_steps": {name: moment.step for name, moment in moments.items()},
         "neighbours_step": state.neighbours_step,
         "curve": [asdict(point) for point in state.curve],
+        "validation": [asdict(point) for point in state.validation],
         "guards": dict(state.guards),
         "wall_seconds": state.wall_seconds,
         "cpu_seconds": state.cpu_seconds,
@@ -270,7 +277,7 @@ def read_progress(folder: Path) -> dict[str, Any] | None:
     """
     try:
         record = _read_record(folder / CHECKPOINT_FILE)
-        points = [asdict(point) for point in _curve(record)]
+        points = [asdict(point) for point in _curve(record, "curve")]
     except (FormatError, _Damaged):
         return None
     return {"curve": points, **{name: record[name] for name in ("step", "wall_seconds", "cpu_seconds")}}
@@ -313,9 +320,9 @@ def _read_record(path: Path) -> dict[str, Any]:
     return record
 
 
-def _curve(record: dict[str, Any]) -> list[CurvePoint]:
+def _curve(record: dict[str, Any], kind: str) -> list[CurvePoint]:
     names = [one.name for one in fields(CurvePoint)]
-    curve = [CurvePoint(**{name: _nan_if_none(point[name]) for name in names}) for point in record["curve"]]
+    curve = [CurvePoint(**{name: _nan_if_none(point[name]) for name in names}) for point in record[kind]]
     steps = [point.step for point in curve]
     if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= record["step"]):
         raise _Damaged
@@ -379,7 +386,8 @@ def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunS
         transient_masks={int(number): mask for number, mask in masks.items()},
         neighbours=None if neighbours is None else torch.from_numpy(neighbours),
         neighbours_step=record["neighbours_step"],
-        curve=_curve(record),
+        curve=_curve(record, "curve"),
+        validation=_curve(record, "validation"),
         guards=Counter(record["guards"]),
         wall_seconds=float(record["wall_seconds"]),
         cpu_seconds=float(record["cpu_seconds"]),
@@ -398,7 +406,7 @@ def continues(state: RunState, begun: RunState, *, n_steps: int) -> bool:
     return (
         state.step <= n_steps
         and (state.step < n_steps or bool(state.curve) and state.curve[-1].step == state.step)
-        and (state.cooling_from is None or len(state.curve) > 1 and state.cooling_from <= state.step)
+        and (state.cooling_from is None or state.cooling_from in [point.step for point in state.validation])
         and state.exposure.shape == begun.exposure.shape
         and (state.sh_limit is None) == (begun.sh_limit is None)
         and set(values) | {"sh_rest"} == set(first) | {"sh_rest"}

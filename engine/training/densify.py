@@ -16,16 +16,16 @@ from .views import Level
 
 __all__ = ["copy_correction", "gaussian_errors", "grow", "split_by_error", "position_noise", "relocate"]
 
-MAX_COPIES = 51
+MAX_COPIES = 51  # published: Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 
-OPACITY_MARGIN = 1e-6
+OPACITY_MARGIN = 1e-6  # by definition
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
 
-SPLIT_SHIFT = 0.7
+SPLIT_SHIFT = 0.7  # chosen on museum_room
 """Distance of the two halves of a split Gaussian from its centre, in scales along its longest axis."""
 
-MAX_WALK = 3.0
+MAX_WALK = 3.0  # chosen on stability_scenes
 """Largest distance that noise moves a Gaussian in one step, in its own scales. At our learning rates, ten times the
 published ones, a large Gaussian would otherwise leave the scene in a single step."""
 
@@ -69,7 +69,7 @@ def copy_correction(
 
 _BINOMIALS = torch.tensor(
     [[float(math.comb(n, k)) for k in range(MAX_COPIES + 1)] for n in range(MAX_COPIES + 1)], dtype=torch.float64
-)
+)  # by definition
 
 
 def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Generator) -> int:

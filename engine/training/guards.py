@@ -33,23 +33,23 @@ LIMITS = ("scales_at_limit", "opacities_at_limit")
 """Counts of values that were clamped to a limit of the method, once per Gaussian and step. The gradients keep pushing
 against such a limit, so these counts are large."""
 
-MIN_SCALE = 1e-5
+MIN_SCALE = 1e-5  # by definition
 """Smallest scale of a Gaussian, per extent."""
 
-MAX_SCALE = 2.0
+MAX_SCALE = 2.0  # chosen on museum_room
 """Largest scale of a Gaussian, per extent."""
 
-MAX_ASPECT = 50.0
+MAX_ASPECT = 50.0  # chosen on museum_room
 """Largest ratio of the longest to the shortest scale of a Gaussian."""
 
-MAX_LOGIT = 13.8
+MAX_LOGIT = 13.8  # by definition
 """Largest absolute opacity logit: opacities stay between 1e-6 and 1 - 1e-6."""
 
-MAX_DISTANCE = 100.0
+MAX_DISTANCE = 100.0  # by definition
 """Largest distance from the mean camera along an axis, per extent. Farther Gaussians show no parallax, and float32
 loses precision there."""
 
-MAX_REFUSED_STEPS = 20
+MAX_REFUSED_STEPS = 20  # by definition
 """Steps without an update after which training fails."""
 
 ADVICE = "Lower the learning rates or check the photos and cameras, then run again; the last checkpoint is kept."

@@ -1,4 +1,4 @@
-"""Measurement of the error on held-out photos against run time, the clock for it, and the preview picture."""
+"""Measurement of the error on test and validation photos, the clock for it, and the preview picture."""
 
 from __future__ import annotations
 
@@ -29,19 +29,20 @@ __all__ = [
     "expected_gain",
     "flat_psnr",
     "image_quality",
+    "mean_color",
     "mean_quality",
     "measure",
     "render_picture",
     "write_picture",
 ]
 
-MAX_MEASURED_PHOTOS = 8
+MAX_MEASURED_PHOTOS = 8  # by definition
 """Largest number of photos, evenly spaced, that the error is measured on."""
 
-N_CHECKS_IN_SLOPE = 8
+N_CHECKS_IN_SLOPE = 8  # chosen on museum_room
 """Measurements that the slope of the curve is fitted to. See docs/design_notes/training.md."""
 
-MIN_SQUARED_ERROR = 1e-10
+MIN_SQUARED_ERROR = 1e-10  # by definition
 """Smallest mean squared error, which limits the PSNR to 100 dB. A photo of 8 bits is accurate to 59 dB."""
 
 
@@ -56,7 +57,7 @@ class Quality:
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """One measurement of a training run.
+    """One measurement of a training run, on the test photos or on the validation photos.
 
     Attributes
     ----------
@@ -89,7 +90,7 @@ class Clock(AbstractContextManager["Clock"]):
         Seconds spent before.
     """
 
-    def __init__(self, wall: float = 0.0, cpu: float = 0.0) -> None:
+    def __init__(self, wall: float = 0.0, cpu: float = 0.0) -> None:  # by definition
         self._spent = [wall, cpu]
         self._started: tuple[float, float] | None = None
 
@@ -161,12 +162,14 @@ def mean_quality(qualities: Sequence[Quality]) -> Quality:
     )
 
 
-def flat_psnr(views: Sequence[TrainingView], levels: Sequence[Level]) -> float:
-    """Return the mean PSNR in dB of one flat colour, the mean of the photos of `views`, on the photos in `levels`.
+def mean_color(views: Sequence[TrainingView]) -> NDArray[np.float64]:
+    """Return the mean colour of the photos, shape [3], in [0, 1]."""
+    means = [_valid_pixels(view.pixels, view.valid).mean(axis=0) for view in views]
+    return np.asarray(np.mean(means, axis=0) / 255.0)
 
-    A trained scene that does not exceed it contains nothing but the mean colour.
-    """
-    color = np.mean([_valid_pixels(view.pixels, view.valid).mean(axis=0) for view in views], axis=0) / 255.0
+
+def flat_psnr(color: NDArray[np.float64], levels: Sequence[Level]) -> float:
+    """Return the mean PSNR in dB of pictures of nothing but `color`, shape [3] in [0, 1], on the photos in `levels`."""
     squares = [np.square(_valid_pixels(level.pixels, level.valid) / 255.0 - color).mean() for level in levels]
     return float(np.mean([-10.0 * math.log10(max(float(square), MIN_SQUARED_ERROR)) for square in squares]))
 
@@ -176,24 +179,23 @@ def _valid_pixels(pixels: NDArray[np.uint8], valid: NDArray[np.bool_] | None) ->
     return pixels.reshape(-1, 3) if valid is None else pixels[valid]
 
 
-def expected_gain(curve: Sequence[CurvePoint], checks: frozenset[int], steps: int) -> float:
-    """Return the PSNR in dB that the remaining steps are expected to gain; infinite before eight of the `checks`.
+def expected_gain(measured: Sequence[CurvePoint], steps: int) -> float:
+    """Return the PSNR in dB that the remaining steps are expected to gain; infinite before eight measurements.
 
     Parameters
     ----------
-    curve : sequence of CurvePoint
-    checks : frozenset of int
-        Steps whose measurements are used.
+    measured : sequence of CurvePoint
+        Evenly spaced measurements on photos that were not trained on.
     steps : int
         Number of steps of the whole run.
 
     Notes
     -----
-    The slope of PSNR against the step over the last eight checks, by least squares, times the remaining steps. Learning
-    rates fall, so a straight line expects too much and training stops late rather than early. Eight points, because
-    one measurement varies by 0.1 or 0.2 dB: it depends on the last photos trained on.
+    The slope of PSNR against the step over the last eight measurements, by least squares, times the remaining steps.
+    Learning rates fall, so a straight line expects too much and training stops late rather than early. Eight points,
+    because one measurement varies by 0.1 or 0.2 dB: it depends on the last photos trained on.
     """
-    points = [point for point in curve if point.step in checks][-N_CHECKS_IN_SLOPE:]
+    points = measured[-N_CHECKS_IN_SLOPE:]
     if len(points) < N_CHECKS_IN_SLOPE or not all(math.isfinite(point.psnr) for point in points):
         return math.inf
     slope = np.polyfit([point.step - points[0].step for point in points], [point.psnr for point in points], 1)[0]

@@ -25,10 +25,11 @@ class TrainingResult:
     gaussians : Gaussians
         Their features are normalised, unless ``feature_init="paper"``.
     curve : tuple of CurvePoint
-        Error on held-out photos against run time.
+        Error on the test photos against run time; on training photos where there are no test photos.
     figures : dict
-        JSON values: steps, number of Gaussians, seconds, final errors, names of the measured photos, counts of the
-        numerical guards, and in ``limits`` how often values were clamped to limits of the method.
+        JSON values: steps, number of Gaussians, seconds, final errors, names of the measured photos and of the
+        validation photos, counts of the numerical guards, and in ``limits`` how often values were clamped to limits of
+        the method.
     """
 
     gaussians: Gaussians
@@ -62,7 +63,7 @@ def make_result(
     last = state.curve[-1]
     figures: dict[str, Any] = {
         "steps": state.step,
-        "stopped_early": _stopped_early(state, settings, schedule),
+        "stopped_early": _stopped_early(state, settings),
         "n_gaussians": len(state.parameters),
         "wall_seconds": last.wall_seconds,
         "cpu_seconds": last.cpu_seconds,
@@ -71,6 +72,7 @@ def make_result(
         "l1": last.l1,
         "measured_on": measured_on,
         "measured_photos": list(measured),
+        "validation_photos": [photos[view] for view in schedule.validation],
         "background": "black",
         "sh_degree": schedule.sh_degree(state.step - 1, state.sh_limit),
         "trials": [asdict(trial) for trial in state.trials],
@@ -91,17 +93,17 @@ def make_result(
     return TrainingResult(state.parameters.to_gaussians(unit_features=unit), tuple(state.curve), figures)
 
 
-def _stopped_early(state: RunState, settings: TrainingSettings, schedule: Schedule) -> dict[str, float] | None:
+def _stopped_early(state: RunState, settings: TrainingSettings) -> dict[str, float] | None:
     """Return the cost that the omitted steps would have had at the speed of the last ones; None without such steps."""
-    curve, steps = state.curve, settings.schedule.steps
+    steps, last = settings.schedule.steps, state.curve[-1]
     if state.cooling_from is None:
         return None
-    before, last = curve[-2], curve[-1]
+    # A run without a cooldown ends with a measurement on the validation photos.
+    before = [point for point in state.validation if point.step < last.step][-1]
     share = (steps - last.step) / (last.step - before.step)
-    until_cooldown = [point for point in curve if point.step <= state.cooling_from]
     return {
         "planned_steps": steps,
-        "expected_gain": expected_gain(until_cooldown, schedule.flat_checks, steps),
+        "expected_gain": expected_gain(state.validation, steps),
         "limit": settings.measurement.stop_when_flat,
         "wall_seconds_saved": share * (last.wall_seconds - before.wall_seconds),
         "cpu_seconds_saved": share * (last.cpu_seconds - before.cpu_seconds),

@@ -9,29 +9,33 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from .settings import TrainingSettings
+from .settings import TrainingSettings, validation_photos
 from .spectrum import TYPICAL_SHARES
 from .trials import EXPOSURE
 
 __all__ = ["Schedule"]
 
-SIZE_INDEPENDENT_WORK = 0.25
+SIZE_INDEPENDENT_WORK = 0.25  # chosen on museum_room
 """Time of projection and Adam, which do not depend on the size of the picture, per time of the pixels of a full-size
 step. Used only to estimate the remaining time."""
 
-N_FLAT_CHECKS = 40
-"""Number of evenly spaced steps at which the curve may be checked. Only checks at full size and before the cooldown are
-made: each costs as much as 3 steps."""
+N_FLAT_CHECKS = 40  # chosen on museum_room
+"""Number of evenly spaced steps at which the validation photos may be measured to decide whether to stop. Only those at
+full size and before `LAST_DECISION` are: each costs as much as 2 steps."""
 
-TRANSIENT_SEARCHES = (0.2, 0.4)
+LAST_DECISION = 0.75  # chosen on museum_room
+"""Fraction of the steps after which nothing is decided any more, so that the validation photos are trained on in the
+rest. See docs/design_notes/training.md."""
+
+TRANSIENT_SEARCHES = (0.2, 0.4)  # chosen on museum_room
 """Fractions of the steps after which transients are searched. Each search replaces the result of the one before:
 Gaussians that fitted a transient fade once its pixels are left out."""
 
-EXPOSURE_TRIAL = 0.25
+EXPOSURE_TRIAL = 0.25  # chosen on museum_room
 """Fraction of the steps after which the brightness factors are tried. By then the colours of the scene are known, but
 not yet its detail."""
 
-MAX_GROWTH_FACTOR = 1.3
+MAX_GROWTH_FACTOR = 1.3  # chosen on museum_room
 """Largest factor of one growth. Gaussians that were just split must settle before their error shows where more are
 needed."""
 
@@ -50,6 +54,20 @@ class Schedule:
         Numbers of the training photos with labels.
     shares : sequence of float
         Shares of the photos' detail that smaller pictures show, see `spectrum.coarse_shares`.
+
+    Attributes
+    ----------
+    validation : tuple of int
+        Numbers of the training photos that decisions are made on; empty where nothing is to be decided.
+    trials : dict of int to str
+        Trials, "exposure" or the number of a band, by the number of finished steps before each.
+    trial_steps : int
+        Steps of each trial, 0 in a run without trials.
+    flat_checks : frozenset of int
+        Numbers of finished steps after which the validation photos are measured to decide whether to stop early.
+    curve_steps : frozenset of int
+        Numbers of finished steps after which the test photos are measured.
+    searches_for_transients : frozenset of int
     """
 
     def __init__(
@@ -72,26 +90,55 @@ class Schedule:
         self._work = np.concatenate([[0.0], np.cumsum(per_step)])
         searches = TRANSIENT_SEARCHES if settings.appearance.transients else ()
         self.searches_for_transients = frozenset(max(1, round(part * settings.schedule.steps)) for part in searches)
-        self.flat_checks = _flat_checks(settings, self.cooling_start(None))
+        can_choose = bool(validation_photos(n_views))
+        self.flat_checks = _flat_checks(settings, self.cooling_start(None)) if can_choose else frozenset()
         self.trial_steps = settings.trial_steps(n_views)
         self.trials = _trials(settings, self.trial_steps, self.cooling_start(None)) if self.trial_steps else {}
-        self.curve_steps = _log_spaced(settings.schedule.steps, settings.measurement.curve_points) | self.flat_checks
+        decisions = {*self.trials, *self.flat_checks}
+        self.validation = validation_photos(n_views) if decisions else ()
+        self._last_decision = max(decisions, default=0)
+        self._is_of_trial = False
+        self.curve_steps = _log_spaced(settings.schedule.steps, settings.measurement.curve_points)
 
-    def view(self, step: int) -> int:
+    def validation_until(self, cooling_from: int | None) -> int:
+        """Return the number of finished steps after which the last decision is made and all photos are trained on.
+
+        Parameters
+        ----------
+        cooling_from : int or None
+            Step at which the cooldown began because the curve was flat, which is the last decision then.
+        """
+        if self._is_of_trial:
+            return self._settings.schedule.steps
+        return self._last_decision if cooling_from is None else min(self._last_decision, cooling_from)
+
+    def trained_on(self, step: int, cooling_from: int | None) -> list[int]:
+        """Return the numbers of the training views that are in use at the step."""
+        left_out = self.validation if step < self.validation_until(cooling_from) else ()
+        return [view for view in range(self._n_views) if view not in left_out]
+
+    def view(self, step: int, cooling_from: int | None = None) -> int:
         """Return the number of the training view of the step: each once per round, in a new random order each round.
 
         When only some views have labels, the steps that evaluate L_CC use these, each once per round of their own.
+        Rounds begin anew when the validation photos are added.
         """
         interval = self._settings.features.clustering_interval
-        if not 0 < len(self._labelled) < self._n_views:
-            return self._place_in_round(step, self._n_views, 0)
+        views = self.trained_on(step, cooling_from)
+        labelled = self._labelled if len(views) == self._n_views else [i for i in self._labelled if i in set(views)]
+        until = self.validation_until(cooling_from)
+        begun = until if step >= until else 0
+        if not 0 < len(labelled) < len(views):
+            return self._place_in_round(step - begun, views, 0)
+        n_labelled_steps = -(-step // interval) - -(-begun // interval)
         if step % interval == 0:
-            return self._labelled[self._place_in_round(step // interval, len(self._labelled), 1)]
-        return self._place_in_round(step - step // interval - 1, self._n_views, 0)
+            return self._place_in_round(n_labelled_steps, labelled, 1)
+        return self._place_in_round(step - begun - n_labelled_steps, views, 0)
 
-    def _place_in_round(self, index: int, n: int, kind: int) -> int:
-        round_number, place = divmod(index, n)
-        return int(np.random.default_rng((self._settings.seed, kind, round_number)).permutation(n)[place])
+    def _place_in_round(self, index: int, views: Sequence[int], kind: int) -> int:
+        round_number, place = divmod(index, len(views))
+        order = np.random.default_rng((self._settings.seed, kind, round_number)).permutation(len(views))
+        return views[int(order[place])]
 
     def reductions(self, step: int) -> int:
         """Return how often the pictures are reduced by sqrt(2) at the step.
@@ -126,10 +173,12 @@ class Schedule:
     def of_trial(self) -> Schedule:
         """Return the same schedule with a cooldown of the length of a trial, and with the rate of band 0 for all bands.
 
-        At their own rate higher bands need about a thousand steps. See docs/design_notes/training.md.
+        At their own rate higher bands need about a thousand steps. See docs/design_notes/training.md. The validation
+        photos are not trained on.
         """
         trial = copy.copy(self)
         trial._cooling_steps = self.trial_steps
+        trial._is_of_trial = True
         trial._settings = self._settings.changed(lr_sh_rest=self._settings.optimiser.lr_sh)
         return trial
 
@@ -197,8 +246,13 @@ def _flat_checks(settings: TrainingSettings, cooling_start: int) -> frozenset[in
     """Return the numbers of finished steps after which the curve is checked for early stopping."""
     if settings.measurement.stop_when_flat == 0:
         return frozenset()
-    first = math.ceil(settings.schedule.coarse_until * settings.schedule.steps)
-    return frozenset(range(first, cooling_start, max(1, settings.schedule.steps // N_FLAT_CHECKS)))
+    steps = settings.schedule.steps
+    first, last = math.ceil(settings.schedule.coarse_until * steps), _last_decision(settings, cooling_start)
+    return frozenset(range(first, last + 1, max(1, steps // N_FLAT_CHECKS)))
+
+
+def _last_decision(settings: TrainingSettings, cooling_start: int) -> int:
+    return min(math.floor(LAST_DECISION * settings.schedule.steps), cooling_start - 1)
 
 
 def _log_spaced(steps: int, n: int) -> frozenset[int]:
@@ -208,11 +262,12 @@ def _log_spaced(steps: int, n: int) -> frozenset[int]:
 
 
 def _trials(settings: TrainingSettings, n_steps: int, cooling_start: int) -> dict[int, str]:
-    """Return the trials, "exposure" or the number of a band, by the number of finished steps before each."""
+    """Return the trials by the number of finished steps before each, see `Schedule.trials`."""
     trials = {settings.appearance.sh_interval * band: str(band) for band in range(1, settings.appearance.sh_degree + 1)}
     if settings.appearance.exposure:
         step = round(EXPOSURE_TRIAL * settings.schedule.steps)
         while step in trials:
             step += 1
         trials[step] = EXPOSURE
-    return {step: what for step, what in trials.items() if step + n_steps <= cooling_start}
+    last = min(_last_decision(settings, cooling_start), cooling_start - n_steps)
+    return {step: what for step, what in trials.items() if step <= last}

@@ -15,6 +15,7 @@ from ..errors import SettingsError
 from ..settings import require
 
 __all__ = [
+    "MIN_PHOTOS_TO_CHOOSE",
     "PAPER_PIXELS",
     "PRESETS",
     "PRESET_LIST",
@@ -28,16 +29,37 @@ __all__ = [
     "ScheduleSettings",
     "TrainingPreset",
     "TrainingSettings",
+    "validation_photos",
 ]
 
-PAPER_PIXELS = 980 * 735
+PAPER_PIXELS = 980 * 735  # published: Dahaghin et al. 2024
 """Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
 
-_MIN_ROUNDS_IN_TRIAL = 2
+_MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo. After one round, brightness factors of photos that differ by
 a third had not gained anything yet."""
 
+MIN_PHOTOS_TO_CHOOSE = 24  # by definition
+"""Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run: the
+settings are used as they are."""
+_VALIDATION_EVERY = 8  # chosen on museum_room
+"""One of so many training photos is a validation photo."""
+_MAX_VALIDATION_PHOTOS = 8  # by definition
+"""Largest number of validation photos, all of which are measured at each decision."""
+
 Backend = Literal["cpu", "reference"]
+
+
+def validation_photos(n_training: int) -> tuple[int, ...]:
+    """Return the validation photos among `n_training` training photos, as numbers in their order, evenly spaced.
+
+    Trials and the early stop of a run are decided on them. They are not trained on until the last of these decisions is
+    made, see `Schedule.validation_until`. Below `MIN_PHOTOS_TO_CHOOSE` training photos there are none.
+    """
+    if n_training < MIN_PHOTOS_TO_CHOOSE:
+        return ()
+    count = min(_MAX_VALIDATION_PHOTOS, n_training // _VALIDATION_EVERY)
+    return tuple((2 * i + 1) * n_training // (2 * count) for i in range(count))
 
 
 def _require_at_least(settings: object, smallest: int, *names: str) -> None:
@@ -90,14 +112,14 @@ class ScheduleSettings:
         Steps between two checkpoints.
     """
 
-    steps: int = 3000
-    rounds: int = 72
-    max_side: int = 640
-    coarse_levels: int = 2
-    coarse_until: float = 0.5
-    cooldown: float = 0.1
-    cooldown_end: float = 0.05
-    checkpoint_interval: int = 500
+    steps: int = 3000  # chosen on museum_room
+    rounds: int = 72  # chosen on museum_room, sakharov_statue32, banana16
+    max_side: int = 640  # chosen on museum_room
+    coarse_levels: int = 2  # chosen on museum_room
+    coarse_until: float = 0.5  # chosen on museum_room, sakharov_statue32
+    cooldown: float = 0.1  # chosen on museum_room, sakharov_statue32
+    cooldown_end: float = 0.05  # chosen on museum_room, sakharov_statue32
+    checkpoint_interval: int = 500  # by definition
 
     def __post_init__(self) -> None:
         _require_at_least(self, 1, "steps", "checkpoint_interval")
@@ -125,16 +147,16 @@ class OptimiserSettings:
         steps.
     """
 
-    lr_means: float = 1.6e-3
-    lr_means_end: float = 1.6e-5
-    lr_scales: float = 0.02
-    lr_quats: float = 0.005
-    lr_opacity: float = 0.05
-    lr_sh: float = 0.015
-    lr_sh_rest: float = 0.00075
-    lr_features: float = 0.01
-    lr_exposure: float = 0.002
-    lr_end: float = 0.2
+    lr_means: float = 1.6e-3  # chosen on museum_room
+    lr_means_end: float = 1.6e-5  # chosen on museum_room
+    lr_scales: float = 0.02  # chosen on museum_room
+    lr_quats: float = 0.005  # chosen on museum_room
+    lr_opacity: float = 0.05  # published: Kerbl et al. 2023
+    lr_sh: float = 0.015  # chosen on museum_room
+    lr_sh_rest: float = 0.00075  # chosen on museum_room
+    lr_features: float = 0.01  # chosen on museum_room
+    lr_exposure: float = 0.002  # chosen on museum_room
+    lr_end: float = 0.2  # chosen on museum_room
 
     def __post_init__(self) -> None:
         _require_positive(self, *(rate.name for rate in fields(self)))
@@ -154,9 +176,9 @@ class LossSettings:
         background cover it.
     """
 
-    lambda_dssim: float = 0.2
-    lambda_opacity: float = 0.01
-    lambda_scale: float = 0.002
+    lambda_dssim: float = 0.2  # published: Kerbl et al. 2023
+    lambda_opacity: float = 0.01  # chosen on museum_room, stability_scenes
+    lambda_scale: float = 0.002  # chosen on museum_room
 
     def __post_init__(self) -> None:
         _require_fraction(self, "lambda_dssim")
@@ -191,16 +213,19 @@ class GrowthSettings:
         Strength of the random walk of nearly transparent Gaussians.
     """
 
-    max_gaussians: int = 40_000
-    start_opacity: float = 0.5
-    background_fraction: float = field(default=0.1, metadata={"stored_as": "background"})
-    growth_strategy: Literal["error", "opacity"] = field(default="error", metadata={"stored_as": "growth"})
-    grow_from: float = 0.03
-    grow_until: float = 0.8
-    grow_interval: int = 30
-    grow_factor: float = 1.05
-    min_opacity: float = 0.005
-    noise: float = 5e5
+    max_gaussians: int = 40_000  # chosen on museum_room
+    start_opacity: float = 0.5  # chosen on museum_room
+    background_fraction: float = field(default=0.1, metadata={"stored_as": "background"})  # chosen on museum_room
+    growth_strategy: Literal["error", "opacity"] = field(
+        default="error",  # chosen on museum_room
+        metadata={"stored_as": "growth"},
+    )
+    grow_from: float = 0.03  # chosen on museum_room
+    grow_until: float = 0.8  # chosen on museum_room
+    grow_interval: int = 30  # chosen on museum_room
+    grow_factor: float = 1.05  # published: Kheradmand et al. 2024
+    min_opacity: float = 0.005  # published: Kheradmand et al. 2024
+    noise: float = 5e5  # published: Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
         _require_at_least(self, 1, "max_gaussians", "grow_interval")
@@ -246,18 +271,18 @@ class FeatureSettings:
         Weight of the disagreement of features along a ray; needs ``feature_init="unit"``.
     """
 
-    train_features: bool = field(default=True, metadata={"stored_as": "features"})
-    feature_init: Literal["unit", "paper"] = "unit"
-    feature_gradient: Literal["joint", "until_grown", "detached"] = "joint"
-    lambda_clustering: float = 1e-6
-    clustering_interval: int = 5
-    clustering_pixels: int = 16_384
-    min_segment_pixels: int = 100
-    lambda_pull: float = 0.05
-    lambda_push: float = 0.15
-    regularisation_interval: int = 10
-    regularisation: Literal["neighbours", "paper"] = "neighbours"
-    lambda_ray: float = 0.01
+    train_features: bool = field(default=True, metadata={"stored_as": "features"})  # published: Dahaghin et al. 2024
+    feature_init: Literal["unit", "paper"] = "unit"  # chosen on museum_room, store_room
+    feature_gradient: Literal["joint", "until_grown", "detached"] = "joint"  # published: Dahaghin et al. 2024
+    lambda_clustering: float = 1e-6  # published: Dahaghin et al. 2024
+    clustering_interval: int = 5  # chosen on museum_room
+    clustering_pixels: int = 16_384  # chosen on museum_room
+    min_segment_pixels: int = 100  # published: Dahaghin et al. 2024
+    lambda_pull: float = 0.05  # published: Dahaghin et al. 2024
+    lambda_push: float = 0.15  # published: Dahaghin et al. 2024
+    regularisation_interval: int = 10  # chosen on museum_room
+    regularisation: Literal["neighbours", "paper"] = "neighbours"  # chosen on museum_room
+    lambda_ray: float = 0.01  # chosen on museum_room, store_room
 
     def __post_init__(self) -> None:
         _require_at_least(self, 1, "clustering_interval", "regularisation_interval")
@@ -287,17 +312,17 @@ class AppearanceSettings:
     trial_fraction : float
         Fraction of the steps, and at least two rounds of the photos, for a trial: where a band of view-dependent colour
         or the brightness factors are due, two copies are trained, with and without. 0 uses them without a trial, and so
-        does a run without held-out photos.
+        does a run with fewer than 24 training photos.
     min_trial_gain : float
-        PSNR on the held-out photos, in dB, that a trial must gain; with less, the run goes on without what was tried.
+        PSNR on the validation photos, in dB, that a trial must gain; with less, the run goes on without what was tried.
     """
 
-    sh_degree: int = 1
-    sh_interval: int = 1500
-    exposure: bool = False
-    transients: bool = field(default=False, metadata={"stored_as": "passers_by"})
-    trial_fraction: float = field(default=0.025, metadata={"stored_as": "trial"})
-    min_trial_gain: float = field(default=0.02, metadata={"stored_as": "trial_gain"})
+    sh_degree: int = 1  # chosen on museum_room
+    sh_interval: int = 1500  # chosen on museum_room
+    exposure: bool = False  # chosen on museum_room, sakharov_statue32
+    transients: bool = field(default=False, metadata={"stored_as": "passers_by"})  # chosen on museum_room
+    trial_fraction: float = field(default=0.025, metadata={"stored_as": "trial"})  # chosen on museum_room
+    min_trial_gain: float = field(default=0.02, metadata={"stored_as": "trial_gain"})  # chosen on museum_room
 
     def __post_init__(self) -> None:
         require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
@@ -313,21 +338,22 @@ class MeasurementSettings:
     Attributes
     ----------
     held_out_every : int
-        Every n-th photo is never trained on, 0 for none.
+        Every n-th photo is a test photo, 0 for none. Test photos are measured and never trained on, and nothing is
+        decided on them.
     stop_when_flat : float
-        dB; 0 never stops early. Once growth has ended, training stops when the error on the held-out photos, measured
-        every 40th part of the steps, falls so slowly that the remaining steps would gain less than this. The held-out
-        photos thereby decide when to stop, and nothing else.
+        dB; 0 never stops early, and neither does a run with fewer than 24 training photos. The run goes over to the
+        cooldown when the error on the validation photos, measured every 40th part of the steps from full size to three
+        quarters of the steps, falls so slowly that the remaining steps would gain less than this.
     curve_points : int
-        Measurements on the held-out photos, spaced evenly in the logarithm of the step.
+        Measurements on the test photos, spaced evenly in the logarithm of the step.
     preview_seconds : float
         Time between two preview pictures.
     """
 
-    held_out_every: int = 8
-    stop_when_flat: float = 0.05
-    curve_points: int = 12
-    preview_seconds: float = 30.0
+    held_out_every: int = 8  # published: Kerbl et al. 2023
+    stop_when_flat: float = 0.05  # chosen on museum_room
+    curve_points: int = 12  # by definition
+    preview_seconds: float = 30.0  # by definition
 
     def __post_init__(self) -> None:
         _require_at_least(self, 0, "held_out_every", "stop_when_flat")
@@ -365,8 +391,8 @@ class TrainingSettings:
     features: FeatureSettings = FeatureSettings()
     appearance: AppearanceSettings = AppearanceSettings()
     measurement: MeasurementSettings = MeasurementSettings()
-    seed: int = 0
-    backend: Backend = "cpu"
+    seed: int = 0  # by definition
+    backend: Backend = "cpu"  # by definition
 
     def __post_init__(self) -> None:
         _require_choice(self, "backend", "cpu", "reference")
@@ -393,10 +419,11 @@ class TrainingSettings:
         own = changes.pop("", {})
         return replace(self, **own, **{group: replace(getattr(self, group), **new) for group, new in changes.items()})
 
-    def trial_steps(self, n_views: int) -> int:
-        """Return the steps of a trial where `n_views` photos are trained on; 0 where none is made."""
+    def trial_steps(self, n_training: int) -> int:
+        """Return the steps of a trial in a run with `n_training` training photos; 0 where none is made."""
         part = round(self.appearance.trial_fraction * self.schedule.steps)
-        return max(part, _MIN_ROUNDS_IN_TRIAL * n_views) if part else 0
+        n_validation = len(validation_photos(n_training))
+        return max(part, _MIN_ROUNDS_IN_TRIAL * (n_training - n_validation)) if part and n_validation else 0
 
     def _settings(self) -> Iterator[tuple[str, Field[Any]]]:
         """Yield the name of its group (empty for none) and the field, for each single setting."""
@@ -440,22 +467,26 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
     TrainingPreset(
         "test", "A few seconds of training, for tests.",
         _STANDARD.changed(
-            steps=60, rounds=0, lambda_opacity=0.0, max_gaussians=400, sh_degree=0, max_side=64, coarse_levels=1,
-            curve_points=3, grow_interval=10, checkpoint_interval=20, clustering_interval=2, clustering_pixels=1024,
-            regularisation_interval=4, stop_when_flat=0.0,
+            steps=60, rounds=0, lambda_opacity=0.0, max_gaussians=400, sh_degree=0, max_side=64,  # by definition
+            coarse_levels=1, curve_points=3, grow_interval=10, checkpoint_interval=20,  # by definition
+            stop_when_flat=0.0, clustering_interval=2, clustering_pixels=1024,  # by definition
+            regularisation_interval=4,  # by definition
         ),
         offered=False,
     ),
     TrainingPreset(
         "preview", "A first look at the scene.",
-        _STANDARD.changed(steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0),
+        _STANDARD.changed(
+            steps=600, rounds=0, max_gaussians=15_000, max_side=400, sh_degree=0,  # chosen on museum_room
+        ),
     ),
     TrainingPreset("standard", "A few minutes of training on two cores.", _STANDARD),
     TrainingPreset(
         "best", "An hour of training on two cores, with more Gaussians and larger pictures.",
         _STANDARD.changed(
-            steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2, sh_interval=4000, grow_interval=100,
-            lr_means_end=4e-6, lr_end=0.1, checkpoint_interval=200,
+            steps=12_000, max_gaussians=120_000, max_side=1000, sh_degree=2,  # chosen on museum_room
+            sh_interval=4000, grow_interval=100, lr_means_end=4e-6, lr_end=0.1,  # chosen on museum_room
+            checkpoint_interval=200,  # by definition
         ),
     ),
     TrainingPreset(
@@ -463,13 +494,17 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
         "The published losses and learning rates (Dahaghin et al. 2024) with a fixed number of Gaussians "
         "(Kheradmand et al. 2024), for comparisons.",
         _STANDARD.changed(
-            steps=30_000, rounds=0, max_gaussians=1_000_000, start_opacity=0.1, background_fraction=0.0,
-            sh_interval=1000, lambda_opacity=0.01, lambda_scale=0.01, max_side=980, sh_degree=3, coarse_levels=0,
-            lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001, lr_opacity=0.05, lr_sh=0.0025,
-            lr_sh_rest=0.000125, lr_features=0.0025, lr_end=1.0, cooldown=0.0, trial_fraction=0.0, feature_init="paper",
-            feature_gradient="joint", clustering_interval=50, clustering_pixels=0, regularisation="paper",
-            regularisation_interval=100, lambda_ray=0.0, growth_strategy="opacity", grow_from=500 / 30_000,
-            grow_until=25_000 / 30_000, grow_interval=100, stop_when_flat=0.0,
+            steps=30_000, start_opacity=0.1, sh_degree=3, sh_interval=1000,  # published: Kerbl et al. 2023
+            lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001,  # published: Kerbl et al. 2023
+            lr_opacity=0.05, lr_sh=0.0025, lr_sh_rest=0.000125,  # published: Kerbl et al. 2023
+            max_gaussians=1_000_000, lambda_opacity=0.01, lambda_scale=0.01,  # published: Kheradmand et al. 2024
+            growth_strategy="opacity", grow_interval=100,  # published: Kheradmand et al. 2024
+            grow_from=500 / 30_000, grow_until=25_000 / 30_000,  # published: Kheradmand et al. 2024
+            max_side=980, lr_features=0.0025, feature_init="paper",  # published: Dahaghin et al. 2024
+            feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # published: Dahaghin et al. 2024
+            regularisation="paper", regularisation_interval=100,  # published: Dahaghin et al. 2024
+            rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,  # by definition
+            trial_fraction=0.0, lambda_ray=0.0, stop_when_flat=0.0,  # by definition
         ),
         offered=False,
     ),

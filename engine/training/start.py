@@ -18,31 +18,31 @@ from .views import TrainingView
 __all__ = ["guess_uncovered", "start_gaussians"]
 
 Float64 = NDArray[np.float64]
-MIN_POINTS_IN_PHOTO = 30
+MIN_POINTS_IN_PHOTO = 30  # chosen on museum_room
 """Smallest number of sparse points in a photo; with fewer, their depths are not representative."""
 
-UNCOVERED_DISTANCE = 0.02
+UNCOVERED_DISTANCE = 0.02  # chosen on museum_room
 """Distance to the nearest sparse point beyond which a pixel is uncovered, as a fraction of the longest side."""
 
-MAX_BLACK = 10
+MAX_BLACK = 10  # chosen on stability_scenes
 """Largest value of a black pixel in each colour, of 255. Empty space is rendered black, so a black pixel needs no
 guess, which would occlude what other cameras see."""
 
-FAR_DEPTHS = (4.0, 100.0)
+FAR_DEPTHS = (4.0, 100.0)  # chosen on museum_room
 """Range of depths of far guesses, in median depths of the points of the photo. Areas without points are mostly behind
 those with points."""
 
-BLUR_PIXELS = 5
+BLUR_PIXELS = 5  # chosen on museum_room, sakharov_statue32, banana16, sky_scene
 """Width of the blur before colours are compared, pixels."""
 
-N_NEAREST_POINTS = 8
+N_NEAREST_POINTS = 8  # chosen on museum_room, sakharov_statue32, banana16, sky_scene
 """Sparse points around a pixel whose colours are compared with its own."""
 
-MIN_SIMILAR_POINTS = 6
+MIN_SIMILAR_POINTS = 6  # chosen on museum_room, sakharov_statue32, banana16, sky_scene
 """Number of these points with a similar colour for which a pixel lies on their surface: on a carpet between points of
 the carpet, but not in the sky beside a roof."""
 
-MAX_COLOR_DIFFERENCE = 20
+MAX_COLOR_DIFFERENCE = 20  # chosen on museum_room, sakharov_statue32, banana16, sky_scene
 """Largest difference of similar colours in each channel, of 255."""
 
 

@@ -20,10 +20,10 @@ from .views import Level
 
 __all__ = ["step_loss"]
 
-NEIGHBOUR_UPDATE_INTERVAL = 100
+NEIGHBOUR_UPDATE_INTERVAL = 100  # chosen on museum_room
 """Steps after which the cached neighbours are found again. Gaussians move little in between."""
 
-_SAMPLE, _ANCHORS = 1, 2
+_SAMPLE, _ANCHORS = 1, 2  # by definition
 """Purposes of random draws, see `Schedule.generator`."""
 
 

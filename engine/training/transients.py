@@ -18,24 +18,24 @@ __all__ = ["find_transients"]
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
-MIN_ERROR_RATIO = 3.0
+MIN_ERROR_RATIO = 3.0  # chosen on museum_room
 """Smallest ratio of the error of a transient's pixel to its expected error."""
 
-MIN_ERROR = 0.12
+MIN_ERROR = 0.12  # chosen on museum_room
 """Smallest mean colour difference of a transient's pixel, values in [0, 1]. Smaller ones can be shadows."""
 
-MIN_REGION_FRACTION = 0.008
+MIN_REGION_FRACTION = 0.008  # chosen on museum_room
 """Smallest fraction of a picture that is left out as one region. Smaller regions are mostly things that other photos
 show too, with errors. See docs/design_notes/training.md."""
 
-MAX_MASKED_FRACTION = 0.5
+MAX_MASKED_FRACTION = 0.5  # chosen on museum_room
 """Largest fraction of a picture that is left out. Beyond it the pose or exposure of the photo is wrong, which leaving
 out pixels does not repair."""
 
-MARGIN_FRACTION = 0.015
+MARGIN_FRACTION = 0.015  # chosen on museum_room
 """Width of the margin around a transient, for its soft edge, as a fraction of the longest side."""
 
-MIN_PIXELS_ELSEWHERE = 1.0
+MIN_PIXELS_ELSEWHERE = 1.0  # chosen on museum_room
 """Number of pixels of other photos that a Gaussian must cover so that its expected error is known."""
 
 

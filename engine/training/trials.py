@@ -30,7 +30,7 @@ class Trial:
     n_steps : int
         Number of steps with, and without, what was tried.
     gain : float
-        PSNR on the held-out photos in dB, with minus without.
+        PSNR on the validation photos in dB, with minus without.
     kept : bool
         Whether the run goes on with what was tried.
     """

@@ -27,10 +27,10 @@ __all__ = [
     "scene_extent",
 ]
 
-TARGET_BYTES_PER_PIXEL = 36
+TARGET_BYTES_PER_PIXEL = 36  # by definition
 """Memory of a prepared `Target` per pixel, bytes."""
 
-MAX_TARGET_BYTES = 1 << 30
+MAX_TARGET_BYTES = 1 << 30  # by definition
 """Largest memory of all prepared targets, bytes. Beyond it they are prepared in each step."""
 
 
@@ -49,7 +49,7 @@ class TrainingView:
     labels : array of shape [h, w], int32, or None
         Segments of the same pixels, 0 for none; None where the photo has no label map.
     held_out : bool
-        Whether the photo is measured on and never trained on.
+        Whether the photo is a test photo: measured and never trained on, and nothing is decided on it.
     valid : bool array of shape [h, w], or None
         Pixels that are used for the loss and for measurements; None for all.
     """
@@ -63,7 +63,7 @@ class TrainingView:
 
 
 def is_held_out(index: int, every: int) -> bool:
-    """Return whether photo number `index`, in order of names, is held out: the middle one of each `every` photos."""
+    """Return whether photo number `index`, in order of names, is a test photo: the middle one of `every` photos."""
     return every > 0 and index % every == every // 2
 
 

@@ -28,7 +28,7 @@ def row(
 ) -> Row:
     curve = ({"step": 10, "wall_seconds": cpu / 2, "cpu_seconds": cpu, "psnr": psnr, "l1": 0.1},)
     return Row(
-        name, seed, 10, 10, 100, psnr, 0.5, 0.1, 0.2, cpu / 2, cpu, None, masks, masks, "held-out photos", remark, curve
+        name, seed, 10, 10, 100, psnr, 0.5, 0.1, 0.2, cpu / 2, cpu, None, masks, masks, "test photos", remark, curve
     )
 
 
@@ -38,7 +38,7 @@ def picture_of(folder: Path) -> np.ndarray:
 
 @pytest.fixture
 def photos(tmp_path: Path) -> Path:
-    """Five photos; every fourth is held out."""
+    """Five photos; every fourth is a test photo."""
     folder = tmp_path / "photos"
     folder.mkdir()
     for index, view in enumerate(VIEWS):
@@ -78,7 +78,7 @@ def test_presets_are_compared_on_the_same_cameras_and_nothing_is_done_twice(
     assert small["psnr"] != pytest.approx(small["curve"][-1]["psnr"], abs=0.01), "measured at the larger one's size"
     assert all(row["psnr"] > 5 and len(row["curve"]) >= 2 and row["cpu_seconds"] > 0 for row in data["rows"])
     text = doc.read_text(encoding="utf-8")
-    assert "python -m engine bench" in text and f"| `{SECOND}` | 40 |" in text and "held-out photos" in text
+    assert "python -m engine bench" in text and f"| `{SECOND}` | 40 |" in text and "test photos" in text
     # FLIP of one grey picture against the photos; ours must look more like them than that.
     grey = flip_evaluator.evaluate(picture_of(photos), np.full((144, 192, 3), 0.5, np.float32), "LDR")[1]
     assert all(0.0 < row["flip"] < grey for row in data["rows"]) and "| FLIP |" in text

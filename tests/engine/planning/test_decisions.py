@@ -44,7 +44,7 @@ def test_masks_are_evenly_spaced_and_never_more_than_requested() -> None:
     assert gaps.max() <= 4
 
 
-def test_some_held_out_photos_get_masks_to_evaluate_the_features() -> None:
+def test_some_test_photos_get_masks_to_evaluate_the_features() -> None:
     plan = plan_scene(work(48), cameras(48))
     assert set(plan.held_out) & set(plan.mask_photos)
     assert not set(plan.held_out) >= set(plan.mask_photos)
@@ -80,14 +80,14 @@ def test_small_sets_match_every_pair_and_large_sets_the_promising_pairs() -> Non
     assert "pairs of photos" in left_out_names(large)
 
 
-def test_three_photos_have_none_held_out_and_never_stop_early() -> None:
+def test_three_photos_have_no_test_photos_and_never_stop_early() -> None:
     plan = work(3)
-    assert plan.n_held_out == 0 and "held-out photos" in left_out_names(plan)
+    assert plan.n_held_out == 0 and "test photos" in left_out_names(plan)
     assert training_settings(plan).measurement.stop_when_flat == 0
     assert any("few" in note for note in plan.notes)
 
 
-def test_too_few_registered_photos_leave_none_held_out_and_the_plan_says_so() -> None:
+def test_too_few_registered_photos_leave_no_test_photos_and_the_plan_says_so() -> None:
     scene = plan_scene(work(16), cameras(4))
     assert scene.held_out == ()
     assert any("could be placed" in item.why for item in scene.left_out)
@@ -106,9 +106,27 @@ def test_brightness_correction_is_tried_without_exif_if_a_trial_takes_little_tim
     assert not work(48, PlanSettings(preset="preview")).exposure, "a trial would take a quarter of the steps"
 
 
-def test_brightness_is_corrected_without_exif_and_trial_only_if_photos_differ_much() -> None:
-    assert not with_statistics(4, brightness=[-2.0, -2.5, -3.0, -2.2]).exposure
-    assert with_statistics(4, brightness=[-2.0, -4.0, -1.0, -5.0]).exposure
+def test_brightness_of_the_photos_decides_nothing() -> None:
+    # Test photos are among them.
+    for n in (4, 16, 120):
+        alike, different = (with_statistics(n, brightness=[-2.0, change] * (n // 2)) for change in (-2.0, -5.0))
+        assert alike == different
+    assert not with_statistics(4).exposure
+    assert any("too few to learn it" in item.why for item in with_statistics(4).left_out)
+    assert not with_statistics(120).exposure, "a trial would take an eighth of the steps"
+    paper = work(48, PlanSettings(preset="paper"))
+    assert not paper.exposure and any("paper makes no trials" in item.why for item in paper.left_out)
+
+
+def test_photos_too_few_for_validation_photos_leave_out_trials_and_early_stop_and_the_plan_says_so() -> None:
+    few, enough = work(26), work(27)
+    assert "trials during training, and stopping early" in left_out_names(few)
+    assert any(item.why.startswith("23 training photos are too few") for item in few.left_out)
+    assert "trials" not in left_out_names(enough)
+    assert few.exposure, "used without a trial"
+    # Where nothing is tried anyway, this is no reason.
+    assert "trials" not in left_out_names(work(26, PlanSettings(leave_out=False)))
+    assert "trials" not in left_out_names(work(26, PlanSettings(preset="paper")))
 
 
 def test_pictures_are_never_enlarged() -> None:

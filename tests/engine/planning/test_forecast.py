@@ -109,6 +109,16 @@ def test_training_that_stopped_early_is_compared_with_its_own_steps() -> None:
     assert 0.75 * whole < part < 0.95 * whole
 
 
+def test_trials_and_checks_are_forecast_where_they_are_made() -> None:
+    def seconds(n: int, **values: float) -> float:
+        plan = replace(work(n), steps=3000)
+        return training_cpu_seconds(plan, training_settings(plan).changed(**values))
+
+    nothing = {"trial_fraction": 0.0, "stop_when_flat": 0.0}
+    assert seconds(26) == seconds(26, **nothing)
+    assert seconds(48) > seconds(48, trial_fraction=0.0) > seconds(48, **nothing)
+
+
 def test_too_little_memory_is_refused_with_need_free_memory_and_presets_that_fit(known: Calibration) -> None:
     plan = work(48, PlanSettings(preset="paper", wants_objects=False))
     with pytest.raises(EnvironmentProblem) as refused:

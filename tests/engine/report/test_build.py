@@ -104,6 +104,7 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
         "<b>Kugel & Co", "blurred.png", "It is <blurred>.", "lost.png", "0.61 px", "a lens model per photo",
         "7 rotations of length zero reset",
         "200 at the largest elongation", "'unicorn' is not known.", "25.0 dB", "torch", "estimated", "3.2 s",
+        "PSNR on test photos",
     ):  # fmt: skip
         assert words in checker.text, words
     assert "gradient was not finite" not in checker.text, "a guard that never fired is not listed"
@@ -123,12 +124,12 @@ def test_numbers_are_kept_as_strict_json(project: ProjectFolder) -> None:
     assert {stage["stage"] for stage in facts["stages"]} == {"photos", "cameras", "masks", "training", "objects"}
 
 
-def test_report_of_a_run_without_masks_objects_and_held_out_photos(blobs: BlobScene, tmp_path: Path) -> None:
+def test_report_of_a_run_without_masks_objects_and_test_photos(blobs: BlobScene, tmp_path: Path) -> None:
     project = trained_project(blobs, tmp_path, features=False)
     figures = {"curve": [{**CURVE[-1], "psnr": float("nan")}], "held_out": [], "measured_photos": ["view_1.png"]}
     project.finish_stage("training", "key", wall_seconds=5.0, cpu_seconds=9.0, figures=figures)
     checker = read(build_report(project))
-    assert "No object was isolated yet." in checker.text and "too few photos to hold one out" in checker.text
+    assert "No object was isolated yet." in checker.text and "too few photos for test photos" in checker.text
 
 
 def test_report_of_an_empty_project_says_what_is_missing(tmp_path: Path) -> None:
@@ -183,6 +184,7 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
     }  # fmt: skip
     training = {"curve": CURVE, "steps": 2700, "stopped_early": stopped, "preset": "standard", "n_gaussians": 950}
     training["sh_degree"] = 0
+    training["validation_photos"] = ["view_2.png"]
     training["trials"] = [
         {"what": "1", "step": 1500, "n_steps": 150, "gain": 0.012, "kept": False},
         {"what": "exposure", "step": 750, "n_steps": 150, "gain": 0.4, "kept": True},
@@ -194,11 +196,14 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
     for words in (
         "640 x 480", "promising ones, about 201", "45 s (30 s to 70 s)", "61 s", "0.90 GB (0.80 GB to 1.00 GB)",
         "0.87 GB", "being written", "300 of 3,000 training steps", "Saved: about 33 s", "Saved: not measured",
-        "view-dependent colour above 0", "+0.01 dB on the held-out photos", "0 of 1",
+        "view-dependent colour above 0", "+0.01 dB on the validation photos", "0 of 1",
     ):  # fmt: skip
         assert words in text, words
     assert "nothing left out" not in text
     assert "the brightness correction per photo" not in text
+    del training["validation_photos"]  # as release 0.1.0 stored it, which decided on the photos that it measured
+    project.finish_stage("training", "key", wall_seconds=61.0, cpu_seconds=100.0, figures=training)
+    assert "+0.01 dB on the test photos" in read(build_report(project)).text
     project.put("measured_savings", {"standard": {"training_cpu_seconds": 120.0, "psnr_lost": 0.04}})
     text = read(build_report(project)).text
     assert "120 CPU s of training saved, at 0.04 dB less" in text
@@ -370,6 +375,7 @@ def test_no_text_of_a_project_becomes_part_of_the_page(project: ProjectFolder) -
         ("training", {"curve": [7]}),
         ("training", {"curve": [{"psnr": "x"}]}),
         ("training", {"held_out": "view_0.png"}),
+        ("training", {"validation_photos": "view_0.png"}),
         ("training", {"guards": {"reset_rotations": []}}),
         ("training", {"trials": [{"what": 7}]}),
         ("training", {"stopped_early": {}}),

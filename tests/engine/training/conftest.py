@@ -15,6 +15,8 @@ from engine.scene.gaussians import Gaussians
 from engine.training.views import TrainingView, is_held_out
 
 WIDTH, HEIGHT, N_VIEWS = 64, 48, 12
+N_MANY_VIEWS = 32
+"""Four test photos, and 28 training photos of which three are validation photos."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +91,18 @@ def scene() -> Scene:
     return make_scene()
 
 
-def make_scene() -> Scene:
+@pytest.fixture(scope="session")
+def large_scene() -> Scene:
+    """The same with enough photos for decisions during training."""
+    return make_scene(N_MANY_VIEWS)
+
+
+def make_scene(n_views: int = N_VIEWS) -> Scene:
     truth, part = make_truth()
     rng = np.random.default_rng(3)
     views = []
-    for index in range(N_VIEWS):
-        camera = camera_at(2 * np.pi * index / N_VIEWS)
+    for index in range(n_views):
+        camera = camera_at(2 * np.pi * index / n_views)
         pixels, labels = photograph(truth, part, camera)
         views.append(TrainingView(f"{index:02d}.jpg", camera, pixels, labels, is_held_out(index, 8)))
     chosen = rng.choice(len(truth), 200, replace=False)

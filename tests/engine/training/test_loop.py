@@ -22,7 +22,6 @@ from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, i
 from engine.scene.gaussians import Gaussians
 from engine.training.checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run
 from engine.training.guards import clamp_parameters, step_finite_rows
-from engine.training.held_out import CurvePoint, expected_gain
 from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
@@ -308,55 +307,6 @@ def test_inputs_are_not_changed(scene: Scene, tmp_path: Path) -> None:
     before = {f.name: getattr(scene.start, f.name).copy() for f in fields(scene.start)}
     run(scene, QUICK.changed(steps=5, curve_points=1), tmp_path)
     assert all(np.array_equal(getattr(scene.start, name), value) for name, value in before.items())
-
-
-FLAT = QUICK.changed(steps=120, grow_until=0.4, checkpoint_interval=7)
-
-
-def test_training_stops_when_the_remaining_steps_would_gain_too_little(scene: Scene, tmp_path: Path) -> None:
-    events: list[Event] = []
-    result = run(scene, FLAT.changed(stop_when_flat=1e3), tmp_path, events=events)
-    # Full size from step 60 on; the first seven checks cannot tell a slope; the cooldown takes 12 steps.
-    assert result.figures["steps"] == result.curve[-1].step == 60 + 7 * 3 + 12
-    stopped = result.figures["stopped_early"]
-    assert stopped["planned_steps"] == 120 and stopped["wall_seconds_saved"] > 0
-    progress = [event for event in events if isinstance(event, Progress)]
-    assert progress[-1].fraction == 1 and "the curve is flat" in progress[-1].message
-
-
-def test_training_makes_every_step_without_early_stopping(scene: Scene, tmp_path: Path) -> None:
-    result = run(scene, FLAT, tmp_path)
-    assert result.figures["steps"] == 120
-    assert result.figures["stopped_early"] is None
-
-
-@pytest.mark.parametrize("steps", [79, 88])
-def test_training_that_stops_early_resumes_exactly(scene: Scene, tmp_path: Path, steps: int) -> None:
-    settings = FLAT.changed(stop_when_flat=1e3)
-    whole = run(scene, settings, tmp_path / "whole")
-    with pytest.raises(Cancelled):
-        run(scene, settings, tmp_path / "stopped", stop=stop_after(steps))
-    resumed = run(scene, settings, tmp_path / "stopped")
-    assert resumed.figures["steps"] == whole.figures["steps"]
-    assert same(resumed.gaussians, whole.gaussians)
-    # And a run that had ended is not trained further.
-    assert same(run(scene, settings, tmp_path / "stopped").gaussians, whole.gaussians)
-
-
-def test_photos_trained_on_never_stop_training_early(scene: Scene, tmp_path: Path) -> None:
-    views = [replace(view, held_out=False) for view in scene.views]
-    result = train(
-        scene.start, views, FLAT.changed(stop_when_flat=1e3), checkpoints=tmp_path, emit=ignore_events,
-        should_stop=never_stop,
-    )  # fmt: skip
-    assert result.figures["steps"] == 120
-
-
-def test_expected_gain_is_the_slope_of_eight_checks_times_the_steps_left() -> None:
-    curve = [CurvePoint(step, 0.0, 0.0, 20 + 0.01 * step, 0.5, 0.1, 10) for step in (*range(10, 90, 10), 85)]
-    checks = frozenset(range(10, 90, 10))
-    assert expected_gain(curve, checks, 100) == pytest.approx(0.2)
-    assert expected_gain(curve[:7], checks, 100) == float("inf")
 
 
 def paste_transients(scene: Scene) -> tuple[Scene, dict[int, np.ndarray]]:

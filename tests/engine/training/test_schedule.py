@@ -10,7 +10,7 @@ import pytest
 
 from engine.errors import SettingsError
 from engine.training.schedule import Schedule
-from engine.training.settings import PRESETS
+from engine.training.settings import PRESETS, validation_photos
 from engine.training.spectrum import coarse_shares
 
 from .conftest import Scene
@@ -155,8 +155,46 @@ def test_paper_features_have_no_ray_term() -> None:
         STANDARD.changed(feature_init="paper", lambda_ray=0.1)
 
 
-def test_flatness_is_checked_between_the_coarse_steps_and_the_cooldown() -> None:
-    checks = Schedule(STANDARD.changed(stop_when_flat=0.05), 3, 1.0).flat_checks
+def test_flatness_is_checked_from_full_size_to_three_quarters_of_the_steps() -> None:
+    checks = Schedule(STANDARD.changed(stop_when_flat=0.05), 28, 1.0).flat_checks
     assert min(checks) == STANDARD.schedule.coarse_until * STANDARD.schedule.steps
-    assert max(checks) < (1 - STANDARD.schedule.cooldown) * STANDARD.schedule.steps
-    assert Schedule(STANDARD.changed(stop_when_flat=0.0), 3, 1.0).flat_checks == frozenset()
+    assert max(checks) == 0.75 * STANDARD.schedule.steps
+    assert len(checks) > 8, "the slope needs eight"
+    assert Schedule(STANDARD.changed(stop_when_flat=0.0), 28, 1.0).flat_checks == frozenset()
+    assert Schedule(STANDARD.changed(stop_when_flat=0.05), 23, 1.0).flat_checks == frozenset()
+
+
+@pytest.mark.parametrize(("n", "n_validation"), [(1, 0), (23, 0), (24, 3), (42, 5), (66, 8), (400, 8)])
+def test_a_few_evenly_spaced_training_photos_are_validation_photos(n: int, n_validation: int) -> None:
+    chosen = validation_photos(n)
+    assert len(chosen) == len(set(chosen)) == n_validation
+    gaps = np.diff([-chosen[0] - 1, *chosen, 2 * n - chosen[-1] - 1]) if chosen else np.zeros(1)
+    assert gaps.max() - gaps.min() <= 2
+
+
+@pytest.mark.parametrize("labelled", [(), (0, 4, 5, 14, 20)])
+def test_validation_photos_are_trained_on_as_often_as_others_once_everything_is_decided(
+    labelled: tuple[int, ...],
+) -> None:
+    schedule = Schedule(STANDARD.changed(clustering_interval=4), 28, 1.0, labelled=labelled)
+    last = max(schedule.trials.keys() | schedule.flat_checks)
+    assert schedule.validation == (4, 14, 23) and schedule.validation_until(None) == last == 2250
+    before = [schedule.view(step) for step in range(last)]
+    assert set(before) == set(range(28)) - {4, 14, 23}
+    after = [step for step in range(last, STANDARD.schedule.steps)]
+    rounds = [schedule.view(step) for step in after if not labelled or step % 4]
+    for first in range(0, len(rounds) - 28, 28):
+        assert sorted(rounds[first : first + 28]) == list(range(28))
+    if labelled:
+        steps = [step for step in after if step % 4 == 0]
+        assert sorted(schedule.view(step) for step in steps[:5]) == sorted(labelled)
+        assert {schedule.view(step) for step in range(0, last, 4)} == {0, 5, 20}
+    # A run that stops early has decided everything when its cooldown begins.
+    assert schedule.validation_until(2100) == 2100
+    assert {schedule.view(step, 2100) for step in range(2100, 2300)} == set(range(28))
+
+
+def test_no_photo_is_left_out_where_nothing_is_to_be_decided() -> None:
+    nothing = STANDARD.changed(sh_degree=0, stop_when_flat=0.0)
+    assert Schedule(nothing, 28, 1.0).validation == () and Schedule(STANDARD, 23, 1.0).validation == ()
+    assert sorted(Schedule(nothing, 28, 1.0).view(step) for step in range(28)) == list(range(28))
