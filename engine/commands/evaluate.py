@@ -13,11 +13,12 @@ from ..project_folder import ProjectFolder
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "evaluate"
-HELP = "Isolate the objects of a ground truth with several methods and compare them; nothing is stored."
+HELP = "Isolate the objects of a ground truth with several methods and compare them; the project is only read."
 EXAMPLE = "python -m engine evaluate scene demo/museum_room/truth --presets paper,better --ablations"
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,16 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--presets", default="paper,better", help="methods to compare (default: %(default)s)")
     prompt_kind = parser.add_argument(
         "--prompt-kind",
-        choices=("text", "mask", "click"),
+        choices=("text", "mask", "click", "all"),
         default="mask",
-        help="kind of prompt that asks for each object (default: %(default)s)",
+        help="kind of prompt that asks for each object; text also asks for the absent things that TRUTH/absent.json "
+        "lists; all searches for all objects without a prompt (default: %(default)s)",
     )
     add_deprecated_option(parser, "--seed", replaced_by=prompt_kind)
     parser.add_argument(
         "--views",
         choices=("held-out", "all"),
         default="held-out",
-        help="photos to compare in: those that training did not see, or all (default: %(default)s)",
+        help="photos to compare in: those that training did not see, which isolating does not look at either; or all "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--ablations", action="store_true", help="also the preset better without one ingredient at a time"
@@ -53,6 +56,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--doc", type=Path, metavar="FILE.md", help="also write the section of this scene into this file"
     )
+    parser.add_argument(
+        "--results", type=Path, metavar="FILE.json", help="also write every figure into this file, as JSON"
+    )
 
 
 def project_folder(options: argparse.Namespace) -> None:
@@ -61,11 +67,12 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Compare, print the table and write it."""
-    from ..evaluation import evaluate_project, markdown, write_evaluation
+    from ..evaluation import evaluate_project, markdown, write_evaluation, write_results
     from ..evaluation.settings import EvaluationSettings
 
-    if options.doc is not None and options.doc.is_dir():
-        raise SettingsError(f"{options.doc} is a folder. Choose a file name.")
+    for file in (options.doc, options.results):
+        if file is not None and file.is_dir():
+            raise SettingsError(f"{file} is a folder. Choose a file name.")
     project = ProjectFolder.open_existing(options.project)
     project.require_intact("cameras", "training")
     settings = EvaluationSettings(
@@ -89,6 +96,9 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if options.doc is not None:
         write_evaluation(options.doc, evaluation, title=_title(project.path), command=_command(options))
         outputs["table"] = str(options.doc)
+    if options.results is not None:
+        write_results(options.results, evaluation)
+        outputs["results"] = str(options.results)
     emit(Finished(markdown(evaluation), outputs))
     return 0
 

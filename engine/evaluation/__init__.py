@@ -7,23 +7,33 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .comparison import visible_masks
     from .document import write_section
     from .ground_truth import read_ground_truth
-    from .isolation import evaluate_project, mean_of, visible_masks
+    from .isolation import evaluate_project
     from .mask_metrics import feature_agreement, iou
-    from .table import INTRODUCTION, MEANINGS, markdown, write_evaluation
+    from .results import Evaluation, mean_of
+    from .results_file import read_results, write_results
+    from .summary import Summary, summarise
+    from .table import INTRODUCTION, MEANINGS, data_of, markdown, write_evaluation
 
 __all__ = [
     "INTRODUCTION",
     "MEANINGS",
+    "Evaluation",
+    "Summary",
+    "data_of",
     "evaluate_project",
     "feature_agreement",
     "iou",
     "markdown",
     "mean_of",
     "read_ground_truth",
+    "read_results",
+    "summarise",
     "visible_masks",
     "write_evaluation",
+    "write_results",
     "write_section",
 ]
 

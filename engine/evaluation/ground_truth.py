@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import cv2
 import numpy as np
@@ -35,6 +35,8 @@ _LABEL = {
     "objects": [{"category": str, "segmentation": list}],
 }
 
+_ABSENT_ADVICE = 'It must be a list of texts for things that the scene does not show, ["dog", "piano"].'
+
 _KNOWN_LAYOUTS = (
     "museum: masks/ and names.json; lerf-mask: test_mask/VIEW/PROMPT.png; 3d-ovs: segmentations/VIEW/CLASS.png and "
     "segmentations/classes.txt; lerf-ovs: JSON files with `info` and `objects`"
@@ -60,6 +62,12 @@ class GroundTruth:
     every_pixel : bool
         Whether a pixel in no mask is known to show none of the objects. Then the masks of all photos together
         determine the object of each Gaussian.
+    readers : dict
+        By photo: a function that returns the masks of `objects` and `ignored`, some of which may be empty.
+    ignored : tuple of str
+        Things that are neither objects nor background, such as furniture: a search for all objects may return them.
+    absent : tuple of str
+        Texts for things that the scene does not show.
     """
 
     layout: Layout
@@ -69,6 +77,8 @@ class GroundTruth:
     unplaced: tuple[str, ...]
     every_pixel: bool
     readers: dict[str, Callable[[], dict[str, Mask]]]
+    ignored: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
 
     def masks(self, photo: str) -> dict[str, Mask]:
         """Return the masks of a photo by object, bool [h, w]: the whole photo, upright, at any resolution.
@@ -80,7 +90,11 @@ class GroundTruth:
         MaskError
             When a file cannot be read.
         """
-        return {name: mask for name, mask in self.readers[photo]().items() if mask.any()}
+        return {name: mask for name, mask in self.readers[photo]().items() if name in self.prompts and mask.any()}
+
+    def ignored_masks(self, photo: str) -> dict[str, Mask]:
+        """Return the masks of the `ignored` things in a photo, in the same way as `masks`."""
+        return {name: mask for name, mask in self.readers[photo]().items() if name in self.ignored and mask.any()}
 
 
 def read_ground_truth(
@@ -93,8 +107,9 @@ def read_ground_truth(
     folder : Path
         Folder in one of these layouts:
 
-        - ``museum``: ``masks/<photo>.png`` with instance ids and ``names.json`` (id: prompt, and a name where several
-          share one).
+        - ``museum``: ``masks/<photo>.png`` with instance ids and ``names.json`` (id: prompt, a name where several
+          share one, and ``"ignore": true`` for things that are not evaluated); optionally ``absent.json``, a list of
+          texts for things that the scene does not show.
         - ``lerf-mask``, as Gaussian Grouping ships it: ``test_mask/<view>/<prompt>.png``. A view is a number counting,
           in order of their names, the pictures of ``images/`` that are not in ``images_train/`` beside it; or the
           name of a photo.
@@ -122,8 +137,9 @@ def read_ground_truth(
         raise FormatError(f"{folder} is not a folder. Name the folder with the true masks: {_KNOWN_LAYOUTS}.")
     known = layout if layout != "auto" else _detect_layout(folder)
     readers = {"museum": _museum, "lerf-mask": _lerf_mask, "3d-ovs": _three_d_ovs, "lerf-ovs": _lerf_ovs}
-    views, named = readers[known](folder, _Photos(placed, unregistered))
-    found = {photo: read for photo, read in views.items() if photo in placed}
+    read = readers[known](folder, _Photos(placed, unregistered))
+    views, named = read.views, read.prompts
+    found = {photo: masks for photo, masks in views.items() if photo in placed}
     if not found:
         names = ", ".join(sorted(views)[:3]) or "none"
         raise FormatError(
@@ -132,12 +148,36 @@ def read_ground_truth(
         )
     unplaced = tuple(sorted(set(views) - set(found)))
     prompts = dict(named) if isinstance(named, Mapping) else {name: name for name in named}
-    return GroundTruth(known, tuple(sorted(found)), tuple(prompts), prompts, unplaced, known == "museum", found)
+    return GroundTruth(
+        known,
+        tuple(sorted(found)),
+        tuple(prompts),
+        prompts,
+        unplaced,
+        every_pixel=known == "museum",
+        readers=found,
+        ignored=read.ignored,
+        absent=read.absent,
+    )
 
 
-_Read = tuple[dict[str, Callable[[], dict[str, Mask]]], Mapping[str, str] | Sequence[str]]
-"""Readers by photo, or by the name of the view where no photo has it; and all objects, with prompts where these differ
-from their names."""
+class _Read(NamedTuple):
+    """What a folder holds.
+
+    Attributes
+    ----------
+    views : dict
+        Readers by photo, or by the name of the view where no photo has it.
+    prompts : mapping of str to str, or sequence of str
+        All objects, with prompts where these differ from their names.
+    ignored, absent : tuple of str
+        See `GroundTruth`.
+    """
+
+    views: dict[str, Callable[[], dict[str, Mask]]]
+    prompts: Mapping[str, str] | Sequence[str]
+    ignored: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
 
 
 def _detect_layout(folder: Path) -> Layout:
@@ -202,29 +242,65 @@ class _Photos:
 
 
 def _museum(folder: Path, photos: _Photos) -> _Read:
-    advice = 'It must be of the form {"1": {"prompt": "vase"}}.'
-    data = read_json(folder / "names.json", {str: {"prompt": str, "name": optional((str, None))}}, advice=advice)
-    wrong = next(
-        (number for number in data if not (number.isascii() and number.isdecimal() and len(number) < 10)), None
-    )
-    if wrong is not None:
-        raise FormatError(f"{folder / 'names.json'} has {wrong[:40]!r} in place of an instance id. {advice}")
-    prompts = {int(number): entry["prompt"] for number, entry in data.items()}
-    names = {int(number): entry.get("name") or entry["prompt"] for number, entry in data.items()}
-    twice = next((name for name in names.values() if list(names.values()).count(name) > 1), None)
-    if twice is not None:
-        raise FormatError(f"{folder / 'names.json'} calls several objects {twice!r}. Give each a name of its own.")
+    entries = _entries(folder / "names.json")
+    objects = {number: entry for number, entry in entries.items() if not entry.ignore}
+    ignored = tuple(dict.fromkeys(entry.name for entry in entries.values() if entry.ignore))
+    prompts = {entry.name: entry.prompt for entry in objects.values()}
+    absent: tuple[str, ...] = ()
+    if (folder / "absent.json").exists():
+        absent = tuple(dict.fromkeys(read_json(folder / "absent.json", [str], advice=_ABSENT_ADVICE)))
+        shown = next((entry.prompt for entry in entries.values() if entry.prompt in absent), None)
+        if shown is not None:
+            raise FormatError(f"{folder / 'absent.json'} lists {shown!r}, but names.json has it. {_ABSENT_ADVICE}")
 
     def read(file: Path) -> dict[str, Mask]:
         ids = _picture(file, "ids")
-        return {name: ids == number for number, name in names.items() if np.count_nonzero(ids == number) >= _MIN_PIXELS}
+        masks = {
+            entry.name: ids == number
+            for number, entry in objects.items()
+            if np.count_nonzero(ids == number) >= _MIN_PIXELS
+        }
+        for name in ignored:
+            masks[name] = np.isin(ids, [number for number, entry in entries.items() if entry.name == name])
+        return masks
 
     files = sorted((folder / "masks").glob("*.png"))
     if not files:
         raise FormatError(f"{folder / 'masks'} holds no PNG with instance ids.")
-    return {photos.called(file.stem): _deferred(read, file) for file in files}, {
-        name: prompts[number] for number, name in names.items()
+    return _Read({photos.called(file.stem): _deferred(read, file) for file in files}, prompts, ignored, absent)
+
+
+class _Entry(NamedTuple):
+    """What ``names.json`` says about one instance id."""
+
+    name: str
+    prompt: str
+    ignore: bool
+
+
+def _entries(file: Path) -> dict[int, _Entry]:
+    """Return the entries of a ``names.json`` by instance id; at least one of them is not ignored."""
+    advice = 'It must be of the form {"1": {"prompt": "vase"}}.'
+    schema = {str: {"prompt": str, "name": optional((str, None)), "ignore": optional(bool)}}
+    data = read_json(file, schema, advice=advice)
+    wrong = next(
+        (number for number in data if not (number.isascii() and number.isdecimal() and len(number) < 10)), None
+    )
+    if wrong is not None:
+        raise FormatError(f"{file} has {wrong[:40]!r} in place of an instance id. {advice}")
+    entries = {
+        int(number): _Entry(entry.get("name") or entry["prompt"], entry["prompt"], entry.get("ignore", False))
+        for number, entry in data.items()
     }
+    # Ignored things may share a name, because nothing is said about a single one.
+    names = [entry.name for entry in entries.values() if not entry.ignore]
+    names += dict.fromkeys(entry.name for entry in entries.values() if entry.ignore)
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise FormatError(f"{file} calls several objects {twice!r}. Give each a name of its own.")
+    if not any(not entry.ignore for entry in entries.values()):
+        raise FormatError(f"{file} names no object to evaluate. {advice}")
+    return entries
 
 
 def _lerf_mask(folder: Path, photos: _Photos) -> _Read:
@@ -238,7 +314,7 @@ def _lerf_mask(folder: Path, photos: _Photos) -> _Read:
     how = "They count the pictures that are not in images_train: put that folder beside test_mask, as it is shipped."
     found = photos.of_views(views, counted, how)
     prompts = sorted({file.stem for view in views for file in view.glob("*.png")})
-    return {photo: _deferred(_white_pictures, view) for photo, view in found.items()}, prompts
+    return _Read({photo: _deferred(_white_pictures, view) for photo, view in found.items()}, prompts)
 
 
 def _three_d_ovs(folder: Path, photos: _Photos) -> _Read:
@@ -262,7 +338,7 @@ def _three_d_ovs(folder: Path, photos: _Photos) -> _Read:
     def read(view: Path) -> dict[str, Mask]:
         return {name: _picture(view / f"{name}.png", "white") for name in classes}
 
-    return {photo: _deferred(read, view) for photo, view in found.items()}, classes
+    return _Read({photo: _deferred(read, view) for photo, view in found.items()}, classes)
 
 
 def _lerf_ovs(folder: Path, photos: _Photos) -> _Read:
@@ -285,7 +361,7 @@ def _lerf_ovs(folder: Path, photos: _Photos) -> _Read:
         found[photos.called(view)] = _deferred(_filled, (size, polygons))
     if not found:
         raise FormatError(f"{folder} holds no JSON label. Name the folder of one scene, label/SCENE.")
-    return found, sorted(prompts)
+    return _Read(found, sorted(prompts))
 
 
 def _corners(segmentation: list[Any], file: Path) -> NDArray[np.int32]:

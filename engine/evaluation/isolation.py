@@ -3,179 +3,60 @@
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from ..cameras import covering_pinhole, distort
-from ..errors import Cancelled, MaskError, PromptError, SettingsError
-from ..events import Emit, Progress, StopCheck, Warned, ignore_events
-from ..gaussians import load_gaussians
-from ..objects import (
-    THRESHOLD,
-    ClickPrompt,
-    DetectorFactory,
-    MaskPrompt,
-    Photos,
-    Prompt,
-    SamFactory,
-    SegmentationContext,
-    TextPrompt,
-    Views,
-    find_objects,
-    label_maps_of,
-    photo_folder_of,
-)
-from ..photos import load_pixels
-from ..pictures import Scene, render_view, write_png
+from ..errors import Cancelled, SettingsError
+from ..events import Emit, Progress, StopCheck, Warned
+from ..objects import DetectorFactory, SamFactory
+from ..objects.settings import BETTER
+from ..pictures import Scene
 from ..project_folder import ProjectFolder
-from ..scene import Camera, CameraSet, Gaussians, read_camera_set
+from ..scene import read_camera_set
+from .ceiling import words_of_true_masks
+from .comparison import Comparison, Scores, compare_with_all, score_photo
 from .gaussian_truth import gaussian_iou, gaussian_truth
 from .ground_truth import GroundTruth, Layout, read_ground_truth
-from .image_metrics import psnr
-from .mask_metrics import boundary_iou, halo, holes, iou, stray
-from .segment_agreement import innermost_pixel
-from .settings import EvaluationSettings, Method, PromptKind, methods_of
+from .results import FOUND_IOU, Evaluation, Result, ResultKind, Row, Search, Word, mean_of
+from .settings import EvaluationSettings, Method, methods_of
+from .trained_scene import Answer, Question, TrainedScene
 
-__all__ = ["Evaluation", "Row", "evaluate_project", "mean_of", "visible_masks"]
+__all__ = ["evaluate_project"]
 
 STAGE = "evaluation"
 Mask = NDArray[np.bool_]
+Answers = Mapping[tuple[Question, str], Answer]
+"""Answers by question and name of the method."""
 
-_MAX_OBJECTS_PER_PASS = 16
-"""Objects rendered in one pass. Each needs one float per pixel."""
-_ISOLATION_SHARE = 0.8
+_ISOLATION_SHARE = 0.8  # by definition
 """Share of the progress bar that isolating takes; comparing takes the rest."""
-_MAX_ASPECT_DEVIATION = 0.02
-"""Largest relative difference of the aspect ratios of a photo and its mask."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One object, isolated with one method. Shares are 0 to 1, means over the views; NaN where nothing was measured.
-
-    Attributes
-    ----------
-    object : str
-    method : str
-    found : bool
-        Whether the object was found. If not, `iou` and `boundary_iou` are 0 and `holes` is 1.
-    iou, boundary_iou, halo, stray, holes : float
-        See `engine.evaluation.mask_metrics`.
-    psnr : float
-        PSNR in dB between the object rendered alone on black and the photo, within the true mask.
-    gaussian_iou : float
-        See `engine.evaluation.gaussian_truth`.
-    seconds, cpu_seconds : float
-        Time from the prompt to the Gaussians.
-    n_views : int
-    prompt_photo : str
-        Photo of the true mask or the click; empty for a text.
-    remark : str
-        Reason why nothing was found.
-    """
-
-    object: str
-    method: str
-    found: bool
-    iou: float
-    boundary_iou: float
-    halo: float
-    stray: float
-    holes: float
-    psnr: float
-    gaussian_iou: float
-    seconds: float
-    cpu_seconds: float
-    n_views: int
-    prompt_photo: str
-    remark: str = ""
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """Results of an evaluation, object by object, and the data that they were measured on.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-    settings : EvaluationSettings
-    layout : str
-        Layout of the true masks.
-    photos : tuple of str
-        Evaluated photos.
-    n_trained_on : int
-        Number of `photos` that training saw.
-    unplaced : tuple of str
-        Views with true masks that were left out, since they have no camera.
-    left_out : tuple of str
-        Objects that were left out, since no photo is left to evaluate them in.
-    n_gaussians : int
-    stages : tuple of (str, float, float)
-        Stage, wall seconds and CPU seconds of the run that made the project.
-    """
-
-    rows: tuple[Row, ...]
-    settings: EvaluationSettings
-    layout: Layout
-    photos: tuple[str, ...]
-    n_trained_on: int
-    unplaced: tuple[str, ...]
-    left_out: tuple[str, ...]
-    n_gaussians: int
-    stages: tuple[tuple[str, float, float], ...]
+_EVERYTHING = "all objects"
 
 
 @dataclass(frozen=True)
 class _Task:
-    """An object, its prompt and the photo of the prompt (None for a text), and the photos it is evaluated in."""
+    """An object, the question that asks for it, and the photos that it is compared in."""
 
     object: str
-    kind: PromptKind
-    prompt_photo: str | None
+    question: Question
     photos: tuple[str, ...]
 
 
-class _Scores(NamedTuple):
-    """Scores of one view, or their means over the views."""
-
-    iou: float
-    boundary_iou: float
-    halo: float
-    stray: float
-    holes: float
-    psnr: float
-
-
-_NOTHING_FOUND = _Scores(0.0, 0.0, np.nan, np.nan, 1.0, np.nan)
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """Objects that a prompt returned, the best first, bool [N] each; or the reason why there are none."""
-
-    finds: tuple[Mask, ...]
-    seconds: float
-    cpu_seconds: float
-    remark: str
-
-
 @dataclass
-class _Result:
+class _Returned:
     """The Gaussians that one method returned for one object, bool [N] or None, and their scores in each view."""
 
     task: _Task
     method: Method
-    answer: _Answer
+    answer: Answer
     members: Mask | None
-    scores: list[_Scores]
+    scores: list[Scores]
 
 
 def evaluate_project(
@@ -217,153 +98,68 @@ def evaluate_project(
 
     Notes
     -----
-    With ``views="held-out"``, SAM's segments of the evaluated photos neither vote nor are searched for a text. Only the
-    crops by which results of a text are scored come from evaluated photos. Predicted masks are those of
-    `render --what mask`.
+    With ``views="held-out"``, isolating an object looks at no photo that the object is compared in: such photos are
+    neither rendered, nor read, nor segmented, nor do they vote. Their true masks only tell which objects can be
+    compared. An object whose true masks are all in compared photos gives up one of them for its prompt. All objects are
+    isolated before the first photo is compared. Predicted masks are those of `render --what mask`.
     """
     cameras = read_camera_set(project.path / "cameras")
-    gaussians = load_gaussians(project.path / "gaussians")
     placed = [camera.photo for camera in cameras.cameras]
     truth = read_ground_truth(truth_folder, placed, cameras.unregistered, layout=layout)
     if truth.unplaced:
         emit(Warned(f"{len(truth.unplaced)} views with true masks have no camera here: {', '.join(truth.unplaced)}."))
     held_out = _held_out(project)
-    photos = _evaluated(truth, held_out, settings)
+    photos = _compared(truth, held_out, settings)
     wanted = _wanted(truth, settings)
     tasks = _tasks(truth, wanted, photos, settings)
-    label_maps = label_maps_of(project.path, cameras)
-    if settings.views == "held-out":
-        label_maps = {photo: labels for photo, labels in label_maps.items() if photo not in photos}
-    answers: dict[tuple[str, str], _Answer] = {}
-    asked: list[tuple[_Task, Method, _Answer]] = []
     methods = methods_of(settings)
-    with tempfile.TemporaryDirectory() as kept:
-        scene = _TrainedScene(
-            gaussians, cameras, photo_folder_of(project), label_maps, Path(kept), detector_factory, sam_factory
-        )
-        for number, (task, method) in enumerate((task, method) for task in tasks for method in methods):
-            if should_stop():
-                raise Cancelled("Stopped while isolating; nothing was written.")
-            share = _ISOLATION_SHARE * number / (len(tasks) * len(methods))
-            emit(Progress(STAGE, share, message=f"{task.object}: {method.name}"))
-            # Equal objects share one text, which is asked for once.
-            key = (truth.prompts[task.object] if task.prompt_photo is None else task.object, method.name)
-            if key not in answers:
-                answers[key] = scene.isolate(task, method, truth, should_stop)
-            asked.append((task, method, answers[key]))
-    labels = gaussian_truth(Scene(gaussians), cameras, truth, should_stop) if truth.every_pixel else None
-    results = [_Result(task, method, answer, _own(task, answer, truth, labels), []) for task, method, answer in asked]
-    _score(scene, results, truth, photos, emit, should_stop)
+    with tempfile.TemporaryDirectory() as folder:
+        hidden = photos if settings.views == "held-out" else ()
+        scene = TrainedScene(project, cameras, hidden, Path(folder), detector_factory, sam_factory)
+        answers = _ask(scene, _questions(tasks, truth, settings), methods, truth, emit, should_stop)
+        whole = Scene(scene.gaussians)
+        labels = gaussian_truth(whole, cameras, truth, should_stop) if truth.every_pixel else None
+        searches: tuple[Search, ...] = ()
+        if settings.prompt_kind == "all":
+            returned, searches = _match_all(scene, tasks, methods, answers, truth, photos, should_stop)
+        else:
+            returned = _match(tasks, methods, answers, truth, labels)
+        _score(scene, returned, truth, photos, emit, should_stop)
+        words: tuple[Word, ...] = ()
+        ceiling = None
+        if settings.prompt_kind == "text":
+            words = _words(scene, answers, truth, photos, should_stop)
+            ceiling = words_of_true_masks(
+                truth,
+                [task.object for task in tasks],
+                {photo: scene.camera_of[photo] for photo in scene.looked_at},
+                scene.photos(BETTER),
+                detector_factory(),
+                n_photos=BETTER.n_crop_views,
+                should_stop=should_stop,
+            )
+    folder_name = truth_folder.resolve()
     return Evaluation(
-        rows=tuple(_row(result, truth, labels) for result in results),
+        rows=tuple(_row(one, truth, labels) for one in returned),
+        words=words,
+        searches=searches,
+        ceiling=ceiling,
         settings=settings,
+        scene=folder_name.parent.name if folder_name.name == "truth" else folder_name.name,
         layout=truth.layout,
         photos=photos,
+        looked_at=scene.looked_at,
         n_trained_on=len(set(photos) - set(held_out)),
         unplaced=truth.unplaced,
         left_out=tuple(name for name in wanted if name not in {task.object for task in tasks}),
-        n_gaussians=len(gaussians),
+        n_gaussians=len(scene.gaussians),
         stages=_stages(project),
     )
 
 
 def _stages(project: ProjectFolder) -> tuple[tuple[str, float, float], ...]:
     records = ((stage, project.stage_record(stage)) for stage in ("photos", "cameras", "masks", "training"))
-    return tuple((stage, done["wall_seconds"], done["cpu_seconds"]) for stage, done in records if done)
-
-
-def _own(task: _Task, answer: _Answer, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Mask | None:
-    """Return the result that counts for an object: the first, unless equal objects share one text.
-
-    Then as many results as there are objects count. They are assigned to the objects so that the sum of the IoU of the
-    Gaussians is largest.
-    """
-    prompt = truth.prompts[task.object]
-    equal = [name for name in truth.objects if truth.prompts[name] == prompt]
-    if task.prompt_photo is not None or labels is None or len(equal) == 1:
-        return answer.finds[0] if answer.finds else None
-    finds = answer.finds[: len(equal)]
-    likeness = np.array(
-        [[gaussian_iou(find, labels, truth.objects.index(name)) for find in finds] for name in equal]
-    ).reshape(len(equal), len(finds))
-    given = dict(zip(*linear_sum_assignment(likeness, maximize=True), strict=True))
-    number = given.get(equal.index(task.object))
-    return None if number is None else finds[number]
-
-
-def visible_masks(scene: Scene, camera: Camera, members: Sequence[Mask]) -> Iterator[Mask]:
-    """Yield for each set of Gaussians where it makes up more than half of a pixel of the photo, bool [height, width].
-
-    The same as `engine.pictures.render_view` with ``what="mask"``, for several sets in one pass.
-    """
-    frame = covering_pinhole(camera)
-    for start in range(0, len(members), _MAX_OBJECTS_PER_PASS):
-        weights = np.stack(members[start : start + _MAX_OBJECTS_PER_PASS], axis=1).astype(np.float32)
-        shares = scene.render(frame, channels=weights).channels
-        for channel in range(shares.shape[2]):
-            yield np.asarray(distort(np.ascontiguousarray(shares[..., channel]), frame, camera) > 0.5)
-
-
-class _TrainedScene:
-    """A trained scene with everything that isolating and comparing need."""
-
-    def __init__(
-        self,
-        gaussians: Gaussians,
-        cameras: CameraSet,
-        photo_folder: Path,
-        label_maps: Mapping[str, NDArray[np.int32]],
-        kept: Path,
-        detector_factory: DetectorFactory,
-        sam_factory: SamFactory,
-    ) -> None:
-        self.gaussians, self.cameras, self.photo_folder = gaussians, cameras, photo_folder
-        # The appearance of the groups is computed once, as in a project; the project itself is only read here.
-        self._appearance_file = kept / "looks.npz"
-        self.camera_of = {camera.photo: camera for camera in cameras.cameras}
-        self._label_maps = label_maps
-        self._detector_factory, self._sam_factory = detector_factory, sam_factory
-
-    def isolate(self, task: _Task, method: Method, truth: GroundTruth, should_stop: StopCheck) -> _Answer:
-        """Return the answer of a method to the prompt for an object."""
-        found, remark = [], ""
-        with tempfile.TemporaryDirectory() as folder:
-            prompt = self._prompt(task, truth, Path(folder))
-            started, started_cpu = time.perf_counter(), time.process_time()
-            try:
-                found = find_objects(
-                    self._context(method),
-                    prompt,
-                    method.settings,
-                    detector_factory=self._detector_factory,
-                    emit=ignore_events,
-                    should_stop=should_stop,
-                )
-            except PromptError as error:
-                remark = str(error)
-            seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
-        return _Answer(tuple(one.membership >= THRESHOLD for one in found), seconds, cpu_seconds, remark)
-
-    def _context(self, method: Method) -> SegmentationContext:
-        settings = method.settings
-        return SegmentationContext(
-            Views(Scene(self.gaussians), self.cameras, render_side=settings.render_side),
-            Photos(self.photo_folder, settings.photo_side, self._sam_factory),
-            self._label_maps if method.snaps else {},
-            self._appearance_file,
-        )
-
-    def _prompt(self, task: _Task, truth: GroundTruth, folder: Path) -> Prompt:
-        if task.prompt_photo is None:
-            return TextPrompt(truth.prompts[task.object])
-        camera = self.camera_of[task.prompt_photo]
-        mask = _resized(truth.masks(task.prompt_photo)[task.object], (camera.height, camera.width), task.prompt_photo)
-        if task.kind == "click":
-            y, x = innermost_pixel(mask)
-            return ClickPrompt(task.prompt_photo, x, y)
-        file = folder / "mask.png"
-        write_png(file, np.where(mask, np.uint8(255), np.uint8(0)))
-        return MaskPrompt(task.prompt_photo, file)
+    return tuple((stage, float(done["wall_seconds"]), float(done["cpu_seconds"])) for stage, done in records if done)
 
 
 def _held_out(project: ProjectFolder) -> tuple[str, ...]:
@@ -371,7 +167,7 @@ def _held_out(project: ProjectFolder) -> tuple[str, ...]:
     return tuple(figures.get("held_out") or ())
 
 
-def _evaluated(truth: GroundTruth, held_out: Sequence[str], settings: EvaluationSettings) -> tuple[str, ...]:
+def _compared(truth: GroundTruth, held_out: Sequence[str], settings: EvaluationSettings) -> tuple[str, ...]:
     photos = truth.photos if settings.views == "all" else tuple(name for name in truth.photos if name in held_out)
     if not photos:
         raise SettingsError(
@@ -391,7 +187,7 @@ def _wanted(truth: GroundTruth, settings: EvaluationSettings) -> tuple[str, ...]
 def _tasks(
     truth: GroundTruth, wanted: Sequence[str], photos: Sequence[str], settings: EvaluationSettings
 ) -> list[_Task]:
-    """Return the objects to ask for, without those that no photo is left to evaluate in."""
+    """Return the objects to ask for, without those that no photo is left to compare in."""
     shown: dict[str, dict[str, tuple[bool, float]]] = {name: {} for name in wanted}
     for photo in truth.photos:
         for name, mask in truth.masks(photo).items():
@@ -401,14 +197,16 @@ def _tasks(
     tasks = []
     for name, sizes in shown.items():
         looked_at = [photo for photo in photos if photo in sizes]
-        prompt_photo = None
-        if settings.prompt_kind != "text" and sizes:
-            # Photos that show the object whole come first, then the largest. If all are evaluated, one is given up.
+        question = Question(settings.prompt_kind, _EVERYTHING)
+        if settings.prompt_kind == "text":
+            question = Question("text", truth.prompts[name])
+        elif settings.prompt_kind != "all" and sizes:
+            # Photos that show the object whole come first, then the largest. If all are compared, one is given up.
             spare = [photo for photo in sizes if photo not in looked_at]
-            prompt_photo = max(spare or sizes, key=lambda photo: sizes[photo])
-        others = tuple(photo for photo in looked_at if photo != prompt_photo)
+            question = Question(settings.prompt_kind, name, max(spare or sizes, key=lambda photo: sizes[photo]))
+        others = tuple(photo for photo in looked_at if photo != question.prompt_photo)
         if others:
-            tasks.append(_Task(name, settings.prompt_kind, prompt_photo, others))
+            tasks.append(_Task(name, question, others))
     if not tasks:
         raise SettingsError(
             f"None of {', '.join(wanted)} is in two photos: there is nothing to compare. Use --views all."
@@ -416,85 +214,207 @@ def _tasks(
     return tasks
 
 
+def _questions(tasks: Sequence[_Task], truth: GroundTruth, settings: EvaluationSettings) -> list[Question]:
+    """Return the questions in order. Equal objects share one text, which is asked for once."""
+    questions = list(dict.fromkeys(task.question for task in tasks))
+    if settings.prompt_kind == "text" and not settings.objects:
+        questions += [Question("text", text) for text in truth.absent]
+    return questions
+
+
+def _ask(
+    scene: TrainedScene,
+    questions: Sequence[Question],
+    methods: Sequence[Method],
+    truth: GroundTruth,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> dict[tuple[Question, str], Answer]:
+    answers = {}
+    pairs = [(question, method) for question in questions for method in methods]
+    for number, (question, method) in enumerate(pairs):
+        if should_stop():
+            raise Cancelled("Stopped while isolating; nothing was written.")
+        emit(Progress(STAGE, _ISOLATION_SHARE * number / len(pairs), message=f"{question.name}: {method.name}"))
+        answers[question, method.name] = scene.answer(question, method, truth, should_stop)
+    return answers
+
+
+def _match(
+    tasks: Sequence[_Task],
+    methods: Sequence[Method],
+    answers: Answers,
+    truth: GroundTruth,
+    labels: NDArray[np.int32] | None,
+) -> list[_Returned]:
+    """Return what counts for each object, with each method."""
+    returned = []
+    for task in tasks:
+        for method in methods:
+            answer = answers[task.question, method.name]
+            returned.append(_Returned(task, method, answer, _own(task, answer, truth, labels), []))
+    return returned
+
+
+def _own(task: _Task, answer: Answer, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Mask | None:
+    """Return the result that counts for an object: the first, unless equal objects share one text.
+
+    Then as many results as there are objects count. They are assigned to the objects so that the sum of the IoU of the
+    Gaussians is largest.
+    """
+    prompt = truth.prompts[task.object]
+    equal = [name for name in truth.objects if truth.prompts[name] == prompt]
+    if task.question.kind != "text" or labels is None or len(equal) == 1:
+        return answer.found[0] if answer.found else None
+    found = answer.found[: len(equal)]
+    likeness = np.array(
+        [[gaussian_iou(one, labels, truth.objects.index(name)) for one in found] for name in equal]
+    ).reshape(len(equal), len(found))
+    given = dict(zip(*linear_sum_assignment(likeness, maximize=True), strict=True))
+    number = given.get(equal.index(task.object))
+    return None if number is None else found[number]
+
+
+def _match_all(
+    scene: TrainedScene,
+    tasks: Sequence[_Task],
+    methods: Sequence[Method],
+    answers: Answers,
+    truth: GroundTruth,
+    photos: Sequence[str],
+    should_stop: StopCheck,
+) -> tuple[list[_Returned], tuple[Search, ...]]:
+    """Return what counts for each object in searches for all objects, and the results of the searches.
+
+    Results are assigned to objects so that the sum of the mean IoU in the compared photos is largest. Objects that are
+    not wanted take part, so that a result for them is not called false.
+    """
+    returned, searches = [], []
+    for method in methods:
+        answer = answers[tasks[0].question, method.name]
+        compared = compare_with_all(
+            Scene(scene.gaussians), scene.camera_of, answer.found, truth, photos, should_stop=should_stop
+        )
+        likeness = np.nan_to_num(compared.iou)
+        pairs = zip(*linear_sum_assignment(likeness, maximize=True), strict=True)
+        number_of = {truth.objects[m]: int(k) for k, m in pairs if likeness[k, m] > 0}
+        object_of = {k: name for name, k in number_of.items()}
+        results = []
+        for k, (name, score) in enumerate(zip(answer.names, answer.scores, strict=True)):
+            own = object_of.get(k, "")
+            iou = float(likeness[k, truth.objects.index(own)]) if own else 0.0
+            results.append(Result(name, float(score), own, iou, _kind(iou, compared, k)))
+        searches.append(Search(method.name, tuple(results), answer.seconds, answer.cpu_seconds))
+        for task in tasks:
+            number = number_of.get(task.object)
+            members = None if number is None else answer.found[number]
+            returned.append(_Returned(task, method, answer, members, []))
+    order = {task.object: number for number, task in enumerate(tasks)}
+    return sorted(returned, key=lambda one: order[one.task.object]), tuple(searches)
+
+
+def _kind(iou: float, compared: Comparison, k: int) -> ResultKind:
+    if iou >= FOUND_IOU:
+        return "object"
+    if compared.n_shown[k] == 0:
+        return "unseen"
+    return "ignored" if 2 * compared.n_ignored[k] > compared.n_shown[k] else "false"
+
+
+def _words(
+    scene: TrainedScene, answers: Answers, truth: GroundTruth, photos: Sequence[str], should_stop: StopCheck
+) -> tuple[Word, ...]:
+    """Return what the first result of every text shows."""
+    first = [(question, answer.found[0]) for (question, _), answer in answers.items() if answer.found]
+    named = np.array(
+        [[truth.prompts[name] == question.name for name in truth.objects] for question, _ in first], bool
+    ).reshape(len(first), len(truth.objects))
+    compared = compare_with_all(
+        Scene(scene.gaussians),
+        scene.camera_of,
+        [members for _, members in first],
+        truth,
+        photos,
+        with_boundary=named,
+        should_stop=should_stop,
+    )
+    numbers = iter(range(len(first)))
+    words = []
+    for (question, method), answer in answers.items():
+        absent = question.name not in truth.prompts.values()
+        iou = boundary_iou = float("nan") if absent else 0.0
+        shows = ""
+        if answer.found:
+            k = next(numbers)
+            likeness = np.nan_to_num(compared.iou[k])
+            best = int(likeness.argmax())
+            shows = truth.objects[best] if likeness[best] >= FOUND_IOU else ""
+            if not absent:
+                own = int(np.where(named[k], likeness, -1.0).argmax())
+                iou, boundary_iou = float(likeness[own]), float(compared.boundary_iou[k, own])
+        score = float(answer.scores[0]) if answer.found else answer.best_score
+        words.append(
+            Word(
+                prompt=question.name,
+                method=method,
+                absent=absent,
+                n_results=len(answer.found),
+                score=score,
+                iou=iou,
+                boundary_iou=boundary_iou,
+                shows=shows,
+                seconds=answer.seconds,
+                cpu_seconds=answer.cpu_seconds,
+                remark=answer.refusal,
+            )
+        )
+    return tuple(words)
+
+
 def _score(
-    scene: _TrainedScene,
-    results: Sequence[_Result],
+    scene: TrainedScene,
+    returned: Sequence[_Returned],
     truth: GroundTruth,
     photos: Sequence[str],
     emit: Emit,
     should_stop: StopCheck,
 ) -> None:
-    """Add the scores of every photo to the results that are evaluated in it."""
+    """Add the scores of every photo to what is compared in it."""
     whole = Scene(scene.gaussians)
     for number, photo in enumerate(photos):
         if should_stop():
             raise Cancelled("Stopped while comparing; nothing was written.")
         share = _ISOLATION_SHARE + (1 - _ISOLATION_SHARE) * number / len(photos)
         emit(Progress(STAGE, share, message=f"Comparing with {photo}"))
-        camera, masks = scene.camera_of[photo], truth.masks(photo)
-        looked_at = [result for result in results if photo in result.task.photos]
-        found = [result.members for result in looked_at if result.members is not None]
-        shown = visible_masks(whole, camera, found)
-        pixels = load_pixels(scene.photo_folder / photo) if found else None
-        for result in looked_at:
-            if result.members is None:
-                result.scores.append(_NOTHING_FOUND)
-                continue
-            assert pixels is not None
-            mask = masks[result.task.object]
-            inside = _resized(mask, (camera.height, camera.width), photo)
-            predicted = _resized(next(shown), mask.shape, photo)
-            alone = render_view(scene.gaussians, camera, what="rgb", members=result.members)
-            result.scores.append(
-                _Scores(
-                    iou(predicted, mask),
-                    boundary_iou(predicted, mask),
-                    halo(predicted, mask),
-                    stray(predicted, mask),
-                    holes(predicted, mask),
-                    psnr(alone, pixels, mask=inside) if inside.any() else np.nan,
-                )
-            )
-
-
-def _resized(mask: Mask, shape: tuple[int, ...], photo: str) -> Mask:
-    """Return a mask of the whole photo at another resolution.
-
-    Raises
-    ------
-    MaskError
-        When its aspect ratio differs, so that it cannot belong to this photo.
-    """
-    if mask.shape == shape:
-        return mask
-    (height, width), (new_height, new_width) = mask.shape, shape
-    if abs(width / height * new_height / new_width - 1) > _MAX_ASPECT_DEVIATION:
-        raise MaskError(
-            f"The true masks of {photo} have another aspect ratio: {width} x {height} pixels and "
-            f"{new_width} x {new_height}."
+        masks = truth.masks(photo)
+        here = [one for one in returned if photo in one.task.photos]
+        scores = score_photo(
+            whole,
+            scene.camera_of[photo],
+            scene.photo_folder / photo,
+            [one.members for one in here],
+            [masks[one.task.object] for one in here],
         )
-    return np.asarray(cv2.resize(mask.astype(np.uint8), (new_width, new_height), interpolation=cv2.INTER_NEAREST) > 0)
+        for one, score in zip(here, scores, strict=True):
+            one.scores.append(score)
 
 
-def _row(result: _Result, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Row:
-    means = _Scores(*(mean_of(values) for values in zip(*result.scores, strict=True)))
-    index = truth.objects.index(result.task.object)
+def _row(returned: _Returned, truth: GroundTruth, labels: NDArray[np.int32] | None) -> Row:
+    task, answer = returned.task, returned.answer
+    means = Scores(*(mean_of(values) for values in zip(*returned.scores, strict=True)))
+    searched = task.question.kind == "all"
+    missing = "No result shows it." if searched else "Fewer objects were found than there are."
     return Row(
-        object=result.task.object,
-        method=result.method.name,
-        found=result.members is not None,
+        object=task.object,
+        method=returned.method.name,
+        returned=returned.members is not None,
         **means._asdict(),
-        gaussian_iou=float("nan") if labels is None else gaussian_iou(result.members, labels, index),
-        seconds=result.answer.seconds,
-        cpu_seconds=result.answer.cpu_seconds,
-        n_views=len(result.scores),
-        prompt_photo=result.task.prompt_photo or "",
-        remark=result.answer.remark
-        or ("" if result.members is not None else "Fewer objects were found than there are."),
+        gaussian_iou=float("nan")
+        if labels is None
+        else gaussian_iou(returned.members, labels, truth.objects.index(task.object)),
+        seconds=float("nan") if searched else answer.seconds,
+        cpu_seconds=float("nan") if searched else answer.cpu_seconds,
+        n_views=len(returned.scores),
+        prompt_photo=task.question.prompt_photo or "",
+        remark=answer.refusal or ("" if returned.members is not None else missing),
     )
-
-
-def mean_of(values: Sequence[float]) -> float:
-    """Return the mean of the values that are not NaN; NaN when there are none."""
-    numbers = [value for value in values if not np.isnan(value)]
-    return float(np.mean(numbers)) if numbers else float("nan")

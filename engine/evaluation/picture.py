@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 
-from .isolation import Evaluation, Row, mean_of
+from .results import Evaluation, Row, mean_of
 from .settings import methods_of
 
 __all__ = ["curve_picture"]

@@ -3,14 +3,37 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from ..objects.settings import BETTER, PRESETS, SegmentSettings
 from ..settings import require
 
-__all__ = ["EvaluationSettings", "PromptKind", "Method", "methods_of"]
+__all__ = [
+    "IN_SAMPLE_PHOTO_SETS",
+    "IN_SAMPLE_SCENES",
+    "MARKS",
+    "EvaluationSettings",
+    "Method",
+    "PromptKind",
+    "methods_of",
+]
 
-PromptKind = Literal["text", "mask", "click"]
+PromptKind = Literal["text", "mask", "click", "all"]
+
+IN_SAMPLE_SCENES = ("museum_room", "store_room", *(f"room_{number}" for number in range(1, 9)))  # by definition
+"""Scenes that constants of the method were chosen on. On any other scene an evaluation is a test."""
+
+IN_SAMPLE_PHOTO_SETS = ("banana16", "sakharov_statue32", "skull66")
+"""Real photo sets that constants of training were chosen on."""
+
+MARKS = {
+    "in sample": "**In sample**: constants of the method were chosen on this scene.",
+    "test": "**Test**: no constant of the method was chosen on this scene.",
+}
+"""Sentence above a table that says whether its figures are in sample or a test, see docs/constants.md."""
+
+_FINDS_ALL = "better"
+"""Preset that can find all objects without a prompt. The other presets follow the paper, which has no such method."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +44,13 @@ class EvaluationSettings:
     ----------
     presets : tuple of str
         Names in `engine.objects.settings.PRESETS`.
-    prompt_kind : {"text", "mask", "click"}
+    prompt_kind : {"text", "mask", "click", "all"}
         Prompt for every object: its text; or its true mask, or a click in the middle of that mask, in the photo that
-        shows it largest among those not evaluated.
+        shows it largest among those not evaluated. ``text`` also asks for things that the scene does not show, unless
+        `objects` is given. ``all`` searches for all objects without a prompt, with the presets that can do so.
     views : {"held-out", "all"}
         Photos with true masks that are compared: those that training did not see, or all except that of the prompt.
+        With ``held-out`` isolating an object looks at no photo that is compared for it, with ``all`` at every photo.
     ablations : bool
         Also compare ``better`` with one ingredient switched off at a time.
     view_counts : tuple of int
@@ -51,7 +76,9 @@ class EvaluationSettings:
         require(self, "view_counts", all(count >= 1 for count in self.view_counts), "at least 1 each")
         different = len(set(self.view_counts)) == len(self.view_counts)
         require(self, "view_counts", different, "different from each other")
-        require(self, "prompt_kind", self.prompt_kind in ("text", "mask", "click"), "'text', 'mask' or 'click'")
+        require(self, "prompt_kind", self.prompt_kind in get_args(PromptKind), "'text', 'mask', 'click' or 'all'")
+        finds_all = self.prompt_kind != "all" or _FINDS_ALL in self.presets
+        require(self, "presets", finds_all, f"with {_FINDS_ALL} among them to find all objects")
         require(self, "views", self.views in ("held-out", "all"), "'held-out' or 'all'")
 
 
@@ -81,22 +108,31 @@ class Method:
 def methods_of(settings: EvaluationSettings) -> list[Method]:
     """Return the presets, the ablations and the variants with other numbers of views, in this order.
 
-    Snapping is not an ablation for texts, since a text is searched for in the same segments.
+    Snapping is not an ablation for texts, since a text is searched for in the same segments. Levels are none for masks,
+    which have no levels. A search for all objects uses none of the other ingredients.
     """
-    counts = {name: _n_views(PRESETS[name], settings.prompt_kind) for name in settings.presets}
-    methods = [Method(name, PRESETS[name], preset=name, n_views=counts[name]) for name in settings.presets]
-    if settings.ablations:
+    presets = tuple(name for name in settings.presets if settings.prompt_kind != "all" or name == _FINDS_ALL)
+    counts = {name: _n_views(PRESETS[name], settings.prompt_kind) for name in presets}
+    methods = [Method(name, PRESETS[name], preset=name, n_views=counts[name]) for name in presets]
+    if settings.ablations and settings.prompt_kind != "all":
         methods += [
             Method("better, one part", replace(BETTER, parts=1)),
             Method("better, no votes", replace(BETTER, refinement="none")),
             Method("better, one vote round", replace(BETTER, vote_rounds=1)),
             Method("better, hull filled in", replace(BETTER, completion="hull")),
         ]
-        if settings.prompt_kind == "mask":
-            methods.append(Method("better, given mask only by its features", replace(BETTER, keep_given=False)))
-        if settings.prompt_kind != "text":
-            methods.append(Method("better, no snapping to segments", BETTER, snaps=False))
-    for name in settings.presets:
+    if settings.ablations and settings.prompt_kind == "mask":
+        methods.append(Method("better, given mask only by its features", replace(BETTER, keep_given=False)))
+    if settings.ablations and settings.prompt_kind == "text":
+        methods += [
+            Method("better, no levels", replace(BETTER, n_level_views=0)),
+            Method("better, no groups of Gaussians", replace(BETTER, n_groups=0)),
+            # The minimum is one of the scores that rescoring gives.
+            Method("better, no rescoring from all sides", replace(BETTER, n_rescored=0, least_candidate=0.0)),
+        ]
+    if settings.ablations and settings.prompt_kind != "text":
+        methods.append(Method("better, no snapping to segments", BETTER, snaps=False))
+    for name in presets:
         for count in settings.view_counts:
             if counts[name] not in (0, count):
                 fewer = replace(PRESETS[name], n_text_views=count, n_vote_views=count)
@@ -107,7 +143,9 @@ def methods_of(settings: EvaluationSettings) -> list[Method]:
 
 
 def _n_views(settings: SegmentSettings, prompt_kind: PromptKind) -> int:
-    """Return the largest number of photos that a preset uses; 0 where it uses that of the prompt only."""
+    """Return the largest number of photos that a preset uses; 0 where its settings do not say it."""
+    if prompt_kind == "all":
+        return 0
     return max(
         settings.n_text_views if prompt_kind == "text" else 0,
         settings.n_vote_views if settings.refinement == "votes" else 0,

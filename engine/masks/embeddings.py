@@ -7,6 +7,8 @@ precision, 2 MB per photo. See docs/design_notes/masks.md for the effect of roun
 from __future__ import annotations
 
 import hashlib
+import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +69,15 @@ class EmbeddingFolder:
         if path.exists() or sum(1 for _ in self._folder.rglob(f"*{_SUFFIX}")) < MAX_EMBEDDINGS:
             keep_arrays(path, recipe, {"features": half})
         return Embedding(half.astype(np.float32), computed.height, computed.width, computed.scale)
+
+    def copied(self, folder: Path, photos: Iterable[str]) -> EmbeddingFolder:
+        """Return a cache in another folder with copies of what is stored of these photos; this one is only read."""
+        for photo in photos:
+            stored, copy = path_within(self._folder, photo + _SUFFIX), path_within(folder, photo + _SUFFIX)
+            if stored.is_file():
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(stored, copy)
+        return EmbeddingFolder(folder)
 
 
 def _read(path: Path, recipe: str) -> NDArray[np.float16] | None:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from engine.evaluation import markdown, read_results, summarise
 from tests.engine.command_line import call
-from tests.engine.evaluation.test_isolation import held_out, write_truth
-from tests.engine.objects.fakes import FakeSam, trained_project
+from tests.engine.evaluation.blob_truth import held_out, write_truth
+from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 
@@ -30,9 +31,9 @@ def test_table_is_told_and_written_and_the_project_untouched(
     (finished,) = answer.of_kind("finished")
     assert answer.code == 0 and finished["outputs"] == {"table": str(doc)}
     for line in (
-        "| mean of 1 objects | not found | IoU",
-        "| paper | 0 |",
-        "| better, 2 views | 0 |",
+        "| mean of 1 objects | found | IoU",
+        "| paper | 1 of 1 |",
+        "| better, 2 views | 1 of 1 |",
         "| blue ball | better | 2 |",
     ):
         assert line in finished["message"] and line in doc.read_text(encoding="utf-8")
@@ -61,6 +62,8 @@ def test_document_tells_the_command_as_it_was_given(
         (("--objects", "ghost"), "no true masks of 'ghost'"),
         (("--layout", "3d-ovs"), r"classes.txt is missing"),
         (("--doc", "."), "is a folder"),
+        (("--results", "."), "is a folder"),
+        (("--prompt-kind", "all", "--presets", "paper"), "with better among them to find all objects"),
         (("--view-counts", "few"), "--view-counts 'few' is not a list of numbers"),
     ],
 )
@@ -89,3 +92,26 @@ def test_the_chosen_segment_anything_answers_and_is_named_in_the_document(
     assert set(asked_for) == {"mobile-sam"}
     table = (tmp_path / "table.md").read_text(encoding="utf-8")
     assert "--prompt-kind click --views held-out --sam mobile-sam" in table
+
+
+@pytest.mark.parametrize("kind", ["text", "mask", "click", "all"])
+def test_every_kind_of_prompt_writes_its_results(
+    kind: str,
+    scene: Path,
+    blobs: BlobScene,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("engine.masks.sam.load_default_sam", lambda: FakeSam(blobs))
+    monkeypatch.setattr("engine.grounding.default.load_default_detector", lambda: FakeDetector(blobs))
+    file, doc = tmp_path / "results.json", tmp_path / "table.md"
+    asked = ("--prompt-kind", kind, "--presets", "better", "--results", file, "--doc", doc)
+    answer = call(capsys, "evaluate", scene, tmp_path / "truth", *asked)
+    assert answer.code == 0, answer.events
+    (finished,) = answer.of_kind("finished")
+    assert finished["outputs"] == {"table": str(doc), "results": str(file)}
+    found = read_results(file)
+    assert markdown(found) in doc.read_text(encoding="utf-8")
+    (figures,) = summarise(found)
+    assert (figures.n_found, figures.n_asked) == (1, 1) and figures.iou > 0.9

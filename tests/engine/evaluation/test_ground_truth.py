@@ -126,6 +126,48 @@ def test_two_objects_of_one_name_are_refused(tmp_path: Path) -> None:
         read_ground_truth(folder, PHOTOS)
 
 
+def test_ignored_things_are_no_objects_and_keep_their_masks(tmp_path: Path) -> None:
+    folder = as_museum(tmp_path, TRUE_VIEWS)
+    before = read_ground_truth(folder, PHOTOS)
+    names = json.loads((folder / "names.json").read_text(encoding="utf-8"))
+    names["2"]["ignore"] = True
+    names["3"] = {"name": "teapot", "prompt": "obelisk", "ignore": True}
+    (folder / "names.json").write_text(json.dumps(names), encoding="utf-8")
+    truth = read_ground_truth(folder, PHOTOS)
+    assert truth.ignored == ("teapot",) and set(before.objects) - set(truth.objects) == {"teapot", "obelisk"}
+    assert not {"teapot", "obelisk"} & set(truth.prompts.values())
+    for photo_name in truth.photos:
+        masks, all_masks = truth.masks(photo_name), before.masks(photo_name)
+        assert set(masks) == set(all_masks) - {"teapot", "obelisk"}
+        # Ignored things of one name are one.
+        (ignored,) = truth.ignored_masks(photo_name).values()
+        assert np.array_equal(ignored, all_masks["teapot"] | all_masks.get("obelisk", False))
+        assert before.ignored_masks(photo_name) == {}
+
+
+def test_absent_things_are_read_where_they_are_listed(tmp_path: Path) -> None:
+    folder = as_museum(tmp_path, TRUE_VIEWS)
+    assert read_ground_truth(folder, PHOTOS).absent == ()
+    (folder / "absent.json").write_text('["dog", "piano", "dog"]', encoding="utf-8")
+    assert read_ground_truth(folder, PHOTOS).absent == ("dog", "piano")
+    for text in ('["dog", "vase"]', '{"dog": 1}', "[1]", "["):
+        (folder / "absent.json").write_text(text, encoding="utf-8")
+        with pytest.raises(FormatError, match=r"absent\.json .*must be a list of texts"):
+            read_ground_truth(folder, PHOTOS)
+
+
+def test_object_called_like_an_ignored_thing_is_refused(tmp_path: Path) -> None:
+    folder = as_museum(tmp_path, TRUE_VIEWS)
+    for names, told in (
+        ({"1": {"prompt": "vase"}, "2": {"prompt": "vase", "ignore": True}}, "calls several objects 'vase'"),
+        ({"1": {"prompt": "vase", "ignore": True}}, "names no object to evaluate"),
+        ({"1": {"prompt": "vase", "ignore": "yes"}}, "must be of the form"),
+    ):
+        (folder / "names.json").write_text(json.dumps(names), encoding="utf-8")
+        with pytest.raises(FormatError, match=told):
+            read_ground_truth(folder, PHOTOS)
+
+
 def test_masks_of_other_photos_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"no masks for the photos of this project \(it has: view_07, view_09\)"):
         read_ground_truth(MAKERS["museum"](tmp_path), ["IMG_1.jpg"])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,61 +11,21 @@ import pytest
 from PIL import Image
 
 from engine.errors import Cancelled, MaskError, SettingsError
+from engine.evaluation.comparison import visible_masks
 from engine.evaluation.gaussian_truth import UNSEEN, gaussian_iou, gaussian_truth
 from engine.evaluation.ground_truth import read_ground_truth
-from engine.evaluation.isolation import Evaluation, evaluate_project, mean_of, visible_masks
+from engine.evaluation.results import mean_of
 from engine.evaluation.settings import EvaluationSettings, methods_of
 from engine.evaluation.table import markdown, write_evaluation
-from engine.events import Progress, Warned, ignore_events, never_stop
-from engine.masks.storage import label_map_path, write_label_map
+from engine.events import Progress, Warned, never_stop
 from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER, PAPER, PRESETS
 from engine.objects.storage import list_objects
 from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
 from engine.project_folder import ProjectFolder
-from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.evaluation.blob_truth import HELD_OUT, NAMES, held_out, write_truth
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
-
-HELD_OUT = ("view_2.png", "view_6.png")
-NAMES = {RED: "red ball", TWIN: "other red ball", BLUE: "blue ball"}
-
-
-def write_truth(
-    scene: BlobScene, folder: Path, *, names: dict[int, str] | None = None, prompts: dict[int, str] | None = None
-) -> Path:
-    (folder / "masks").mkdir(parents=True)
-    for photo, labels in scene.labels.items():
-        Image.fromarray(labels.astype(np.uint8)).save(folder / "masks" / photo)
-    names = names or NAMES
-    entries = {str(part): {"name": name, "prompt": (prompts or names)[part]} for part, name in names.items()}
-    (folder / "names.json").write_text(json.dumps(entries), encoding="utf-8")
-    return folder
-
-
-def held_out(project: ProjectFolder, photos: tuple[str, ...] = HELD_OUT) -> ProjectFolder:
-    with project:
-        project.finish_stage("training", "k", wall_seconds=1, cpu_seconds=1, figures={"held_out": list(photos)})
-    return project
-
-
-@pytest.fixture
-def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
-    return held_out(trained_project(blobs, tmp_path))
-
-
-@pytest.fixture
-def evaluate(blobs: BlobScene, project: ProjectFolder, tmp_path: Path) -> Callable[..., Evaluation]:
-    truth = write_truth(blobs, tmp_path / "truth")
-
-    def ask(folder: Path = truth, **given: object) -> Evaluation:
-        handed = {name: given.pop(name) for name in ("emit", "should_stop", "layout") if name in given}
-        return evaluate_project(
-            project, folder, EvaluationSettings(**given), detector_factory=lambda: FakeDetector(blobs),
-            sam_factory=lambda: FakeSam(blobs), **{"emit": ignore_events, "should_stop": never_stop, **handed},
-        )  # type: ignore[arg-type]  # fmt: skip
-
-    return ask
 
 
 @pytest.mark.parametrize("prompt_kind", ["mask", "click"])
@@ -78,7 +36,8 @@ def test_perfect_scene_scores_high_in_photos_not_trained_on(evaluate, project: P
         (o, w) for o in NAMES.values() for w in ("paper", "better")
     ]
     for row in found.rows:
-        assert row.found and row.iou > 0.93 and row.boundary_iou > 0.85 and row.gaussian_iou > 0.93, row
+        assert row.found and row.returned and row.iou > 0.93 and row.boundary_iou > 0.85, row
+        assert row.gaussian_iou > 0.93, row
         assert row.holes < 0.06 and row.halo < 0.06 and row.stray == 0.0, row
         # The photos are pictures of these very Gaussians: only the balls' soft rims differ.
         assert row.psnr > 20, row
@@ -94,8 +53,8 @@ def test_text_that_finds_nothing_counts_0_and_says_why(evaluate, blobs: BlobScen
     assert not unicorn.found and (unicorn.iou, unicorn.boundary_iou, unicorn.holes) == (0.0, 0.0, 1.0)
     assert math.isnan(unicorn.psnr) and math.isnan(unicorn.halo) and unicorn.gaussian_iou == 0.0
     table = markdown(found)
-    assert "| unicorn | paper (**not found**) |" in table and "'unicorn' is not known" in table
-    assert f"| paper | 1 | {50 * ball.iou:.1f} |" in table
+    assert "| unicorn | paper | **no** | refused | 0.0 |" in table and "'unicorn' is not known" in table
+    assert f"| paper | 1 of 2 | {50 * ball.iou:.1f} |" in table
 
 
 def test_equal_objects_asked_for_by_one_text_get_a_find_each(
@@ -108,12 +67,12 @@ def test_equal_objects_asked_for_by_one_text_get_a_find_each(
         # In the order that the truth does not have them in.
         return find_objects(*arguments, **others)[::-1]
 
-    monkeypatch.setattr("engine.evaluation.isolation.find_objects", counted)
+    monkeypatch.setattr("engine.evaluation.trained_scene.find_objects", counted)
     truth = write_truth(blobs, tmp_path / "twins", prompts={RED: "red ball", TWIN: "red ball", BLUE: "blue ball"})
     found = evaluate(truth, prompt_kind="text", presets=("better",))
     assert [row.object for row in found.rows] == list(NAMES.values()) and len(asked) == 2
     for row in found.rows:
-        assert row.found and row.iou > 0.9 and row.gaussian_iou > 0.9, row
+        assert row.found and row.returned and row.iou > 0.9 and row.gaussian_iou > 0.9, row
     (only,) = evaluate(truth, prompt_kind="text", presets=("better",), objects=("other red ball",)).rows
     assert only.iou > 0.9 and only.prompt_photo == ""
 
@@ -121,11 +80,11 @@ def test_equal_objects_asked_for_by_one_text_get_a_find_each(
 def test_equal_object_without_a_find_of_its_own_counts_0(
     evaluate, blobs: BlobScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("engine.evaluation.isolation.find_objects", lambda *a, **o: find_objects(*a, **o)[:1])
+    monkeypatch.setattr("engine.evaluation.trained_scene.find_objects", lambda *a, **o: find_objects(*a, **o)[:1])
     truth = write_truth(blobs, tmp_path / "twins", prompts={RED: "red ball", TWIN: "red ball", BLUE: "blue ball"})
     rows = evaluate(truth, prompt_kind="text", presets=("better",), objects=("red ball", "other red ball")).rows
-    assert sorted(row.found for row in rows) == [False, True]
-    (missing,) = [row for row in rows if not row.found]
+    assert sorted(row.returned for row in rows) == [False, True]
+    (missing,) = [row for row in rows if not row.returned]
     assert (missing.iou, missing.holes, missing.remark) == (0.0, 1.0, "Fewer objects were found than there are.")
 
 
@@ -156,26 +115,14 @@ def test_ablations_switch_one_ingredient_off_each(evaluate) -> None:
         differing = [name for name in vars(BETTER) if getattr(method.settings, name) != getattr(BETTER, name)]
         assert len(differing) + (not method.snaps) == 1, method
     assert len(changed) == 6
-    assert [method.snaps for method in methods_of(replace(found.settings, prompt_kind="text"))] == [True] * 6
     assert len(methods_of(replace(found.settings, prompt_kind="click"))) == 7
-
-
-def test_segments_of_evaluated_photos_take_no_part(
-    evaluate, blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for photo in ("view_1.png", *HELD_OUT):
-        write_label_map(label_map_path(project.path / "masks", photo), blobs.labels[photo])
-    handed = []
-
-    def record(context, *arguments, **others):  # type: ignore[no-untyped-def]
-        handed.append(set(context.label_maps))
-        raise Cancelled("seen enough")
-
-    monkeypatch.setattr("engine.evaluation.isolation.find_objects", record)
-    for views in ("held-out", "all"):
-        with pytest.raises(Cancelled, match="seen enough"):
-            evaluate(views=views)
-    assert handed == [{"view_1.png"}, {"view_1.png", *HELD_OUT}]
+    by_text = methods_of(replace(found.settings, prompt_kind="text"))
+    assert [method.snaps for method in by_text] == [True] * 9
+    # No settings of one object matter to a search for all of them.
+    searches = methods_of(replace(found.settings, prompt_kind="all", view_counts=(2,)))
+    assert [(method.name, method.snaps) for method in searches] == [
+        ("better", True), ("better, no snapping to segments", False)
+    ]  # fmt: skip
 
 
 def test_masks_of_the_evaluation_are_those_that_render_writes(blobs: BlobScene) -> None:
@@ -269,7 +216,7 @@ def test_document_keeps_the_sections_of_other_scenes(evaluate, tmp_path: Path) -
 
 def test_settings_that_make_no_sense_are_refused() -> None:
     for wrong in ({"presets": ()}, {"presets": ("best",)}, {"presets": ("paper", "paper")}, {"prompt_kind": "box"},
-        {"view_counts": (0,)}, {"view_counts": (4, 4)}):  # fmt: skip
+        {"view_counts": (0,)}, {"view_counts": (4, 4)}, {"prompt_kind": "all", "presets": ("paper",)}):  # fmt: skip
         with pytest.raises(SettingsError):
             EvaluationSettings(**wrong)
     with pytest.raises(SettingsError, match="better among them"):

@@ -90,3 +90,18 @@ def test_disk_that_cannot_be_written_costs_only_time(tmp_path: Path) -> None:
     sam = _Counting()
     assert _encode(tmp_path, sam).width == 64
     assert sam.encoded == 1
+
+
+def test_copy_holds_what_was_stored_of_the_named_photos_and_leaves_the_original(tmp_path: Path) -> None:
+    sam = _Counting()
+    stored = EmbeddingFolder(tmp_path / "stored")
+    for photo in ("hall/a.jpg", "b.jpg"):
+        stored.encode(photo, PIXELS, sam)  # type: ignore[arg-type]
+    before = sorted(path for path in (tmp_path / "stored").rglob("*") if path.is_file())
+    copied = stored.copied(tmp_path / "copy", ["hall/a.jpg", "c.jpg"])
+    copied.encode("hall/a.jpg", PIXELS, sam)  # type: ignore[arg-type]
+    assert sam.encoded == 2
+    copied.encode("b.jpg", PIXELS, sam)  # type: ignore[arg-type]
+    copied.encode("c.jpg", PIXELS, sam)  # type: ignore[arg-type]
+    assert sam.encoded == 4
+    assert sorted(path for path in (tmp_path / "stored").rglob("*") if path.is_file()) == before
