@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,15 @@ from engine.training.settings import PRESETS
 
 _SHORT, _LONG = 20, 60
 """Numbers of steps of the two runs. OpenSplat adds Gaussians after 500 steps."""
+
+
+@dataclass(frozen=True)
+class StepTimes:
+    """Milliseconds of one training step, and the number of Gaussians that it trains."""
+
+    cpu_ms: float
+    wall_ms: float
+    n_gaussians: int
 
 
 def measure_opensplat(program: Path, project: Path, steps: int, folder: Path) -> tuple[float, float]:
@@ -60,6 +70,32 @@ def measure_ours(project: Path, steps: int, folder: Path) -> tuple[float, float,
     return figures["cpu_seconds"], figures["wall_seconds"], len(start)
 
 
+def compare_steps(program: Path, project: Path) -> tuple[StepTimes, StepTimes]:
+    """Return the times of a step of OpenSplat and of ours.
+
+    Raises
+    ------
+    SystemExit
+        When OpenSplat fails; the message contains the end of its output.
+    """
+    per_step = []
+    n_gaussians = 0
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("opensplat", "ours"):
+            runs = []
+            for steps in (1, _SHORT, _LONG):  # The first run loads compiled code and photos and does not count.
+                run_folder = Path(folder) / f"{name}-{steps}"
+                run_folder.mkdir()
+                if name == "opensplat":
+                    runs.append(measure_opensplat(program, project, steps, run_folder))
+                else:
+                    *times, n_gaussians = measure_ours(project, steps, run_folder)
+                    runs.append((times[0], times[1]))
+            per_step.append((1e3 * (np.array(runs[2]) - np.array(runs[1])) / (_LONG - _SHORT)).tolist())
+    theirs, ours = (StepTimes(cpu_ms=cpu, wall_ms=wall, n_gaussians=n_gaussians) for cpu, wall in per_step)
+    return theirs, ours
+
+
 def main() -> None:
     """Measure both programs and print the ratio of their times."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -69,21 +105,12 @@ def main() -> None:
     for path in (arguments.opensplat, arguments.project / "images", arguments.project / "sparse" / "0"):
         if not path.exists():
             parser.error(f"{path} does not exist")
-    per_step = []
-    with tempfile.TemporaryDirectory() as folder:
-        for measure in (measure_opensplat, measure_ours):
-            runs = []
-            for steps in (1, _SHORT, _LONG):  # The first run loads compiled code and photos and does not count.
-                run_folder = Path(folder) / f"{measure.__name__}-{steps}"
-                run_folder.mkdir()
-                program = (arguments.opensplat,) if measure is measure_opensplat else ()
-                runs.append(measure(*program, arguments.project, steps, run_folder))  # type: ignore[operator]
-            per_step.append(1e3 * (np.array(runs[2][:2]) - np.array(runs[1][:2])) / (_LONG - _SHORT))
-    (opensplat_cpu, opensplat_wall), (our_cpu, our_wall) = per_step
+    theirs, ours = compare_steps(arguments.opensplat, arguments.project)
     sys.stdout.write(
-        f"OpenSplat  {opensplat_cpu:9.1f} CPU ms  {opensplat_wall:9.1f} wall ms per step\n"
-        f"ours       {our_cpu:9.1f} CPU ms  {our_wall:9.1f} wall ms per step, {runs[2][2]:,} Gaussians\n"
-        f"ratio      {opensplat_cpu / our_cpu:9.1f} in CPU time  {opensplat_wall / our_wall:9.1f} in wall time\n"
+        f"OpenSplat  {theirs.cpu_ms:9.1f} CPU ms  {theirs.wall_ms:9.1f} wall ms per step\n"
+        f"ours       {ours.cpu_ms:9.1f} CPU ms  {ours.wall_ms:9.1f} wall ms per step, {ours.n_gaussians:,} Gaussians\n"
+        f"ratio      {theirs.cpu_ms / ours.cpu_ms:9.1f} in CPU time  "
+        f"{theirs.wall_ms / ours.wall_ms:9.1f} in wall time\n"
     )
 
 

@@ -26,7 +26,7 @@ from engine.scene import PinholeCamera
 
 from .floor import arithmetic_floor_ms, count_operations, time_fmas_ms
 from .raster import Case
-from .textbook import Ellipses, TextbookRaster
+from .textbook import Ellipses, ScalarRaster
 
 _FOCAL = 500.0
 """Focal length of the camera in pixels."""
@@ -123,7 +123,7 @@ def _speed_up(case: Case) -> dict[str, float]:
 
 
 def _blend(case: Case) -> dict[str, float]:
-    """Measure tile lists and blending without the projection, forward and backward, as for the textbook rasterizer.
+    """Measure tile lists and blending without the projection, forward and backward, as for the scalar rasterizer.
 
     Each repeat is followed by the same amount of plain arithmetic, so that clock speed and other programs affect both
     equally.
@@ -190,10 +190,10 @@ def _accuracy(case: Case) -> dict[str, float]:
     return quantiles
 
 
-def _textbook(case: Case) -> dict[str, float]:
+def _scalar(case: Case) -> dict[str, float]:
     scene, camera = make_scene(case)
     arrays = {name: value.detach().numpy() for name, value in scene.items()}
-    raster = TextbookRaster(_ellipses(arrays, camera), _colors(arrays, case), case.width, case.height)
+    raster = ScalarRaster(_ellipses(arrays, camera), _colors(arrays, case), case.width, case.height)
     upstream = np.random.default_rng(0).normal(size=(case.height, case.width, case.channels)).astype(np.float32)
     return shortest_times(lambda: raster.forward_backward(upstream), case.repeats)
 
@@ -309,7 +309,7 @@ def main() -> None:
     case = Case(**json.loads(sys.argv[1]))
     measurements = {
         "cpu": _cpu, "speed_up": _speed_up, "blend": _blend, "reference": _reference, "accuracy": _accuracy,
-        "textbook": _textbook, "step": _step, "parts": _parts, "memory": _memory, "compile": _compile,
+        "scalar": _scalar, "step": _step, "parts": _parts, "memory": _memory, "compile": _compile,
     }  # fmt: skip
     print(json.dumps(measurements[case.what](case)))
 

@@ -1,9 +1,11 @@
-"""A rasterizer in plain Numba with the algorithm of the original CUDA code, as the baseline of `benchmarks.raster`.
+"""A scalar, unblocked rasterizer in Numba with the algorithm of the original CUDA code, for `benchmarks.raster`.
 
-A Gaussian is listed in all tiles of the square of three standard deviations around it. One scalar loop runs over pixels
-and Gaussians, and the backward pass runs from back to front and rebuilds the transmittance by division (Kerbl et al.
-2023). The rasterizer only blends: it takes ellipses on the screen and returns their gradients, so its time does not
-include projection and spherical harmonics.
+One loop runs over single pixels and single Gaussians: no vectors, no blocks of pixels, no test of which blocks a
+Gaussian touches. A Gaussian is listed in all tiles of the square of three standard deviations around it, and the
+backward pass runs from back to front and rebuilds the transmittance by division (Kerbl et al. 2023). That is natural on
+a GPU and slow on a CPU. Its time shows what vectors and blocks gain; it is no measure of a fast rasterizer, so no goal
+refers to it. The rasterizer only blends: it takes ellipses on the screen and returns their gradients, so its time does
+not include projection and spherical harmonics.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 
 from engine.rasterizer.settings import ALPHA_MAX, ALPHA_MIN, T_MIN
 
-__all__ = ["Ellipses", "TextbookRaster"]
+__all__ = ["Ellipses", "ScalarRaster"]
 
 TILE = 16
 """Side of a tile in pixels."""
@@ -49,7 +51,7 @@ class Ellipses:
     radii: Float32
 
 
-class TextbookRaster:
+class ScalarRaster:
     """Forward and backward pass of `ellipses` with `colors` [N, K] in an image of `width` x `height` pixels."""
 
     def __init__(self, ellipses: Ellipses, colors: Float32, width: int, height: int) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 from .. import __version__
 from ..evaluation import write_section
+from ..evaluation.settings import IN_SAMPLE_PHOTO_SETS, IN_SAMPLE_SCENES, MARKS
 from ..files import atomic_write, finite_or_null, write_json
 from ..machine import describe_machine
 from ..report import compare_curves
@@ -94,7 +95,8 @@ def write_comparison(out: Path, rows: Sequence[Row], *, title: str, command: str
     front = [(row.cpu_seconds, row.psnr) for row, on in zip(rows, pareto_front(rows), strict=True) if on and row.psnr]
     picture = compare_curves([(row.name, row.curve) for row in rows], front)
     write_json(out / "bench.json", finite_or_null(_as_json(rows, title=title, command=command)))
-    body = _body(rows, command=command)
+    in_sample = title in (*IN_SAMPLE_SCENES, *IN_SAMPLE_PHOTO_SETS)
+    body = _body(rows, command=command, mark=MARKS["in sample" if in_sample else "test"])
     _write_picture(out / "bench.png", picture)
     with atomic_write(out / "bench.md", "w") as stream:
         stream.write(
@@ -118,11 +120,11 @@ def _picture_link(name: str, picture: bytes | None) -> str:
     return f"![Error against run time, all presets]({name})\n\n" if picture else ""
 
 
-def _body(rows: Sequence[Row], *, command: str) -> str:
+def _body(rows: Sequence[Row], *, command: str, mark: str) -> str:
     measured = next((row.measured_on for row in rows if row.measured_on), "test photos")
     machine = describe_machine()
     return (
-        f"```\n{command}\n```\n\n{markdown(rows)}\n\n"
+        f"```\n{command}\n```\n\n{mark}\n\n{markdown(rows)}\n\n"
         f"Errors on {measured}. Gaussian Heritage {__version__}, {machine.cores} cores, "
         f"{platform.system()} {platform.machine()}."
     )

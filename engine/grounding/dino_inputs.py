@@ -14,10 +14,10 @@ from ..errors import EnvironmentProblem, ModelFileError, PromptError
 __all__ = ["Tokens", "load_tokenizer", "normalise_picture", "resized_size", "to_caption"]
 
 # Mean and standard deviation of the Swin backbone's training pictures, RGB, 0 to 1.
-_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
-_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)
-_SHORTEST_SIDE, _LONGEST_SIDE = 800, 1333
-MAX_TOKENS = 256
+_MEAN = np.array([0.485, 0.456, 0.406], np.float32)  # by definition
+_DEVIATION = np.array([0.229, 0.224, 0.225], np.float32)  # by definition
+_SHORTEST_SIDE, _LONGEST_SIDE = 800, 1333  # by definition
+MAX_TOKENS = 256  # by definition
 
 
 def to_caption(prompt: str) -> str:

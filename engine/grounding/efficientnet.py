@@ -19,10 +19,10 @@ from ..errors import ModelFileError
 
 __all__ = ["INPUT_SIDE", "EfficientNetLite2"]
 
-INPUT_SIDE = 260
+INPUT_SIDE = 260  # by definition
 # The Lite models were trained on (RGB - 127) / 128.
-_MEAN, _DEVIATION = 127.0, 128.0
-_BATCH_NORM_EPSILON = 1e-3
+_MEAN, _DEVIATION = 127.0, 128.0  # by definition
+_BATCH_NORM_EPSILON = 1e-3  # by definition
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ _STAGES = (
     _Stage(4, 5, 1, 120),
     _Stage(5, 5, 2, 208),
     _Stage(1, 3, 1, 352),
-)
+)  # published: Tan and Le 2019
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,9 @@ class EfficientNetLite2:
         return functional.conv2d(features, self._class_weight[:, :, None, None], self._class_bias)
 
 
-def _load_convolution(state: dict[str, Tensor], convolution: str, norm: str, *, stride: int = 1) -> _Convolution:
+def _load_convolution(
+    state: dict[str, Tensor], convolution: str, norm: str, *, stride: int = 1
+) -> _Convolution:  # by definition
     """Return the convolution and the batch normalisation of these names as one convolution."""
     weight = state[f"{convolution}.weight"]
     factor = state[f"{norm}.weight"] / torch.sqrt(state[f"{norm}.running_var"] + _BATCH_NORM_EPSILON)

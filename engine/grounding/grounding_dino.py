@@ -27,12 +27,12 @@ Float32 = NDArray[np.float32]
 
 _INPUTS = ("pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask")
 _OUTPUTS = ["logits", "pred_boxes"]
-_CROP_MARGIN = 0.2
+_CROP_MARGIN = 0.2  # chosen on museum_room
 """Margin of a crop on each side, as a fraction of the box. Chosen without a measurement, see
 docs/design_notes/grounding.md."""
-_MIN_CROP_IOU = 0.5
+_MIN_CROP_IOU = 0.5  # chosen on museum_room
 """Smallest IoU with the cropped box at which a predicted box counts as the cropped object."""
-_MAX_CACHED_PREDICTIONS = 256
+_MAX_CACHED_PREDICTIONS = 256  # by definition
 """Predictions (one per photo and prompt) kept in memory: 18 KB each for 900 boxes, and their labels."""
 
 
@@ -95,7 +95,7 @@ class GroundingDino:
         cache: Path | None = None,
         *,
         settings: GroundingSettings | None = None,
-        threads: int = 2,
+        threads: int = 2,  # by definition
     ) -> None:
         model = locate(f"{name}-model", cache)
         self._open(name, open_session(model, threads=threads), locate("grounding-dino-tokenizer", cache), settings)

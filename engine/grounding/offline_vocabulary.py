@@ -36,21 +36,21 @@ Box = tuple[float, float, float, float]
 
 # Margin of a masked crop on each side, as a fraction of its size. Margin and white background were chosen by
 # measurement, see docs/design_notes/grounding.md.
-_MARGIN = 0.2
-_WHITE = 255
-_BATCH_SIZE = 4
+_MARGIN = 0.2  # chosen on museum_room
+_WHITE = 255  # by definition
+_BATCH_SIZE = 4  # by definition
 # Class probabilities that give a score of 0.5, for words of a prompt and for suggested names; see `_score`.
-_PROMPT_MIDPOINT = 0.1
-_NAME_MIDPOINT = 0.02
+_PROMPT_MIDPOINT = 0.1  # chosen on museum_room
+_NAME_MIDPOINT = 0.02  # chosen on museum_room
 # Detections with a lower score are discarded.
-_MIN_SCORE = 0.05
+_MIN_SCORE = 0.05  # chosen on museum_room
 # Segments that cover a smaller or larger fraction of the photo are not classified.
-_MIN_SEGMENT_FRACTION = 0.001
-_MAX_SEGMENT_FRACTION = 0.5
-_MAX_CACHED_ROWS = 20_000
+_MIN_SEGMENT_FRACTION = 0.001  # chosen on museum_room
+_MAX_SEGMENT_FRACTION = 0.5  # chosen on museum_room
+_MAX_CACHED_ROWS = 20_000  # by definition
 """Largest number of crops whose probabilities are kept in memory, 4 KB each."""
 
-_MAX_CACHED_PHOTOS = 200
+_MAX_CACHED_PHOTOS = 200  # by definition
 """Largest number of photos whose segments' probabilities are stored on disk, about 160 KB each. A text prompt uses
 eight photos of a scene."""
 

@@ -13,9 +13,9 @@ from ..models import open_session
 
 __all__ = ["SentenceEncoder"]
 
-_WIDTH = 384
-_MAX_TOKENS = 256
-_BATCH_SIZE = 64
+_WIDTH = 384  # by definition
+_MAX_TOKENS = 256  # by definition
+_BATCH_SIZE = 64  # by definition
 
 
 class SentenceEncoder:
@@ -40,7 +40,7 @@ class SentenceEncoder:
     Reimers and Gurevych, "Sentence-BERT", 2019, section 3 (mean pooling).
     """
 
-    def __init__(self, model: Path, tokenizer: Path, *, threads: int = 2) -> None:
+    def __init__(self, model: Path, tokenizer: Path, *, threads: int = 2) -> None:  # by definition
         try:
             from tokenizers import Tokenizer
         except ImportError as error:

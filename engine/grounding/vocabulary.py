@@ -18,13 +18,13 @@ from .sentences import SentenceEncoder
 
 __all__ = ["N_CLASSES", "Vocabulary", "read_class_words"]
 
-N_CLASSES = 1000
+N_CLASSES = 1000  # by definition
 _HERE = Path(__file__).parent
 # Smallest similarity of a known prompt; calibrated, see docs/design_notes/grounding.md.
-_MIN_SIMILARITY = 0.61
+_MIN_SIMILARITY = 0.61  # chosen on prompt_words
 # Classes whose similarity is this much lower than the best one also match: "clock" is a wall clock and a digital clock.
-_SIMILARITY_SPREAD = 0.08
-_N_NEAREST = 5
+_SIMILARITY_SPREAD = 0.08  # chosen on prompt_words
+_N_NEAREST = 5  # by definition
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
 _AFTER_NOUN = re.compile(r"\s+(?:of|with|in|on|from|for|by|at|near|under|behind|without|made|showing)\s+.*$")
 

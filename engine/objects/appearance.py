@@ -33,7 +33,7 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 3
+_VERSION = 3  # by definition
 _GROUP_MAP_PREFIX = "picture "
 """First part of the stored names of the group maps; the name of the photo follows."""
 
@@ -43,15 +43,15 @@ _SPECS = {
     "group": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
     "described": ArraySpec("float16", ("s", "d"), finite=True),
-}
+}  # by definition
 
-_N_VIEWS = 16
+_N_VIEWS = 16  # chosen on museum_room
 """Photos for which group maps are rendered."""
 
-_N_SIGHTINGS = 3
+_N_SIGHTINGS = 3  # chosen on museum_room, store_room
 """Photos from which each group is described, at most."""
 
-_N_CHANNELS = 60
+_N_CHANNELS = 60  # by definition
 """Groups rendered in one pass. More need more memory and give the same maps."""
 
 

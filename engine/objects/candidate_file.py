@@ -23,7 +23,7 @@ __all__ = ["CANDIDATES", "StoredCandidate", "forget_candidates", "load_candidate
 
 CANDIDATES = "objects/candidates.json"
 _PICTURES = "objects/_candidates"
-_VERSION = 1
+_VERSION = 1  # by definition
 _ADVICE = "Ask for the text again."
 _SCHEMA = {
     "version": int,
@@ -43,13 +43,13 @@ _SCHEMA = {
     ],
 }
 
-_MAX_STORED = 5
+_MAX_STORED = 5  # by definition
 """Candidates of one text that are stored, at most."""
 
-_PICTURE_SIDE = 256
+_PICTURE_SIDE = 256  # by definition
 """Longest side of a candidate's picture in pixels."""
 
-_PICTURE_MARGIN = 0.4
+_PICTURE_MARGIN = 0.4  # by definition
 """Margin around a candidate in its picture, relative to the longer side of its box."""
 
 

@@ -18,7 +18,7 @@ from .views import View, Views
 
 __all__ = ["THRESHOLD", "Candidate", "build_candidates", "fit_of", "overlap"]
 
-THRESHOLD = 0.5
+THRESHOLD = 0.5  # by definition
 """Smallest membership with which a Gaussian belongs to an object, until the user moves the slider."""
 
 Float32 = NDArray[np.float32]

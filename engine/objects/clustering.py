@@ -15,7 +15,7 @@ from ..errors import Cancelled
 from ..events import StopCheck
 from .lifting import snap_to_segments
 from .selection import grid_components
-from .views import View, Views, spread_cameras
+from .views import MIN_GROUPED_OPACITY, View, Views, spread_cameras
 from .voting import VoteCount
 
 __all__ = ["cluster_scene", "vote_for_groups"]
@@ -23,29 +23,29 @@ __all__ = ["cluster_scene", "vote_for_groups"]
 Float32 = NDArray[np.float32]
 Labels = NDArray[np.int32]
 
-_SAMPLE_SIZE = 8000
+_SAMPLE_SIZE = 8000  # chosen on museum_room
 """Gaussians that are clustered. Every other Gaussian joins the cluster of its nearest neighbour in the sample."""
 
-_MIN_CLUSTER_SHARE = 1 / 160
+_MIN_CLUSTER_SHARE = 1 / 160  # chosen on museum_room
 """Smallest cluster as a share of the sample. Below it, single SAM segments of one photo become clusters."""
 
-_MIN_SAMPLES = 15
+_MIN_SAMPLES = 15  # chosen on museum_room
 """Neighbours that make a Gaussian a core point of HDBSCAN."""
 
-_POSITION_WEIGHT = 1.0
+_POSITION_WEIGHT = 1.0  # chosen on museum_room
 """Weight of a position, in units of the cameras' spread, relative to a feature of unit length.
 
 Larger weights split similar objects less well; see docs/design_notes/objects.md.
 """
 
-_MAX_DISTANCE = 3.0
+_MAX_DISTANCE = 3.0  # chosen on museum_room
 """Largest distance from the scene's median along an axis, in units of the cameras' spread, of a sampled Gaussian."""
 
-_MIN_COMPONENT_SHARE = 0.002
+_MIN_COMPONENT_SHARE = 0.002  # chosen on museum_room
 """Smallest connected component of a cluster as a share of the scene's Gaussians. Smaller ones are in no group."""
 
 
-def cluster_scene(views: Views, *, seed: int = 0) -> Labels:
+def cluster_scene(views: Views, *, seed: int = 0) -> Labels:  # by definition
     """Cluster the Gaussians of a scene into disjoint groups.
 
     Parameters
@@ -71,7 +71,9 @@ def cluster_scene(views: Views, *, seed: int = 0) -> Labels:
     unit = views.cameras_spread
     positions = ((means - np.median(means, axis=0)) / unit).astype(np.float32)
     points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
-    near = np.flatnonzero((np.abs(positions).max(axis=1) < _MAX_DISTANCE) & (views.scene.gaussians.opacities > 0.1))
+    near = np.flatnonzero(
+        (np.abs(positions).max(axis=1) < _MAX_DISTANCE) & (views.scene.gaussians.opacities > MIN_GROUPED_OPACITY)
+    )
     sample = np.random.default_rng(seed).permutation(near)[:_SAMPLE_SIZE]
     min_size = max(5, round(_MIN_CLUSTER_SHARE * len(sample)))
     if len(sample) < 2 * min_size:

@@ -20,11 +20,11 @@ __all__ = ["find_excluded_gaussians", "remove_gaussians"]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_MAX_SHARE_OF_REST = 0.5
+_MAX_SHARE_OF_REST = 0.5  # chosen on museum_room
 """A clicked thing is removed as a whole when it contains less than this share of the rest of the object. A thing that
 contains more was not separated from the object."""
 
-_REMOVED_MEMBERSHIP = np.float32(0.25)
+_REMOVED_MEMBERSHIP = np.float32(0.25)  # by definition
 """Largest membership of a removed Gaussian: below the threshold, but within reach of the slider."""
 
 

@@ -15,10 +15,10 @@ from .views import View, Views, spread_cameras
 
 __all__ = ["MIN_VISIBLE_PIXELS", "crop_photo", "crop_photos", "median_center"]
 
-MIN_VISIBLE_PIXELS = 60
+MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 """Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""
 
-_MIN_VISIBLE_SHARE = 0.25
+_MIN_VISIBLE_SHARE = 0.25  # chosen on museum_room, store_room
 """Smallest area of an object in a view, as a share of its area in the view that shows most of it. Where less is
 visible, something else hides the object."""
 

@@ -54,7 +54,7 @@ BACKGROUND = "background"
 
 Float32 = NDArray[np.float32]
 
-_MIN_REMAINING_SHARE = 0.05
+_MIN_REMAINING_SHARE = 0.05  # chosen on museum_room
 """Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""
 
 

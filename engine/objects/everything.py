@@ -32,20 +32,26 @@ __all__ = ["DetectedObject", "find_everything", "segment_everything_in"]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_N_VIEWS = 16
+_N_VIEWS = 16  # chosen on museum_room
 """Views that vote on the groups."""
 
-_MIN_SIZE = 60
+_MIN_SIZE = 60  # chosen on museum_room
 """Smallest object in Gaussians, and smallest area of an object in a view in pixels."""
 
-_MIN_NAME_SCORE = 0.5
+_MIN_NAME_SCORE = 0.5  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
 
-_MIN_MERGE_GAIN = 1.05
+_MIN_MERGE_GAIN = 1.05  # chosen on museum_room
 """Two touching groups are merged if their score together exceeds the better of their own scores by this factor."""
 
-_MIN_TOUCHING_SHARE = 0.03
+_MIN_TOUCHING_SHARE = 0.03  # chosen on museum_room
 """Share of the smaller group's Gaussians with a Gaussian of the other group nearby from which on the two touch."""
+
+_MAX_GAP_BELOW, _MAX_GAP_ABOVE = 0.35, 0.2  # chosen on museum_room
+"""Largest distance between the top of a support and what rests on it: shares of the heights of the two, added."""
+
+_MAX_OVERHANG = 1.2  # chosen on museum_room
+"""Largest outline of what rests on a support, relative to the support's."""
 
 
 @dataclass(frozen=True)
@@ -172,10 +178,10 @@ def _without_background(views: Views, votes: Float32, groups: Sequence[int]) -> 
 def _supports(lower: NDArray[np.floating], upper: NDArray[np.floating]) -> bool:
     """Return whether `upper` rests on `lower`, boxes [2, 3]: it is within its outline and starts near its top."""
     height = lower[1, 2] - lower[0, 2]
-    meets = abs(upper[0, 2] - lower[1, 2]) <= 0.35 * height + 0.2 * (upper[1, 2] - upper[0, 2])
+    meets = abs(upper[0, 2] - lower[1, 2]) <= _MAX_GAP_BELOW * height + _MAX_GAP_ABOVE * (upper[1, 2] - upper[0, 2])
     center = upper[:, :2].mean(axis=0)
     within = ((center >= lower[0, :2]) & (center <= lower[1, :2])).all()
-    narrower = np.prod(upper[1, :2] - upper[0, :2]) <= 1.2 * np.prod(lower[1, :2] - lower[0, :2])
+    narrower = np.prod(upper[1, :2] - upper[0, :2]) <= _MAX_OVERHANG * np.prod(lower[1, :2] - lower[0, :2])
     above = upper[:, 2].mean() > lower[1, 2]
     return bool(meets and within and narrower and above)
 

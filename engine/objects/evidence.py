@@ -43,10 +43,10 @@ DetectorFactory = Callable[[], "Detector"]
 Mask = NDArray[np.bool_]
 Float32 = NDArray[np.float32]
 
-_MIN_GROUP_SCORE = 0.05
+_MIN_GROUP_SCORE = 0.05  # chosen on museum_room, store_room
 """Smallest score, mean over the photos times the root of the prominence, with which a group is evidence of a text."""
 
-_NEARLY_AS_GOOD = 0.9
+_NEARLY_AS_GOOD = 0.9  # chosen on museum_room, store_room
 """Share of a group's score from which on a larger group around it is evidence too."""
 
 

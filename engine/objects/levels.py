@@ -32,42 +32,42 @@ Mask = NDArray[np.bool_]
 Box = tuple[float, float, float, float]
 Scorer = Callable[[Mask], float]
 
-_BOX_EXTENSIONS = (0.35, 0.7, 1.2, 2.0)
+_BOX_EXTENSIONS = (0.35, 0.7, 1.2, 2.0)  # chosen on museum_room
 """Distances by which SAM's box is extended below the object, in heights of the object.
 
 The part that SAM leaves out is mostly the base: pictures and features merge it with the support. In a box of its own
 SAM separates the two.
 """
 
-_MIN_COVER = 0.85
+_MIN_COVER = 0.85  # chosen on museum_room
 """Share of an object that a larger level must contain. A box that SAM fills with something else gives no level."""
 
-_MAX_SIZE = 6.0
+_MAX_SIZE = 6.0  # chosen on museum_room
 """Largest number of Gaussians in a level, relative to the object."""
 
-_MIN_SCORE_WITH_BASE = 0.97
+_MIN_SCORE_WITH_BASE = 0.97  # chosen on museum_room, store_room
 """Score of a version with more of a base, relative to the object's, from which on it is chosen.
 
 A base hardly raises an object's similarity to its name. Of several such versions the one of median size is chosen,
 because the cuts of the groups around an object scatter about its end.
 """
 
-SAME_LEVEL_IOU = 0.9
+SAME_LEVEL_IOU = 0.9  # chosen on museum_room
 """IoU above which two levels are the same."""
 
-_MIN_OUTLINES = 3
+_MIN_OUTLINES = 3  # chosen on museum_room
 """Smallest number of outlines that can remove a part of the object."""
 
-_MIN_OUTSIDE_SHARE = 0.05
+_MIN_OUTSIDE_SHARE = 0.05  # chosen on museum_room
 """Smallest share of an object outside of all outlines that is removed. Less may be due to imprecise edges."""
 
-_MIN_BOX_IN_PHOTO = 0.8
+_MIN_BOX_IN_PHOTO = 0.8  # chosen on museum_room
 """Share of a box that must be within the photo."""
 
-_MIN_BOX_SIDE = 4
+_MIN_BOX_SIDE = 4  # by definition
 """Smallest side of a box in pixels of the photo."""
 
-_MIN_VIEWS = 3
+_MIN_VIEWS = 3  # chosen on museum_room
 """Smallest number of views that can vote on a level."""
 
 
@@ -93,7 +93,7 @@ class Levels:
     """
 
     memberships: tuple[Float32, ...]
-    chosen: int = 0
+    chosen: int = 0  # by definition
 
     @property
     def membership(self) -> Float32:
@@ -259,7 +259,7 @@ def _voted(
     *,
     extension: float = 0.0,
     scales: bool = False,
-) -> list[Float32]:
+) -> list[Float32]:  # by definition
     """Return the memberships that SAM's masks of an object's box vote for.
 
     Parameters

@@ -32,11 +32,16 @@ __all__ = ["Lifted", "complete", "lift", "lift_group", "refine_by_votes", "snap_
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_MIN_PART_SHARE = 0.03
+_MIN_PART_SHARE = 0.03  # chosen on museum_room
 """Smallest part of an object with a direction of its own, as a share of the mask's pixels."""
 
-_MAX_RADII = 2.0
-"""Distance from the middle of a mask's Gaussians beyond which nothing belongs, in radii that hold 90 % of them."""
+_MAX_RADII = 2.0  # chosen on museum_room, store_room
+"""Distance from the middle of a mask's Gaussians beyond which nothing belongs, in radii."""
+_RADIUS_PERCENTAGE = 90  # chosen on museum_room, store_room
+"""Percentage of a mask's Gaussians that a radius holds. The others may lie on what shines through."""
+
+_NEARBY_MARGIN = 0.25  # chosen on museum_room
+"""Margin around an object within which the threshold can add Gaussians, as a share of its extent along each axis."""
 
 
 @dataclass(frozen=True)
@@ -185,7 +190,7 @@ def _nearby(views: Views, membership: Float32, members: Mask) -> Float32:
     """
     means = views.scene.gaussians.means
     low, high = means[members].min(axis=0), means[members].max(axis=0)
-    margin = 0.25 * (high - low)
+    margin = _NEARBY_MARGIN * (high - low)
     nearby = ((means >= low - margin) & (means <= high + margin)).all(axis=1)
     others = np.where(nearby, np.minimum(membership, BELOW_HALF), np.float32(0))
     return np.where(members, membership, others).astype(np.float32)
@@ -304,7 +309,7 @@ def _excluded_by_mask(views: Views, votes: Float32) -> Mask:
     if core.any():
         means = views.scene.gaussians.means
         distances = np.linalg.norm(means - np.median(means[core], axis=0), axis=1)
-        excluded |= distances > _MAX_RADII * np.percentile(distances[core], 90)
+        excluded |= distances > _MAX_RADII * np.percentile(distances[core], _RADIUS_PERCENTAGE)
     return excluded
 
 

@@ -20,10 +20,10 @@ __all__ = ["Photos", "SamFactory"]
 
 SamFactory = Callable[[], "SegmentAnything"]
 
-_MAX_CACHED_BYTES = 256_000_000
+_MAX_CACHED_BYTES = 256_000_000  # by definition
 """Largest size of the cached pixels in bytes, about a hundred photos at 1024 pixels."""
 
-_MAX_CACHED_EMBEDDINGS = 32
+_MAX_CACHED_EMBEDDINGS = 32  # by definition
 """Embeddings of SAM that are cached in memory, at most, 4 MB each."""
 
 

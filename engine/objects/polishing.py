@@ -27,26 +27,29 @@ __all__ = ["polish", "polish_each"]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_MIN_SHARE, _FULL_SHARE = 0.2, 0.7
+_MIN_SHARE, _FULL_SHARE = 0.2, 0.7  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which its target coverage starts to rise, and is 1."""
 
-_OCCLUDER_DISTANCE = 0.25
+_OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
 """Distance in front of the object, in its radii, from which on other Gaussians hide it.
 
 What is closer is the wall or support that a Gaussian of the object reaches into.
 """
 
-_RIM_PIXELS = 2
+_RIM_PIXELS = 2  # chosen on museum_room
 """Width in pixels of the edge that may be translucent. Farther inside, pixels that mostly show the object are opaque.
 """
 
-_MIN_VISIBLE_PIXELS = 30
+_MIN_VISIBLE_PIXELS = 30  # chosen on museum_room
 """Smallest area of the object in a view that is used, in pixels."""
 
-_MARGIN_PIXELS = 8
+_MIN_ALPHA = 0.02  # chosen on museum_room
+"""Alpha from which on a pixel of the object rendered alone is trained on."""
+
+_MARGIN_PIXELS = 8  # by definition
 """Margin around the object in the part of a view that is rendered."""
 
-_COVERAGE_WEIGHT = 0.5
+_COVERAGE_WEIGHT = 0.5  # chosen on museum_room
 """Weight of the coverage's L1 distance relative to that of the colours."""
 
 _LEARNING_RATES = {
@@ -56,13 +59,13 @@ _LEARNING_RATES = {
     "opacity_logits": 0.1,
     "sh_dc": 0.005,
     "sh_rest": 0.0005,
-}
+}  # chosen on museum_room
 """Learning rates of the first step."""
 
-_FINAL_RATE_FACTOR = 0.1
+_FINAL_RATE_FACTOR = 0.1  # chosen on museum_room
 """Learning rate at the end, relative to the first step. The rates fall exponentially."""
 
-_BLACK_SH = -0.5 / 0.28209479177387814
+_BLACK_SH = -0.5 / 0.28209479177387814  # by definition
 """Lowest band of the spherical harmonics of a black Gaussian: colour = 0.5 + 0.282 sh."""
 
 
@@ -187,7 +190,7 @@ def _target(view: View, scene: Scene, alone: Scene, members: Mask, occluder_dist
     alpha = np.clip((share - _MIN_SHARE) / (_FULL_SHARE - _MIN_SHARE), 0, 1)
     alpha[erode_mask(share > 0.5, _RIM_PIXELS)] = 1
     image = in_scene.channels[..., :3] * (alpha / np.maximum(share, _MIN_SHARE))[..., None]
-    part, camera = _cropped((isolated.alpha > 0.02) | (share > _MIN_SHARE), frame)
+    part, camera = _cropped((isolated.alpha > _MIN_ALPHA) | (share > _MIN_SHARE), frame)
     known = (view.within & ~hidden)[part].astype(np.float32)
     tensors = (torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in (image[part], alpha[part], known))
     return _Target(camera, *tensors)

@@ -32,7 +32,7 @@ __all__ = [
     "parse_texts",
 ]
 
-_MAX_MASK_PIXELS = 400_000_000
+_MAX_MASK_PIXELS = 400_000_000  # by definition
 """As for photos."""
 
 _MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")

@@ -28,14 +28,14 @@ __all__ = ["NoMatchError", "TextScorer", "build_text_candidates", "no_match_erro
 
 Mask = NDArray[np.bool_]
 
-_SAME_CANDIDATE_IOU = 0.85
+_SAME_CANDIDATE_IOU = 0.85  # chosen on museum_room
 """IoU of the Gaussians above which two pieces of evidence of a text are one candidate."""
 
-_MIN_RELATIVE_SCORE = 0.5
+_MIN_RELATIVE_SCORE = 0.5  # chosen on museum_room, store_room
 """Smallest score of a candidate before votes and levels complete it, relative to the best score. Candidates below it
 are discarded."""
 
-_FITTING_IOU = 0.7
+_FITTING_IOU = 0.7  # chosen on museum_room, store_room
 """IoU of a mask with the Gaussians of its features, rendered in the same view, from which on the features describe the
 object."""
 

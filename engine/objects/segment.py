@@ -40,10 +40,10 @@ __all__ = [
     "segment_prompt",
 ]
 
-MAX_REFUSED = 2
+MAX_REFUSED = 2  # chosen on museum_room, store_room
 """Candidates of a text that are completed by votes and levels, and still score too low, before the search ends."""
 
-MIN_SCORE_RETENTION = 0.8
+MIN_SCORE_RETENTION = 0.8  # chosen on museum_room, store_room
 """Smallest similarity of a candidate to the text after the votes, relative to its similarity before.
 
 Below it the membership before the votes is kept: the votes have spoiled the candidate, for example thin parts that SAM

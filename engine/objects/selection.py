@@ -29,20 +29,22 @@ log = logging.getLogger(__name__)
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-HALF = np.float32(0.5)
+HALF = np.float32(0.5)  # by definition
 """Membership from which on a Gaussian belongs to an object."""
 
-BELOW_HALF = np.nextafter(HALF, np.float32(0))
+BELOW_HALF = np.nextafter(HALF, np.float32(0))  # by definition
 """Largest membership of a Gaussian that does not belong."""
 
-_N_DIRECTION_ROUNDS = 3
+_N_DIRECTION_ROUNDS = 3  # chosen on museum_room
 """Times that the outliers of a mean direction are removed."""
 
-_CELL_LINK_DISTANCE = 1.8
+_CELL_LINK_DISTANCE = 1.8  # by definition
 """Distance in cells up to which two cells of a grid are linked; above sqrt(3), which reaches the 26 cells around."""
 
 
-def mean_direction(features: Float32, *, start: Float32 | None = None, cosine: float = 0.7) -> Float32 | None:
+def mean_direction(
+    features: Float32, *, start: Float32 | None = None, cosine: float = 0.7
+) -> Float32 | None:  # published: Dahaghin et al. 2024
     """Return the mean direction of features without outliers.
 
     Parameters
@@ -107,7 +109,9 @@ def grid_components(points: Float32, cell: float) -> NDArray[np.integer]:
     return components
 
 
-def connected_parts(points: Float32, evidence_weights: NDArray[np.floating], *, least_share: float = 0.1) -> Mask:
+def connected_parts(
+    points: Float32, evidence_weights: NDArray[np.floating], *, least_share: float = 0.1
+) -> Mask:  # chosen on museum_room
     """Return the connected components that the evidence mask shows.
 
     Points are connected through neighbouring cells of a grid. A cell is as wide as a tenth of the radius of the part

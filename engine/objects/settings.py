@@ -78,30 +78,30 @@ class SegmentSettings:
         stored. 0 keeps them as they are in the scene.
     """
 
-    cosine: float = 0.7
-    n_text_views: int = 8
-    photo_side: int = 1024
-    render_side: int = 480
-    erode_pixels: int = 2
-    parts: int = 6
-    part_purity: float = 0.6
-    refinement: Literal["none", "votes"] = "votes"
-    n_vote_views: int = 24
-    vote_rounds: int = 2
-    keep_given: bool = True
-    completion: Literal["none", "hull"] = "none"
-    outlier_iqr: float | None = 1.0
-    same_object: float = 0.4
-    n_rescored: int = 4
-    n_groups: int = 4
-    n_crop_views: int = 6
-    least_candidate: float = 0.12
-    least_score: float = 0.45
-    relative_score: float = 0.85
-    max_objects: int = 8
-    n_level_views: int = 8
-    level_gain: float = 1.3
-    polish_steps: int = 200
+    cosine: float = 0.7  # published: Dahaghin et al. 2024
+    n_text_views: int = 8  # chosen on museum_room
+    photo_side: int = 1024  # by definition
+    render_side: int = 480  # chosen on museum_room
+    erode_pixels: int = 2  # chosen on museum_room
+    parts: int = 6  # chosen on museum_room
+    part_purity: float = 0.6  # chosen on museum_room
+    refinement: Literal["none", "votes"] = "votes"  # chosen on museum_room
+    n_vote_views: int = 24  # chosen on museum_room
+    vote_rounds: int = 2  # chosen on museum_room
+    keep_given: bool = True  # chosen on museum_room, store_room
+    completion: Literal["none", "hull"] = "none"  # chosen on museum_room, store_room
+    outlier_iqr: float | None = 1.0  # published: Ye et al. 2024
+    same_object: float = 0.4  # chosen on museum_room
+    n_rescored: int = 4  # chosen on museum_room
+    n_groups: int = 4  # chosen on museum_room, store_room
+    n_crop_views: int = 6  # chosen on museum_room
+    least_candidate: float = 0.12  # chosen on museum_room
+    least_score: float = 0.45  # chosen on museum_room
+    relative_score: float = 0.85  # chosen on museum_room
+    max_objects: int = 8  # by definition
+    n_level_views: int = 8  # chosen on museum_room
+    level_gain: float = 1.3  # chosen on museum_room, store_room
+    polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
         require(self, "cosine", -1.0 < self.cosine < 1.0, "between -1 and 1")
@@ -134,20 +134,20 @@ BETTER = SegmentSettings()
 
 PAPER = replace(
     BETTER,
-    parts=1,
-    refinement="none",
+    parts=1,  # published: Dahaghin et al. 2024
+    refinement="none",  # published: Dahaghin et al. 2024
     keep_given=False,
-    completion="hull",
+    completion="hull",  # published: Dahaghin et al. 2024
     n_rescored=0,
     n_groups=0,
     least_candidate=0.0,
-    relative_score=0.6,
+    relative_score=0.6,  # chosen on museum_room
     n_level_views=0,
     polish_steps=0,
-)
+)  # by definition
 """Dahaghin et al. (2024): cosine 0.7 to the best-fitting mask of several views, then the convex hull."""
 
-RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)
+RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)  # published: Dahaghin et al. 2024
 """The paper's released code, which differs from its text: one photo, and no outliers removed before the hull."""
 
 PRESETS = {"paper": PAPER, "released": RELEASED, "better": BETTER}

@@ -20,46 +20,46 @@ __all__ = ["SupportedVersion", "UpperPart", "cut_at_support_planes", "upper_part
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_N_SLICES = 24
+_N_SLICES = 24  # chosen on museum_room, store_room
 """Horizontal slices that a figure is divided into."""
 
-_MIN_SLICE_POINTS = 15
+_MIN_SLICE_POINTS = 15  # chosen on museum_room, store_room
 """Mean number of points in a slice below which fewer slices are used."""
 
-_DIRECTIONS = np.stack([np.cos(np.arange(8) * np.pi / 8), np.sin(np.arange(8) * np.pi / 8)])
+_DIRECTIONS = np.stack([np.cos(np.arange(8) * np.pi / 8), np.sin(np.arange(8) * np.pi / 8)])  # by definition
 """Horizontal directions along which the width of a slice is measured."""
 
-MIN_WIDENING = 1.25
+MIN_WIDENING = 1.25  # chosen on museum_room, store_room
 """Smallest ratio of a slice's width to that of the slice above at which a figure is cut."""
 
-MAX_CUTS = 6
+MAX_CUTS = 6  # chosen on museum_room, store_room
 """Largest number of cuts of one figure. A goblet on a plinth widens at its bowl, its base and the plinth."""
 
-_SUPPORT_WIDTH = 1.1
+_SUPPORT_WIDTH = 1.1  # chosen on museum_room, store_room
 """Width, relative to the part above, beyond which a point belongs to the support."""
 
-_TOP_LAYER = 0.25
+_TOP_LAYER = 0.25  # chosen on museum_room, store_room
 """Thickness of the layer that contains the support's top, as a share of a slice."""
 
-_MIN_SUPPORT_POINTS = 10
+_MIN_SUPPORT_POINTS = 10  # chosen on museum_room, store_room
 """Smallest number of points of a support."""
 
-_MIN_GROUP_COVER = 0.85
+_MIN_GROUP_COVER = 0.85  # chosen on museum_room, store_room
 """Share of the object that a group around it must contain."""
 
-_MAX_GROUP_SIZE = 6.0
+_MAX_GROUP_SIZE = 6.0  # chosen on museum_room, store_room
 """Largest number of Gaussians in a group around an object, relative to the object."""
 
-_MIN_VERSION_SIZE, _MAX_VERSION_SIZE = 0.15, 2.0
+_MIN_VERSION_SIZE, _MAX_VERSION_SIZE = 0.15, 2.0  # chosen on museum_room, store_room
 """Number of Gaussians in a version, relative to the object. The object may have been found with its whole plinth."""
 
-SAME_VERSION_IOU = 0.9
+SAME_VERSION_IOU = 0.9  # chosen on museum_room, store_room
 """IoU above which two versions are the same."""
 
-_MIN_OBJECT_COVER = 0.95
+_MIN_OBJECT_COVER = 0.95  # chosen on museum_room, store_room
 """Share of the object that a version with its base must contain."""
 
-_MAX_BASE_HEIGHT = 0.3
+_MAX_BASE_HEIGHT = 0.3  # chosen on museum_room, store_room
 """Largest height of a base relative to the object's. What reaches farther down is not its base."""
 
 

@@ -39,7 +39,7 @@ __all__ = [
 _TRASH = "trash"
 _OBJECT = "object"
 _INFO = "trash.json"
-_VERSION = 1
+_VERSION = 1  # by definition
 _SCHEMA = {"version": int, "id": str, "name": str, "deleted": str, "why": str, "scene": optional((str, None))}
 
 
@@ -241,7 +241,7 @@ def _find_entry(entries: Sequence[TrashEntry], which: str) -> TrashEntry:
     raise ObjectError(f"The trash has no {which!r}. It holds: {known}.")
 
 
-def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:
+def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:  # by definition
     """Delete what is in the trash for good.
 
     Parameters

@@ -14,13 +14,16 @@ from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = ["MAX_OBJECT_EXTENT", "View", "Views", "erode_mask", "spread_cameras"]
+__all__ = ["MAX_OBJECT_EXTENT", "MIN_GROUPED_OPACITY", "View", "Views", "erode_mask", "spread_cameras"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-MAX_OBJECT_EXTENT = 1.2
+MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 """Largest extent of an object, relative to `Views.cameras_spread`. Anything longer is a wall, a floor or a table."""
+
+MIN_GROUPED_OPACITY = 0.1  # chosen on museum_room
+"""Opacity above which a Gaussian takes part in forming groups. Fainter ones float in free space."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,10 @@ __all__ = ["EXPOSURE", "Trial", "brightness_factors", "exposure_corrected_qualit
 EXPOSURE = "exposure"
 """Name of the trial of the brightness factors. Trials of bands are named by the number of the band."""
 
+MAX_BRIGHTNESS_FACTOR = 4.0  # chosen on museum_room
+"""Largest brightness factor at the start, and inverse of the smallest. A picture that is still black does not show the
+exposure of a photo."""
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -45,13 +49,13 @@ class Trial:
 def brightness_factors(image: torch.Tensor, level: Level) -> torch.Tensor:
     """Return the factors of the colours, shape [3], that fit `image` to the photo, by least squares.
 
-    They are clamped to 1/4 and 4, because a picture that is still black does not show the exposure of a photo.
+    They are clamped to `MAX_BRIGHTNESS_FACTOR` and its inverse.
     """
     target = torch.from_numpy(level.pixels).float().div_(255.0)
     valid = torch.ones(target.shape[:2], dtype=torch.bool) if level.valid is None else torch.from_numpy(level.valid)
     rendered, expected = image[valid].double(), target[valid].double()
     factors = (rendered * expected).sum(dim=0) / rendered.square().sum(dim=0).clamp_min(1e-9)
-    return factors.clamp(0.25, 4.0).float()
+    return factors.clamp(1.0 / MAX_BRIGHTNESS_FACTOR, MAX_BRIGHTNESS_FACTOR).float()
 
 
 def exposure_corrected_quality(
