@@ -74,7 +74,9 @@ class Trial:
     def problems(self) -> list[str]:
         """Everything that was wrong."""
         found = [*self.orphans, *self.damaged, *self.lost, *self.other]
-        if not self.continued:
+        if not self.moment:
+            found.append("the command was always over before the kill")
+        elif not self.continued:
             found.append("it could not be continued")
         elif not self.identical:
             found.append("the result differs from that of an uninterrupted run")
@@ -92,7 +94,6 @@ class Trial:
             if run is not None:
                 break
         else:
-            self.other.append("the command was always over before the kill")
             return
         project = folder / "project"
         self._check_end(run)
@@ -132,8 +133,10 @@ class Trial:
             run.wait()
             return None
         run.process.send_signal(number)
-        self.moment += f"{number.name} {sent - begin:.3f} s after the beginning, in {run.stage or 'the command'}; "
         run.wait()
+        if number == signal.SIGKILL and run.process.returncode == 0:
+            return None  # it ended by itself between the look at it and the signal
+        self.moment += f"{number.name} {sent - begin:.3f} s after the beginning, in {run.stage or 'the command'}; "
         if number == signal.SIGTERM:
             self.stop_seconds = time.monotonic() - sent
         return run
@@ -154,12 +157,13 @@ class Trial:
             return
         sentences = [event["message"] for event in run.of_kind("error")]
         if code != _CANCELLED:
-            self.other.append(f"exit code {code} after SIGTERM: {sentences} {errors[-3:]}")
+            self.other.append(f"exit code {code} after SIGTERM: {sentences}")
         elif len(sentences) != 1 or "\n" in sentences[0]:
             self.other.append(f"not one sentence after SIGTERM: {sentences}")
         # The only line of standard error says that the signal was understood.
         if len(errors) > 1:
-            self.other.append(f"more than a sentence on standard error: {errors}")
+            # Not all of them: the table is committed, and stack traces have paths of this machine.
+            self.other.append(f"{len(errors)} lines on standard error, the first: {errors[0][:120]}")
 
     def _check_project(self, project: Path, run: EngineRun, before: dict[str, str], reference: Reference) -> None:
         """Check what a kill left."""
