@@ -1,0 +1,51 @@
+"""Photos of a room to a trained project: the preset ``standard`` with fewer Gaussians, from the true cameras."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from engine.bench.prepared import prepare, prepare_masks, train_prepared
+from engine.cameras import has_points
+from engine.events import Emit, StopCheck
+from engine.pipeline import PipelineSettings
+from engine.planning import plan_work, training_settings
+
+__all__ = ["N_GAUSSIANS", "reconstruct_room"]
+
+N_GAUSSIANS = 15_000
+"""Largest number of Gaussians of a room. The photos have 36 % of the pixels of those of `demo/museum_room`."""
+
+
+def reconstruct_room(room: Path, out: Path, *, emit: Emit, should_stop: StopCheck) -> None:
+    """Reconstruct a room with the method of this working tree; a killed run is continued.
+
+    Parameters
+    ----------
+    room : Path
+        Folder with ``photos`` and ``cameras``.
+    out : Path
+        Project folder.
+    emit, should_stop
+        See `engine.events`.
+
+    Raises
+    ------
+    HeritageError
+        As `engine.pipeline.reconstruct`.
+    """
+    settings = PipelineSettings(camera_model=room / "cameras")
+    assert settings.camera_model is not None
+    prepared = prepare(room / "photos", out, settings, emit=emit, should_stop=should_stop)
+    planned = plan_work(
+        prepared.photo_set,
+        prepared.statistics,
+        settings.plan,
+        cameras=settings.cameras,
+        poses_given=True,
+        points_given=has_points(settings.camera_model),
+    )
+    work = replace(planned, max_gaussians=N_GAUSSIANS)
+    training = training_settings(work).changed(max_gaussians=N_GAUSSIANS)
+    prepared, _ = prepare_masks(prepared, out, work, settings, emit=emit, should_stop=should_stop)
+    train_prepared(prepared, out, work, training, emit=emit, should_stop=should_stop)
