@@ -14,9 +14,10 @@ PHOTOS ?=
 PROMPTS ?=
 PRESET ?= standard
 FUZZ_S ?= 600
+DRAW ?=
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster lock zip clean
+.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster test-rooms choosing-rooms lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -48,10 +49,17 @@ blender-tests: ## the add-on in each Blender at hand, against the installed zip
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
 
+test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
+	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md
+
+choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
+	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md
+	$(ENGINE) -m benchmarks.rooms keep
+
 lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
 	$(PYTHON) scripts/lock_requirements.py
 
-kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 35 minutes
+kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; an hour or more
 	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
