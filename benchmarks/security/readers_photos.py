@@ -102,7 +102,9 @@ def _read_prompt(folder: Path) -> object:
 def _write_museum(folder: Path) -> None:
     (folder / "masks").mkdir()
     _picture("L").point(lambda value: value // 128).save(folder / "masks" / "a.png")
-    (folder / "names.json").write_text(json.dumps({"1": {"prompt": "vase"}, "2": {"prompt": "cup", "name": "cup 2"}}))
+    names = {"1": {"prompt": "vase"}, "2": {"prompt": "cup", "name": "cup 2"}, "3": {"prompt": "shelf", "ignore": True}}
+    (folder / "names.json").write_text(json.dumps(names))
+    (folder / "absent.json").write_text(json.dumps(["dog"]))
 
 
 def _write_lerf_mask(folder: Path) -> None:
@@ -130,6 +132,36 @@ def _read_truth(folder: Path) -> object:
     return [truth.masks(photo) for photo in truth.photos]
 
 
+def _write_results(folder: Path) -> None:
+    from engine.evaluation import write_results
+    from engine.evaluation.results import Evaluation, Result, Row, Search, Word
+    from engine.evaluation.settings import EvaluationSettings
+
+    evaluation = Evaluation(
+        rows=(Row("vase", "better", True, 0.9, 0.8, 1.0, 0.0, 2.0, 20.0, 0.9, 1.5, 2.5, 3, "a.jpg"),),
+        words=(Word("vase", "better", False, 1, 0.7, 0.9, float("nan"), "vase", 1.0, 2.0),),
+        searches=(Search("better", (Result("vase", 0.7, "vase", 0.9, "object"),), 5.0, 9.0),),
+        ceiling={"vase": "vase"},
+        settings=EvaluationSettings(),
+        scene="room_1",
+        layout="museum",
+        photos=("b.jpg",),
+        looked_at=("a.jpg",),
+        n_trained_on=0,
+        unplaced=(),
+        left_out=(),
+        n_gaussians=3,
+        stages=(("training", 10.0, 20.0),),
+    )
+    write_results(folder / "results.json", evaluation)
+
+
+def _read_results(folder: Path) -> object:
+    from engine.evaluation import read_results
+
+    return read_results(folder / "results.json")
+
+
 def _photo_reader(name: str, file: str, write: Callable[[Path], None], share: float = 1.0) -> Reader:
     return Reader(name, write, _read_photos, (f"photos/{file}",), share)
 
@@ -152,8 +184,9 @@ PHOTOS: tuple[Reader, ...] = (
     ),
     Reader("photo-in-blender", partial(_write_photo, name="a.jpg", quality=40), _show_photo, ("photos/a.jpg",)),
     Reader("mask-prompt", _write_prompt, _read_prompt, ("mask.png",)),
-    Reader("truth-museum", _write_museum, _read_truth, ("names.json", "masks/a.png")),
+    Reader("truth-museum", _write_museum, _read_truth, ("names.json", "absent.json", "masks/a.png")),
     Reader("truth-lerf-mask", _write_lerf_mask, _read_truth, ("test_mask/a/vase.png",)),
     Reader("truth-3d-ovs", _write_three_d_ovs, _read_truth, ("segmentations/classes.txt", "segmentations/a/vase.png")),
     Reader("truth-lerf-ovs", _write_lerf_ovs, _read_truth, ("a.json",)),
+    Reader("results", _write_results, _read_results, ("results.json",)),
 )

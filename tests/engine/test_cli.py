@@ -225,6 +225,17 @@ sys.exit(cli.main(["reconstruct", "nowhere", "--out", sys.argv[1]]))
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 
 
+@pytest.fixture(autouse=True)
+def signals_as_in_a_terminal() -> Iterator[None]:
+    """Undo what nohup or a shell's ``&`` did before pytest began: both let a program ignore signals."""
+    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
+    usual = {number: signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL for number in numbers}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @contextlib.contextmanager
 def started(folder: Path, modules: str, *, obeys: bool = True, **options: Any) -> Iterator[subprocess.Popen[str]]:
     """Start a command that waits until it is told to stop, after it called `modules`, an expression."""
