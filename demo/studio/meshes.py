@@ -4,34 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import cos, pi, radians, sin
+from math import radians
 
 import bmesh
 import bpy
 import numpy as np
 
-Point2 = tuple[float, float]
-Point3 = tuple[float, float, float]
+from . import shapes
+from .shapes import Point2, Point3, Shape, smooth
 
-
-def smooth(points: Sequence[Sequence[float]], steps: int = 8) -> np.ndarray:
-    """Interpolate control points with a Catmull-Rom curve that passes through all of them."""
-    controls = np.asarray(points, dtype=float)
-    padded = np.vstack([2 * controls[0] - controls[1], controls, 2 * controls[-1] - controls[-2]])
-    curve = []
-    for before, start, end, after in zip(padded, padded[1:], padded[2:], padded[3:], strict=False):
-        for t in np.arange(steps) / steps:
-            curve.append(
-                0.5
-                * (
-                    2 * start
-                    + (end - before) * t
-                    + (2 * before - 5 * start + 4 * end - after) * t**2
-                    + (3 * start - before - 3 * end + after) * t**3
-                )
-            )
-    curve.append(controls[-1])
-    return np.array(curve)
+__all__ = ["Point2", "Point3", "box", "from_arrays", "from_shape", "lathe", "link", "quad", "relief", "smooth", "tube"]
 
 
 def from_arrays(
@@ -67,6 +49,17 @@ def link(name: str, mesh: bpy.types.Mesh) -> bpy.types.Object:
     return made
 
 
+def from_shape(name: str, shape: Shape, material: bpy.types.Material) -> bpy.types.Object:
+    """Create a smooth-shaded object of a shape. Quads with two equal corners become triangles."""
+    quads = shape.quads.tolist()
+    faces: list[Sequence[int]] = [quad if quad[3] != quad[2] else quad[:3] for quad in quads]
+    uvs = None
+    if shape.uvs is not None:
+        uvs = [corners[: len(face)] for corners, face in zip(shape.uvs.tolist(), faces, strict=True)]
+        uvs += [[at] * len(cap) for cap, at in zip(shape.caps, shape.cap_uvs, strict=True)]
+    return from_arrays(name, shape.vertices, [*faces, *shape.caps], uvs, material, shape.crease)
+
+
 def lathe(
     name: str,
     profile: Sequence[Sequence[float]],
@@ -74,38 +67,8 @@ def lathe(
     segments: int = 80,
     planar: bool = False,
 ) -> bpy.types.Object:
-    """Create a solid of revolution of a profile of (radius, height) points around Z.
-
-    Parameters
-    ----------
-    planar
-        Whether the texture is projected from above (for discs) instead of around the side with v along the height.
-    """
-    profile = np.asarray(profile, dtype=float)
-    angles = np.linspace(0, 2 * pi, segments, endpoint=False)
-    radius, height = profile[:, 0:1], profile[:, 1:2]
-    rings = np.stack([radius * np.cos(angles), radius * np.sin(angles), height + 0 * angles], axis=-1)
-    vertices = rings.reshape(-1, 3)
-    v = (profile[:, 1] - profile[:, 1].min()) / max(np.ptp(profile[:, 1]), 1e-9)
-    widest = 2 * profile[:, 0].max()
-    faces, uvs = [], []
-    for i in range(len(profile) - 1):
-        for j in range(segments):
-            k = (j + 1) % segments
-            corners = (i * segments + j, i * segments + k, (i + 1) * segments + k, (i + 1) * segments + j)
-            faces.append(corners)
-            if planar:
-                uvs.append([(vertices[c][0] / widest + 0.5, vertices[c][1] / widest + 0.5) for c in corners])
-            else:
-                uvs.append(
-                    [
-                        (j / segments, v[i]),
-                        ((j + 1) / segments, v[i]),
-                        ((j + 1) / segments, v[i + 1]),
-                        (j / segments, v[i + 1]),
-                    ]
-                )
-    return from_arrays(name, vertices, faces, uvs, material)
+    """Create a solid of revolution of a profile; see `shapes.lathe`."""
+    return from_shape(name, shapes.lathe(profile, segments, planar), material)
 
 
 def tube(
@@ -116,35 +79,8 @@ def tube(
     sides: int = 16,
     flatten: float = 1.0,
 ) -> bpy.types.Object:
-    """Sweep a circle, or an ellipse with its binormal axis scaled by `flatten`, along a path and close the ends."""
-    path = np.asarray(path, dtype=float)
-    radii = np.broadcast_to(np.asarray(radii, dtype=float), len(path))
-    tangents = np.gradient(path, axis=0)
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    normal = np.cross(tangents[0], (0.0, 0.0, 1.0) if abs(tangents[0][2]) < 0.9 else (1.0, 0.0, 0.0))
-    rings = []
-    for centre, radius, tangent in zip(path, radii, tangents, strict=True):
-        # The normal follows from the previous one, so that the tube does not twist where the path bends.
-        normal = normal - tangent * normal.dot(tangent)
-        normal /= np.linalg.norm(normal)
-        binormal = np.cross(tangent, normal) * flatten
-        rings.append(
-            [
-                centre + radius * (cos(a) * normal + sin(a) * binormal)
-                for a in np.linspace(0, 2 * pi, sides, endpoint=False)
-            ]
-        )
-    faces, uvs = [], []
-    for i in range(len(path) - 1):
-        for j in range(sides):
-            k = (j + 1) % sides
-            faces.append((i * sides + j, i * sides + k, (i + 1) * sides + k, (i + 1) * sides + j))
-            u, v, u2, v2 = j / sides, i / len(path), (j + 1) / sides, (i + 1) / len(path)
-            uvs.append([(u, v), (u2, v), (u2, v2), (u, v2)])
-    last = (len(path) - 1) * sides
-    faces += [tuple(range(sides))[::-1], tuple(range(last, last + sides))]
-    uvs += [[(0.0, 0.0)] * sides, [(1.0, 1.0)] * sides]
-    return from_arrays(name, np.concatenate(rings), faces, uvs, material)
+    """Sweep a circle or an ellipse along a path; see `shapes.tube`."""
+    return from_shape(name, shapes.tube(path, radii, sides, flatten), material)
 
 
 def box(
@@ -170,9 +106,8 @@ def quad(
     material: bpy.types.Material,
     repeat: Point2 = (1.0, 1.0),
 ) -> bpy.types.Object:
-    """Create a textured rectangle; the corners start at the texture's lower left, counter-clockwise."""
-    u, v = repeat
-    return from_arrays(name, np.array(corners), [(0, 1, 2, 3)], [[(0, 0), (u, 0), (u, v), (0, v)]], material)
+    """Create a textured rectangle; see `shapes.quad`."""
+    return from_shape(name, shapes.quad(corners, repeat), material)
 
 
 def relief(

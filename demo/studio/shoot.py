@@ -8,7 +8,8 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -20,8 +21,9 @@ import bpy  # noqa: E402
 import numpy as np  # noqa: E402
 from mathutils import Matrix  # noqa: E402
 
-from . import materials, phone  # noqa: E402
-from .stage import SEEN_THROUGH, Place, Scene  # noqa: E402
+from . import materials  # noqa: E402
+from .phone import Phone, save_ids  # noqa: E402
+from .stage import SEEN_THROUGH, Scene  # noqa: E402
 from .views import View, plan, useful_order  # noqa: E402
 
 
@@ -44,52 +46,50 @@ def main(folder: Path, description: str) -> None:
     parser.add_argument("--masks-only", action="store_true", help="write the ground truth and stop")
     arguments = parser.parse_args()
 
-    photos, masks = arguments.out / "photos", arguments.out / "truth" / "masks"
-    for place in (photos, masks):
-        place.mkdir(parents=True, exist_ok=True)
-        for unfinished in place.glob("*.part"):
-            unfinished.unlink()
+    photos, masks = prepare_folders(arguments.out)
     views = plan(scene.walks, scene.centre, arguments.views, arguments.seed)
+    names = {
+        str(i): {"name": place.name, "prompt": place.prompt or place.name}
+        for i, place in enumerate(scene.places, start=1)
+    }
     try:
-        write_truth(views, scene.places, arguments.out / "truth")
+        write_truth(views, names, scene.phone, arguments.out / "truth")
     except FileExistsError as error:
         parser.error(str(error))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene.build()
-    camera()
-    sky = bpy.context.scene.world.node_tree.nodes["Background"].inputs["Strength"]
-    brightness = sky.default_value
-    panes = [thing for thing in bpy.context.scene.objects if thing.get(SEEN_THROUGH)]
+    camera(scene.phone)
     order = arguments.only or useful_order(len(views))
 
-    setup_masks()
-    sky.default_value = 0
-    for pane in panes:
-        pane.hide_render = True
-    for index in order:
-        path = masks / f"{views[index].name}.png"
-        if not path.exists():
-            aim_camera(views[index])
-            phone.save_ids(phone.remap_ids(np.rint(render()[..., 0] * 255).astype(np.uint8)), path)
+    with mask_rendering():
+        for index in order:
+            path = masks / f"{views[index].name}.png"
+            if not path.exists():
+                save_ids(render_ids(views[index], scene.phone), path)
     if arguments.masks_only:
         return
 
     setup_photos(arguments.samples, scene.bounces)
-    sky.default_value = brightness
-    for pane in panes:
-        pane.hide_render = False
     for done, index in enumerate(order, start=1):
         path = photos / f"{views[index].name}.jpg"
         if not path.exists():
             started = time.perf_counter()
-            aim_camera(views[index])
-            bpy.context.scene.cycles.seed = arguments.seed + index
-            rng = np.random.default_rng((arguments.seed, index))
-            phone.save_photo(phone.expose(render(), views[index].exposure, rng), path, f"{scene.title}, synthetic, CC0")
+            pixels = render_photo(views[index], scene.phone, arguments.seed + index, (arguments.seed, index))
+            scene.phone.save_photo(pixels, path, f"{scene.title}, synthetic, CC0")
             print(f"{path.name} {done}/{len(order)} {time.perf_counter() - started:.0f} s", flush=True)
 
 
-def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) -> None:
+def prepare_folders(out: Path) -> tuple[Path, Path]:
+    """Create and return the folders of photos and masks, without the unfinished files of a killed run."""
+    photos, masks = out / "photos", out / "truth" / "masks"
+    for place in (photos, masks):
+        place.mkdir(parents=True, exist_ok=True)
+        for unfinished in place.glob("*.part"):
+            unfinished.unlink()
+    return photos, masks
+
+
+def write_truth(views: Sequence[View], names: Mapping[str, object], phone: Phone, folder: Path) -> None:
     """Write ``cameras.json`` and ``names.json``.
 
     Raises
@@ -97,6 +97,7 @@ def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) ->
     FileExistsError
         When the folder has other cameras, with which its photos and masks belong.
     """
+    cx, cy = phone.centre
     cameras = {
         "convention": (
             "world_to_camera is a 4x4 row-major matrix into camera axes x right, y down, z forward (OpenCV). "
@@ -109,9 +110,9 @@ def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) ->
             {
                 "file": f"{view.name}.jpg",
                 "model": "SIMPLE_RADIAL",
-                "width": phone.WIDTH,
-                "height": phone.HEIGHT,
-                "params": {"f": phone.FOCAL, "cx": phone.CX, "cy": phone.CY, "k1": phone.K1},
+                "width": phone.width,
+                "height": phone.height,
+                "params": {"f": phone.focal, "cx": cx, "cy": cy, "k1": phone.k1},
                 "exposure_stops": round(view.exposure, 4),
                 "world_to_camera": np.round(view.world_to_camera, 9).tolist(),
             }
@@ -121,25 +122,33 @@ def write_truth(views: Sequence[View], places: Sequence[Place], folder: Path) ->
     known = folder / "cameras.json"
     if known.exists() and json.loads(known.read_text(encoding="utf-8"))["photos"] != cameras["photos"]:
         raise FileExistsError(f"{folder.parent} holds photos of other views or another seed; choose another --out")
-    names = {
-        str(i): {"name": place.name, "prompt": place.prompt or place.name} for i, place in enumerate(places, start=1)
-    }
-    for name, content in (("cameras.json", cameras), ("names.json", names)):
-        unfinished = folder / f"{name}.part"
-        unfinished.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        os.replace(unfinished, folder / name)
+    write_json(known, cameras)
+    write_json(folder / "names.json", names)
 
 
-def camera() -> None:
+def write_json(path: Path, content: object) -> None:
+    """Write a JSON file atomically."""
+    write_text(path, json.dumps(content, indent=1) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically."""
+    unfinished = path.with_name(f"{path.name}.part")
+    unfinished.write_text(text, encoding="utf-8")
+    os.replace(unfinished, path)
+
+
+def camera(phone: Phone) -> None:
     """Add the camera, with the photo's focal length and a slightly larger sensor (see `phone`)."""
     data = bpy.data.cameras.new("Phone")
     data.sensor_fit, data.sensor_width = "HORIZONTAL", 36.0
-    data.lens = 36.0 * phone.FOCAL / phone.IDEAL_WIDTH
+    wide, tall = phone.ideal_size
+    data.lens = 36.0 * phone.focal / wide
     data.clip_start = 0.05
     scene = bpy.context.scene
     scene.camera = bpy.data.objects.new("Phone", data)
     scene.collection.objects.link(scene.camera)
-    scene.render.resolution_x, scene.render.resolution_y = phone.IDEAL_WIDTH, phone.IDEAL_HEIGHT
+    scene.render.resolution_x, scene.render.resolution_y = wide, tall
     scene.render.resolution_percentage = 100
 
 
@@ -149,8 +158,9 @@ def aim_camera(view: View) -> None:
     bpy.context.scene.camera.matrix_world = Matrix((np.linalg.inv(view.world_to_camera) @ to_blender).tolist())
 
 
-def setup_masks() -> None:
-    """Configure rendering of the object index with one unfiltered sample per pixel."""
+@contextmanager
+def mask_rendering() -> Iterator[None]:
+    """Configure rendering of the object index with one unfiltered sample per pixel; restore the sky and panes after."""
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.view_layers[0].material_override = materials.instance_id()
@@ -159,12 +169,38 @@ def setup_masks() -> None:
     scene.cycles.use_adaptive_sampling = False
     scene.cycles.max_bounces = 0
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 0.01
+    sky = scene.world.node_tree.nodes["Background"].inputs["Strength"]
+    brightness = sky.default_value
+    panes = [thing for thing in scene.objects if thing.get(SEEN_THROUGH)]
+    sky.default_value = 0
+    for pane in panes:
+        pane.hide_render = True
+    try:
+        yield
+    finally:
+        sky.default_value = brightness
+        for pane in panes:
+            pane.hide_render = False
+        scene.view_layers[0].material_override = None
+
+
+def render_ids(view: View, phone: Phone) -> np.ndarray:
+    """Return the instance ids of a photo (h, w) uint8, within `mask_rendering`."""
+    aim_camera(view)
+    return phone.remap_ids(np.rint(render()[..., 0] * 255).astype(np.uint8))
+
+
+def render_photo(view: View, phone: Phone, cycles_seed: int, noise_seed: Sequence[int]) -> np.ndarray:
+    """Return the sRGB pixels of a photo (h, w, 3) uint8, after `setup_photos`."""
+    aim_camera(view)
+    bpy.context.scene.cycles.seed = cycles_seed
+    return phone.expose(render(), view.exposure, np.random.default_rng(noise_seed))
 
 
 def setup_photos(samples: int, bounces: int) -> None:
     """Configure path tracing for a few CPU cores."""
     scene = bpy.context.scene
-    scene.view_layers[0].material_override = None
+    scene.render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.samples, cycles.use_adaptive_sampling, cycles.adaptive_threshold = samples, True, 0.03
     cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import radians
 
 import bpy
 from mathutils import Matrix, Vector
 
 from .materials import linear
-from .meshes import Point2, Point3, box, quad
+from .meshes import box, quad
+from .phone import Phone
+from .shapes import Point2, Point3
 from .views import Walk
 
 Parts = list[bpy.types.Object]
@@ -55,6 +57,8 @@ class Scene:
         Number of photos, and of samples per pixel.
     bounces
         Maximum number of glossy reflections of a light path.
+    phone
+        The phone that takes the photos.
     """
 
     title: str
@@ -65,6 +69,7 @@ class Scene:
     photos: int
     samples: int
     bounces: int = 1
+    phone: Phone = field(default_factory=Phone)
 
 
 def exhibit(place: Place, identity: int, builders: Mapping[str, Callable[[], Parts]]) -> None:

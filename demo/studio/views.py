@@ -9,7 +9,7 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from .meshes import Point2
+from .shapes import Point2
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Tests of the scripts in demo/ that need no Blender."""
