@@ -323,22 +323,26 @@ class Layout:
         return False
 
     def _put_on_plinth(self, number: int, one: Exhibit, height: float) -> bool:
-        size = one.thing.size
         edge = uniform(self.rng, 0.05, 0.14)
-        wide, deep = float(size[0]) + edge, float(size[1]) + edge
+        # What is wider above its base, such as a plant, may extend over the plinth.
+        wide, deep = (np.maximum(one.thing.base, 0.55 * one.thing.size[:2]) + edge).tolist()
         if self.rng.random() < 0.7:
             wide = deep = max(wide, deep)
         low, high = (0.25, 0.7) if height > 0.55 else (0.55, 1.05)
         tall = uniform(self.rng, low, high)
         piece = furniture.plinth(self.rng, max(wide, 0.26), max(deep, 0.26), tall)
-        cased = height < 0.5 and wide < 0.6 and self.rng.random() < 0.12
+        extends = bool((one.thing.size[:2] > (wide, deep)).any())
+        cased = height < 0.5 and wide < 0.6 and not extends and self.rng.random() < 0.12
         for where, turn in self._spots(30.0):
-            if not self._is_free(box_of(piece.thing, where, turn).grown(_GAP, height + 0.1)):
+            above = (*where[:2], tall)
+            # In a case it stands straight, as the case does.
+            around = turn + float(self.rng.normal(0, 8)) * (not cased)
+            exhibit = Placed(one.name, one.kind, one.thing, above, around, number, number)
+            column = box_of(piece.thing, where, turn).grown(_GAP, height + 0.1)
+            if not self._is_free(column) or not self._is_free(exhibit.box.grown(_GAP)):
                 continue
-            if self._add(piece, where, turn, number):
-                above = (*where[:2], tall)
-                around = turn + float(self.rng.normal(0, 8))
-                self.placed.append(Placed(one.name, one.kind, one.thing, above, around, number, number))
+            if self._is_inside(exhibit.box, anywhere=True) and self._add(piece, where, turn, number):
+                self.placed.append(exhibit)
                 if cased:
                     case = furniture.glass_case(self.rng, max(wide, 0.26) - 0.02, max(deep, 0.26) - 0.02, height + 0.08)
                     name = self._number(case.name)

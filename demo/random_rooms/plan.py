@@ -371,8 +371,12 @@ def _light(rng: Rng, room: Dimensions, gain: float) -> tuple[tuple[str, float], 
     sky = (cool if rng.random() < 0.7 else warm, gain * uniform(rng, 0.6, 0.9))
     side = pick(rng, (-1, 1))
     x, y = side * uniform(rng, 0.5, 0.85) * room.half_width, uniform(rng, max(room.front + 0.3, -3.2), -1.8)
+    z = room.height - 0.1
+    if room.island:
+        # Above the walls, because a lamp below their top draws the edge of its light on them.
+        x, y, z = 0.5 * x, 0.3 * y, room.height + 0.7
     main = Lamp(
-        (x, y, room.height - 0.1),
+        (x, y, z),
         (uniform(rng, -0.3, 0.3), 0.2, 0.9),
         uniform(rng, 0.8, 1.8),
         uniform(rng, 0.8, 1.8),

@@ -55,6 +55,12 @@ class Thing:
         """Size of the bounding box [3]."""
         return np.array(self.high) - np.array(self.low)
 
+    @property
+    def base(self) -> np.ndarray:
+        """Width and depth [2] around the axis of what is within 5 cm of the ground."""
+        vertices = np.concatenate([part.shape.vertices for part in self.parts])
+        return 2 * np.abs(vertices[vertices[:, 2] < self.low[2] + 0.05, :2]).max(axis=0)
+
 
 def standing(parts: Iterable[Part], cavity: Cavity | None = None) -> Thing:
     """Return a thing that stands on z = 0 with its bounding box around the Z axis.
