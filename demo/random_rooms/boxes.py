@@ -94,17 +94,20 @@ def hidden(eye: np.ndarray, points: np.ndarray, owners: np.ndarray, boxes: list[
     owners, of
         Number of the thing of each point [N] and of each box [B]; a box hides no points of its own thing.
     """
-    result = np.zeros(len(points), bool)
-    rays = points - eye
-    for box, owner in zip(boxes, of.tolist(), strict=True):
-        start = box.axes @ (eye[:2] - [box.x, box.y])
-        along = rays[:, :2] @ box.axes.T
-        begin = np.array([*start, eye[2] - (box.bottom + box.top) / 2])
-        step = np.concatenate([along, rays[:, 2:]], axis=1)
-        half = np.array([box.half_x, box.half_y, (box.top - box.bottom) / 2])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            first, second = (-half - begin) / step, (half - begin) / step
-        enter = np.fmin(first, second).max(axis=1)
-        leave = np.fmax(first, second).min(axis=1)
-        result |= (enter < leave) & (leave > 0) & (enter < 0.995) & (owners != owner)
-    return result
+    axes = np.array([box.axes for box in boxes])
+    middles = np.array([[box.x, box.y, (box.bottom + box.top) / 2] for box in boxes])
+    half = np.array([[box.half_x, box.half_y, (box.top - box.bottom) / 2] for box in boxes])
+    # In coordinates of each box: where the ray begins [B, 3], and its way to each point [B, N] along each axis.
+    begin = eye - middles
+    begin[:, :2] = np.einsum("bij,bj->bi", axes, begin[:, :2])
+    rays = (points - eye).T
+    ways = [axes[:, k, 0:1] * rays[0] + axes[:, k, 1:2] * rays[1] for k in (0, 1)]
+    ways.append(np.broadcast_to(rays[2], ways[0].shape))
+    enter, leave = np.full(ways[0].shape, -np.inf), np.full(ways[0].shape, np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for k, way in enumerate(ways):
+            first = (-half[:, k : k + 1] - begin[:, k : k + 1]) / way
+            second = (half[:, k : k + 1] - begin[:, k : k + 1]) / way
+            enter, leave = np.fmax(enter, np.fmin(first, second)), np.fmin(leave, np.fmax(first, second))
+    blocked = (enter < leave) & (leave > 0) & (enter < 0.995) & (owners != of[:, None])
+    return blocked.any(axis=0)

@@ -361,7 +361,7 @@ def _wall(rng: Rng, plain: bool) -> tuple[Stuff, float]:
 def _gain(shell: Thing) -> float:
     """Return by how much the light is stronger because floor and walls are dark; a phone would expose for longer."""
     floor, wall = (brightness(part.stuff) for part in shell.parts[:2])
-    return float(np.clip(0.33 / (0.06 + (floor + 2 * wall) / 3), 0.85, 1.9))
+    return float(np.clip(0.38 / (0.06 + (floor + 2 * wall) / 3), 0.95, 1.9))
 
 
 def _light(rng: Rng, room: Dimensions, gain: float) -> tuple[tuple[str, float], tuple[Lamp, ...]]:

@@ -77,11 +77,12 @@ def estimated_pixels(views: Sequence[View], placed: Sequence[Placed], phone: Pho
         candidates = np.flatnonzero(seen)
         blocked = hidden(eye_of(view), all_points[candidates], all_owners[candidates], boxes, np.array(of))
         candidates = candidates[~blocked]
-        cells = (pixel[candidates] // _CELL).astype(int)
+        columns, rows = (pixel[candidates] // _CELL).astype(int).T
+        cells = np.unique((all_owners[candidates] * phone.height + rows) * phone.width + columns)
+        seen_of = np.bincount(cells // (phone.width * phone.height), minlength=len(placed)) * _CELL**2
         for number, one in enumerate(placed):
             if one.exhibit is not None:
-                own = cells[all_owners[candidates] == number]
-                counts[one.exhibit][index] = len(np.unique(own, axis=0)) * _CELL**2
+                counts[one.exhibit][index] = seen_of[number]
     return counts
 
 

@@ -112,6 +112,19 @@ def test_cameras_keep_away_from_things_and_stay_in_the_room(rooms: dict[int, Any
         assert max(abs(view.exposure) for view in room.views) <= 0.25
 
 
+def test_a_box_hides_what_is_behind_it_and_intersects_what_it_touches() -> None:
+    from random_rooms.boxes import Box, hidden
+
+    box = Box(0, 0, 0, 1, 0.5, 0.1, turn=90)
+    assert box.intersects(Box(0.25, 0.8, 0, 1, 0.2, 0.25)) is False
+    assert box.intersects(Box(0.25, 0.4, 0, 1, 0.2, 0.25)) is True
+    assert box.intersects(Box(0, 0, 1, 2, 0.5, 0.5)) is False
+    points = np.array([[1.0, 0.0, 0.5], [1.0, 0.0, 1.8], [1.0, 1.5, 0.5], [-0.5, 0.0, 0.5], [1.0, 0.0, 0.5]])
+    found = hidden(np.array([-1.0, 0.0, 0.5]), points, np.array([1, 1, 1, 1, 0]), [box], np.array([0]))
+    # Behind it; above it; beside it; before it; behind it, but of its own thing.
+    assert found.tolist() == [True, False, False, False, False]
+
+
 def test_names_tell_exhibits_from_furniture(rooms: dict[int, Any]) -> None:
     for room in rooms.values():
         names = room.named()
