@@ -64,7 +64,7 @@ def _read_photo_set(folder: Path) -> object:
 
 
 def _write_looks(folder: Path) -> None:
-    looks = [{"name": "a.jpg", "brightness": -2.5, "texture": 0.4, "exposure_value": None}]
+    looks = [{"name": "a.jpg", "texture": 0.4, "exposure_value": None}]
     (folder / "looks.json").write_text(json.dumps([*looks, {**looks[0], "name": "b.jpg", "exposure_value": 9.5}]))
 
 

@@ -19,9 +19,20 @@ import bpy  # isort: skip
 from .build import Workshop
 from .colmap_text import model_files
 from .outputs import ROOM_FILE, OtherRoomError, accepted_attempt, is_complete
-from .plan import FIRST_FURNITURE, PHONE, SEEN_PHOTOS, SEEN_PIXELS, RoomError, RoomPlan, draw_room, generator, new_seed
+from .plan import (
+    ATTEMPTS_PER_SET,
+    FIRST_FURNITURE,
+    PHONE,
+    SEEN_PHOTOS,
+    SEEN_PIXELS,
+    RoomError,
+    RoomPlan,
+    draw_room,
+    generator,
+    new_seed,
+)
 
-ATTEMPTS = 12
+ATTEMPTS = 10 * ATTEMPTS_PER_SET
 """Layouts whose masks are rendered before the seed is given up."""
 SAMPLES = 6
 

@@ -42,6 +42,8 @@ SEEN_PIXELS, SEEN_PHOTOS = 400, 6
 """Every exhibit has this many pixels in this many photos."""
 FIRST_FURNITURE = 41
 """Instance id of the first piece of furniture."""
+ATTEMPTS_PER_SET = 6
+"""Attempts, see `draw_room`, with the same exhibits."""
 _REDRAWS, _LAYOUTS, _MOVES = 5, 12, 6
 # The estimate of the plan asks for more than the masks must show, because it is coarse.
 _MARGIN_PIXELS, _MARGIN_PHOTOS = 700, 8
@@ -135,14 +137,16 @@ def draw_room(seed: int, attempt: int = 0) -> RoomPlan:
     seed
         Not negative. Decides size, materials, light and exhibits.
     attempt
-        Further places and walks, for when an exhibit is seen too little in rendered masks.
+        Further places and walks, for when an exhibit is seen too little in rendered masks. After each
+        `ATTEMPTS_PER_SET` attempts the exhibits are others, too.
 
     Raises
     ------
     RoomError
         When no layout was found.
     """
-    for redraw in range(_REDRAWS):
+    first = attempt // ATTEMPTS_PER_SET
+    for redraw in range(first, first + _REDRAWS):
         exhibits = _exhibits(generator(seed, "exhibits", redraw))
         style = generator(seed, "style")
         room = _dimensions(style, len(exhibits))

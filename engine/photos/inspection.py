@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -23,10 +22,9 @@ __all__ = ["PhotoStatistics", "inspect_photos", "look_at", "read_photo_statistic
 
 _MAX_SIDE = 256
 _MIN_EDGE = 0.03
-_LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722], np.float32)
-_SCHEMA = [{"name": str, "brightness": float, "texture": float, "exposure_value": (float, None)}]
+_SCHEMA = [{"name": str, "texture": float, "exposure_value": (float, None)}]
 _MAX_STOPS = 100.0
-"""Largest brightness and exposure value, without their sign, that a photo can have."""
+"""Largest exposure value, without its sign, that a photo can have."""
 _ADVICE = "Delete it and run again."
 
 
@@ -37,16 +35,13 @@ class PhotoStatistics:
     Attributes
     ----------
     name : str
-    brightness : float
-        log2 of the geometric mean of the linear luminance (0 to 1, plus 0.01), in stops.
     texture : float
-        Share of the pixels whose brightness gradient is larger than 3 % per pixel.
+        Share of the pixels whose grey value changes by more than 3 % per pixel.
     exposure_value : float or None
         Exposure value of the camera's settings at ISO 100, in stops; None when EXIF does not contain it.
     """
 
     name: str
-    brightness: float
     texture: float
     exposure_value: float | None
 
@@ -86,8 +81,7 @@ def read_photo_statistics(path: Path) -> list[PhotoStatistics]:
         for fields in read_json(path, _SCHEMA, advice=_ADVICE)
     ]
     for photo in statistics:
-        stops = (photo.brightness, photo.exposure_value or 0.0)
-        if not 0.0 <= photo.texture <= 1.0 or max(map(abs, stops)) > _MAX_STOPS:
+        if not 0.0 <= photo.texture <= 1.0 or abs(photo.exposure_value or 0.0) > _MAX_STOPS:
             raise FormatError(f"{path} cannot be read: the numbers of {photo.name!r} are out of range. {_ADVICE}")
     return statistics
 
@@ -103,8 +97,6 @@ def look_at(path: str) -> dict[str, Any]:
     image, _ = open_photo(Path(path), max_side=_MAX_SIDE)
     value = exposure_value(image)
     pixels = upright_with_alpha(image, max_side=_MAX_SIDE)[0].astype(np.float32) / 255.0
-    linear = np.where(pixels <= 0.04045, pixels / 12.92, ((pixels + 0.055) / 1.055) ** 2.4) @ _LUMINANCE_WEIGHTS
-    brightness = math.log2(float(np.exp(np.log(linear + 0.01).mean())))
     down, right = np.gradient(pixels.mean(axis=2))
     texture = float((np.hypot(down, right) > _MIN_EDGE).mean())
-    return {"brightness": brightness, "texture": texture, "exposure_value": value}
+    return {"texture": texture, "exposure_value": value}

@@ -18,14 +18,9 @@ def photos(n: int, *, width: int = 800, height: int = 600) -> PhotoSet:
     return PhotoSet(Path("photos"), tuple(Photo(f"{i:03}.jpg", width, height, None, "") for i in range(n)), ())
 
 
-def statistics(
-    n: int, *, values: list[float] | None = None, brightness: list[float] | None = None
-) -> list[PhotoStatistics]:
+def statistics(n: int, *, values: list[float] | None = None) -> list[PhotoStatistics]:
     """Return the statistics of `n` photos, equal unless values are given."""
-    return [
-        PhotoStatistics(f"{i:03}.jpg", brightness[i] if brightness else -2.0, 0.5, values[i] if values else None)
-        for i in range(n)
-    ]
+    return [PhotoStatistics(f"{i:03}.jpg", 0.5, values[i] if values else None) for i in range(n)]
 
 
 def work(n: int, settings: PlanSettings | None = None, *, poses_given: bool = False, **size: int) -> WorkPlan:
