@@ -72,6 +72,13 @@ def test_masks_know_no_exhibit_without_a_name_and_show_every_one_often(scene: Pa
     assert len({entry["name"] for entry in names.values()}) == len(names)
 
 
+def test_absent_words_are_no_prompts_of_the_scene(scene: Path) -> None:
+    absent = truth(scene, "absent.json")
+    shown = {word for entry in truth(scene, "names.json").values() for word in entry["prompt"].split()}
+    assert len(absent) == len(set(absent)) >= 10
+    assert [word for word in absent if shown & set(word.split())] == []
+
+
 def test_store_room_has_equal_exhibits_that_share_their_prompt() -> None:
     prompts = Counter(entry["prompt"] for entry in truth(ROOT / "demo" / "store_room", "names.json").values())
     assert prompts.pop("pitcher") == 2 and set(prompts.values()) == {1} and 9 <= sum(prompts.values()) + 2 <= 12
