@@ -17,7 +17,7 @@ FUZZ_S ?= 600
 DRAW ?=
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster test-rooms choosing-rooms lock zip clean
+.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -55,6 +55,9 @@ test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason free
 choosing-rooms: setup ## the same in the choosing rooms alone, then keep them in demo/random_rooms/choosing
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --rooms choosing --doc docs/segmentation.md
 	$(ENGINE) -m benchmarks.rooms keep
+
+tables: setup ## the other measured tables of docs, each by its own command; GAUSSIAN_HERITAGE_DATA names the photo sets
+	$(PYTHON) scripts/make_tables.py
 
 lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
 	$(PYTHON) scripts/lock_requirements.py

@@ -3,7 +3,7 @@
 One of our scenes is trained several times with the Gaussians and image size of the standard preset: with and without
 features, for the same seed and number of steps; with one part of the feature training at a time replaced by the paper's
 or left out; and with the paper's feature losses, initialisation and learning rates, for increasing numbers of steps.
-Cameras and masks are computed once, in OUT/scene. Trained projects are kept, and a later run
+Cameras and masks are computed once. Trained projects are kept below OUT, in a folder of the scene, and a later run
 reuses them.
 
 example: python -m benchmarks.joint_features demo/museum_room --out out/joint --paper-steps 750,1500,3000,6000
@@ -83,11 +83,13 @@ class Bench:
     """One of our scenes, with computed cameras and masks."""
 
     def __init__(self, scene: Path, out: Path) -> None:
-        self.scene, self.out = scene, out
+        self.scene, self.out = scene, out / scene.name
         settings = PipelineSettings()
-        self.prepared = prepare(scene / "photos", out / "scene", settings, emit=ignore_events, should_stop=never_stop)
+        self.prepared = prepare(
+            scene / "photos", self.out / "scene", settings, emit=ignore_events, should_stop=never_stop
+        )
         self.prepared, _ = prepare_masks(
-            self.prepared, out / "scene", self._plan(True), settings, emit=ignore_events, should_stop=never_stop
+            self.prepared, self.out / "scene", self._plan(True), settings, emit=ignore_events, should_stop=never_stop
         )
 
     def _plan(self, features: bool) -> WorkPlan:

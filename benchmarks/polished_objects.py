@@ -1,11 +1,12 @@
-"""Quality of polished objects and cost of polishing: ``python -m benchmarks.polished_objects PROJECT [--out FILE.md]``.
+"""Quality of polished objects and cost of polishing: ``python -m benchmarks.polished_objects PROJECT ...``.
 
 PROJECT is a trained room whose exhibits were isolated by text prompts. `make demo` creates that of the museum room;
 in others, ``python -m engine segment PROJECT --prompt "vase;teapot"`` isolates them. Each object is rendered alone and
-compared with the true masks of the test photos.
+compared with the true masks of the test photos. The ground truth is the folder ``truth`` beside the project, as
+``python -m benchmarks.rooms unpack`` writes it, or that of the scene of the same name in ``demo``.
 
 example: python -m benchmarks.polished_objects out/museum_room/project
-         python -m benchmarks.polished_objects out/room_1/project --truth out/room_1/truth
+         python -m benchmarks.polished_objects out/kept/room_*/project --steps 0,200 --title "choosing rooms"
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from engine.pictures import Scene
 from engine.project_folder import ProjectFolder
 from engine.scene import Camera, Gaussians, read_camera_set
 
-_TRUTH = Path("demo/museum_room/truth")
+_DEMO = Path("demo")
 _STEPS = (0, 25, 50, 100, 200, 400, 800)
 """Numbers of polishing steps that are compared."""
 
@@ -136,6 +137,7 @@ class TrainedScene:
     """A trained scene with objects, and its ground truth."""
 
     def __init__(self, project: Path, truth: Path) -> None:
+        self.name = project.resolve().parent.name
         self.cameras = read_camera_set(project / "cameras")
         self.views = Views(Scene(load_gaussians(project / "gaussians")), self.cameras, render_side=BETTER.render_side)
         self.truth = read_ground_truth(truth, [camera.photo for camera in self.cameras.cameras])
@@ -228,12 +230,13 @@ def _render(scene: Scene, view: View) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def main() -> None:
     """Measure and print the tables, and write them to the file given by ``--out``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("project", type=Path, help="trained project with objects that were found by text")
+    parser.add_argument("projects", type=Path, nargs="+", help="trained projects with objects that were found by text")
+    parser.add_argument("--title", help="of the section (default: the name of the room)")
     parser.add_argument(
-        "--truth",
-        type=Path,
-        default=_TRUTH,
-        help=f"its ground truth, with the folder photos beside (default: {_TRUTH})",
+        "--steps",
+        default=",".join(map(str, _STEPS)),
+        metavar="N,N",
+        help=f"numbers of polishing steps, 0 and {BETTER.polish_steps} among them (default: %(default)s)",
     )
     parser.add_argument(
         "--mark", choices=tuple(MARKS), default="in sample", help="whether constants were chosen on this scene"
@@ -242,15 +245,25 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    trained = TrainedScene(arguments.project, arguments.truth)
-    trained.measure(next(iter(trained.objects)), 2)  # The first call compiles kernels.
-    figures = {n_steps: {name: trained.measure(name, n_steps) for name in trained.objects} for n_steps in _STEPS}
+    steps = [int(number) for number in arguments.steps.split(",")]
+    if not {0, BETTER.polish_steps} <= set(steps):
+        parser.error(f"--steps must contain 0 and {BETTER.polish_steps}, the number that is used")
+    scenes = [TrainedScene(project, _truth_of(project)) for project in arguments.projects]
+    scenes[0].measure(next(iter(scenes[0].objects)), 2)  # The first call compiles kernels.
+    figures = {
+        n_steps: {
+            f"{scene.name}: {name}" if len(scenes) > 1 else name: scene.measure(name, n_steps)
+            for scene in scenes
+            for name in scene.objects
+        }
+        for n_steps in steps
+    }
     before, after = figures[0], figures[BETTER.polish_steps]
-    title = arguments.truth.resolve().parent.name
-    options = "" if arguments.truth == _TRUTH else f" --truth {arguments.truth}"
+    options = "" if tuple(steps) == _STEPS else f" --steps {arguments.steps}"
+    options += "" if arguments.title is None else f" --title '{arguments.title}'"
     options += "" if arguments.mark == "in sample" else f" --mark {arguments.mark}"
     body = "\n\n".join([
-        f"`python -m benchmarks.polished_objects {arguments.project}{options}`",
+        f"`python -m benchmarks.polished_objects {' '.join(map(str, arguments.projects))}{options}`",
         MARKS[arguments.mark],
         summary(before, after),
         table_of_exhibits(before, after),
@@ -258,7 +271,17 @@ def main() -> None:
     ])  # fmt: skip
     sys.stdout.write(f"{body}\n")
     if arguments.out:
+        title = arguments.title or ", ".join(scene.name for scene in scenes)
         write_section(arguments.out, introduction=_INTRODUCTION, title=title, body=body)
+
+
+def _truth_of(project: Path) -> Path:
+    """Return the folder with the ground truth of a project."""
+    folder = project.resolve().parent
+    beside, of_demo = folder / "truth", _DEMO / folder.name / "truth"
+    if not beside.is_dir() and not of_demo.is_dir():
+        raise SystemExit(f"{project} has no ground truth: neither {beside} nor {of_demo} is there.")
+    return beside if beside.is_dir() else of_demo
 
 
 if __name__ == "__main__":

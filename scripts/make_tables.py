@@ -1,0 +1,123 @@
+"""Make the measured tables of docs anew from the present code: ``make tables``, about three hours on two cores.
+
+Each table has its own command, which docs tell above it. This script runs them in order: first the trained scenes that
+they share, then the tables. Trainings and cameras of a stopped run are kept. Tables with a target of their own (`make
+test-rooms`, `fuzz`, `kills`, `hostile`, `stability`, `bench-raster`) are not among them. Standard library only.
+
+example: python scripts/make_tables.py --only words polished
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from places import ROOT, python_of
+
+OUT = Path("out")
+SCENES = ("museum_room", "store_room")
+CHOOSING = ROOT / "demo" / "random_rooms" / "choosing"
+METHODS = "paper,released,better"
+
+
+def run(*command: str | Path) -> None:
+    """Run a command with the engine's Python in the root of the repository; exit when it fails."""
+    parts = [str(part) for part in command]
+    print(f"\n$ python {' '.join(parts)}", flush=True)
+    code = subprocess.run([python_of("engine"), *parts], cwd=ROOT, check=False).returncode
+    if code:
+        sys.exit(code)
+
+
+def scenes() -> None:
+    """Train the museum room, with its objects, and the store room."""
+    run("scripts/demo.py")
+    run("-m", "engine", "reconstruct", "demo/store_room/photos", "--out", OUT / "store_room" / "project")
+
+
+def masks() -> None:
+    """Objects prompted by true masks: docs/segmentation.md."""
+    for scene, counts in zip(SCENES, ("1,2,4,8,16", "1,4,16"), strict=True):
+        run(*_evaluate(scene, METHODS, "mask"), "--ablations", "--view-counts", counts, "--doc", "docs/segmentation.md")
+
+
+def words() -> None:
+    """Objects prompted by words, and found without a prompt: docs/text_prompts.md."""
+    for scene in SCENES:
+        run(*_evaluate(scene, METHODS, "text"), "--doc", "docs/text_prompts.md")
+        run(*_evaluate(scene, "better", "all"), "--doc", "docs/text_prompts.md")
+
+
+def polished() -> None:
+    """Objects before and after polishing: docs/polished_objects.md."""
+    document = "docs/polished_objects.md"
+    run("-m", "benchmarks.polished_objects", OUT / "museum_room" / "project", "--out", document)
+    projects = []
+    for archive in sorted(CHOOSING.glob("room_*.tar.xz")):
+        room = archive.name.removesuffix(".tar.xz")
+        folder = OUT / "kept" / room
+        projects.append(folder / "project")
+        done = ROOT / folder / "all_prompted"
+        if done.exists():
+            continue
+        shutil.rmtree(ROOT / folder, ignore_errors=True)
+        run("-m", "benchmarks.rooms", "unpack", room, "--out", folder)
+        names = json.loads((ROOT / folder / "truth" / "names.json").read_text(encoding="utf-8"))
+        prompts = dict.fromkeys(entry["prompt"] for entry in names.values() if not entry.get("ignore"))
+        run("-m", "engine", "segment", folder / "project", "--prompt", ";".join(prompts))
+        done.touch()
+    title = ("--title", "choosing rooms")
+    run("-m", "benchmarks.polished_objects", *projects, "--steps", "0,200", *title, "--out", document)
+
+
+def joint() -> None:
+    """Cost and parts of joint features: docs/segmentation.md."""
+    command = ("-m", "benchmarks.joint_features", "demo/museum_room", "--out", OUT / "joint")
+    for options in (("--seeds", "0,1,2"), ("--seeds", "", "--paper-steps", "1500,3000"), ("--seeds", "", "--parts")):
+        run(*command, *options, "--doc", "docs/segmentation.md")
+
+
+def bench() -> None:
+    """Error against run time: docs/error_vs_time.md."""
+    data = os.environ.get("GAUSSIAN_HERITAGE_DATA")
+    if not data:
+        sys.exit("GAUSSIAN_HERITAGE_DATA is not set. Set it to the folder with the photo sets, then run again.")
+    document = ("--doc", "docs/error_vs_time.md")
+    options = ("--presets", "preview,standard", "--everything", "--random-seeds", "0,1,2")
+    run(
+        "-m", "engine", "bench", OUT / "museum_room" / "project", *options, "--out", OUT / "bench" / "museum", *document
+    )
+    more = {"sakharov_statue32": ("--presets", "preview,standard,best,paper", "--limit", "10")}
+    for name in ("skull66", "sakharov_statue32", "banana16"):
+        options = more.get(name, ("--presets", "preview,standard"))
+        run("-m", "engine", "bench", Path(data) / name / "photos", *options, "--out", OUT / "bench" / name, *document)
+
+
+def _evaluate(scene: str, methods: str, kind: str) -> Sequence[str | Path]:
+    project, truth = OUT / scene / "project", Path("demo") / scene / "truth"
+    return ("-m", "engine", "evaluate", project, truth, "--presets", methods, "--prompt-kind", kind)
+
+
+TABLES: dict[str, Callable[[], None]] = {
+    "scenes": scenes, "masks": masks, "words": words, "polished": polished, "joint": joint, "bench": bench,
+}  # fmt: skip
+
+
+def main() -> None:
+    """Run the chosen parts in order."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=tuple(TABLES), help="only these parts (default: all)")
+    only = parser.parse_args().only
+    for name, make in TABLES.items():
+        if only is None or name in only:
+            make()
+
+
+if __name__ == "__main__":
+    main()
