@@ -89,14 +89,15 @@ def bench() -> None:
     if not data:
         sys.exit("GAUSSIAN_HERITAGE_DATA is not set. Set it to the folder with the photo sets, then run again.")
     document = ("--doc", "docs/error_vs_time.md")
-    options = ("--presets", "preview,standard", "--everything", "--random-seeds", "0,1,2")
-    run(
-        "-m", "engine", "bench", OUT / "museum_room" / "project", *options, "--out", OUT / "bench" / "museum", *document
-    )
-    more = {"sakharov_statue32": ("--presets", "preview,standard,best,paper", "--limit", "10")}
-    for name in ("skull66", "sakharov_statue32", "banana16"):
-        options = more.get(name, ("--presets", "preview,standard"))
-        run("-m", "engine", "bench", Path(data) / name / "photos", *options, "--out", OUT / "bench" / name, *document)
+    sets: dict[Path, tuple[str, ...]] = {
+        OUT / "museum_room" / "project": ("preview,standard", "--everything", "--random-seeds", "0,1,2"),
+        Path(data) / "skull66" / "photos": ("preview,standard",),
+        Path(data) / "sakharov_statue32" / "photos": ("preview,standard,best,paper", "--limit", "10"),
+        Path(data) / "banana16" / "photos": ("preview,standard",),
+    }
+    for scene, presets in sets.items():
+        out = OUT / "bench" / scene.parent.name
+        run("-m", "engine", "bench", scene, "--presets", *presets, "--out", out, "--doc", "docs/error_vs_time.md")
 
 
 def _evaluate(scene: str, methods: str, kind: str) -> Sequence[str | Path]:
