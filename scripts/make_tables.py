@@ -88,7 +88,6 @@ def bench() -> None:
     data = os.environ.get("GAUSSIAN_HERITAGE_DATA")
     if not data:
         sys.exit("GAUSSIAN_HERITAGE_DATA is not set. Set it to the folder with the photo sets, then run again.")
-    document = ("--doc", "docs/error_vs_time.md")
     sets: dict[Path, tuple[str, ...]] = {
         OUT / "museum_room" / "project": ("preview,standard", "--everything", "--random-seeds", "0,1,2"),
         Path(data) / "skull66" / "photos": ("preview,standard",),
