@@ -62,7 +62,7 @@ tables: setup ## the other measured tables of docs, each by its own command; GAU
 lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
 	$(PYTHON) scripts/lock_requirements.py
 
-kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; an hour or more
+kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 40 minutes of two free cores
 	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
