@@ -67,6 +67,8 @@ class Row:
         Reason why training ended before its last step or was refused, else empty.
     curve : tuple of dict
         Points of `training.held_out.CurvePoint`, measured during training at the picture size of the preset.
+    fitted_psnr, well_seen_psnr, well_seen_share, dark_share : float or None
+        See `training.quality.MeasuredQuality`.
     """
 
     name: str
@@ -86,6 +88,10 @@ class Row:
     measured_on: str
     remark: str
     curve: tuple[dict[str, Any], ...]
+    fitted_psnr: float | None = None
+    well_seen_psnr: float | None = None
+    well_seen_share: float | None = None
+    dark_share: float | None = None
 
 
 def compare(scene: Path, out: Path, settings: BenchSettings, *, emit: Emit, should_stop: StopCheck) -> list[Row]:
@@ -158,12 +164,14 @@ class _ComparedScene:
         if gaussians is None:
             return row
         held_out = plan_scene(work, self._base.camera_set).held_out
-        names = held_out or tuple(camera.photo for camera in self._base.camera_set.cameras)
+        registered = tuple(camera.photo for camera in self._base.camera_set.cameras)
+        names = held_out or registered
         measured = measure_quality(
             gaussians,
             self._base.photo_set.folder,
             self._base.camera_set,
             names,
+            trained=[name for name in registered if name not in held_out],
             max_side=max(PRESETS[preset].schedule.max_side for preset in self.settings.presets),
             photo_masks=self._base.photo_set.mask_files,
             should_stop=self.should_stop,
@@ -172,7 +180,9 @@ class _ComparedScene:
         quality = measured.quality
         return replace(
             row, n_gaussians=len(gaussians), psnr=quality.psnr, ssim=quality.ssim, l1=quality.l1, flip=measured.flip,
-            measured_on=measured_on,
+            measured_on=measured_on, fitted_psnr=measured.fitted.psnr,
+            well_seen_psnr=measured.well_seen.psnr if measured.well_seen else None,
+            well_seen_share=measured.well_seen_share, dark_share=measured.dark_share,
         )  # fmt: skip
 
     def with_masks(self, work: WorkPlan, leave_out: bool) -> tuple[PreparedScene, dict[str, Any]]:

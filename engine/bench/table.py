@@ -21,7 +21,13 @@ __all__ = ["markdown", "write_comparison"]
 _EXPLANATION = """## What the columns mean
 
 Errors of all rows are measured at the picture size of the largest preset. The curves were measured during training,
-each at the picture size of its preset. FLIP is the mean visible difference (Andersson et al. 2020), lower is better.
+each at the picture size of its preset.
+
+- fitted: PSNR with the brightness of each picture fitted to its photo, whose exposure is unknown.
+- well seen: PSNR in the pixels that show what at least three training photos see, with their share.
+- dark: pixels brighter than 40 of 255 that are rendered less than half as bright, in percent of them.
+
+FLIP is the mean visible difference (Andersson et al. 2020), lower is better.
 LPIPS is not measured, because its weights are not available here. Seconds are those of training without the
 measurements; cameras and masks are shared. A row is on the Pareto front when no other row is at least as good in
 less CPU time. CPU seconds are compared, because wall seconds also depend on other programs. The peak memory is that
@@ -31,16 +37,17 @@ of the whole process during training, in the order of the rows."""
 def markdown(rows: Sequence[Row]) -> str:
     """Return the table, and the savings of leaving out where they were measured."""
     lines = [
-        "| preset | steps | Gaussians | PSNR dB | SSIM | L1 | FLIP | wall s | CPU s | peak memory "
-        "| on the Pareto front |",
-        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
+        "| preset | steps | Gaussians | PSNR dB | fitted | well seen | SSIM | L1 | FLIP | dark % | wall s | CPU s "
+        "| peak memory | on the Pareto front |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- |",
     ]
     for row, on_front in zip(rows, pareto_front(rows), strict=True):
         memory = f"{row.peak_memory / 1e9:.2f} GB" if row.peak_memory else "not known"
         cells = [
             f"`{row.name}`{_seed_suffix(row, rows)}", f"{row.steps:,}", f"{row.n_gaussians:,}",
-            _number(row.psnr, ".2f"),
-            _number(row.ssim, ".3f"), _number(row.l1, ".4f"), _number(row.flip, ".4f"), f"{row.wall_seconds:.0f}",
+            _number(row.psnr, ".2f"), _number(row.fitted_psnr, ".2f"), _well_seen(row),
+            _number(row.ssim, ".3f"), _number(row.l1, ".4f"), _number(row.flip, ".4f"),
+            _number(None if row.dark_share is None else 100 * row.dark_share, ".2f"), f"{row.wall_seconds:.0f}",
             f"{row.cpu_seconds:.0f}", memory, "yes" if on_front else "no",
         ]  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
@@ -61,6 +68,12 @@ def _savings_lines(rows: Sequence[Row]) -> list[str]:
         unit = f" ± {error:.2f} dB on average over seeds" if error is not None else " dB"
         lines.append(f"{text}, and cost {saved['psnr_lost']:.2f}{unit} on test photos (measured)")
     return ["", *lines] if lines else []
+
+
+def _well_seen(row: Row) -> str:
+    if row.well_seen_psnr is None or row.well_seen_share is None:
+        return "-"
+    return f"{row.well_seen_psnr:.2f} ({row.well_seen_share:.0%})"
 
 
 def _seed_suffix(row: Row, rows: Sequence[Row]) -> str:

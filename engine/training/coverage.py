@@ -1,0 +1,93 @@
+"""How many training photos see what a picture shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..scene import PinholeCamera
+from .parameters import render
+from .settings import Backend
+
+__all__ = ["WELL_SEEN", "Coverage"]
+
+WELL_SEEN = 3  # by definition
+"""Number of training photos from which a place counts as well seen: two determine its depth, a third confirms it."""
+
+SIDE = 160  # by definition
+"""Longest side of the depth maps of the training photos, pixels."""
+
+MIN_COVER = 0.5  # by definition
+"""Least coverage of a pixel whose depth counts; what is more transparent has no surface."""
+
+DEPTH_TOLERANCE = 0.05  # by definition
+"""How much deeper than the surface that a photo shows a place may lie and still be seen by it, as a fraction."""
+
+
+class Coverage:
+    """The surfaces that training photos see.
+
+    Parameters
+    ----------
+    values : dict of str to tensor
+        Trained Gaussians, as in `Parameters.values`.
+    cameras : sequence of PinholeCamera
+        Of the training photos.
+    backend : {"cpu", "reference"}
+    """
+
+    def __init__(
+        self, values: dict[str, torch.Tensor], cameras: Sequence[PinholeCamera], *, backend: Backend = "cpu"
+    ) -> None:
+        self._values, self._backend = values, backend
+        self._seen = [(camera, self._depth(camera)) for camera in map(_reduced, cameras)]
+
+    def counts(self, camera: PinholeCamera) -> NDArray[np.int32]:
+        """Return how many training photos see what each pixel of a camera shows, shape [height, width].
+
+        A photo sees a place that lies in its picture and not behind what it shows there. Pixels without a surface
+        count 0.
+        """
+        depth = self._depth(camera)
+        rows, columns = np.nonzero(np.isfinite(depth))
+        rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(camera.K).T
+        places = (rays * depth[rows, columns, None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]
+        counts = np.zeros(depth.shape, np.int32)
+        for other, surface in self._seen:
+            counts[rows, columns] += _sees(other, surface, places)
+        return counts
+
+    def _depth(self, camera: PinholeCamera) -> NDArray[np.float64]:
+        """Return the mean depth along the view axis of what each pixel shows, infinite without a surface."""
+        with torch.no_grad():
+            viewmat = torch.from_numpy(camera.viewmat).float()
+            depths = self._values["means"] @ viewmat[2, :3] + viewmat[2, 3]
+            raster = render(self._values, camera, backend=self._backend, sh_degree=None, channels=depths[:, None])
+        cover = 1.0 - raster.transmittance.double().numpy()
+        blended = raster.image[..., 0].double().numpy()
+        return np.where(cover >= MIN_COVER, blended / np.maximum(cover, MIN_COVER), np.inf)
+
+
+def _reduced(camera: PinholeCamera) -> PinholeCamera:
+    """Return the camera with pictures of `SIDE` pixels."""
+    scale = min(1.0, SIDE / max(camera.width, camera.height))
+    width, height = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
+    factors = np.array([width / camera.width, height / camera.height, 1.0])
+    return PinholeCamera(camera.viewmat, camera.K * factors[:, None], width, height)
+
+
+def _sees(camera: PinholeCamera, surface: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which places, [P, 3], a camera sees whose surface has these depths."""
+    local = places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    front = local[:, 2] > 1e-6
+    projected = local @ camera.K.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = projected[:, :2] / projected[:, 2:]
+    inside = front & (pixels >= 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1)
+    seen = np.zeros(len(places), bool)
+    columns, rows = pixels[inside].astype(int).T
+    seen[inside] = local[inside, 2] <= surface[rows, columns] * (1.0 + DEPTH_TOLERANCE)
+    return seen
