@@ -1,0 +1,63 @@
+"""Tables of variants over photo sets."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+
+from .reference import AT_3000_STEPS, AT_SAME_STEPS
+from .running import Measured
+
+__all__ = ["details", "overview"]
+
+Results = Mapping[tuple[str, str], Sequence[Measured]]
+"""Figures by set and variant, one for each seed."""
+
+
+def overview(results: Results) -> str:
+    """Return the table of mean PSNR on test photos: a column per set, and the means over all sets that a row has."""
+    sets, variants = list(dict.fromkeys(s for s, _ in results)), list(dict.fromkeys(v for _, v in results))
+    lines = [
+        f"| PSNR dB | {' | '.join(sets)} | mean change |",
+        f"| --- |{' ---: |' * (len(sets) + 1)}",
+    ]
+    first = variants[0]
+    for variant in variants:
+        cells, changes = [], []
+        for name in sets:
+            found = results.get((name, variant))
+            cells.append(f"{_mean(found, 'psnr'):.2f}" if found else "")
+            if found and results.get((name, first)):
+                changes.append(_mean(found, "psnr") - _mean(results[name, first], "psnr"))
+        change = f"{statistics.mean(changes):+.2f}" if variant != first and changes else ""
+        lines.append(f"| {variant} | {' | '.join(cells)} | {change} |")
+    for title, reference in (("gsplat, same steps", AT_SAME_STEPS), ("gsplat, 3,000 steps", AT_3000_STEPS)):
+        cells = [f"{reference[name]:.2f}" if name in reference else "" for name in sets]
+        lines.append(f"| {title} | {' | '.join(cells)} | |")
+    return "\n".join(lines)
+
+
+def details(results: Results) -> str:
+    """Return the table of all figures, a row per set and variant, means over the seeds."""
+    lines = [
+        "| set | variant | seeds | steps | PSNR dB | fitted | well seen | trained | SSIM | FLIP | dark % "
+        "| dark % trained | objects mIoU % | CPU s |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for (name, variant), found in results.items():
+        well_seen = [measured.well_seen_psnr for measured in found if measured.well_seen_psnr is not None]
+        iou = [measured.iou for measured in found if measured.iou is not None]
+        seen = f"{statistics.mean(well_seen):.2f} ({_mean(found, 'well_seen_share'):.0%})" if well_seen else ""
+        cells = [
+            name, variant, str(len(found)), f"{_mean(found, 'steps'):,.0f}", f"{_mean(found, 'psnr'):.2f}",
+            f"{_mean(found, 'fitted_psnr'):.2f}", seen, f"{_mean(found, 'trained_psnr'):.2f}",
+            f"{_mean(found, 'ssim'):.3f}", f"{_mean(found, 'flip'):.3f}", f"{100 * _mean(found, 'dark_share'):.2f}",
+            f"{100 * _mean(found, 'dark_share_trained'):.2f}", f"{statistics.mean(iou):.1f}" if iou else "",
+            f"{_mean(found, 'cpu_seconds'):.0f}",
+        ]  # fmt: skip
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _mean(found: Sequence[Measured], figure: str) -> float:
+    return statistics.mean(getattr(measured, figure) for measured in found)
