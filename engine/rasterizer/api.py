@@ -25,6 +25,7 @@ def rasterize(
     sh: torch.Tensor | None = None,
     sh_degree: int | None = None,
     channels: torch.Tensor | None = None,
+    detached_channels: bool = False,
     viewmat: torch.Tensor | None = None,
     backend: Literal["cpu", "reference"] = "cpu",
     settings: RasterSettings | None = None,
@@ -51,6 +52,8 @@ def rasterize(
         Highest band used, 0 to 3; all bands of `sh` by default. Unused bands get zero gradients.
     channels : tensor of shape [N, C], optional
         Further values to blend, such as features, depth or votes.
+    detached_channels : bool
+        Whether the gradient of these values reaches `channels` alone, and moves and changes no Gaussian.
     viewmat : tensor of shape [4, 4], optional
         World-to-camera, used instead of the camera's own; float64 keeps far origins exact. The gradient is that of
         unconstrained entries: project it to the tangent space of the rotations to move a camera.
@@ -86,7 +89,9 @@ def rasterize(
     else:
         camera = replace(camera, viewmat=viewmat.detach().numpy().astype(np.float64))
     check_camera(camera)
-    inputs = RasterInputs(means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings)
+    inputs = RasterInputs(
+        means, quats, scales, opacities, sh, channels, viewmat, camera, degree, settings, detached_channels
+    )
     if backend == "cpu":
         from .cpu import rasterize_cpu
 

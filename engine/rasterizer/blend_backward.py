@@ -162,6 +162,7 @@ def blend_tiles_backward(
     colors: Float32,
     n_colors: int,
     n_channels: int,
+    n_moving: int,
     masks: NDArray[np.uint16],
     image_gradient: Float32,
     transmittance_gradient: Float32,
@@ -170,16 +171,20 @@ def blend_tiles_backward(
     """Fill the rows of flat `pair_gradients` [M (MOMENTS_SIZE + n_colors)] of this thread's share of `tiles`.
 
     `masks` and `geometry` are those of the forward pass. `transmittance_gradient` is flat [H W], or empty if it is zero
-    everywhere. Returns in how many blocks the incoming gradient is not finite.
+    everywhere. The gradients of the channels from `n_moving` on reach their colours and not the moments. Returns in how
+    many blocks the incoming gradient is not finite.
     """
     n_columns = (width + TILE - 1) // TILE
     n_tiles = tiles.shape[0]
     n_pairs = gaussians.shape[0]
     longest = longest_list(tiles, tile_start)
     block_length = n_colors * 16
-    gradient = np.empty(16 * block_length, np.float32)
+    mixed_at = 16 * block_length  # The four channels of which only some move, with zeros in place of the others.
+    gradient = np.empty(mixed_at + 64, np.float32)
     by_transmittance = np.zeros(256, np.float32)
-    present = np.empty(n_colors // 4, np.int64)  # First of each four channels that have a gradient in the block.
+    # Four channels that have a gradient in the block and move: the first of them, and the index of their gradient.
+    present = np.empty(n_colors // 4, np.int64)
+    present_at = np.empty(n_colors // 4, np.int64)
     color_rows = np.empty(longest, np.int64)
     queue = np.empty(longest + 16, np.int32)
     moments = np.empty(longest * 96, np.float32)
@@ -233,6 +238,7 @@ def blend_tiles_backward(
                 active = any_of(rest != zero)
                 probe = rest
                 n_present = 0
+                any_color = False
                 for chunk in range(0, n_colors, 4):
                     at = gradient_at + chunk * 16
                     g0 = load(gradient, at)
@@ -240,13 +246,21 @@ def blend_tiles_backward(
                     g2 = load(gradient, at + 32)
                     g3 = load(gradient, at + 48)
                     if any_of((g0 != zero) | (g1 != zero) | (g2 != zero) | (g3 != zero)):
-                        present[n_present] = chunk
-                        n_present += 1
+                        any_color = True
+                        if chunk < n_moving:
+                            present[n_present] = chunk
+                            present_at[n_present] = at
+                            if n_moving < chunk + 4 and n_moving < n_channels:
+                                present_at[n_present] = mixed_at
+                                for k in range(4):
+                                    moves = chunk + k < n_moving
+                                    store(gradient, mixed_at + k * 16, load(gradient, at + k * 16) if moves else zero)
+                            n_present += 1
                         tile_chunks |= 1 << (chunk >> 2)
                         probe = probe + ((g0 + g1) + (g2 + g3))
                 if any_of((probe - probe) != zero):  # inf - inf and NaN - NaN are NaN, which differs from zero.
                     n_bad += 1
-                if n_present == 0 and not active:
+                if not any_color and not active:
                     continue
                 n_queue = list_block_gaussians(masks, start, n, block, queue)
                 px = lane_x() + f4(4 * (block % 4))
@@ -278,7 +292,7 @@ def blend_tiles_backward(
                     second_odd = zero
                     for c in range(n_present):
                         k = item(present, c)
-                        at = gradient_at + k * 16
+                        at = item(present_at, c)
                         g0 = load(gradient, at)
                         g1 = load(gradient, at + 16)
                         g2 = load(gradient, at + 32)

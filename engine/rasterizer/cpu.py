@@ -67,6 +67,8 @@ class View:
         Set by `blend_view`: the blocks of 4x4 pixels of its tile that each pair changes.
     geometry : float32 array of shape [M GEOMETRY_SIZE], optional
         Set by `blend_view`: each pair's ellipse relative to its tile.
+    n_moving : int, optional
+        Number of channels, from the first on, whose gradient reaches the geometry; all by default.
     """
 
     camera: PinholeCamera
@@ -76,6 +78,7 @@ class View:
     lists: TileLists | None = None
     masks: NDArray[np.uint16] | None = None
     geometry: Float32 | None = None
+    n_moving: int | None = None
 
 
 def _array(tensor: torch.Tensor) -> Float32:
@@ -256,11 +259,12 @@ def pair_gradients(
     flat_colors, flat_pairs = projected.colors.reshape(-1), pairs.reshape(-1)
     flat_image, flat_transmittance = image_gradient.reshape(-1), transmittance_gradient.reshape(-1)
     selected_tiles = lists.all_tiles if tiles is None else tiles
+    n_moving = n_channels if view.n_moving is None else view.n_moving
 
     def blend_backward(share: Share) -> int:
         return blend_tiles_backward(
             share, selected_tiles, width, height, lists.tile_start, lists.gaussians, geometry, flat_colors, n_colors,
-            n_channels, masks, flat_image, flat_transmittance, flat_pairs,
+            n_channels, n_moving, masks, flat_image, flat_transmittance, flat_pairs,
         )  # fmt: skip
 
     n_bad = sum(run_shared(blend_backward, view.settings.threads))
@@ -344,6 +348,8 @@ def rasterize_cpu(inputs: RasterInputs) -> Raster:
         if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
             raise ValueError(f"the cpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
     view = View(inputs.camera, inputs.sh_degree, inputs.settings)
+    if inputs.detached_channels:
+        view.n_moving = 0 if inputs.sh is None else 3
     image, transmittance = _Rasterize.apply(*tensors, inputs.viewmat.double(), view)
     assert view.projected is not None
     state = view.projected.state

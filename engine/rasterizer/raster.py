@@ -30,6 +30,8 @@ class RasterInputs:
     sh_degree : int
         Highest band of `sh` that is evaluated; 0 without `sh`.
     settings : RasterSettings
+    detached_channels : bool
+        Whether the gradient of `channels` reaches `channels` alone.
     """
 
     means: torch.Tensor
@@ -42,6 +44,7 @@ class RasterInputs:
     camera: PinholeCamera
     sh_degree: int
     settings: RasterSettings
+    detached_channels: bool = False
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,12 @@ def rasterize_reference(inputs: RasterInputs) -> Raster:
             after = torch.cumprod(1.0 - alpha, dim=1)
             before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)[:, : after.shape[1]]
             shape = (bottom - top, right - left)
-            image[top:bottom, left:right] = ((alpha * before) @ colors[index]).reshape(*shape, -1)
+            weights = alpha * before
+            values = weights @ colors[index]
+            if inputs.detached_channels and inputs.channels is not None:
+                detached = weights.detach() @ inputs.channels[index]
+                values = torch.cat([values[:, : values.shape[1] - detached.shape[1]], detached], dim=1)
+            image[top:bottom, left:right] = values.reshape(*shape, -1)
             if len(index):
                 transmittance[top:bottom, left:right] = after[:, -1].reshape(shape)
 

@@ -141,6 +141,7 @@ def render(
     backend: Backend,
     sh_degree: int | None,
     channels: torch.Tensor | None = None,
+    detached_channels: bool = False,
 ) -> Raster:
     """Render `values` from `camera`.
 
@@ -155,6 +156,8 @@ def render(
         Highest band to use; None for a picture without colour.
     channels : tensor of shape [N, C], optional
         Further values per Gaussian, blended after the colour: features, errors.
+    detached_channels : bool
+        Whether their gradient changes no Gaussian.
     """
     sh = None
     if sh_degree is not None:
@@ -169,6 +172,7 @@ def render(
         sh=sh,
         sh_degree=sh_degree,
         channels=channels,
+        detached_channels=detached_channels,
         backend=backend,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from ..rasterizer import Raster, photometric_loss
+from ..rasterizer import photometric_loss
 from .checkpoint import RunState
 from .losses import (
     clustering_loss,
@@ -55,10 +55,11 @@ def step_loss(
     detached = features.feature_gradient == "detached" or (
         features.feature_gradient == "until_grown" and schedule.growth_ended(step, state.cooling_from)
     )
-    joint = evaluates_clustering and not detached
     degree = schedule.sh_degree(step, state.sh_limit)
-    channels = blended_features(values, features) if joint else None
-    raster = render(values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels)
+    channels = blended_features(values, features) if evaluates_clustering else None
+    raster = render(
+        values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels, detached_channels=detached
+    )
     image = raster.image[..., :3]
     if state.uses_exposure:
         image = image * state.exposure[view].exp()
@@ -67,13 +68,10 @@ def step_loss(
         loss = loss + settings.loss.lambda_opacity * values["opacity_logits"].sigmoid().mean()
     if settings.loss.lambda_scale > 0:
         loss = loss + settings.loss.lambda_scale / extent * values["log_scales"].exp().mean()
-    if joint:
-        loss = loss + _feature_loss(raster, raster.image[..., 3:], level, schedule.generator(step, _SAMPLE), features)
-    elif evaluates_clustering:
-        fixed = {name: value if name == "features" else value.detach() for name, value in values.items()}
-        channels = blended_features(fixed, features)
-        raster = render(fixed, level.camera, backend=settings.backend, sh_degree=None, channels=channels)
-        loss = loss + _feature_loss(raster, raster.image, level, schedule.generator(step, _SAMPLE), features)
+    if evaluates_clustering:
+        transmittance = raster.transmittance.detach() if detached else raster.transmittance
+        sample = schedule.generator(step, _SAMPLE)
+        loss = loss + _feature_loss(raster.image[..., 3:], transmittance, level, sample, features)
     regularises = features.lambda_pull + features.lambda_push > 0 and len(state.parameters) > 1
     if "features" in values and regularises and step % features.regularisation_interval == 0:
         loss = loss + _regulariser(state, schedule.generator(step, _ANCHORS), features, extent)
@@ -81,7 +79,11 @@ def step_loss(
 
 
 def _feature_loss(
-    raster: Raster, features: torch.Tensor, level: Level, generator: torch.Generator, settings: FeatureSettings
+    features: torch.Tensor,
+    transmittance: torch.Tensor,
+    level: Level,
+    generator: torch.Generator,
+    settings: FeatureSettings,
 ) -> torch.Tensor:
     assert level.labelled is not None
     # L_CC is a sum over pixels. Without the scale, it would weigh less on pictures smaller than those of the paper.
@@ -97,7 +99,7 @@ def _feature_loss(
         )
     )
     if settings.lambda_ray > 0:
-        loss = loss + settings.lambda_ray * ray_disagreement(features, raster.transmittance)
+        loss = loss + settings.lambda_ray * ray_disagreement(features, transmittance)
     return loss
 
 

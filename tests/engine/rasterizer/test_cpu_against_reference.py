@@ -49,6 +49,16 @@ def test_image_and_gradients_agree_for_any_number_of_channels(colored: bool, n_f
     assert_agree(scene, camera(81, 50))
 
 
+@pytest.mark.parametrize(("colored", "n_features"), [(True, 1), (True, 5), (True, 16), (False, 3)])
+def test_detached_channels_learn_without_moving_gaussians(colored: bool, n_features: int) -> None:
+    scene, view = random_scene(250, colored=colored, n_features=n_features), camera(81, 50)
+    assert_agree(scene, view, detached_channels=True)
+    _, joint = gradients(scene, view, torch.float32, "cpu")
+    _, detached = gradients(scene, view, torch.float32, "cpu", detached_channels=True)
+    assert torch.equal(joint["channels"], detached["channels"])
+    assert not torch.equal(joint["means"], detached["means"])
+
+
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (17, 33), (3, 4097)])
 def test_odd_image_sizes_agree(width: int, height: int) -> None:
     scene = random_scene(60, n_features=2, size=0.03 if height > 1000 else 0.1)

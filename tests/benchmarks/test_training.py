@@ -1,0 +1,52 @@
+"""The tables of training variants: means over seeds, changes against the first variant, and refused set names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.training.photo_sets import NAMES, photo_set
+from benchmarks.training.running import Measured
+from benchmarks.training.table import details, overview
+from benchmarks.training.variants import VARIANTS
+from engine.errors import SettingsError
+from engine.training.settings import PRESETS
+
+FIGURES = Measured(
+    psnr=20.0, fitted_psnr=21.0, well_seen_psnr=22.0, ssim=0.5, l1=0.1, flip=0.2, well_seen_share=0.8, dark_share=0.01,
+    dark_share_trained=0.002, trained_psnr=25.0, steps=3000, n_gaussians=40_000, cpu_seconds=100.0, iou=None,
+)  # fmt: skip
+
+
+def test_overview_tells_mean_changes_over_the_sets_that_both_variants_have() -> None:
+    results = {
+        ("banana16", "as-planned"): [FIGURES, replace(FIGURES, psnr=21.0)],
+        ("banana16", "detached"): [replace(FIGURES, psnr=22.0)],
+        ("skull66", "as-planned"): [FIGURES],
+    }
+    text = overview(results)
+    assert "| as-planned | 20.50 | 20.00 |  |" in text
+    assert "| detached | 22.00 |  | +1.50 |" in text
+    assert "| gsplat, 3,000 steps | 26.24 | 24.52 | |" in text
+
+
+def test_details_tell_every_figure_and_leave_out_what_was_not_measured() -> None:
+    text = details({("banana16", "detached"): [FIGURES, replace(FIGURES, iou=80.0, well_seen_psnr=None)]})
+    assert "| banana16 | detached | 2 | 3,000 | 20.00 | 21.00 | 22.00 (80%) | 25.00 |" in text
+    assert "| 1.00 | 0.20 | 80.0 | 100 |" in text
+
+
+def test_sets_that_are_not_there_are_refused_in_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(SettingsError, match="no photo set 'garden', only herz_jesus25"):
+        photo_set("garden")
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_DATA", str(tmp_path))
+    with pytest.raises(SettingsError, match=r"photos of skull66 are not there\. Set GAUSSIAN_HERITAGE_DATA"):
+        photo_set("skull66")
+    assert photo_set("museum_room").photos.is_dir() and len(set(NAMES)) == len(NAMES)
+
+
+@pytest.mark.parametrize("name", sorted(VARIANTS))
+def test_every_variant_is_a_change_that_the_settings_know(name: str) -> None:
+    PRESETS["standard"].changed(**VARIANTS[name].changes)
