@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cameras import training_pinhole
 from ..errors import FormatError, ObjectError, PhotoError
 from ..files import atomic_write, delete_derived, finite_or_null, write_json
 from ..objects import list_objects, load_membership, object_gaussians
 from ..pictures import Backend, Scene, write_png
 from ..project_folder import ProjectFolder
 from ..scene import Camera, Gaussians
+from ..training import Coverage, Parameters
 from .facts import collect_facts
 from .page import Pictures, page
 from .sheet import picture_sheet
@@ -34,6 +36,8 @@ log = logging.getLogger(__name__)
 
 SHEET_FILE = "objects.png"
 """Name of the picture of all objects."""
+_COVERAGE_SIDE = 320
+"""Longest side of the pictures of training photos in which surfaces are looked for, pixels."""
 _MAX_PAIRS = 3
 """Test photos that are shown beside their renders."""
 
@@ -101,10 +105,17 @@ def _held_out_pairs(
     # Evenly spaced: consecutive photos look alike.
     picked = [names[i] for i in sorted({round(i) for i in np.linspace(0, len(names) - 1, min(len(names), _MAX_PAIRS))})]
     folder = Path(str(project.get("photo_folder", "")))
+    tested = set(training.get("held_out") or ())
+    seeing = [
+        training_pinhole(camera, max_side=_COVERAGE_SIDE) for name, camera in cameras.items() if name not in tested
+    ]
+    degree = int(round(gaussians.sh.shape[1] ** 0.5)) - 1
+    values = Parameters.from_gaussians(gaussians, sh_degree=degree, features=False).values
+    coverage = Coverage(values, seeing, backend=backend)
     pairs = {}
     for name in picked:
         try:
-            pairs[name] = photo_pair(folder, cameras[name], gaussians, backend=backend)
+            pairs[name] = photo_pair(folder, cameras[name], gaussians, coverage, backend=backend)
         except (PhotoError, FormatError) as error:
             log.warning("The report shows no picture of %s: %s", name, error)
     return pairs

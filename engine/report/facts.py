@@ -44,6 +44,7 @@ _FIGURES: dict[str, Schema] = {
         ),
         "feature_agreement": optional(({str: (float, None)}, None)),
         **dict.fromkeys(("steps", "n_gaussians", "step_ms", "sh_degree"), _NUMBER),
+        **dict.fromkeys(("fitted_psnr", "well_seen_psnr", "well_seen_share", "dark_share"), _NUMBER),
     },
     "objects": {"refused": optional({str: str})},
 }

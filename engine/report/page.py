@@ -148,17 +148,18 @@ def _held_out(facts: dict[str, Any], pictures: Pictures) -> Html:
         return Html()
     rows = joined(
         fill(
-            "<figure>{photo}{render}"
-            "<figcaption>{name}: the photo, and the scene rendered from its camera</figcaption></figure>",
+            "<figure>{photo}{render}{marked}<figcaption>{name}: the photo; the scene rendered from its camera; the "
+            "same, pale where it shows what fewer than three training photos see</figcaption></figure>",
             photo=_image(pair.photo, "photo"),
             render=_image(pair.render, "render"),
+            marked=_image(pair.marked, "render, pale where few photos look"),
             name=name,
         )
         for name, pair in pictures.held_out.items()
     )
     kept = facts["training"].get("held_out")
     text = (
-        "These photos were never trained on: the second picture of each pair is a new view for the scene."
+        "These photos were never trained on: the second picture of each row is a new view for the scene."
         if kept
         else "There were too few photos for test photos; these were trained on."
     )
@@ -174,6 +175,13 @@ def _curve(facts: dict[str, Any]) -> Html:
     table = [
         ("steps", _count((training.get("curve") or [{}])[-1].get("step"))),
         ("time per step", _number(training.get("step_ms"), "{:.0f} ms")),
+        ("PSNR with the brightness fitted to each photo", _number(training.get("fitted_psnr"), "{:.1f} dB")),
+        (
+            "PSNR in what at least three training photos see",
+            _number(training.get("well_seen_psnr"), "{:.1f} dB")
+            + _number(training.get("well_seen_share"), " ({:.0%} of the pixels)"),
+        ),
+        ("bright pixels that are rendered dark", _number(training.get("dark_share"), "{:.1%}")),
         ("preset", str(training.get("preset") or "")),
     ]
     agreement = training.get("feature_agreement")

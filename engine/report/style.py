@@ -26,7 +26,7 @@ article p{color:var(--quiet);font-size:.88rem;max-width:none}
 .sides{display:grid;grid-template-columns:repeat(auto-fit,minmax(9rem,1fr));gap:.5rem}
 img{display:block;width:100%;height:auto;border-radius:.3rem}
 .pairs{display:grid;gap:1.2rem}
-figure{margin:0;display:grid;grid-template-columns:1fr 1fr;gap:.5rem}
+figure{margin:0;display:grid;grid-template-columns:1fr 1fr 1fr;gap:.5rem}
 figcaption{grid-column:1/-1;color:var(--quiet);font-size:.85rem;overflow-wrap:anywhere}
 .plot{overflow-x:auto}.plot svg{width:100%;min-width:36rem;height:auto}
 table{border-collapse:collapse;min-width:min(100%,28rem)}

@@ -15,6 +15,7 @@ from ..files import path_within
 from ..objects import spread_cameras
 from ..pictures import Backend, Scene, render_view
 from ..scene import Camera, Gaussians, PinholeCamera
+from ..training import WELL_SEEN, Coverage
 from .sheet import render_alone
 
 __all__ = [
@@ -32,6 +33,8 @@ PAPER_WHITE = (0.965, 0.957, 0.937)
 
 _PAIR_SIDE = 760
 """Longest side of a photo and its render, pixels."""
+_PALE = 160
+"""Least brightness, of 255, of places that few photos saw."""
 _ORBIT_SIDE = 360
 """Side of the picture of an object, pixels."""
 _FIELD_OF_VIEW = np.radians(35.0)
@@ -50,13 +53,23 @@ _MIN_ARC = np.radians(40.0)
 
 @dataclass(frozen=True)
 class PhotoPair:
-    """A photo and a render from its camera, both without lens distortion, uint8 [H, W, 3]."""
+    """A photo and a render from its camera, without lens distortion, uint8 [H, W, 3].
+
+    Attributes
+    ----------
+    photo, render : array of shape [H, W, 3], uint8
+    marked : array of shape [H, W, 3], uint8
+        The render, in pale grey where it shows what fewer than three training photos see.
+    """
 
     photo: NDArray[np.uint8]
     render: NDArray[np.uint8]
+    marked: NDArray[np.uint8]
 
 
-def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: Backend = "cpu") -> PhotoPair:
+def photo_pair(
+    folder: Path, camera: Camera, gaussians: Gaussians, coverage: Coverage, *, backend: Backend = "cpu"
+) -> PhotoPair:
     """Return a photo and its render.
 
     Parameters
@@ -65,6 +78,8 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
         The photo folder.
     camera : Camera
     gaussians : Gaussians
+    coverage : Coverage
+        Of the training photos.
     backend : {"cpu", "reference"}
 
     Raises
@@ -79,7 +94,10 @@ def photo_pair(folder: Path, camera: Camera, gaussians: Gaussians, *, backend: B
     frame = training_pinhole(camera, max_side=_PAIR_SIDE)
     pixels = load_pixels(path_within(folder, camera.photo), max_side=2 * _PAIR_SIDE)
     photo = np.asarray(undistort(pixels, camera, frame, interpolation="linear"), np.uint8)
-    return PhotoPair(photo, render_view(gaussians, frame, backend=backend))
+    render = render_view(gaussians, frame, backend=backend)
+    pale = np.repeat((render.mean(axis=2, keepdims=True) / 3 + _PALE).astype(np.uint8), 3, axis=2)
+    few = coverage.counts(frame) < WELL_SEEN
+    return PhotoPair(photo, render, np.where(few[..., None], pale, render))
 
 
 def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: Sequence[Camera]) -> list[list[Camera]]:

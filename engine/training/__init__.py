@@ -8,6 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
+    from .coverage import WELL_SEEN, Coverage
     from .loop import train
     from .parameters import Parameters, render
     from .quality import gaussians_so_far, measure_quality
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CHECKPOINT_FILE",
+    "WELL_SEEN",
+    "Coverage",
     "Parameters",
     "Schedule",
     "TrainingResult",

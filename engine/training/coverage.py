@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..rasterizer.settings import RasterSettings
 from ..scene import PinholeCamera
 from .parameters import render
 from .settings import Backend
@@ -20,10 +21,13 @@ WELL_SEEN = 3  # by definition
 SIDE = 160  # by definition
 """Longest side of the depth maps of the training photos, pixels."""
 
+COUNTED_SIDE = 320  # by definition
+"""Longest side of the pictures in which photos are counted, pixels; larger ones get the counts of the nearest pixel."""
+
 MIN_COVER = 0.5  # by definition
 """Least coverage of a pixel whose depth counts; what is more transparent has no surface."""
 
-DEPTH_TOLERANCE = 0.05  # by definition
+DEPTH_TOLERANCE = 0.1  # by definition
 """How much deeper than the surface that a photo shows a place may lie and still be seen by it, as a fraction."""
 
 
@@ -43,7 +47,7 @@ class Coverage:
         self, values: dict[str, torch.Tensor], cameras: Sequence[PinholeCamera], *, backend: Backend = "cpu"
     ) -> None:
         self._values, self._backend = values, backend
-        self._seen = [(camera, self._depth(camera)) for camera in map(_reduced, cameras)]
+        self._seen = [(camera, self._depth(camera)) for camera in (_reduced(one, SIDE) for one in cameras)]
 
     def counts(self, camera: PinholeCamera) -> NDArray[np.int32]:
         """Return how many training photos see what each pixel of a camera shows, shape [height, width].
@@ -51,6 +55,8 @@ class Coverage:
         A photo sees a place that lies in its picture and not behind what it shows there. Pixels without a surface
         count 0.
         """
+        width, height = camera.width, camera.height
+        camera = _reduced(camera, COUNTED_SIDE)
         depth = self._depth(camera)
         rows, columns = np.nonzero(np.isfinite(depth))
         rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(camera.K).T
@@ -58,22 +64,28 @@ class Coverage:
         counts = np.zeros(depth.shape, np.int32)
         for other, surface in self._seen:
             counts[rows, columns] += _sees(other, surface, places)
-        return counts
+        nearest_row = (np.arange(height) + 0.5) * camera.height / height
+        nearest_column = (np.arange(width) + 0.5) * camera.width / width
+        return counts[nearest_row.astype(int)[:, None], nearest_column.astype(int)]
 
     def _depth(self, camera: PinholeCamera) -> NDArray[np.float64]:
-        """Return the mean depth along the view axis of what each pixel shows, infinite without a surface."""
+        """Return the depth along the view axis of what each pixel shows, infinite without a surface.
+
+        It is the harmonic mean of the blended depths: what shines through from far behind hardly changes it.
+        """
         with torch.no_grad():
             viewmat = torch.from_numpy(camera.viewmat).float()
             depths = self._values["means"] @ viewmat[2, :3] + viewmat[2, 3]
-            raster = render(self._values, camera, backend=self._backend, sh_degree=None, channels=depths[:, None])
+            inverse = 1.0 / depths.clamp_min(RasterSettings().near)
+            raster = render(self._values, camera, backend=self._backend, sh_degree=None, channels=inverse[:, None])
         cover = 1.0 - raster.transmittance.double().numpy()
         blended = raster.image[..., 0].double().numpy()
-        return np.where(cover >= MIN_COVER, blended / np.maximum(cover, MIN_COVER), np.inf)
+        return np.where(cover >= MIN_COVER, cover / np.maximum(blended, 1e-12), np.inf)
 
 
-def _reduced(camera: PinholeCamera) -> PinholeCamera:
-    """Return the camera with pictures of `SIDE` pixels."""
-    scale = min(1.0, SIDE / max(camera.width, camera.height))
+def _reduced(camera: PinholeCamera, side: int) -> PinholeCamera:
+    """Return the camera with pictures of at most `side` pixels."""
+    scale = min(1.0, side / max(camera.width, camera.height))
     width, height = max(1, round(camera.width * scale)), max(1, round(camera.height * scale))
     factors = np.array([width / camera.width, height / camera.height, 1.0])
     return PinholeCamera(camera.viewmat, camera.K * factors[:, None], width, height)

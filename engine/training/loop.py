@@ -16,6 +16,7 @@ from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..rasterizer import AdamState, adam_step, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
+from .coverage import Coverage
 from .densify import gaussian_errors, grow, position_noise, relocate, split_by_error
 from .guards import (
     backward,
@@ -37,6 +38,7 @@ from .held_out import (
     write_picture,
 )
 from .parameters import Parameters
+from .quality import measure_levels
 from .result import TrainingResult, make_result
 from .schedule import Schedule
 from .settings import TrainingSettings
@@ -470,8 +472,22 @@ class _TrainingRun:
         """Return the result of the finished run."""
         measured = [view.photo for view in self.measured.views]
         photos = [view.photo for view in self.pyramid.views]
+        values = self.state.parameters.values
+        quality = measure_levels(
+            values,
+            self._levels(),
+            Coverage(values, [view.pinhole for view in self.pyramid.views], backend=self.settings.backend),
+            backend=self.settings.backend,
+            sh_degree=self._sh_degree(),
+        )
         return make_result(
-            self.state, self.settings, self.schedule, photos=photos, measured_on=self.measured_on, measured=measured
+            self.state,
+            self.settings,
+            self.schedule,
+            quality,
+            photos=photos,
+            measured_on=self.measured_on,
+            measured=measured,
         )
 
 

@@ -10,6 +10,7 @@ from ..scene import Gaussians
 from .checkpoint import RunState
 from .guards import LIMITS
 from .held_out import CurvePoint, expected_gain
+from .quality import MeasuredQuality
 from .schedule import Schedule
 from .settings import TrainingSettings
 
@@ -27,9 +28,9 @@ class TrainingResult:
     curve : tuple of CurvePoint
         Error on the test photos against run time; on training photos where there are no test photos.
     figures : dict
-        JSON values: steps, number of Gaussians, seconds, final errors, names of the measured photos and of the
-        validation photos, counts of the numerical guards, and in ``limits`` how often values were clamped to limits of
-        the method.
+        JSON values: steps, number of Gaussians, seconds, final errors (see `MeasuredQuality`), names of the measured
+        photos and of the validation photos, counts of the numerical guards, and in ``limits`` how often values were
+        clamped to limits of the method.
     """
 
     gaussians: Gaussians
@@ -41,6 +42,7 @@ def make_result(
     state: RunState,
     settings: TrainingSettings,
     schedule: Schedule,
+    quality: MeasuredQuality,
     *,
     photos: Sequence[str],
     measured_on: str,
@@ -53,6 +55,8 @@ def make_result(
     state : RunState
     settings : TrainingSettings
     schedule : Schedule
+    quality : MeasuredQuality
+        Of the finished Gaussians.
     photos : sequence of str
         Names of the training photos.
     measured_on : str
@@ -70,6 +74,10 @@ def make_result(
         "psnr": last.psnr,
         "ssim": last.ssim,
         "l1": last.l1,
+        "fitted_psnr": quality.fitted.psnr,
+        "well_seen_psnr": quality.well_seen.psnr if quality.well_seen else None,
+        "well_seen_share": quality.well_seen_share,
+        "dark_share": quality.dark_share,
         "measured_on": measured_on,
         "measured_photos": list(measured),
         "validation_photos": [photos[view] for view in schedule.validation],

@@ -79,6 +79,10 @@ def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
             "steps": 300,
             "preset": "standard",
             "n_gaussians": 950,
+            "fitted_psnr": 26.5,
+            "well_seen_psnr": 27.5,
+            "well_seen_share": 0.8,
+            "dark_share": 0.025,
         },
         "objects": {"found": {}, "refused": {"unicorn": "'unicorn' is not known."}},
     }
@@ -99,12 +103,13 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
     page = build_report(project)
     assert page == project.path / "report" / "report.html"
     checker = read(page)
-    assert checker.pictures == 2 * 2 + 4
+    assert checker.pictures == 2 * 3 + 4
     for words in (
         "<b>Kugel & Co", "blurred.png", "It is <blurred>.", "lost.png", "0.61 px", "a lens model per photo",
         "7 rotations of length zero reset",
         "200 at the largest elongation", "'unicorn' is not known.", "25.0 dB", "torch", "estimated", "3.2 s",
-        "PSNR on test photos",
+        "PSNR on test photos", "26.5 dB", "27.5 dB (80% of the pixels)", "2.5%",
+        "pale where it shows what fewer than three training photos see",
     ):  # fmt: skip
         assert words in checker.text, words
     assert "gradient was not finite" not in checker.text, "a guard that never fired is not listed"
@@ -139,7 +144,7 @@ def test_report_of_an_empty_project_says_what_is_missing(tmp_path: Path) -> None
 
 def test_photo_that_is_gone_costs_only_its_picture(project: ProjectFolder, tmp_path: Path) -> None:
     (tmp_path / "photos" / "view_0.png").unlink()
-    assert read(build_report(project)).pictures == 2 + 4
+    assert read(build_report(project)).pictures == 3 + 4
 
 
 def test_object_of_an_earlier_training_is_named_without_pictures(project: ProjectFolder, blobs: BlobScene) -> None:
@@ -147,7 +152,7 @@ def test_object_of_an_earlier_training_is_named_without_pictures(project: Projec
 
     save_gaussians(project.path / "gaussians", blobs.gaussians[:900])
     checker = read(build_report(project))
-    assert checker.pictures == 2 * 2 and "Kugel" in checker.text
+    assert checker.pictures == 2 * 3 and "Kugel" in checker.text
 
 
 def test_curve_needs_two_measured_points() -> None:
@@ -403,7 +408,7 @@ def test_picture_from_outside_of_the_photo_folder_is_not_shown(project: ProjectF
     view = tmp_path / "photos" / "view_0.png"
     view.rename(tmp_path / "private.png")
     view.symlink_to(tmp_path / "private.png")
-    assert read(build_report(project)).pictures == 2 + 4
+    assert read(build_report(project)).pictures == 3 + 4
 
 
 def test_numbers_that_cannot_be_drawn_are_left_out() -> None:
