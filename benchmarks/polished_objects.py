@@ -152,12 +152,6 @@ class TrainedScene:
             exhibit = self._exhibit_of(record.prompt.get("text"), members)
             if exhibit is not None:
                 self.objects[exhibit] = members
-        if not self.objects:
-            prompts = ";".join(dict.fromkeys(self.truth.prompts.values()))
-            raise SystemExit(
-                f"{project} has no exhibit that was found by its text. "
-                f'Isolate them first: python -m engine segment {project} --prompt "{prompts}"'
-            )
 
     def measure(self, name: str, n_steps: int) -> Figures:
         """Return the figures of an object after `n_steps` steps of polishing; 0 steps leave it as it is."""
@@ -248,7 +242,14 @@ def main() -> None:
     steps = [int(number) for number in arguments.steps.split(",")]
     if not {0, BETTER.polish_steps} <= set(steps):
         parser.error(f"--steps must contain 0 and {BETTER.polish_steps}, the number that is used")
-    scenes = [TrainedScene(project, _truth_of(project)) for project in arguments.projects]
+    read = [TrainedScene(project, _truth_of(project)) for project in arguments.projects]
+    scenes = [scene for scene in read if scene.objects]
+    if not scenes:
+        project, prompts = arguments.projects[0], ";".join(dict.fromkeys(read[0].truth.prompts.values()))
+        raise SystemExit(
+            f"{project} has no exhibit that was found by its text. "
+            f'Isolate them first: python -m engine segment {project} --prompt "{prompts}"'
+        )
     scenes[0].measure(next(iter(scenes[0].objects)), 2)  # The first call compiles kernels.
     figures = {
         n_steps: {
@@ -262,12 +263,14 @@ def main() -> None:
     options = "" if tuple(steps) == _STEPS else f" --steps {arguments.steps}"
     options += "" if arguments.title is None else f" --title '{arguments.title}'"
     options += "" if arguments.mark == "in sample" else f" --mark {arguments.mark}"
+    without = [scene.name for scene in read if not scene.objects]
     body = "\n\n".join([
         f"`python -m benchmarks.polished_objects {' '.join(map(str, arguments.projects))}{options}`",
         MARKS[arguments.mark],
         summary(before, after),
         table_of_exhibits(before, after),
         table_of_steps(figures),
+        *([f"No exhibit was found by its text in {', '.join(without)}."] if without else ()),
     ])  # fmt: skip
     sys.stdout.write(f"{body}\n")
     if arguments.out:

@@ -1,4 +1,4 @@
-"""Make the measured tables of docs anew from the present code: ``make tables``, about three hours on two cores.
+"""Make the measured tables of docs anew from the present code: ``make tables``, about two hours on two cores.
 
 Each table has its own command, which docs tell above it. This script runs them in order: first the trained scenes that
 they share, then the tables. Trainings and cameras of a stopped run are kept. Tables with a target of their own (`make
@@ -77,10 +77,9 @@ def polished() -> None:
 
 
 def joint() -> None:
-    """Cost and parts of joint features: docs/segmentation.md."""
+    """Cost of joint features: docs/segmentation.md."""
     command = ("-m", "benchmarks.joint_features", "demo/museum_room", "--out", OUT / "joint")
-    for options in (("--seeds", "0,1,2"), ("--seeds", "", "--paper-steps", "1500,3000"), ("--seeds", "", "--parts")):
-        run(*command, *options, "--doc", "docs/segmentation.md")
+    run(*command, "--seeds", "0,1,2", "--doc", "docs/segmentation.md")
 
 
 def bench() -> None:
@@ -89,9 +88,9 @@ def bench() -> None:
     if not data:
         sys.exit("GAUSSIAN_HERITAGE_DATA is not set. Set it to the folder with the photo sets, then run again.")
     sets: dict[Path, tuple[str, ...]] = {
-        OUT / "museum_room" / "project": ("preview,standard", "--everything", "--random-seeds", "0,1,2"),
+        OUT / "museum_room" / "project": ("preview,standard", "--everything"),
         Path(data) / "skull66" / "photos": ("preview,standard",),
-        Path(data) / "sakharov_statue32" / "photos": ("preview,standard,best,paper", "--limit", "10"),
+        Path(data) / "sakharov_statue32" / "photos": ("preview,standard",),
         Path(data) / "banana16" / "photos": ("preview,standard",),
     }
     for scene, presets in sets.items():

@@ -21,6 +21,7 @@ from engine.masks import load_default_sam
 from engine.pipeline import PipelineSettings
 from engine.planning import PlanSettings, WorkPlan, plan_scene, plan_work, training_settings
 from engine.project_folder import ProjectFolder
+from engine.scene import CameraSet
 from engine.training import measure_quality
 
 from .photo_sets import ROOT, PhotoSetFolder
@@ -102,6 +103,18 @@ class TrainingBench:
         measured = self._measure(photos, variant, seed, folder, wants_objects=wants_objects)
         write_json(file, {"figures": asdict(measured)})
         return measured
+
+    def cameras(self, photos: PhotoSetFolder) -> CameraSet:
+        """Return the cameras of a set, estimated or read at the first call.
+
+        Raises
+        ------
+        HeritageError
+            As the stages of the pipeline.
+        """
+        settings = PipelineSettings(camera_model=photos.cameras)
+        scene = self._scene(photos)
+        return prepare(photos.photos, scene, settings, emit=ignore_events, should_stop=never_stop).camera_set
 
     def folder(self, photos: PhotoSetFolder, variant: Variant, seed: int) -> Path:
         """Return the project folder of a training."""

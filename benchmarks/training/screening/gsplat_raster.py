@@ -1,0 +1,112 @@
+"""gsplat's rasterizer in place of ours in the training loop, and the loss on the GPU.
+
+Parameters, Adam and growth stay on the CPU, as the loop has them. gsplat (Apache-2.0) is not installed by `make setup`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from types import SimpleNamespace
+from unittest import mock
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from engine.rasterizer.settings import RasterSettings
+from engine.scene import PinholeCamera
+from engine.training import loop, parameters, step, views
+
+__all__ = ["GpuTarget", "gsplat_in_training", "photometric_loss", "rasterize"]
+
+DEVICE = "cuda"
+
+_WINDOW = 11
+_SIGMA = 1.5
+_C1, _C2 = 0.01**2, 0.03**2
+"""Window and constants of SSIM (Wang et al. 2004)."""
+
+
+class GpuTarget:
+    """A photo on the GPU, [H, W, 3] in [0, 1]; it stands for `engine.rasterizer.Target`.
+
+    Raises
+    ------
+    ValueError
+        When pixels are masked, which the loss on the GPU does not do.
+    """
+
+    def __init__(self, pixels: NDArray[np.uint8], *, valid: NDArray[np.bool_] | None = None) -> None:
+        if valid is not None:
+            raise ValueError("photos with masks cannot be trained on the GPU")
+        self.colors = torch.from_numpy(np.array(pixels)).to(DEVICE).float() / 255.0
+
+
+def rasterize(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    *,
+    camera: PinholeCamera,
+    sh: torch.Tensor | None = None,
+    sh_degree: int | None = None,
+    channels: torch.Tensor | None = None,
+    detached_channels: bool = False,
+    backend: str = "cpu",
+) -> SimpleNamespace:
+    """Render as `engine.rasterizer.rasterize` does; return image and transmittance on the CPU."""
+    from gsplat import rasterization, spherical_harmonics
+
+    settings = RasterSettings()
+    geometry = [value.to(DEVICE) for value in (means, quats, scales, opacities)]
+    viewmat, intrinsics = (torch.from_numpy(np.asarray(m, np.float32)).to(DEVICE) for m in (camera.viewmat, camera.K))
+
+    def blend(shape: list[torch.Tensor], values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        image, alpha, _ = rasterization(
+            *shape, values, viewmat[None], intrinsics[None], camera.width, camera.height,
+            near_plane=settings.near, eps2d=settings.low_pass, packed=False,
+        )  # fmt: skip
+        return image[0].cpu(), 1.0 - alpha[0, ..., 0].cpu()
+
+    blended = []
+    if sh is not None:
+        degree = int(round(sh.shape[1] ** 0.5)) - 1 if sh_degree is None else sh_degree
+        center = torch.from_numpy(np.asarray(camera.center, np.float32)).to(DEVICE)
+        blended.append((spherical_harmonics(degree, geometry[0] - center, sh.to(DEVICE)) + 0.5).clamp_min(0.0))
+    if channels is not None and detached_channels and blended:
+        image, transmittance = blend(geometry, blended[0])
+        features, _ = blend([value.detach() for value in geometry], channels.to(DEVICE))
+        return SimpleNamespace(image=torch.cat([image, features], dim=2), transmittance=transmittance)
+    if channels is not None:
+        blended.append(channels.to(DEVICE))
+    image, transmittance = blend(geometry, torch.cat(blended, dim=1))
+    return SimpleNamespace(image=image, transmittance=transmittance)
+
+
+def photometric_loss(image: torch.Tensor, target: GpuTarget, *, lambda_dssim: float) -> torch.Tensor:
+    """Return the loss of `engine.rasterizer.photometric_loss`, computed on the GPU."""
+    x, y = (picture.permute(2, 0, 1)[None] for picture in (image.to(DEVICE), target.colors))
+    offsets = torch.arange(_WINDOW, device=DEVICE) - _WINDOW // 2
+    weights = torch.exp(-(offsets**2) / (2 * _SIGMA**2))
+    window = torch.outer(weights, weights) / weights.sum() ** 2
+    maps = torch.cat([x, y, x * x, y * y, x * y], dim=1)
+    blurred = torch.nn.functional.conv2d(maps, window.repeat(15, 1, 1, 1), padding=_WINDOW // 2, groups=15)
+    mean_x, mean_y, xx, yy, xy = blurred.split(3, dim=1)
+    covariance, variances = xy - mean_x * mean_y, xx + yy - mean_x**2 - mean_y**2
+    similar = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
+    ssim = (similar / ((mean_x**2 + mean_y**2 + _C1) * (variances + _C2))).mean()
+    return ((1.0 - lambda_dssim) * (x - y).abs().mean() + lambda_dssim * (1.0 - ssim)).cpu()
+
+
+@contextlib.contextmanager
+def gsplat_in_training() -> Iterator[None]:
+    """Use gsplat's rasterizer and the loss on the GPU in `engine.training` within the ``with`` block."""
+    with (
+        mock.patch.object(parameters, "rasterize", rasterize),
+        mock.patch.object(step, "photometric_loss", photometric_loss),
+        mock.patch.object(views, "Target", GpuTarget),
+        mock.patch.object(loop, "compile_kernels", lambda: None),
+    ):
+        yield
