@@ -18,10 +18,7 @@ MOST_FIGURES = 12
 """Rows of README's table at most: more are not read."""
 
 MARKS = ("in sample", "test")
-DOCUMENTS = (
-    "segmentation.md", "segmentation_by_text.md", "text_prompts.md", "error_vs_time.md", "polished_objects.md",
-    "rasterizer_speed.md",
-)  # fmt: skip
+DOCUMENTS = ("segmentation.md", "text_prompts.md", "error_vs_time.md", "polished_objects.md", "rasterizer_speed.md")
 """Documents with measured quality or speed in `docs`."""
 
 _MARK = re.compile(r"\*+(in sample|test)\*+", re.IGNORECASE)
