@@ -151,7 +151,7 @@ def _blend(case: Case) -> dict[str, float]:
         def backward(share: Share) -> None:
             blend_tiles_backward(
                 share, lists.all_tiles, *size, lists.tile_start, lists.gaussians, geometry, colors, n_colors,
-                case.channels, masks, upstream, np.empty(0, np.float32), pairs,
+                case.channels, case.channels, masks, upstream, np.empty(0, np.float32), pairs,
             )  # fmt: skip
 
         run_shared(forward, case.threads)
@@ -303,15 +303,19 @@ def _compile(case: Case) -> dict[str, float]:
     return {"first_wall_s": wall, "first_cpu_s": cpu, "cached_cpu_s": cpu_cached}
 
 
-def main() -> None:
-    """Measure the case that is given as JSON."""
-    torch.set_num_threads(1)  # On a busy machine, spinning OpenMP threads cost more than they save.
-    case = Case(**json.loads(sys.argv[1]))
+def measure(case: Case) -> dict[str, float]:
+    """Return the figures of a case by name."""
     measurements = {
         "cpu": _cpu, "speed_up": _speed_up, "blend": _blend, "reference": _reference, "accuracy": _accuracy,
         "scalar": _scalar, "step": _step, "parts": _parts, "memory": _memory, "compile": _compile,
     }  # fmt: skip
-    print(json.dumps(measurements[case.what](case)))
+    return measurements[case.what](case)
+
+
+def main() -> None:
+    """Measure the case that is given as JSON."""
+    torch.set_num_threads(1)  # On a busy machine, spinning OpenMP threads cost more than they save.
+    print(json.dumps(measure(Case(**json.loads(sys.argv[1])))))
 
 
 if __name__ == "__main__":
