@@ -40,6 +40,7 @@ VARIANTS = {
         Variant("no-guesses", {"background_fraction": 0.0}),
         Variant("low-rates", {"lr_means": 1.6e-4, "lr_means_end": 1.6e-6}),
         Variant("growth-by-opacity", {"growth_strategy": "opacity"}),
+        Variant("growth-mixed", {"growth_strategy": "mixed"}),
         Variant("full-size-pictures", {"coarse_levels": 0}),
         Variant("all-steps", {"steps": 3000, **_ALL_STEPS}),
         Variant("bands-3", {"sh_degree": 3, "trial_fraction": 0.0}),

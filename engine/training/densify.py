@@ -14,7 +14,7 @@ from .parameters import Parameters, render
 from .settings import Backend
 from .views import Level
 
-__all__ = ["copy_correction", "gaussian_errors", "grow", "split_by_error", "position_noise", "relocate"]
+__all__ = ["copy_correction", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate", "split"]
 
 MAX_COPIES = 51  # published: Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
@@ -120,17 +120,27 @@ def gaussian_errors(
     return channel.grad[:, 0]
 
 
-def split_by_error(
-    parameters: Parameters, errors: torch.Tensor, n_new: int, *, min_opacity: float, generator: torch.Generator
+def mixed_weights(errors: torch.Tensor, opacities: torch.Tensor) -> torch.Tensor:
+    """Return the mean of `errors` and `opacities`, each divided by its sum, shape [N].
+
+    Errors alone put all Gaussians where single photos are not explained, which overfits few photos; opacities alone
+    miss detail. See docs/design_notes/training.md.
+    """
+    parts = (errors.clamp_min(0.0), opacities)
+    return sum((0.5 * part / part.sum().clamp_min(1e-30) for part in parts), torch.zeros_like(errors))
+
+
+def split(
+    parameters: Parameters, weights: torch.Tensor, n_new: int, *, min_opacity: float, generator: torch.Generator
 ) -> int:
-    """Split Gaussians drawn by `errors` into two, using dead rows first and adding `n_new`; return how many were dead.
+    """Split Gaussians drawn by `weights` into two, using dead rows first and adding `n_new`; return how many were dead.
 
     Parameters
     ----------
     parameters : Parameters
         Changed in place.
-    errors : tensor of shape [N]
-        Result of `gaussian_errors`.
+    weights : tensor of shape [N]
+        Result of `gaussian_errors` or `mixed_weights`; negative ones count as 0.
     n_new : int
         Number of Gaussians to add.
     min_opacity : float
@@ -144,7 +154,7 @@ def split_by_error(
     place, as published, get the same gradients and need hundreds of steps to separate.
     """
     dead = (parameters.values["opacity_logits"].detach().sigmoid() <= min_opacity).nonzero()[:, 0]
-    weights = errors.clamp_min(0.0).clone()
+    weights = weights.clamp_min(0.0)
     weights[dead] = 0.0
     n_wanted = min(len(dead) + n_new, int((weights > 0).sum()))
     if n_wanted == 0:

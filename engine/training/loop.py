@@ -17,7 +17,7 @@ from ..rasterizer import AdamState, adam_step, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .coverage import Coverage
-from .densify import gaussian_errors, grow, position_noise, relocate, split_by_error
+from .densify import gaussian_errors, grow, mixed_weights, position_noise, relocate, split
 from .guards import (
     backward,
     check_result,
@@ -351,12 +351,12 @@ class _TrainingRun:
         if schedule.grows(state.step, state.cooling_from):
             n = len(state.parameters)
             n_new = schedule.gaussians_after_growth(state.step, n) - n
-            if settings.growth.growth_strategy == "error":
-                self._split_by_error(n_new)
-            else:
+            if settings.growth.growth_strategy == "opacity":
                 moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
                 relocate(state.parameters, min_opacity=settings.growth.min_opacity, generator=moves)
                 grow(state.parameters, n_new, generator=additions)
+            else:
+                self._split(n_new)
         if settings.growth.noise > 0 and not schedule.growth_ended(state.step, state.cooling_from):
             position_noise(
                 state.parameters,
@@ -380,15 +380,17 @@ class _TrainingRun:
         self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
         self.pyramid.mask_pixels(self.state.transient_masks)
 
-    def _split_by_error(self, n_new: int) -> None:
+    def _split(self, n_new: int) -> None:
         state, settings, schedule = self.state, self.settings, self.schedule
         generator = schedule.generator(state.step, _GROW)
         views = schedule.trained_on(state.step, state.cooling_from)
         drawn = torch.randint(len(views), (N_ERROR_VIEWS,), generator=generator).tolist()
         levels = [self.pyramid.level(views[place], schedule.reductions(state.step)) for place in drawn]
         degree = schedule.sh_degree(state.step, state.sh_limit)
-        errors = gaussian_errors(state.parameters, levels, backend=settings.backend, sh_degree=degree)
-        split_by_error(state.parameters, errors, n_new, min_opacity=settings.growth.min_opacity, generator=generator)
+        weights = gaussian_errors(state.parameters, levels, backend=settings.backend, sh_degree=degree)
+        if settings.growth.growth_strategy == "mixed":
+            weights = mixed_weights(weights, state.parameters.values["opacity_logits"].detach().sigmoid())
+        split(state.parameters, weights, n_new, min_opacity=settings.growth.min_opacity, generator=generator)
 
     def report(self) -> None:
         """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""

@@ -223,11 +223,11 @@ class Schedule:
     def gaussians_after_growth(self, step: int, n: int) -> int:
         """Return the number of Gaussians after growth of `n` Gaussians at the step.
 
-        With ``growth_strategy="error"`` the limit is proportional to the size of the pictures, because small pictures
-        show less detail.
+        Unless ``growth_strategy="opacity"``, the limit is proportional to the size of the pictures, because small
+        pictures show less detail.
         """
         growth = self._settings.growth
-        if growth.growth_strategy == "error":
+        if growth.growth_strategy != "opacity":
             return max(n, min(int(growth.max_gaussians * self.scale(step)), max(n + 1, int(n * MAX_GROWTH_FACTOR))))
         return max(n, min(growth.max_gaussians, max(n + 1, int(n * growth.grow_factor))))
 

@@ -192,21 +192,21 @@ class GrowthSettings:
     Attributes
     ----------
     max_gaussians : int
-        Largest number of Gaussians. With ``growth_strategy="error"`` it grows with the width of the pictures.
+        Largest number of Gaussians. Unless ``growth_strategy="opacity"``, it grows with the width of the pictures.
     start_opacity : float
         Opacity of every Gaussian at the start.
     background_fraction : float
         Fraction of `max_gaussians` that starts where the photos show no sparse point: plain walls, sky.
-    growth_strategy : {"error", "opacity"}
-        ``error``: split Gaussians in whose pixels the error is large. ``opacity``: copy Gaussians drawn by opacity, as
-        published (Kheradmand et al. 2024).
+    growth_strategy : {"error", "mixed", "opacity"}
+        ``error``: split Gaussians in whose pixels the error is large. ``mixed``: draw them by half error, half opacity.
+        ``opacity``: copy Gaussians drawn by opacity, as published (Kheradmand et al. 2024).
     grow_from, grow_until : float
         Fractions of the steps between which Gaussians are relocated and added.
     grow_interval : int
         Steps between two relocations.
     grow_factor : float
-        Least factor by which the number of Gaussians grows each time, up to the largest number. With
-        ``growth_strategy="error"`` it grows faster where the largest number would not be reached half-way.
+        Least factor by which the number of Gaussians grows each time, up to the largest number. Where Gaussians are
+        split (``error``, ``mixed``), it grows faster if the largest number would not be reached half-way.
     min_opacity : float
         Gaussians of a lower opacity are dead and are relocated.
     noise : float
@@ -216,7 +216,7 @@ class GrowthSettings:
     max_gaussians: int = 40_000  # chosen on museum_room
     start_opacity: float = 0.5  # chosen on museum_room
     background_fraction: float = field(default=0.1, metadata={"stored_as": "background"})  # chosen on museum_room
-    growth_strategy: Literal["error", "opacity"] = field(
+    growth_strategy: Literal["error", "mixed", "opacity"] = field(
         default="error",  # chosen on museum_room
         metadata={"stored_as": "growth"},
     )
@@ -231,7 +231,7 @@ class GrowthSettings:
         _require_at_least(self, 1, "max_gaussians", "grow_interval")
         require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
         require(self, "background_fraction", 0 <= self.background_fraction <= 0.5, "between 0 and 0.5")
-        _require_choice(self, "growth_strategy", "error", "opacity")
+        _require_choice(self, "growth_strategy", "error", "mixed", "opacity")
         _require_fraction(self, "grow_from", "grow_until")
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")

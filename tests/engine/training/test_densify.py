@@ -13,9 +13,10 @@ from engine.training.densify import (
     copy_correction,
     gaussian_errors,
     grow,
+    mixed_weights,
     position_noise,
     relocate,
-    split_by_error,
+    split,
 )
 from engine.training.held_out import render_picture
 from engine.training.parameters import Parameters
@@ -104,7 +105,7 @@ def test_splitting_leaves_the_picture_nearly_unchanged(scene: Scene) -> None:
         parameters.values["opacity_logits"][:10] = -9.0
         parameters.values["log_scales"][:, 1] += 0.5
     before = picture(parameters, scene)
-    moved = split_by_error(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
+    moved = split(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
     assert moved == 10
     assert len(parameters) == len(scene.truth) + 25
     # 0.11/255 measured.
@@ -121,13 +122,20 @@ def test_gaussians_in_wrong_pixels_have_the_largest_error(scene: Scene) -> None:
     assert (votes >= 0).all()
 
 
+def test_mixed_weights_are_half_error_and_half_opacity() -> None:
+    weights = mixed_weights(torch.tensor([3.0, 1.0, -2.0, 0.0]), torch.tensor([0.1, 0.1, 0.0, 0.8]))
+    assert weights.tolist() == pytest.approx([0.375 + 0.05, 0.125 + 0.05, 0.0, 0.4])
+    without_errors = mixed_weights(torch.zeros(2), torch.tensor([0.3, 0.1]))
+    assert without_errors.tolist() == pytest.approx([0.375, 0.125])
+
+
 def test_nothing_is_moved_when_all_gaussians_are_dead(scene: Scene) -> None:
     parameters = trainable(scene)
     with torch.no_grad():
         parameters.values["opacity_logits"].fill_(-9.0)
     assert relocate(parameters, min_opacity=0.005, generator=generator()) == 0
     votes = torch.ones(len(parameters))
-    assert split_by_error(parameters, votes, 5, min_opacity=0.005, generator=generator()) == 0
+    assert split(parameters, votes, 5, min_opacity=0.005, generator=generator()) == 0
     assert len(parameters) == len(scene.truth)
 
 

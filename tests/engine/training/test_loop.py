@@ -237,6 +237,16 @@ def test_published_losses_run_too(scene: Scene, tmp_path: Path) -> None:
     assert norms.std() > 0.01
 
 
+@pytest.mark.parametrize("strategy", ["mixed", "opacity"])
+def test_other_kinds_of_growth_add_gaussians_and_lower_the_error(scene: Scene, tmp_path: Path, strategy: str) -> None:
+    settings = QUICK.changed(growth_strategy=strategy, max_gaussians=len(scene.start) + 40, grow_interval=10)
+    result = run(scene, settings, tmp_path / "a")
+    assert len(scene.start) < len(result.gaussians) <= len(scene.start) + 40
+    assert result.curve[-1].psnr > result.curve[0].psnr
+    by_error = run(scene, settings.changed(growth_strategy="error"), tmp_path / "b")
+    assert not same(result.gaussians, by_error.gaussians)
+
+
 def test_brightness_factors_of_photos_are_estimated(scene: Scene, tmp_path: Path) -> None:
     def darkened(view_index: int, pixels: np.ndarray) -> np.ndarray:
         return (pixels * (0.7 if view_index % 2 else 1.0)).round().astype(np.uint8)
