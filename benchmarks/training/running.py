@@ -112,9 +112,7 @@ class TrainingBench:
         HeritageError
             As the stages of the pipeline.
         """
-        settings = PipelineSettings(camera_model=photos.cameras)
-        scene = self._scene(photos)
-        return prepare(photos.photos, scene, settings, emit=ignore_events, should_stop=never_stop).camera_set
+        return self._with_cameras(photos).camera_set
 
     def folder(self, photos: PhotoSetFolder, variant: Variant, seed: int) -> Path:
         """Return the project folder of a training."""
@@ -177,11 +175,16 @@ class TrainingBench:
         """Return photos, cameras and masks of a set, made at the first call."""
         if photos.name not in self._prepared:
             settings, scene = PipelineSettings(camera_model=photos.cameras), self._scene(photos)
-            prepared = prepare(photos.photos, scene, settings, emit=ignore_events, should_stop=never_stop)
+            prepared = self._with_cameras(photos)
             work = self._plan(photos, prepared, PlanSettings(preset=self.preset))
             prepared, _ = prepare_masks(prepared, scene, work, settings, emit=ignore_events, should_stop=never_stop)
             self._prepared[photos.name] = prepared
         return self._prepared[photos.name]
+
+    def _with_cameras(self, photos: PhotoSetFolder) -> PreparedScene:
+        """Return photos and cameras of a set, without masks."""
+        settings = PipelineSettings(camera_model=photos.cameras)
+        return prepare(photos.photos, self._scene(photos), settings, emit=ignore_events, should_stop=never_stop)
 
     def _scene(self, photos: PhotoSetFolder) -> Path:
         return self.out / "scenes" / photos.name

@@ -126,8 +126,8 @@ def mixed_weights(errors: torch.Tensor, opacities: torch.Tensor) -> torch.Tensor
     Errors alone put all Gaussians where single photos are not explained, which overfits few photos; opacities alone
     miss detail. See docs/design_notes/training.md.
     """
-    parts = (errors.clamp_min(0.0), opacities)
-    return sum((0.5 * part / part.sum().clamp_min(1e-30) for part in parts), torch.zeros_like(errors))
+    by_error, by_opacity = (part / part.sum().clamp_min(1e-30) for part in (errors.clamp_min(0.0), opacities))
+    return 0.5 * (by_error + by_opacity)
 
 
 def split(

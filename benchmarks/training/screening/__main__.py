@@ -27,7 +27,7 @@ from engine.files import read_json, write_json
 from engine.training import load_views, start_gaussians, train
 from engine.training.settings import PRESETS
 
-from ..photo_sets import NAMES, photo_set
+from ..photo_sets import GAUSSIANS_OF_ROOMS, NAMES, ROOMS, photo_set
 from ..running import TrainingBench
 from ..variants import VARIANTS
 from .gsplat_raster import gsplat_in_training
@@ -37,7 +37,6 @@ _FIGURES = {"psnr": float, "ssim": float, "dark_share": float}
 _TRAINED = {
     "train_features": False, "exposure": False, "trial_fraction": 0.0, "stop_when_flat": 0.0, "steps": 3000,
 }  # fmt: skip
-_DEFAULT_GAUSSIANS = PRESETS["standard"].growth.max_gaussians
 
 
 @dataclass(frozen=True)
@@ -100,10 +99,10 @@ def _train(options: argparse.Namespace) -> None:
     ]
     missing = [job for job in jobs if not job.out.exists()]
     results.mkdir(exist_ok=True)
-    cores = multiprocessing.get_context("spawn").Queue()
+    context = multiprocessing.get_context("spawn")
+    cores = context.Queue()
     for core in sorted(os.sched_getaffinity(0)):
         cores.put(core)
-    context = multiprocessing.get_context("spawn")
     with context.Pool(options.processes, initializer=_use_one_core, initargs=(cores,)) as pool:
         for done, job in enumerate(pool.imap_unordered(_run, missing), 1):
             sys.stderr.write(f"{done} of {len(missing)}: {job.out.stem}\n")
@@ -117,11 +116,9 @@ def _use_one_core(cores: multiprocessing.Queue[int]) -> None:
 
 def _run(job: Job) -> Job:
     cameras, views = read_views(job.views)
-    room = job.views.stem.startswith("room_")
-    settings = PRESETS["standard"].changed(
-        **{**_TRAINED, "max_gaussians": 15_000 if room else _DEFAULT_GAUSSIANS, **VARIANTS[job.variant].changes},
-        seed=job.seed,
-    )
+    settings = PRESETS["standard"].changed(seed=job.seed, **{**_TRAINED, **VARIANTS[job.variant].changes})
+    if job.views.stem in ROOMS:
+        settings = settings.changed(max_gaussians=GAUSSIANS_OF_ROOMS)
     start = start_gaussians(cameras, views, settings, emit=ignore_events)
     with gsplat_in_training(), tempfile.TemporaryDirectory() as folder:
         result = train(start, views, settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop)
@@ -136,10 +133,9 @@ def overview(results: Path) -> str:
         name, _, rest = file.stem.partition("-")
         variant = rest.rpartition("-")[0]
         found.setdefault((variant, name), []).append(read_json(file, _FIGURES, advice="Delete it.")["psnr"])
-    sets, variants = (
-        sorted({name for _, name in found}),
-        [name for name in VARIANTS if any(name == v for v, _ in found)],
-    )
+    sets = sorted({name for _, name in found})
+    trained = {variant for variant, _ in found}
+    variants = [name for name in VARIANTS if name in trained]
     lines = [f"| PSNR dB | {' | '.join(sets)} |", f"| --- |{' ---: |' * len(sets)}"]
     for variant in variants:
         cells = [f"{statistics.mean(found[variant, name]):.2f}" if (variant, name) in found else "" for name in sets]

@@ -14,9 +14,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from engine.rasterizer.settings import RasterSettings
-from engine.scene import PinholeCamera
-from engine.training import loop, parameters, step, views
+from engine.rasterizer import cpu
+from engine.rasterizer.raster import RasterInputs
+from engine.training import loop, step, views
 
 __all__ = ["GpuTarget", "gsplat_in_training", "photometric_loss", "rasterize"]
 
@@ -43,24 +43,12 @@ class GpuTarget:
         self.colors = torch.from_numpy(np.array(pixels)).to(DEVICE).float() / 255.0
 
 
-def rasterize(
-    means: torch.Tensor,
-    quats: torch.Tensor,
-    scales: torch.Tensor,
-    opacities: torch.Tensor,
-    *,
-    camera: PinholeCamera,
-    sh: torch.Tensor | None = None,
-    sh_degree: int | None = None,
-    channels: torch.Tensor | None = None,
-    detached_channels: bool = False,
-    backend: str = "cpu",
-) -> SimpleNamespace:
-    """Render as `engine.rasterizer.rasterize` does; return image and transmittance on the CPU."""
+def rasterize(inputs: RasterInputs) -> SimpleNamespace:
+    """Render as `engine.rasterizer.cpu.rasterize_cpu` does; return image and transmittance on the CPU."""
     from gsplat import rasterization, spherical_harmonics
 
-    settings = RasterSettings()
-    geometry = [value.to(DEVICE) for value in (means, quats, scales, opacities)]
+    camera, settings, channels = inputs.camera, inputs.settings, inputs.channels
+    geometry = [value.to(DEVICE) for value in (inputs.means, inputs.quats, inputs.scales, inputs.opacities)]
     viewmat, intrinsics = (torch.from_numpy(np.asarray(m, np.float32)).to(DEVICE) for m in (camera.viewmat, camera.K))
 
     def blend(shape: list[torch.Tensor], values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -71,11 +59,11 @@ def rasterize(
         return image[0].cpu(), 1.0 - alpha[0, ..., 0].cpu()
 
     blended = []
-    if sh is not None:
-        degree = int(round(sh.shape[1] ** 0.5)) - 1 if sh_degree is None else sh_degree
+    if inputs.sh is not None:
         center = torch.from_numpy(np.asarray(camera.center, np.float32)).to(DEVICE)
-        blended.append((spherical_harmonics(degree, geometry[0] - center, sh.to(DEVICE)) + 0.5).clamp_min(0.0))
-    if channels is not None and detached_channels and blended:
+        colors = spherical_harmonics(inputs.sh_degree, geometry[0] - center, inputs.sh.to(DEVICE))
+        blended.append((colors + 0.5).clamp_min(0.0))
+    if channels is not None and inputs.detached_channels and blended:
         image, transmittance = blend(geometry, blended[0])
         features, _ = blend([value.detach() for value in geometry], channels.to(DEVICE))
         return SimpleNamespace(image=torch.cat([image, features], dim=2), transmittance=transmittance)
@@ -104,7 +92,7 @@ def photometric_loss(image: torch.Tensor, target: GpuTarget, *, lambda_dssim: fl
 def gsplat_in_training() -> Iterator[None]:
     """Use gsplat's rasterizer and the loss on the GPU in `engine.training` within the ``with`` block."""
     with (
-        mock.patch.object(parameters, "rasterize", rasterize),
+        mock.patch.object(cpu, "rasterize_cpu", rasterize),
         mock.patch.object(step, "photometric_loss", photometric_loss),
         mock.patch.object(views, "Target", GpuTarget),
         mock.patch.object(loop, "compile_kernels", lambda: None),
