@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -43,8 +43,18 @@ class StageRunner:
     should_stop: StopCheck
     computed: list[str] = field(default_factory=list)
 
-    def run(self, stage: str, key: str, compute: Callable[[], dict[str, Any]], outputs: Outputs | None = None) -> None:
+    def run(
+        self,
+        stage: str,
+        key: str,
+        compute: Callable[[], dict[str, Any]],
+        outputs: Outputs | None = None,
+        *,
+        former_keys: Iterable[str] = (),
+    ) -> None:
         """Run `compute` unless `stage` is done with this `key` and its `outputs` are intact; store figures and cost.
+
+        A stage that is done with one of `former_keys`, which earlier releases gave the same request, stays done.
 
         Outputs that are damaged or missing are said, and deleted before `compute` makes them again.
         """
@@ -53,7 +63,7 @@ class StageRunner:
         outputs = outputs or {}
         self.emit(StageStarted(stage))
         wall, cpu = time.perf_counter(), cpu_seconds()
-        done = self.project.stage_is_done(stage, key)
+        done = any(self.project.stage_is_done(stage, one) for one in (key, *former_keys))
         damaged = self._damaged(stage, outputs) if done else {}
         reused = done and not damaged
         if not reused:

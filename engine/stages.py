@@ -247,9 +247,14 @@ def training_stage(
     preset : str
         Name of the preset that `settings` come from, for the report.
     """
+    from .training import former_settings
+
     # Not the whole plan: its sentences about what is left out may change without a change of the result.
     inputs = [given.cameras_key, given.masks_key]
-    key = stage_key(inputs, [plan.held_out, plan.mask_photos, plan.features], to_dict(settings))
+    decided = [plan.held_out, plan.mask_photos, plan.features]
+    key = stage_key(inputs, decided, to_dict(settings))
+    n_training = len(given.photo_set.photos) - len(plan.held_out)
+    former = former_settings(settings, preset=preset, n_training=n_training)
     folder = runner.project.path / "gaussians"
 
     def before_replacing(scene: Path) -> None:
@@ -260,7 +265,7 @@ def training_stage(
 
     def compute() -> dict[str, Any]:
         from .gaussians import save_gaussians
-        from .training import delete_old_runs, load_views, start_gaussians, train
+        from .training import background_gaussians, delete_old_runs, load_views, start_gaussians, train
 
         checkpoints = runner.project.path / "checkpoints"
         delete_old_runs(checkpoints, keep=key[:12])
@@ -280,6 +285,7 @@ def training_stage(
             checkpoints=checkpoints / key[:12],
             emit=runner.emit,
             should_stop=runner.should_stop,
+            background=background_gaussians(given.camera_set.points, views, settings),
         )
         save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
         return {
@@ -297,7 +303,8 @@ def training_stage(
     outputs: dict[Path, Callable[[], object]] = {scene: lambda: read_ply(scene)}
     if given.label_maps:
         outputs[features] = lambda: load_features(features)
-    runner.run("training", key, compute, outputs)
+    former_keys = [stage_key(inputs, decided, values) for values in former]
+    runner.run("training", key, compute, outputs, former_keys=former_keys)
 
 
 def _discard_objects(runner: StageRunner) -> None:

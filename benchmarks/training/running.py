@@ -121,7 +121,7 @@ class TrainingBench:
     def _measure(
         self, photos: PhotoSetFolder, variant: Variant, seed: int, folder: Path, *, wants_objects: bool
     ) -> Measured:
-        work, prepared = self._work(photos, variant), self._prepare(photos)
+        work, prepared = self._work(photos, variant), self._prepare(photos, variant)
         training = training_settings(work).changed(seed=seed, **variant.changes)
         if photos.max_gaussians is not None:
             work = replace(work, max_gaussians=photos.max_gaussians)
@@ -161,8 +161,8 @@ class TrainingBench:
         return 100.0 * sum(row.iou for row in rows) / len(rows)
 
     def _work(self, photos: PhotoSetFolder, variant: Variant) -> WorkPlan:
-        prepared = self._prepare(photos)
-        return self._plan(photos, prepared, PlanSettings(preset=self.preset, wants_objects=variant.features))
+        settings = PlanSettings(preset=self.preset, wants_objects=variant.features)
+        return self._plan(photos, self._with_cameras(photos), settings)
 
     def _plan(self, photos: PhotoSetFolder, prepared: PreparedScene, settings: PlanSettings) -> WorkPlan:
         return plan_work(
@@ -171,8 +171,10 @@ class TrainingBench:
             points_given=photos.cameras is not None and has_points(photos.cameras),
         )  # fmt: skip
 
-    def _prepare(self, photos: PhotoSetFolder) -> PreparedScene:
-        """Return photos, cameras and masks of a set, made at the first call."""
+    def _prepare(self, photos: PhotoSetFolder, variant: Variant) -> PreparedScene:
+        """Return photos, cameras and, for features, masks of a set, made at the first call."""
+        if not variant.features:
+            return self._with_cameras(photos)
         if photos.name not in self._prepared:
             settings, scene = PipelineSettings(camera_model=photos.cameras), self._scene(photos)
             prepared = self._with_cameras(photos)

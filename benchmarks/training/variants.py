@@ -27,23 +27,21 @@ class Variant:
     features: bool = True
 
 
-_ALL_STEPS = {"stop_when_flat": 0.0}
-
 VARIANTS = {
     variant.name: variant
     for variant in (
         Variant("as-planned"),
-        Variant("no-early-stop", _ALL_STEPS),
-        Variant("detached", {"feature_gradient": "detached"}),
+        Variant("joint", {"feature_gradient": "joint"}),
         Variant("no-features", features=False),
-        Variant("no-exposure", {"exposure": False}),
-        Variant("no-guesses", {"background_fraction": 0.0}),
-        Variant("low-rates", {"lr_means": 1.6e-4, "lr_means_end": 1.6e-6}),
-        Variant("growth-by-opacity", {"growth_strategy": "opacity"}),
-        Variant("growth-mixed", {"growth_strategy": "mixed"}),
-        Variant("full-size-pictures", {"coarse_levels": 0}),
-        Variant("all-steps", {"steps": 3000, **_ALL_STEPS}),
-        Variant("bands-3", {"sh_degree": 3, "trial_fraction": 0.0}),
-        Variant("scale-weight-0.01", {"lambda_scale": 0.01}),
+        Variant("no-background", {"background_fraction": 0.0}, features=False),
+        Variant("growth-by-opacity", {"growth_strategy": "opacity"}, features=False),
+        Variant("no-exposure", {"exposure": False}, features=False),
+        Variant("stop-when-flat", {"stop_when_flat": 0.05}, features=False),
+        Variant("half-steps", {"steps": 1500}, features=False),
+        Variant("full-size-pictures", {"coarse_levels": 0}, features=False),
+        Variant("low-rates", {"lr_means": 1.6e-4, "lr_means_end": 1.6e-6}, features=False),
+        Variant("bands-3", {"sh_degree": 3, "trial_fraction": 0.0}, features=False),
+        Variant("scale-weight-0.01", {"lambda_scale": 0.01}, features=False),
     )
 }
+"""Features leave the geometry alone unless they are joint, so most variants are trained without them."""

@@ -45,8 +45,8 @@ MIN_TEXTURE_SHARE = 0.04  # chosen on museum_room, sakharov_statue32, skull66, b
 """Median share of textured pixels below which structure from motion may fail."""
 RECOMMENDED_PHOTOS = 12  # chosen on museum_room, sakharov_statue32
 """Number of photos below which the plan says that they are few."""
-MIN_STEPS = 1500  # chosen on banana16
-"""Training steps that are done however few the photos: the Gaussians need them to reach their number and positions."""
+MIN_STEPS = 3000  # chosen on herz_jesus25, meeting_place9, banana16
+"""Training steps that are done however few the photos: up to there the error on test photos falls."""
 PAIRS_PER_PHOTO = 11.0  # chosen on museum_room, sakharov_statue32
 """Expected number of promising pairs per photo: the geometric mean of two measured photo sets."""
 
@@ -249,7 +249,7 @@ def plan_work(
     steps = _steps(count - n_held_out, preset, settings, left_out)
     flat = preset.measurement.stop_when_flat if settings.leave_out and n_held_out else 0.0
     rounds = steps / (count - n_held_out)
-    exposure = _exposure(statistics, settings, rounds if n_held_out else 0.0, left_out)
+    exposure = _exposure(statistics, settings, count - n_held_out, rounds, left_out)
     _choose_nothing(count - n_held_out, preset, settings, left_out)
     interval = _clustering_interval(preset, settings, left_out)
     return WorkPlan(
@@ -357,13 +357,17 @@ def _n_masks(count: int, settings: PlanSettings, left_out: list[LeftOut]) -> int
 
 
 def _exposure(
-    statistics: Sequence[PhotoStatistics], settings: PlanSettings, rounds: float, left_out: list[LeftOut]
+    statistics: Sequence[PhotoStatistics],
+    settings: PlanSettings,
+    n_trained: int,
+    rounds: float,
+    left_out: list[LeftOut],
 ) -> bool:
-    """Return whether a brightness factor per photo is trained, each photo being used `rounds` times.
+    """Return whether a brightness factor per photo is trained, each of `n_trained` photos being used `rounds` times.
 
-    EXIF decides where it gives the exposure of every photo, with the limit `MAX_EXPOSURE_RANGE`. Otherwise the factors
-    are trained where `MIN_ROUNDS_FOR_EXPOSURE` allows it. Training then tries them first, or uses them without a trial
-    where there are too few photos for one. The brightness of the photos decides nothing: test photos are among them.
+    EXIF decides where it gives the exposure of every photo, with the limit `MAX_EXPOSURE_RANGE`. Otherwise training
+    tries the factors where there are `MIN_PHOTOS_TO_CHOOSE` photos and `MIN_ROUNDS_FOR_EXPOSURE` allows it. The
+    brightness of the photos decides nothing: test photos are among them.
     """
     if not settings.leave_out:
         return True
@@ -374,11 +378,12 @@ def _exposure(
         why = f"the exposures in EXIF differ by {difference:.2f} stops at most; the limit is {MAX_EXPOSURE_RANGE}"
     else:
         tried = PRESETS[settings.preset].appearance.trial_fraction > 0
-        differs = tried and rounds >= MIN_ROUNDS_FOR_EXPOSURE
+        enough = bool(validation_photos(n_trained))
+        differs = tried and enough and rounds >= MIN_ROUNDS_FOR_EXPOSURE
         why = "EXIF does not give every exposure, and a trial would take more than a tenth of the steps"
         if not tried:
             why = f"EXIF does not give every exposure, and the preset {settings.preset} makes no trials"
-        elif not rounds:
+        elif not enough:
             why = "EXIF does not give every exposure, and these photos are too few to learn it"
     if not differs:
         left_out.append(LeftOut("a brightness correction per photo", why))
@@ -391,8 +396,8 @@ def _choose_nothing(n_trained: int, preset: TrainingSettings, settings: PlanSett
     if chooses and not validation_photos(n_trained):
         left_out.append(
             LeftOut(
-                "trials during training, and stopping early",
-                f"{n_trained} training photos are too few to keep some of them for these decisions; "
+                "trials during training",
+                f"{n_trained} training photos are too few to keep some of them for decisions; "
                 f"{MIN_PHOTOS_TO_CHOOSE} are needed",
             )
         )

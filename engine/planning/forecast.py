@@ -253,9 +253,7 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: i
 
 
 def _gaussians_at_start(work: WorkPlan, settings: TrainingSettings) -> int:
-    expected = POINTS_PER_PHOTO * work.n_photos + int(
-        settings.growth.background_fraction * settings.growth.max_gaussians
-    )
+    expected = POINTS_PER_PHOTO * work.n_photos + settings.growth.n_background // 4
     return max(1, min(settings.growth.max_gaussians, expected))
 
 

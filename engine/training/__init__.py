@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .background import background_gaussians
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .coverage import WELL_SEEN, Coverage
+    from .earlier_releases import former_settings
     from .loop import train
     from .parameters import Parameters, render
     from .quality import gaussians_so_far, measure_quality
@@ -25,7 +27,9 @@ __all__ = [
     "Schedule",
     "TrainingResult",
     "TrainingView",
+    "background_gaussians",
     "delete_old_runs",
+    "former_settings",
     "gaussians_so_far",
     "is_held_out",
     "latest_run",

@@ -1,4 +1,4 @@
-"""Densification with a fixed budget of Gaussians: relocation of dead ones, splitting, copying, and a random walk.
+"""Densification with a fixed budget of Gaussians: relocation of dead ones, copies of others, and a random walk.
 
 Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo" (NeurIPS), implemented from the formulas.
 """
@@ -14,16 +14,13 @@ from .parameters import Parameters, render
 from .settings import Backend
 from .views import Level
 
-__all__ = ["copy_correction", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate", "split"]
+__all__ = ["copy_correction", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate"]
 
 MAX_COPIES = 51  # published: Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 
 OPACITY_MARGIN = 1e-6  # by definition
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
-
-SPLIT_SHIFT = 0.7  # chosen on museum_room
-"""Distance of the two halves of a split Gaussian from its centre, in scales along its longest axis."""
 
 MAX_WALK = 3.0  # chosen on stability_scenes
 """Largest distance that noise moves a Gaussian in one step, in its own scales. At our learning rates, ten times the
@@ -80,6 +77,7 @@ def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Gen
     opacities = parameters.values["opacity_logits"].detach().sigmoid()
     dead = (opacities <= min_opacity).nonzero()[:, 0]
     alive = (opacities > min_opacity).nonzero()[:, 0]
+    alive = alive[alive >= parameters.n_background]
     if len(dead) == 0 or len(alive) == 0:
         return 0
     chosen = alive[_draw(opacities[alive], len(dead), generator)]
@@ -88,12 +86,23 @@ def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Gen
     return len(dead)
 
 
-def grow(parameters: Parameters, n_new: int, *, generator: torch.Generator) -> None:
-    """Add `n_new` copies of Gaussians drawn by opacity; the picture stays the same to first order."""
-    if n_new <= 0:
+def grow(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> None:
+    """Add `n_new` copies of Gaussians drawn by `weights`; the picture stays the same to first order.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Changed in place.
+    weights : tensor of shape [N]
+        Opacities, or the result of `mixed_weights`. Those of the background count as 0.
+    n_new : int
+    generator : torch.Generator
+    """
+    weights = weights.clone()
+    weights[: parameters.n_background] = 0.0
+    if n_new <= 0 or not bool((weights > 0).any()):
         return
-    opacities = parameters.values["opacity_logits"].detach().sigmoid()
-    chosen = _draw(opacities, n_new, generator)
+    chosen = _draw(weights, n_new, generator)
     _share_between_copies(parameters, chosen)
     parameters.append(parameters.copies(chosen))
 
@@ -124,65 +133,10 @@ def mixed_weights(errors: torch.Tensor, opacities: torch.Tensor) -> torch.Tensor
     """Return the mean of `errors` and `opacities`, each divided by its sum, shape [N].
 
     Errors alone put all Gaussians where single photos are not explained, which overfits few photos; opacities alone
-    miss detail. See docs/design_notes/training.md.
+    miss detail. See docs/training.md.
     """
     by_error, by_opacity = (part / part.sum().clamp_min(1e-30) for part in (errors.clamp_min(0.0), opacities))
     return 0.5 * (by_error + by_opacity)
-
-
-def split(
-    parameters: Parameters, weights: torch.Tensor, n_new: int, *, min_opacity: float, generator: torch.Generator
-) -> int:
-    """Split Gaussians drawn by `weights` into two, using dead rows first and adding `n_new`; return how many were dead.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        Changed in place.
-    weights : tensor of shape [N]
-        Result of `gaussian_errors` or `mixed_weights`; negative ones count as 0.
-    n_new : int
-        Number of Gaussians to add.
-    min_opacity : float
-        Gaussians of a lower opacity are dead.
-    generator : torch.Generator
-
-    Notes
-    -----
-    A Gaussian of longest scale s becomes two at +-0.7 s along that axis, of scale sqrt(1 - 0.7^2) s and opacity
-    o / (2 sqrt(1 - 0.7^2)). Position, covariance and mass of the pair equal those of the Gaussian. Copies at the same
-    place, as published, get the same gradients and need hundreds of steps to separate.
-    """
-    dead = (parameters.values["opacity_logits"].detach().sigmoid() <= min_opacity).nonzero()[:, 0]
-    weights = weights.clamp_min(0.0)
-    weights[dead] = 0.0
-    n_wanted = min(len(dead) + n_new, int((weights > 0).sum()))
-    if n_wanted == 0:
-        return 0
-    # The n smallest of E / w, with E exponentially distributed, are a draw without replacement by w.
-    race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
-    chosen = (race / weights.double()).topk(n_wanted, largest=False).indices
-    children = _split(parameters, chosen)
-    dead = dead[:n_wanted]
-    parameters.overwrite(dead, {name: value[: len(dead)] for name, value in children.items()})
-    parameters.append({name: value[len(dead) :] for name, value in children.items()})
-    return len(dead)
-
-
-def _split(parameters: Parameters, rows: torch.Tensor) -> dict[str, torch.Tensor]:
-    """Turn each of `rows` into one half of itself and return the other halves."""
-    whole = parameters.copies(rows)
-    longest = whole["log_scales"].argmax(dim=1)
-    index = torch.arange(len(rows))
-    axis = _rotation_matrices(whole["quats"])[index, :, longest]
-    shift = axis * (SPLIT_SHIFT * whole["log_scales"][index, longest].exp())[:, None]
-    narrower = math.sqrt(1.0 - SPLIT_SHIFT**2)
-    log_scales = whole["log_scales"].clone()
-    log_scales[index, longest] += math.log(narrower)
-    logits = (whole["opacity_logits"].sigmoid() / (2.0 * narrower)).logit(OPACITY_MARGIN)
-    half = {**whole, "log_scales": log_scales, "opacity_logits": logits}
-    parameters.overwrite(rows, {**half, "means": half["means"] - shift})
-    return {**half, "means": half["means"] + shift}
 
 
 def _draw(weights: torch.Tensor, n: int, generator: torch.Generator) -> torch.Tensor:

@@ -134,7 +134,7 @@ def clamp_parameters(parameters: Parameters, center: torch.Tensor, extent: float
     guards : Counter
         Counts ``scales_at_limit``, ``opacities_at_limit``, ``clamped_positions``, ``reset_rotations``.
     """
-    log_scales = parameters.values["log_scales"].detach()
+    log_scales = parameters.values["log_scales"].detach()[parameters.n_background :]
     longest = log_scales.amax(dim=1, keepdim=True).clamp_max(math.log(MAX_SCALE * extent))
     shortest = (longest - math.log(MAX_ASPECT)).clamp_min(math.log(MIN_SCALE * extent))
     clamped = torch.minimum(torch.maximum(log_scales, shortest), torch.maximum(longest, shortest))

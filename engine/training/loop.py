@@ -17,7 +17,7 @@ from ..rasterizer import AdamState, adam_step, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .coverage import Coverage
-from .densify import gaussian_errors, grow, mixed_weights, position_noise, relocate, split
+from .densify import gaussian_errors, grow, mixed_weights, position_noise, relocate
 from .guards import (
     backward,
     check_result,
@@ -84,6 +84,7 @@ def train(
     checkpoints: Path,
     emit: Emit,
     should_stop: StopCheck,
+    background: Gaussians | None = None,
 ) -> TrainingResult:
     """Train Gaussians until they look like the photos from the photos' cameras.
 
@@ -104,6 +105,8 @@ def train(
         Receives Progress, Metric (``loss``, ``psnr``, ``gaussians``), Preview, Warned.
     should_stop : StopCheck
         Called before each step.
+    background : Gaussians, optional
+        See `background_gaussians`. Only their features are trained; they come first in the result.
 
     Returns
     -------
@@ -132,7 +135,7 @@ def train(
             # Not in the first step, because the clock of the error curve must not include work done once per computer.
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
             compile_kernels()
-        run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop)
+        run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop, background)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
             run.emit_curve(run.state.curve)
@@ -172,10 +175,15 @@ class _TrainingRun:
         checkpoints: Path,
         emit: Emit,
         should_stop: StopCheck,
+        background: Gaussians | None,
     ) -> None:
         training = [view for view in views if not view.held_out]
         held_out = [view for view in views if view.held_out]
         check_start(start)
+        n_background = 0
+        if background is not None and len(background):
+            check_start(background)
+            n_background, start = len(background), background.joined(start)
         self.settings, self.checkpoints, self.emit, self.should_stop = settings, checkpoints, emit, should_stop
         self.pyramid = ViewPyramid(training, settings.features)
         self.measured_on = "test photos" if held_out else "training photos"
@@ -188,11 +196,12 @@ class _TrainingRun:
         shares = coarse_shares(training, 2 * settings.schedule.coarse_levels)
         self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled, shares=shares)
         self.key = run_key(start, views, settings)
-        begun = self._initial_state(start)
+        begun = self._initial_state(start, n_background)
         stored = read_checkpoint(checkpoints, self.key)
         if stored is None or not continues(stored, begun, n_steps=settings.schedule.steps):
             stored = begun
         self.state = stored
+        self.state.parameters.n_background = n_background
         self.pyramid.mask_pixels(self.state.transient_masks)
         self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
@@ -201,12 +210,14 @@ class _TrainingRun:
         if not held_out:
             emit(Warned("There are too few photos for test photos; errors are measured on the training photos."))
 
-    def _initial_state(self, start: Gaussians) -> RunState:
+    def _initial_state(self, start: Gaussians, n_background: int) -> RunState:
         settings, training = self.settings, self.pyramid.views
         features = settings.features.train_features and any(view.labels is not None for view in training)
         exposure = torch.zeros(len(training), 3)
+        parameters = Parameters.from_gaussians(start, sh_degree=settings.appearance.sh_degree, features=features)
+        parameters.n_background = n_background
         state = RunState(
-            Parameters.from_gaussians(start, sh_degree=settings.appearance.sh_degree, features=features),
+            parameters,
             exposure,
             AdamState.zeros_like(exposure),
             sh_limit=0 if self._makes_trials else None,
@@ -351,12 +362,10 @@ class _TrainingRun:
         if schedule.grows(state.step, state.cooling_from):
             n = len(state.parameters)
             n_new = schedule.gaussians_after_growth(state.step, n) - n
-            if settings.growth.growth_strategy == "opacity":
-                moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
-                relocate(state.parameters, min_opacity=settings.growth.min_opacity, generator=moves)
-                grow(state.parameters, n_new, generator=additions)
-            else:
-                self._split(n_new)
+            moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
+            relocate(state.parameters, min_opacity=settings.growth.min_opacity, generator=moves)
+            if n_new > 0:
+                grow(state.parameters, self._growth_weights(additions), n_new, generator=additions)
         if settings.growth.noise > 0 and not schedule.growth_ended(state.step, state.cooling_from):
             position_noise(
                 state.parameters,
@@ -380,17 +389,19 @@ class _TrainingRun:
         self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
         self.pyramid.mask_pixels(self.state.transient_masks)
 
-    def _split(self, n_new: int) -> None:
+    def _growth_weights(self, generator: torch.Generator) -> torch.Tensor:
+        """Return the weights by which new Gaussians are drawn, shape [N]."""
         state, settings, schedule = self.state, self.settings, self.schedule
-        generator = schedule.generator(state.step, _GROW)
+        opacities = state.parameters.values["opacity_logits"].detach().sigmoid()
+        if settings.growth.growth_strategy == "opacity":
+            return opacities
         views = schedule.trained_on(state.step, state.cooling_from)
-        drawn = torch.randint(len(views), (N_ERROR_VIEWS,), generator=generator).tolist()
+        drawn = torch.randperm(len(views), generator=generator)[:N_ERROR_VIEWS].tolist()
         levels = [self.pyramid.level(views[place], schedule.reductions(state.step)) for place in drawn]
         degree = schedule.sh_degree(state.step, state.sh_limit)
-        weights = gaussian_errors(state.parameters, levels, backend=settings.backend, sh_degree=degree)
-        if settings.growth.growth_strategy == "mixed":
-            weights = mixed_weights(weights, state.parameters.values["opacity_logits"].detach().sigmoid())
-        split(state.parameters, weights, n_new, min_opacity=settings.growth.min_opacity, generator=generator)
+        return mixed_weights(
+            gaussian_errors(state.parameters, levels, backend=settings.backend, sh_degree=degree), opacities
+        )
 
     def report(self) -> None:
         """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""

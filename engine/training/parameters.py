@@ -27,10 +27,14 @@ class Parameters:
         Leaf tensors by name, see `NAMES`; ``sh_rest`` is missing at degree 0, ``features`` when they are not trained.
     moments : dict of str to AdamState
         Moments for the same names.
+    n_background : int
+        The first so many rows are the background: only their features are trained, and they are neither copied nor
+        relocated.
     """
 
     values: dict[str, torch.Tensor]
     moments: dict[str, AdamState]
+    n_background: int = 0  # by definition
 
     @classmethod
     def from_gaussians(cls, start: Gaussians, *, sh_degree: int, features: bool) -> Parameters:
@@ -67,7 +71,7 @@ class Parameters:
     def copy(self) -> Parameters:
         """Return a copy of all values and moments."""
         values = {name: value.detach().clone() for name, value in self.values.items()}
-        return Parameters(values, {name: moment.copy() for name, moment in self.moments.items()})
+        return Parameters(values, {name: moment.copy() for name, moment in self.moments.items()}, self.n_background)
 
     def cut_sh(self, degree: int) -> None:
         """Remove all bands above `degree`, with their moments."""
@@ -90,6 +94,9 @@ class Parameters:
         """Make one Adam step, in place, for each named value that has a gradient; others keep their moments."""
         names = [name for name in learning_rates if name in self.values and self.values[name].grad is not None]
         with torch.no_grad():
+            for name in names:
+                if self.n_background and name != "features":
+                    self.values[name].grad[: self.n_background] = 0.0  # type: ignore[index]
             triples = [(self.values[n].detach(), self.values[n].grad, learning_rates[n]) for n in names]
             adam_step(triples, [self.moments[n] for n in names])  # type: ignore[arg-type]
 

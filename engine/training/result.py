@@ -69,6 +69,7 @@ def make_result(
         "steps": state.step,
         "stopped_early": _stopped_early(state, settings),
         "n_gaussians": len(state.parameters),
+        "n_background": state.parameters.n_background,
         "wall_seconds": last.wall_seconds,
         "cpu_seconds": last.cpu_seconds,
         "psnr": last.psnr,

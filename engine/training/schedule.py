@@ -35,10 +35,6 @@ EXPOSURE_TRIAL = 0.25  # chosen on museum_room
 """Fraction of the steps after which the brightness factors are tried. By then the colours of the scene are known, but
 not yet its detail."""
 
-MAX_GROWTH_FACTOR = 1.3  # chosen on museum_room
-"""Largest factor of one growth. Gaussians that were just split must settle before their error shows where more are
-needed."""
-
 
 class Schedule:
     """The schedule of one run.
@@ -223,13 +219,14 @@ class Schedule:
     def gaussians_after_growth(self, step: int, n: int) -> int:
         """Return the number of Gaussians after growth of `n` Gaussians at the step.
 
-        Unless ``growth_strategy="opacity"``, the limit is proportional to the size of the pictures, because small
-        pictures show less detail.
+        With ``growth_strategy="mixed"``, the limit is proportional to the size of the pictures, because small pictures
+        show less detail.
         """
         growth = self._settings.growth
-        if growth.growth_strategy != "opacity":
-            return max(n, min(int(growth.max_gaussians * self.scale(step)), max(n + 1, int(n * MAX_GROWTH_FACTOR))))
-        return max(n, min(growth.max_gaussians, max(n + 1, int(n * growth.grow_factor))))
+        limit = growth.max_gaussians
+        if growth.growth_strategy == "mixed":
+            limit = int(limit * self.scale(step))
+        return max(n, min(limit, max(n + 1, int(n * growth.grow_factor))))
 
     def growth_ended(self, step: int, cooling_from: int | None = None) -> bool:
         """Return whether Gaussians are no longer relocated or added."""

@@ -52,9 +52,7 @@ def step_loss(
         and step % features.clustering_interval == 0
         and features.lambda_clustering + features.lambda_ray > 0
     )
-    detached = features.feature_gradient == "detached" or (
-        features.feature_gradient == "until_grown" and schedule.growth_ended(step, state.cooling_from)
-    )
+    detached = features.feature_gradient == "detached"
     degree = schedule.sh_degree(step, state.sh_limit)
     channels = blended_features(values, features) if evaluates_clustering else None
     raster = render(

@@ -66,10 +66,10 @@ def test_table_has_the_means_over_seeds(tmp_path: Path) -> None:
     for seed, psnr in ((0, 20.0), (1, 21.0)):
         figures = {"psnr": psnr, "ssim": 0.5, "dark_share": 0.01}
         write_json(tmp_path / f"banana16-growth-by-opacity-{seed}.json", figures)
-    write_json(tmp_path / "skull66-all-steps-0.json", {"psnr": 24.0, "ssim": 0.8, "dark_share": 0.1})
+    write_json(tmp_path / "skull66-no-features-0.json", {"psnr": 24.0, "ssim": 0.8, "dark_share": 0.1})
     assert overview(tmp_path).splitlines() == [
-        "| PSNR dB | banana16 | skull66 |", "| --- | ---: | ---: |", "| growth-by-opacity | 20.50 |  |",
-        "| all-steps |  | 24.00 |",
+        "| PSNR dB | banana16 | skull66 |", "| --- | ---: | ---: |", "| no-features |  | 24.00 |",
+        "| growth-by-opacity | 20.50 |  |",
     ]  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def test_unknown_variants_and_empty_folders_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="no variant 'magic', only as-planned"):
         main(["train", str(tmp_path), "--variants", "magic"])
     with pytest.raises(SystemExit, match="has no views"):
-        main(["train", str(tmp_path), "--variants", "all-steps"])
+        main(["train", str(tmp_path), "--variants", "no-features"])
 
 
 def test_training_uses_the_other_rasterizer_and_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ with torch, gsplat 1.5, numba, scipy, OpenCV and flip-evaluator; it trains sever
 trials and early stop. A stopped run continues. `table` prints the means over seeds.
 
 example: python -m benchmarks.training.screening prepare --sets banana16,room_3 --out out/views
-         python -m benchmarks.training.screening train out/views --variants all-steps,growth-by-opacity
+         python -m benchmarks.training.screening train out/views --variants no-features,growth-by-opacity
          python -m benchmarks.training.screening table out/views/results
 """
 
@@ -24,7 +24,7 @@ from pathlib import Path
 from engine.errors import HeritageError, SettingsError
 from engine.events import ignore_events, never_stop
 from engine.files import read_json, write_json
-from engine.training import load_views, start_gaussians, train
+from engine.training import background_gaussians, load_views, start_gaussians, train
 from engine.training.settings import PRESETS
 
 from ..photo_sets import GAUSSIANS_OF_ROOMS, NAMES, ROOMS, photo_set
@@ -120,8 +120,12 @@ def _run(job: Job) -> Job:
     if job.views.stem in ROOMS:
         settings = settings.changed(max_gaussians=GAUSSIANS_OF_ROOMS)
     start = start_gaussians(cameras, views, settings, emit=ignore_events)
+    background = background_gaussians(cameras.points, views, settings)
     with gsplat_in_training(), tempfile.TemporaryDirectory() as folder:
-        result = train(start, views, settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop)
+        result = train(
+            start, views, settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop,
+            background=background,
+        )  # fmt: skip
     write_json(job.out, {name: result.figures[name] for name in _FIGURES})
     return job
 

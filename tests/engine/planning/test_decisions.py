@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +12,11 @@ from engine.errors import SettingsError
 from engine.planning.decisions import (
     MIN_STEPS,
     PlanSettings,
-    ScenePlan,
     WorkPlan,
     evenly_spaced,
     plan_scene,
     plan_work,
     training_settings,
-    work_plan_as_dict,
 )
 from engine.training.settings import PRESETS
 
@@ -114,12 +110,13 @@ def test_brightness_correction_is_left_out_without_exif_where_a_trial_takes_long
     assert not paper.exposure and any("paper makes no trials" in item.why for item in paper.left_out)
 
 
-def test_photos_too_few_for_validation_photos_leave_out_trials_and_early_stop_and_the_plan_says_so() -> None:
+def test_photos_too_few_for_validation_photos_leave_out_trials_and_the_plan_says_so() -> None:
     few, enough = work(26), work(27)
-    assert "trials during training, and stopping early" in left_out_names(few)
+    assert "trials during training" in left_out_names(few)
     assert any(item.why.startswith("23 training photos are too few") for item in few.left_out)
     assert "trials" not in left_out_names(enough)
-    assert few.exposure, "used without a trial"
+    assert enough.exposure and not few.exposure
+    assert any("too few to learn it" in item.why for item in few.left_out)
     # Where nothing is tried anyway, this is no reason.
     assert "trials" not in left_out_names(work(26, PlanSettings(leave_out=False)))
     assert "trials" not in left_out_names(work(26, PlanSettings(preset="paper")))
@@ -160,30 +157,14 @@ def test_evenly_spaced_names_keep_their_order_and_cover_the_range() -> None:
     assert evenly_spaced(names, 20) == tuple(names)
 
 
-def test_few_photos_get_fewer_steps_and_the_plan_says_why() -> None:
-    standard = PRESETS["standard"]
-    few, many = work(32), work(80)
-    assert many.steps == standard.schedule.steps and not [
-        left for left in many.left_out if "training steps" in left.what
-    ]
-    assert few.steps == standard.schedule.rounds * 28 < standard.schedule.steps
+def test_few_photos_get_fewer_steps_of_the_longest_preset_and_the_plan_says_why() -> None:
+    best = PRESETS["best"]
+    few, many = work(64, PlanSettings(preset="best")), work(200, PlanSettings(preset="best"))
+    assert many.steps == best.schedule.steps and not [left for left in many.left_out if "training steps" in left.what]
+    assert few.steps == best.schedule.rounds * 56 < best.schedule.steps
     (reason,) = [left for left in few.left_out if "training steps" in left.what]
-    assert reason.what == "984 of 3,000 training steps" and "28 photos" in reason.why and "72 times" in reason.why
+    assert reason.what == "7,968 of 12,000 training steps" and "56 photos" in reason.why and "72 times" in reason.why
     assert training_settings(few).schedule.steps == few.steps
-    assert (
-        training_settings(few).appearance.sh_interval
-        == standard.appearance.sh_interval * few.steps // standard.schedule.steps
-    )
-    # The lower limit holds for any number of photos.
-    assert work(3).steps == MIN_STEPS
-
-
-def test_stored_plan_keeps_the_names_of_the_first_release() -> None:
-    stored = json.loads((FIXTURES / "first_release" / "project" / "project.json").read_text(encoding="utf-8"))
-    assert list(work_plan_as_dict(work(16))) == list(stored["work_plan"])
-    assert [field.name for field in fields(ScenePlan)] == list(stored["plan"])
-
-
-def test_transients_are_excluded_only_on_request() -> None:
-    assert not training_settings(work(32)).appearance.transients
-    assert training_settings(work(32, settings=PlanSettings(exclude_transients=True))).appearance.transients
+    assert training_settings(few).appearance.sh_interval == best.appearance.sh_interval * few.steps // 12_000
+    # The lower limit holds for any number of photos, and is what the preset standard has.
+    assert work(3, PlanSettings(preset="best")).steps == work(3).steps == work(80).steps == MIN_STEPS

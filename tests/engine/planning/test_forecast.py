@@ -111,8 +111,8 @@ def test_training_that_stopped_early_is_compared_with_its_own_steps() -> None:
 
 def test_trials_and_checks_are_forecast_where_they_are_made() -> None:
     def seconds(n: int, **values: float) -> float:
-        plan = replace(work(n), steps=3000)
-        return training_cpu_seconds(plan, training_settings(plan).changed(**values))
+        plan = work(n)
+        return training_cpu_seconds(plan, training_settings(plan).changed(**{"stop_when_flat": 0.05, **values}))
 
     nothing = {"trial_fraction": 0.0, "stop_when_flat": 0.0}
     assert seconds(26) == seconds(26, **nothing)

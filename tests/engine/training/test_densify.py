@@ -1,4 +1,4 @@
-"""Relocating and splitting Gaussians: the picture stays unchanged, the budget is kept, moments are reset."""
+"""Relocating and copying Gaussians: the picture stays unchanged, the budget is kept, moments are reset."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from engine.training.densify import (
     mixed_weights,
     position_noise,
     relocate,
-    split,
 )
 from engine.training.held_out import render_picture
 from engine.training.parameters import Parameters
@@ -90,26 +89,13 @@ def _change_without_correction(scene: Scene) -> float:
 def test_growing_copies_leaves_the_picture_unchanged_and_resets_moments(scene: Scene) -> None:
     parameters = trainable(scene)
     before = picture(parameters, scene)
-    grow(parameters, 35, generator=generator())
+    grow(parameters, torch.ones(len(parameters)), 35, generator=generator())
     assert len(parameters) == len(scene.truth) + 35
     # 0.11/255 measured.
     assert (picture(parameters, scene) - before).abs().mean() < 0.25 / 255
     for moments in parameters.moments.values():
         assert not moments.mean[-35:].any()
         assert int((moments.mean.reshape(len(parameters), -1) == 0).all(dim=1).sum()) > 35
-
-
-def test_splitting_leaves_the_picture_nearly_unchanged(scene: Scene) -> None:
-    parameters = trainable(scene)
-    with torch.no_grad():
-        parameters.values["opacity_logits"][:10] = -9.0
-        parameters.values["log_scales"][:, 1] += 0.5
-    before = picture(parameters, scene)
-    moved = split(parameters, torch.ones(len(parameters)), 25, min_opacity=0.005, generator=generator())
-    assert moved == 10
-    assert len(parameters) == len(scene.truth) + 25
-    # 0.11/255 measured.
-    assert (picture(parameters, scene) - before).abs().mean() < 0.25 / 255
 
 
 def test_gaussians_in_wrong_pixels_have_the_largest_error(scene: Scene) -> None:
@@ -134,9 +120,26 @@ def test_nothing_is_moved_when_all_gaussians_are_dead(scene: Scene) -> None:
     with torch.no_grad():
         parameters.values["opacity_logits"].fill_(-9.0)
     assert relocate(parameters, min_opacity=0.005, generator=generator()) == 0
-    votes = torch.ones(len(parameters))
-    assert split(parameters, votes, 5, min_opacity=0.005, generator=generator()) == 0
     assert len(parameters) == len(scene.truth)
+
+
+def test_new_gaussians_are_copies_of_those_with_a_weight_and_never_of_the_background(scene: Scene) -> None:
+    parameters = trainable(scene)
+    parameters.n_background = 20
+    before = parameters.values["means"].clone()
+    weights = torch.zeros(len(parameters))
+    weights[15:25] = 1.0
+    grow(parameters, weights, 40, generator=generator())
+    added = parameters.values["means"][len(before) :]
+    assert len(added) == 40
+    assert {int((before == row).all(dim=1).nonzero()[0, 0]) for row in added} <= set(range(20, 25))
+    grow(parameters, torch.zeros(len(parameters)), 5, generator=generator())
+    assert len(parameters) == len(before) + 40
+    with torch.no_grad():
+        parameters.values["opacity_logits"][30:] = -9.0
+    assert relocate(parameters, min_opacity=0.005, generator=generator()) == len(parameters) - 30
+    moved = parameters.values["means"][30:]
+    assert {int((before == row).all(dim=1).nonzero()[0, 0]) for row in moved} <= set(range(20, 30))
 
 
 def test_noise_moves_only_transparent_gaussians_along_their_shape(scene: Scene) -> None:

@@ -15,8 +15,9 @@ from engine.formats.spherical_harmonics import SH_C0
 from engine.rasterizer.api import rasterize
 from engine.scene.camera import CameraSet, PinholeCamera
 from engine.scene.gaussians import Gaussians
-from engine.stability.training_measure import run_training
-from engine.stability.training_scenes import TrainingInput, known_capture, look_at_viewmat
+from engine.stability.training_scenes import known_capture, look_at_viewmat
+from engine.training.background import background_gaussians
+from engine.training.loop import train
 from engine.training.settings import PRESETS
 from engine.training.start import start_gaussians
 from engine.training.views import TrainingView
@@ -66,8 +67,11 @@ def test_a_scene_under_a_plain_sky_has_no_floaters(tmp_path: Path) -> None:
         for i, v in enumerate(viewmats)
     )
     cameras = CameraSet((), (), normalised_points(points, similarity), colors, float("nan"), similarity, True)
-    given = TrainingInput(start_gaussians(cameras, views, SETTINGS, emit=ignore_events), views)
-    result = run_training(given, SETTINGS, tmp_path, never_stop)
+    start = start_gaussians(cameras, views, SETTINGS, emit=ignore_events)
+    result = train(
+        start, views, SETTINGS, checkpoints=tmp_path, emit=ignore_events, should_stop=never_stop,
+        background=background_gaussians(cameras.points, views, SETTINGS),
+    )  # fmt: skip
     assert result.curve[-1].psnr > 27
 
     scene = normalised_points(truth.means.astype(np.float64), similarity)
