@@ -17,7 +17,7 @@ FUZZ_S ?= 600
 DRAW ?=
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster test-rooms choosing-rooms tables lock zip clean
+.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -48,6 +48,9 @@ blender-tests: ## the add-on in each Blender at hand, against the installed zip
 
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
+
+bench-training: setup ## training on all photo sets beside gsplat, into docs/error_vs_time.md; an hour, resumable
+	$(ENGINE) -m benchmarks.training --variants no-features --pictures --doc docs/error_vs_time.md
 
 test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md

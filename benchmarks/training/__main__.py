@@ -17,13 +17,13 @@ from engine.errors import HeritageError
 from engine.evaluation import write_section
 from engine.evaluation.settings import MARKS
 
-from .photo_sets import NAMES, photo_set
+from .photo_sets import NAMES, REAL_SETS, SCENES, photo_set
 from .pictures import write_error_picture
 from .running import Measured, TrainingBench
 from .table import details, overview
 from .variants import VARIANTS
 
-_DEFAULT_SETS = ("herz_jesus25", "meeting_place9", "banana16", "sakharov_statue32", "skull66", "museum_room")
+_DEFAULT_SETS = (*REAL_SETS, *SCENES)
 
 
 def main() -> None:

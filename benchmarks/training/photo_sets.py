@@ -8,7 +8,7 @@ from pathlib import Path
 
 from engine.errors import SettingsError
 
-__all__ = ["NAMES", "REAL_SETS", "PhotoSetFolder", "photo_set"]
+__all__ = ["NAMES", "REAL_SETS", "SCENES", "PhotoSetFolder", "photo_set"]
 
 ROOT = Path(__file__).resolve().parents[2]
 

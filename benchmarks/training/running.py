@@ -30,6 +30,8 @@ from .variants import Variant
 __all__ = ["Measured", "TrainingBench"]
 
 _SCHEMA = {"figures": dict}
+_PACKAGES = ("cameras", "gaussians", "masks", "photos", "planning", "rasterizer", "scene", "training")
+"""Of the engine, whose code decides what a training gives."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +195,8 @@ class TrainingBench:
 
 
 def engine_state() -> str:
-    """Return 12 digits that change with the code of the engine: trainings of another state are not reused."""
+    """Return 12 digits that change with the code that trains: trainings of another state are not reused."""
     digest = hashlib.sha256()
-    for file in sorted((ROOT / "engine").rglob("*.py")):
+    for file in sorted(file for package in _PACKAGES for file in (ROOT / "engine" / package).rglob("*.py")):
         digest.update(file.relative_to(ROOT).as_posix().encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:12]

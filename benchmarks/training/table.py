@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 
-from .reference import AT_3000_STEPS, AT_SAME_STEPS
+from .reference import BEFORE, GSPLAT
 from .running import Measured
 
 __all__ = ["details", "overview"]
@@ -31,7 +31,7 @@ def overview(results: Results) -> str:
                 changes.append(_mean(found, "psnr") - _mean(results[name, first], "psnr"))
         change = f"{statistics.mean(changes):+.2f}" if variant != first and changes else ""
         lines.append(f"| {variant} | {' | '.join(cells)} | {change} |")
-    for title, reference in (("gsplat, same steps", AT_SAME_STEPS), ("gsplat, 3,000 steps", AT_3000_STEPS)):
+    for title, reference in (("commit 06f55961, as planned", BEFORE), ("gsplat, 3,000 steps", GSPLAT)):
         cells = [f"{reference[name]:.2f}" if name in reference else "" for name in sets]
         lines.append(f"| {title} | {' | '.join(cells)} | |")
     return "\n".join(lines)

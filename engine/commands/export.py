@@ -24,6 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="file to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     parser.add_argument(
+        "--without-background",
+        action="store_true",
+        help="leave out the sphere that shows the sky or another plain backdrop of the scene",
+    )
+    parser.add_argument(
         "--frame",
         choices=("upright", "original"),
         help="upright: Z up (glTF: Y up), about unit size; original: the frame of the given or estimated poses "
@@ -51,6 +56,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise SettingsError(
             f"--format {options.format} writes {options.format.upper()}, but {out} has another extension."
         )
+    if options.object is not None and options.without_background:
+        raise SettingsError("--without-background is for whole scenes; an object has no background. Leave it out.")
     if out.exists() and not options.overwrite:
         raise ProjectError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
@@ -61,13 +68,33 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         record = load_object(project.path, options.object)
         gaussians = object_gaussians(project.path, record, gaussians)
         title = record.name
+    left_out = 0
+    if options.without_background:
+        left_out = _n_background(project, len(gaussians))
+        gaussians = gaussians[left_out:]
+        if len(gaussians) == 0:
+            raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
     camera_set = read_camera_set(project.path / "cameras")
     frame = options.frame or ("original" if camera_set.poses_given else "upright")
     if frame == "original":
         gaussians = transform_gaussians(gaussians, camera_set.original_from_world)
     if options.format == "ply":
-        write_ply(out, gaussians, comments=(f"title {title}", f"frame {frame}", "generator Gaussian Heritage"))
+        comments = [f"title {title}", f"frame {frame}", "generator Gaussian Heritage"]
+        if options.without_background:
+            comments.append(f"background left out: {left_out} Gaussians")
+        write_ply(out, gaussians, comments=comments)
     else:
-        write_glb(out, gaussians, name=title, extras={"frame": frame})
-    emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}.", {"file": str(out), "n_gaussians": len(gaussians)}))
+        extras = {"frame": frame, **({"background_left_out": left_out} if options.without_background else {})}
+        write_glb(out, gaussians, name=title, extras=extras)
+    figures = {"file": str(out), "n_gaussians": len(gaussians), "n_background_left_out": left_out}
+    emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}.", figures))
     return 0
+
+
+def _n_background(project: ProjectFolder, n: int) -> int:
+    """Return how many of the `n` Gaussians, the first ones, are the background; 0 for what release 0.1.0 trained."""
+    figures = (project.stage_record("training") or {}).get("figures") or {}
+    count = figures.get("n_background", 0)
+    if type(count) is not int or not 0 <= count <= n:
+        raise ProjectError(f"project.json in {project.path} says that {count!r} of {n} Gaussians are background.")
+    return count

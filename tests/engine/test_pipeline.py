@@ -32,8 +32,8 @@ from tests.engine.command_line import Answer, call, call_alone, start
 from tests.engine.models.weights import fetched
 from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
 
-# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short. Without a background all 400
-# Gaussians are the scene's; with 380, the teapot is no longer found.
+# Enough steps to be stopped in the middle, few clicks a photo: every stage is real, and short. Without a background all
+# 400 Gaussians are the scene's; with 380, the teapot is no longer found.
 QUICK = """
 from dataclasses import replace
 from functools import partial

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from PIL import Image
 from engine.formats.glb import read_glb
 from engine.formats.ply import read_ply
 from engine.objects.storage import save_object
+from engine.project_folder import ProjectFolder
 from engine.records import ObjectRecord
 from engine.scene.polished import Polished
 from tests.engine.command_line import Answer, call
@@ -76,6 +78,42 @@ def test_both_formats_hold_the_whole_scene(
         out = tmp_path / "new folder" / f"Büste 1.{kind}"
         assert write(capsys, kind, scene, out).code == 0
         assert np.allclose(read(out).means, blobs.gaussians.means, atol=1e-5)
+
+
+def with_background(scene: Path, count: object) -> None:
+    with ProjectFolder.create(scene) as project:
+        project.finish_stage("training", "key", wall_seconds=1, cpu_seconds=1, figures={"n_background": count})
+
+
+@pytest.mark.parametrize(("kind", "read"), [("ply", read_ply), ("glb", read_glb)])
+def test_the_background_is_left_out_on_request_and_the_file_says_so(
+    kind: str, read: Any, scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_background(scene, 7)
+    whole, without = tmp_path / f"whole.{kind}", tmp_path / f"without.{kind}"
+    assert write(capsys, kind, scene, whole).code == 0
+    assert write(capsys, kind, scene, without, "--without-background").code == 0
+    assert np.array_equal(read(without).means, read(whole).means[7:])
+    assert b"background" in without.read_bytes() and b"background" not in whole.read_bytes()
+
+
+@pytest.mark.parametrize("count", [-1, 10**6, "7", 1.5, True])
+def test_a_background_that_cannot_be_is_refused(
+    count: object, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_background(scene, count)
+    answer = write(capsys, "ply", scene, tmp_path / "a.ply", "--without-background")
+    assert "Gaussians are background" in answer.error and not (tmp_path / "a.ply").exists()
+
+
+def test_a_scene_of_nothing_but_background_and_an_object_have_nothing_to_leave_out(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_background(scene, len(blobs.gaussians))
+    answer = write(capsys, "ply", scene, tmp_path / "a.ply", "--without-background")
+    assert "nothing but background" in answer.error
+    answer = write(capsys, "ply", scene, tmp_path / "a.ply", "--without-background", "--object", "x")
+    assert "an object has no background" in answer.error
 
 
 @pytest.mark.parametrize("kind", ["ply", "glb", "png"])
