@@ -35,6 +35,7 @@ VARIANTS = {
         Variant("no-features", features=False),
         Variant("no-background", {"background_fraction": 0.0}, features=False),
         Variant("growth-by-opacity", {"growth_strategy": "opacity"}, features=False),
+        Variant("exposure", {"exposure": True}, features=False),
         Variant("no-exposure", {"exposure": False}, features=False),
         Variant("stop-when-flat", {"stop_when_flat": 0.05}, features=False),
         Variant("half-steps", {"steps": 1500}, features=False),
