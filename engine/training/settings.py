@@ -278,7 +278,7 @@ class FeatureSettings:
 
     train_features: bool = field(default=True, metadata={"stored_as": "features"})  # published: Dahaghin et al. 2024
     feature_init: Literal["unit", "paper"] = "unit"  # chosen on museum_room, store_room
-    feature_gradient: Literal["detached", "joint"] = "detached"  # chosen on herz_jesus25
+    feature_gradient: Literal["detached", "joint"] = "joint"  # published: Dahaghin et al. 2024
     lambda_clustering: float = 1e-6  # published: Dahaghin et al. 2024
     clustering_interval: int = 5  # chosen on museum_room
     clustering_pixels: int = 16_384  # chosen on museum_room

@@ -214,7 +214,7 @@ def test_extreme_values_are_clamped_and_counted(scene: Scene) -> None:
 
 
 def test_features_leave_the_geometry_as_without_them_unless_they_are_joint(scene: Scene, tmp_path: Path) -> None:
-    settings = QUICK.changed(steps=20, grow_until=0.0, grow_from=0.0, curve_points=1)
+    settings = QUICK.changed(steps=20, grow_until=0.0, grow_from=0.0, feature_gradient="detached", curve_points=1)
     with_features = run(scene, settings, tmp_path / "a").gaussians
     without = run(scene, settings.changed(train_features=False), tmp_path / "b").gaussians
     assert with_features.features is not None
