@@ -35,9 +35,7 @@ def former_settings(settings: TrainingSettings, *, preset: str, n_training: int)
         learn brightness factors, and stopped early only where something was left out.
     """
     mixed = settings.growth.growth_strategy == "mixed"
-    former: dict[str, Any] = (
-        {"growth": "error", "background": 0.1, "feature_gradient": "joint", "grow_factor": 1.05} if mixed else {}
-    )
+    former: dict[str, Any] = {"growth": "error", "background": 0.1, "grow_factor": 1.05} if mixed else {}
     steps = settings.schedule.steps
     if settings.schedule.rounds:
         steps = min(steps, max(_FORMER_MIN_STEPS, settings.schedule.rounds * n_training))
