@@ -33,7 +33,7 @@ from engine.project_folder import ProjectFolder
 from engine.training.settings import PRESETS, TrainingSettings
 
 _MARK = MARKS["in sample"]
-_STANDARD = PRESETS["standard"].changed(stop_when_flat=0.0)
+_STANDARD = PRESETS["standard"]
 _PAPER_FIELDS = (
     "feature_init", "feature_gradient", "clustering_interval", "clustering_pixels", "regularisation",
     "regularisation_interval", "lambda_ray",

@@ -119,5 +119,5 @@ def reconstruct(
             report_stage(runner)
         finally:
             # The finished stages inform the next forecast, also when the others were stopped.
-            update_calibration(project, runner.computed, work, training, forecast, calibration)
+            update_calibration(project, runner.computed, work, forecast, calibration)
         return project

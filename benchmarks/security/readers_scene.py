@@ -64,8 +64,8 @@ def _read_photo_set(folder: Path) -> object:
 
 
 def _write_looks(folder: Path) -> None:
-    looks = [{"name": "a.jpg", "texture": 0.4, "exposure_value": None}]
-    (folder / "looks.json").write_text(json.dumps([*looks, {**looks[0], "name": "b.jpg", "exposure_value": 9.5}]))
+    looks = [{"name": "a.jpg", "texture": 0.4}, {"name": "b.jpg", "texture": 0.5}]
+    (folder / "looks.json").write_text(json.dumps(looks))
 
 
 def _read_looks(folder: Path) -> object:
@@ -266,9 +266,8 @@ def _write_checkpoint(folder: Path) -> None:
         exposure=exposure,
         exposure_moments=AdamState.zeros_like(exposure),
         step=20,
-        cooling_from=15,
         sh_limit=1,
-        trials=[Trial("exposure", 5, 5, 0.1, True), Trial("1", 10, 5, math.nan, False)],
+        trials=[Trial("1", 5, 5, 0.1, True), Trial("2", 10, 5, math.nan, False)],
         transient_masks={0: np.zeros((3, 4), bool)},
         neighbours=torch.zeros((_N, 2), dtype=torch.int32),
         curve=[CurvePoint(10, 1.0, 2.0, 20.0, 0.8, 0.1, _N), CurvePoint(20, 2.0, 4.0, 21.0, math.nan, 0.1, _N)],

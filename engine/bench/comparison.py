@@ -298,12 +298,9 @@ def _stopped(row: Row, so_far: dict[str, Any] | None, minutes: float) -> Row:
 
 def _finished(row: Row, record: dict[str, Any]) -> Row:
     figures = record["figures"]
-    remark = ""
-    if figures.get("stopped_early"):
-        remark = f"its curve was flat at step {figures['steps']} of {row.planned_steps}"
     return replace(
         row, steps=figures["steps"], wall_seconds=figures["wall_seconds"], cpu_seconds=figures["cpu_seconds"],
-        peak_memory=record.get("peak_memory"), remark=remark, curve=tuple(figures["curve"]),
+        peak_memory=record.get("peak_memory"), curve=tuple(figures["curve"]),
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""EXIF data of a photo: orientation, focal length and exposure value."""
+"""EXIF data of a photo: orientation and focal length."""
 
 from __future__ import annotations
 
@@ -14,33 +14,24 @@ from PIL import Image
 
 from .structure import MAX_EXIF_BYTES
 
-__all__ = ["UPRIGHT_TRANSPOSES", "exposure_value", "focal_in_pixels", "orientation_of", "without_pillow_warnings"]
+__all__ = ["UPRIGHT_TRANSPOSES", "focal_in_pixels", "orientation_of", "without_pillow_warnings"]
 
 _LOG = logging.getLogger(__name__)
 
 _ORIENTATION = 0x0112
 _EXIF_IFD = 0x8769
-_EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY = 0x829A, 0x829D, 0x8827
 _FOCAL_LENGTH = 0x920A
 _FOCAL_LENGTH_35MM = 0xA405
 _PIXEL_WIDTH, _PIXEL_HEIGHT = 0xA002, 0xA003
 _PLANE_X_RESOLUTION = 0xA20E
 _PLANE_UNIT = 0xA210
-_CAMERA_TAGS = (
-    _EXPOSURE_TIME, _F_NUMBER, _SENSITIVITY, _FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXEL_WIDTH, _PIXEL_HEIGHT,
-    _PLANE_X_RESOLUTION, _PLANE_UNIT,
-)  # fmt: skip
+_CAMERA_TAGS = (_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXEL_WIDTH, _PIXEL_HEIGHT, _PLANE_X_RESOLUTION, _PLANE_UNIT)
 _UNIT_IN_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
 # Focal length over the longest side, from a wide fisheye to a 1,200 mm telephoto lens. Values outside of this range are
 # errors in the EXIF data.
 _PLAUSIBLE_FOCAL_RATIOS = (0.2, 35.0)
-# Apertures from faster than any lens to a pinhole, exposure times in seconds, and ISO sensitivities. Values outside of
-# these ranges are errors in the EXIF data.
-_PLAUSIBLE_APERTURES = (0.1, 10_000.0)
-_PLAUSIBLE_SECONDS = (1e-8, 1e7)
-_PLAUSIBLE_SENSITIVITIES = (0.01, 1e9)
 
 UPRIGHT_TRANSPOSES: dict[int, Image.Transpose] = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
@@ -140,25 +131,6 @@ def focal_in_pixels(image: Image.Image) -> float | None:
     if not _PLAUSIBLE_FOCAL_RATIOS[0] * longest <= focal <= _PLAUSIBLE_FOCAL_RATIOS[1] * longest:
         return None
     return float(focal)
-
-
-def exposure_value(image: Image.Image) -> float | None:
-    """Return the exposure value at ISO 100 of the camera's settings; None when EXIF does not contain it.
-
-    Notes
-    -----
-    log2(N^2 / t) - log2(S / 100) with aperture N, exposure time t in seconds and sensitivity S (ISO 2720). A value that
-    is larger by one halves the brightness of the same scene in the picture.
-    """
-    tags = _read(image)
-    aperture, seconds, speed = tags[_F_NUMBER], tags[_EXPOSURE_TIME], tags[_SENSITIVITY]
-    if not (
-        _PLAUSIBLE_APERTURES[0] <= aperture <= _PLAUSIBLE_APERTURES[1]
-        and _PLAUSIBLE_SECONDS[0] <= seconds <= _PLAUSIBLE_SECONDS[1]
-        and _PLAUSIBLE_SENSITIVITIES[0] <= speed <= _PLAUSIBLE_SENSITIVITIES[1]
-    ):
-        return None
-    return math.log2(aperture**2 / seconds * 100.0 / speed)
 
 
 def _number(value: Any) -> float:

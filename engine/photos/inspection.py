@@ -1,4 +1,4 @@
-"""Statistics of each photo: brightness and texture of a reduced version, and the exposure value from EXIF."""
+"""Statistics of each photo: the texture of a reduced version."""
 
 from __future__ import annotations
 
@@ -15,16 +15,13 @@ from ..events import StopCheck, never_stop
 from ..files import read_json
 from ..scene import PhotoSet
 from .bounded import call_within_bounds
-from .exif import exposure_value
 from .pixels import open_photo, read_header, upright_with_alpha
 
 __all__ = ["PhotoStatistics", "inspect_photos", "look_at", "read_photo_statistics"]
 
 _MAX_SIDE = 256
 _MIN_EDGE = 0.03
-_SCHEMA = [{"name": str, "texture": float, "exposure_value": (float, None)}]
-_MAX_STOPS = 100.0
-"""Largest exposure value, without its sign, that a photo can have."""
+_SCHEMA = [{"name": str, "texture": float}]
 _ADVICE = "Delete it and run again."
 
 
@@ -37,13 +34,10 @@ class PhotoStatistics:
     name : str
     texture : float
         Share of the pixels whose grey value changes by more than 3 % per pixel.
-    exposure_value : float or None
-        Exposure value of the camera's settings at ISO 100, in stops; None when EXIF does not contain it.
     """
 
     name: str
     texture: float
-    exposure_value: float | None
 
 
 def inspect_photos(photo_set: PhotoSet, *, should_stop: StopCheck = never_stop) -> list[PhotoStatistics]:
@@ -81,7 +75,7 @@ def read_photo_statistics(path: Path) -> list[PhotoStatistics]:
         for fields in read_json(path, _SCHEMA, advice=_ADVICE)
     ]
     for photo in statistics:
-        if not 0.0 <= photo.texture <= 1.0 or abs(photo.exposure_value or 0.0) > _MAX_STOPS:
+        if not 0.0 <= photo.texture <= 1.0:
             raise FormatError(f"{path} cannot be read: the numbers of {photo.name!r} are out of range. {_ADVICE}")
     return statistics
 
@@ -95,8 +89,7 @@ def _inspect(photo_set: PhotoSet, name: str, should_stop: StopCheck) -> PhotoSta
 def look_at(path: str) -> dict[str, Any]:
     """Decode a photo here and return the fields of `PhotoStatistics` without the name."""
     image, _ = open_photo(Path(path), max_side=_MAX_SIDE)
-    value = exposure_value(image)
     pixels = upright_with_alpha(image, max_side=_MAX_SIDE)[0].astype(np.float32) / 255.0
     down, right = np.gradient(pixels.mean(axis=2))
     texture = float((np.hypot(down, right) > _MIN_EDGE).mean())
-    return {"texture": texture, "exposure_value": value}
+    return {"texture": texture}

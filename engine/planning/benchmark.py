@@ -90,7 +90,7 @@ def _training_step_seconds(folder: Path) -> float:
 
     settings = TrainingSettings().changed(
         steps=_STEPS, max_gaussians=_N_GAUSSIANS, sh_degree=0, max_side=_WIDTH, coarse_levels=0, train_features=False,
-        grow_from=1.0, grow_until=1.0, noise=0.0, stop_when_flat=0.0, curve_points=2, checkpoint_interval=10**9,
+        grow_from=1.0, grow_until=1.0, noise=0.0, exposure=False, curve_points=2, checkpoint_interval=10**9,
     )  # fmt: skip
     rng = np.random.default_rng(0)
     pinhole = PinholeCamera(

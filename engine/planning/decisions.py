@@ -2,8 +2,8 @@
 
 `plan_work` decides from the photos and the user's settings. `plan_scene` adds the names of the test photos and of the
 photos that get masks, once the cameras are known. No decision that the trained scene depends on reads the pixels of a
-test photo: the exposures in EXIF are read of all photos, and the texture decides the forecast and the advice only. The
-plan and the report list what was left out with the reasons.
+test photo: their texture decides the forecast and the advice only. The plan and the report list what was left out with
+the reasons.
 No other module makes these decisions. Measurements behind the constants: docs/design_notes/planning.md.
 """
 
@@ -35,12 +35,6 @@ __all__ = [
 
 Pairs = Literal["none", "all", "promising"]
 
-MAX_EXPOSURE_RANGE = 0.5  # chosen on sakharov_statue32, skull66, banana16
-"""Largest difference of exposure in EXIF, in stops, at which all photos count as taken with one exposure. Above it the
-camera was on automatic."""
-MIN_ROUNDS_FOR_EXPOSURE = 40  # chosen on museum_room
-"""Number of times that each photo is trained on from which a brightness factor per photo is learned although EXIF does
-not give every exposure. With fewer, its trial would take more than a tenth of the steps."""
 MIN_TEXTURE_SHARE = 0.04  # chosen on museum_room, sakharov_statue32, skull66, banana16
 """Median share of textured pixels below which structure from motion may fail."""
 RECOMMENDED_PHOTOS = 12  # chosen on museum_room, sakharov_statue32
@@ -67,8 +61,7 @@ class PlanSettings:
         Whether content that appears in one photo only, such as people who walk by, is excluded from training.
     leave_out : bool
         Whether unnecessary work is left out. False is for measuring what leaving out saves and costs: masks for all
-        photos, features with their loss in every step, exposure correction and all bands of colour without a trial,
-        and no early stop.
+        photos, features with their loss in every step, and all bands of colour without a trial.
     """
 
     preset: str = "standard"  # by definition
@@ -126,8 +119,8 @@ class WorkPlan:
         Whether segmentation features, and a brightness factor per photo, are trained.
     sh_degree, max_gaussians, steps : int
         See `TrainingSettings`.
-    stop_when_flat, trial : float
-        See `TrainingSettings`.
+    trial : float
+        ``trial_fraction`` of `TrainingSettings`.
     clustering_interval : int
         See `TrainingSettings`.
     left_out : tuple of LeftOut
@@ -155,7 +148,6 @@ class WorkPlan:
     sh_degree: int
     max_gaussians: int
     steps: int
-    stop_when_flat: float
     left_out: tuple[LeftOut, ...]
     notes: tuple[str, ...]
     trial: float
@@ -247,9 +239,6 @@ def plan_work(
         )
     texture = float(np.median([photo.texture for photo in statistics])) if statistics else 1.0
     steps = _steps(count - n_held_out, preset, settings, left_out)
-    flat = preset.measurement.stop_when_flat if settings.leave_out and n_held_out else 0.0
-    rounds = steps / (count - n_held_out)
-    exposure = _exposure(statistics, settings, count - n_held_out, rounds, left_out)
     _choose_nothing(count - n_held_out, preset, settings, left_out)
     interval = _clustering_interval(preset, settings, left_out)
     return WorkPlan(
@@ -266,11 +255,10 @@ def plan_work(
         n_held_out=n_held_out,
         n_mask_photos=n_masks,
         features=features,
-        exposure=exposure,
+        exposure=preset.appearance.exposure,
         sh_degree=preset.appearance.sh_degree,
         max_gaussians=preset.growth.max_gaussians,
         steps=steps,
-        stop_when_flat=flat,
         left_out=tuple(left_out),
         notes=_notes(photo_set, texture, poses_given),
         trial=preset.appearance.trial_fraction if settings.leave_out else 0.0,
@@ -356,44 +344,10 @@ def _n_masks(count: int, settings: PlanSettings, left_out: list[LeftOut]) -> int
     return wanted
 
 
-def _exposure(
-    statistics: Sequence[PhotoStatistics],
-    settings: PlanSettings,
-    n_trained: int,
-    rounds: float,
-    left_out: list[LeftOut],
-) -> bool:
-    """Return whether a brightness factor per photo is trained, each of `n_trained` photos being used `rounds` times.
-
-    EXIF decides where it gives the exposure of every photo, with the limit `MAX_EXPOSURE_RANGE`. Otherwise training
-    tries the factors where there are `MIN_PHOTOS_TO_CHOOSE` photos and `MIN_ROUNDS_FOR_EXPOSURE` allows it. The
-    brightness of the photos decides nothing: test photos are among them.
-    """
-    if not settings.leave_out:
-        return True
-    values = [photo.exposure_value for photo in statistics if photo.exposure_value is not None]
-    if values and len(values) == len(statistics):
-        difference = max(values) - min(values)
-        differs = difference > MAX_EXPOSURE_RANGE
-        why = f"the exposures in EXIF differ by {difference:.2f} stops at most; the limit is {MAX_EXPOSURE_RANGE}"
-    else:
-        tried = PRESETS[settings.preset].appearance.trial_fraction > 0
-        enough = bool(validation_photos(n_trained))
-        differs = tried and enough and rounds >= MIN_ROUNDS_FOR_EXPOSURE
-        why = "EXIF does not give every exposure, and a trial would take more than a tenth of the steps"
-        if not tried:
-            why = f"EXIF does not give every exposure, and the preset {settings.preset} makes no trials"
-        elif not enough:
-            why = "EXIF does not give every exposure, and these photos are too few to learn it"
-    if not differs:
-        left_out.append(LeftOut("a brightness correction per photo", why))
-    return differs
-
-
 def _choose_nothing(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> None:
     """Add to `left_out` that nothing is decided during training, where there are too few photos to decide on."""
-    chooses = settings.leave_out and (preset.appearance.trial_fraction > 0 or preset.measurement.stop_when_flat > 0)
-    if chooses and not validation_photos(n_trained):
+    tries = settings.leave_out and preset.appearance.trial_fraction > 0 and preset.appearance.sh_degree > 0
+    if tries and not validation_photos(n_trained):
         left_out.append(
             LeftOut(
                 "trials during training",
@@ -434,9 +388,7 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
         lambda_ray=preset.features.lambda_ray * share,
         sh_interval=max(1, preset.appearance.sh_interval * work.steps // preset.schedule.steps),
         train_features=work.features,
-        exposure=work.exposure,
         transients=work.exclude_transients,
-        stop_when_flat=work.stop_when_flat,
         trial_fraction=work.trial,
     )
 

@@ -211,16 +211,8 @@ def step_seconds(n_gaussians: int, n_pixels: int, *, sh_degree: int, features: b
     return seconds
 
 
-def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: int | None = None) -> float:
-    """Return the CPU seconds of training: `step_seconds` summed over the schedule with growth and coarse levels.
-
-    Parameters
-    ----------
-    work : WorkPlan
-    settings : TrainingSettings
-    steps : int, optional
-        Count only the first `steps` steps, for comparison with a run that stopped early.
-    """
+def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
+    """Return the CPU seconds of training: `step_seconds` summed over the schedule with growth and coarse levels."""
     from ..training import Schedule
 
     n_trained = max(1, work.n_photos - work.n_held_out)
@@ -229,7 +221,7 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: i
     n = _gaussians_at_start(work, settings)
     n_evaluated = min(8, work.n_held_out or n_trained)
     seconds = work.n_photos * (_LOAD_SECONDS + _LOAD_MEGAPIXEL_SECONDS * pixels / 1e6)
-    for step in range(settings.schedule.steps if steps is None else min(steps, settings.schedule.steps)):
+    for step in range(settings.schedule.steps):
         degree = schedule.sh_degree(step)
         # Bands of colour that are not used yet are neither evaluated nor optimised.
         step_cost = step_seconds(n, round(pixels * schedule.scale(step) ** 2), sh_degree=degree, features=work.features)
@@ -244,7 +236,6 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings, *, steps: i
         if schedule.grows(step):
             n = schedule.gaussians_after_growth(step, n)
         n_measured = n_evaluated * (step + 1 in schedule.curve_steps)
-        n_measured += len(schedule.validation) * (step + 1 in schedule.flat_checks)
         n_measured += len(schedule.validation) * 2 * (step in schedule.trials)
         if n_measured:
             full = step_seconds(n, pixels, sh_degree=degree, features=False)

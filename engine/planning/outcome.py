@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..project_folder import ProjectFolder
-from ..training.settings import TrainingSettings
 from .calibration import Calibration
 from .decisions import WorkPlan
-from .forecast import Forecast, training_cpu_seconds, wall_share
+from .forecast import Forecast, wall_share
 
 __all__ = ["update_calibration"]
 
@@ -17,7 +16,6 @@ def update_calibration(
     project: ProjectFolder,
     computed: Sequence[str],
     work: WorkPlan,
-    training: TrainingSettings,
     forecast: Forecast,
     calibration: Calibration,
 ) -> None:
@@ -29,7 +27,6 @@ def update_calibration(
     computed : sequence of str
         Stages that this run computed. Stages that an earlier run had begun are skipped.
     work : WorkPlan
-    training : TrainingSettings
     forecast : Forecast
         Made before the work.
     calibration : Calibration
@@ -37,8 +34,7 @@ def update_calibration(
 
     Notes
     -----
-    A training that stopped early is compared with the formula for the steps that it took. The number of matched pairs
-    is taken from the plan.
+    The number of matched pairs is taken from the plan.
     """
     if work.preset == "test":
         return  # Its seconds are start-up time, which says nothing about the formulas.
@@ -49,11 +45,6 @@ def update_calibration(
         if record is None or record["continued"] or stage not in expected:
             continue
         formula = expected[stage].model_cpu_seconds
-        figures = record["figures"]
-        if stage == "training" and figures.get("stopped_early"):
-            formula *= training_cpu_seconds(work, training, steps=figures["steps"]) / training_cpu_seconds(
-                work, training
-            )
         cpu, wall = record["cpu_seconds"], record["wall_seconds"]
         calibration.add_outcome(stage, "cpu", formula=formula, actual=cpu)
         calibration.add_outcome(stage, "wall", formula=cpu * wall_share(stage, forecast.cores), actual=wall)

@@ -39,8 +39,6 @@ def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
     )
     test_photos = f"{work.n_held_out}, to measure the error; selected once the cameras are known"
     chooses = bool(validation_photos(work.n_photos - work.n_held_out))
-    stops = f"; stops when the rest would gain less than {work.stop_when_flat} dB"
-    early_stop = stops if work.stop_when_flat and chooses else ""
     trial = ", if a trial shows a gain" if work.trial and chooses else ""
     bands = f"colour bands up to degree {work.sh_degree}{trial if work.sh_degree else ''}"
     return [
@@ -49,8 +47,8 @@ def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
         ("pictures", f"{work.width} x {work.height} pixels for training"),
         ("Gaussians", f"at most {work.max_gaussians:,}, {bands}"),
         ("features", "16 numbers per Gaussian, trained together with the colour" if work.features else "none"),
-        ("exposure", f"one brightness correction per photo{trial}" if work.exposure else "no correction"),
-        ("steps", f"{work.steps:,}{early_stop}"),
+        ("exposure", "one brightness correction per photo" if work.exposure else "no correction"),
+        ("steps", f"{work.steps:,}"),
         ("test photos", test_photos if work.n_held_out else "none"),
     ]
 

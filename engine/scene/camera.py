@@ -17,6 +17,9 @@ __all__ = ["Camera", "CameraSet", "Lens", "PinholeCamera"]
 
 Float64 = NDArray[np.float64]
 
+_NEAREST = 1e-6  # by definition
+"""Smallest depth of a projected point, world units."""
+
 
 class Lens(NamedTuple):
     """The lens of a `Camera` without its photo and pose, which can be hashed. The fields are those of `Camera`."""
@@ -86,6 +89,15 @@ class PinholeCamera:
     def center(self) -> Float64:
         """Position of the camera in the world, shape [3]."""
         return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
+
+    def project(self, points: NDArray[np.floating]) -> tuple[NDArray[np.intp], Float64, Float64]:
+        """Return which of `points`, [P, 3], lie in the picture, with their pixels [M, 2] and depths [M]."""
+        local = points @ self.viewmat[:3, :3].T + self.viewmat[:3, 3]
+        front = np.flatnonzero(local[:, 2] > _NEAREST)
+        homogeneous = local[front] @ self.K.T
+        pixels = homogeneous[:, :2] / homogeneous[:, 2:]
+        inside = ((pixels >= 0) & (pixels < (self.width, self.height))).all(axis=1)
+        return front[inside], pixels[inside], local[front[inside], 2]
 
 
 @dataclass(frozen=True)

@@ -108,19 +108,10 @@ def _plain(view: TrainingView) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
 
 def _uncovered(places: Float64, points: Points, camera: PinholeCamera) -> tuple[NDArray[np.intp], Float64]:
     """Return which of `places` appear far from all sparse points, and their pixels, [M, 2]."""
-    rows, pixels = _projected(places, camera)
-    _, covered = _projected(points, camera)
+    rows, pixels, _ = camera.project(places)
+    _, covered, _ = camera.project(points)
     if len(covered) and len(pixels):
         distance, _ = cKDTree(covered).query(pixels)
         far = distance > UNCOVERED_DISTANCE * max(camera.width, camera.height)
         rows, pixels = rows[far], pixels[far]
     return rows, pixels
-
-
-def _projected(places: Points, camera: PinholeCamera) -> tuple[NDArray[np.intp], Float64]:
-    """Return which of `places` lie in the picture, and their pixels, [M, 2]."""
-    local = places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
-    front = np.flatnonzero(local[:, 2] > 1e-6)
-    pixels = local[front, :2] / local[front, 2:] * camera.K[[0, 1], [0, 1]] + camera.K[:2, 2]
-    inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
-    return front[inside], pixels[inside]

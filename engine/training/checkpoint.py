@@ -28,7 +28,7 @@ from .guards import ADVICE
 from .held_out import CurvePoint
 from .parameters import NAMES, Parameters
 from .settings import TrainingSettings
-from .trials import EXPOSURE, Trial
+from .trials import Trial
 from .views import TrainingView
 
 __all__ = [
@@ -104,14 +104,11 @@ _RECORD = {
     "version": int,
     "key": str,
     "step": int,
-    "cooling_from": (int, None),
     "sh_limit": (int, None),
-    "uses_exposure": bool,
     "trials": [_TRIAL],
     "adam_steps": {str: int},
     "neighbours_step": int,
     "curve": [_POINT],
-    "validation": [_POINT],
     "guards": {str: int},
     "wall_seconds": float,
     "cpu_seconds": float,
@@ -131,12 +128,8 @@ class RunState:
     exposure_moments : AdamState
     step : int
         Number of finished steps.
-    cooling_from : int or None
-        Step at which the cooldown began because the curve was flat; None when it was not.
     sh_limit : int or None
         Highest band of view-dependent colour that passed its trial so far; None in a run without trials.
-    uses_exposure : bool
-        Whether the brightness factors are in use.
     trials : list of Trial
         Finished trials.
     transient_masks : dict of int to bool array of shape [h, w]
@@ -147,8 +140,6 @@ class RunState:
         Step at which they were found.
     curve : list of CurvePoint
         Errors on the test photos.
-    validation : list of CurvePoint
-        Errors on the validation photos at the checks of whether to stop early.
     guards : Counter
         How often each numerical guard took effect.
     wall_seconds, cpu_seconds : float
@@ -159,15 +150,12 @@ class RunState:
     exposure: torch.Tensor
     exposure_moments: AdamState
     step: int = 0  # by definition
-    cooling_from: int | None = None
     sh_limit: int | None = None
-    uses_exposure: bool = False
     trials: list[Trial] = field(default_factory=list)
     transient_masks: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
     neighbours: torch.Tensor | None = None
     neighbours_step: int = 0  # by definition
     curve: list[CurvePoint] = field(default_factory=list)
-    validation: list[CurvePoint] = field(default_factory=list)
     guards: Counter[str] = field(default_factory=Counter)
     wall_seconds: float = 0.0  # by definition
     cpu_seconds: float = 0.0  # by definition
@@ -182,7 +170,6 @@ class RunState:
             trials=list(self.trials),
             transient_masks=dict(self.transient_masks),
             curve=list(self.curve),
-            validation=list(self.validation),
             guards=Counter(self.guards),
         )
 
@@ -226,14 +213,11 @@ def write_checkpoint(folder: Path, key: str, state: RunState) -> None:
         "version": VERSION,
         "key": key,
         "step": state.step,
-        "cooling_from": state.cooling_from,
         "sh_limit": state.sh_limit,
-        "uses_exposure": state.uses_exposure,
         "trials": [asdict(trial) for trial in state.trials],
         "adam_steps": {name: moment.step for name, moment in moments.items()},
         "neighbours_step": state.neighbours_step,
         "curve": [asdict(point) for point in state.curve],
-        "validation": [asdict(point) for point in state.validation],
         "guards": dict(state.guards),
         "wall_seconds": state.wall_seconds,
         "cpu_seconds": state.cpu_seconds,
@@ -277,7 +261,7 @@ def read_progress(folder: Path) -> dict[str, Any] | None:
     """
     try:
         record = _read_record(folder / CHECKPOINT_FILE)
-        points = [asdict(point) for point in _curve(record, "curve")]
+        points = [asdict(point) for point in _curve(record)]
     except (FormatError, _Damaged):
         return None
     return {"curve": points, **{name: record[name] for name in ("step", "wall_seconds", "cpu_seconds")}}
@@ -312,17 +296,17 @@ def _read_record(path: Path) -> dict[str, Any]:
     """Return the values that are not arrays; raises `FormatError` or `_Damaged` unless all are usable."""
     text = str(read_arrays(path, {"record": _ARRAYS["record"]}, advice=_ADVICE)["record"])
     record: dict[str, Any] = parse_json(text, _RECORD, source=str(path), advice=_ADVICE)
-    counts = ("step", "neighbours_step", "wall_seconds", "cpu_seconds", "cooling_from", "sh_limit")
+    counts = ("step", "neighbours_step", "wall_seconds", "cpu_seconds", "sh_limit")
     if any((record[name] or 0) < 0 for name in counts) or any(step < 0 for step in record["adam_steps"].values()):
         raise _Damaged
-    if any(not (trial["what"] == EXPOSURE or _is_number(trial["what"])) for trial in record["trials"]):
+    if any(not _is_number(trial["what"]) for trial in record["trials"]):
         raise _Damaged
     return record
 
 
-def _curve(record: dict[str, Any], kind: str) -> list[CurvePoint]:
+def _curve(record: dict[str, Any]) -> list[CurvePoint]:
     names = [one.name for one in fields(CurvePoint)]
-    curve = [CurvePoint(**{name: _nan_if_none(point[name]) for name in names}) for point in record[kind]]
+    curve = [CurvePoint(**{name: _nan_if_none(point[name]) for name in names}) for point in record["curve"]]
     steps = [point.step for point in curve]
     if steps != sorted(set(steps)) or (steps and not 0 <= steps[0] <= steps[-1] <= record["step"]):
         raise _Damaged
@@ -377,17 +361,14 @@ def _state_from(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> RunS
         exposure=torch.from_numpy(arrays["exposure"]),
         exposure_moments=moments("exposure"),
         step=record["step"],
-        cooling_from=record["cooling_from"],
         sh_limit=degree,
-        uses_exposure=record["uses_exposure"],
         trials=[
             Trial(**{one.name: _nan_if_none(trial[one.name]) for one in fields(Trial)}) for trial in record["trials"]
         ],
         transient_masks={int(number): mask for number, mask in masks.items()},
         neighbours=None if neighbours is None else torch.from_numpy(neighbours),
         neighbours_step=record["neighbours_step"],
-        curve=_curve(record, "curve"),
-        validation=_curve(record, "validation"),
+        curve=_curve(record),
         guards=Counter(record["guards"]),
         wall_seconds=float(record["wall_seconds"]),
         cpu_seconds=float(record["cpu_seconds"]),
@@ -406,7 +387,6 @@ def continues(state: RunState, begun: RunState, *, n_steps: int) -> bool:
     return (
         state.step <= n_steps
         and (state.step < n_steps or bool(state.curve) and state.curve[-1].step == state.step)
-        and (state.cooling_from is None or state.cooling_from in [point.step for point in state.validation])
         and state.exposure.shape == begun.exposure.shape
         and (state.sh_limit is None) == (begun.sh_limit is None)
         and set(values) | {"sh_rest"} == set(first) | {"sh_rest"}

@@ -93,13 +93,8 @@ def _reduced(camera: PinholeCamera, side: int) -> PinholeCamera:
 
 def _sees(camera: PinholeCamera, surface: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which places, [P, 3], a camera sees whose surface has these depths."""
-    local = places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
-    front = local[:, 2] > 1e-6
-    projected = local @ camera.K.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        pixels = projected[:, :2] / projected[:, 2:]
-    inside = front & (pixels >= 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1)
+    rows, pixels, depths = camera.project(places)
+    column, row = pixels.astype(int).T
     seen = np.zeros(len(places), bool)
-    columns, rows = pixels[inside].astype(int).T
-    seen[inside] = local[inside, 2] <= surface[rows, columns] * (1.0 + DEPTH_TOLERANCE)
+    seen[rows] = depths <= surface[row, column] * (1.0 + DEPTH_TOLERANCE)
     return seen

@@ -1,4 +1,4 @@
-"""Densification with a fixed budget of Gaussians: relocation of dead ones, copies of others, and a random walk.
+"""Densification with a fixed budget of Gaussians: relocation of dead ones, copies and halves of others, a random walk.
 
 Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo" (NeurIPS), implemented from the formulas.
 """
@@ -14,13 +14,16 @@ from .parameters import Parameters, render
 from .settings import Backend
 from .views import Level
 
-__all__ = ["copy_correction", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate"]
+__all__ = ["copy_correction", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate", "split"]
 
 MAX_COPIES = 51  # published: Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
 
 OPACITY_MARGIN = 1e-6  # by definition
 """Opacities are clamped to this distance from 0 and 1 before their logit is taken."""
+
+SPLIT_SHIFT = 0.7  # chosen on museum_room
+"""Distance of the halves of a split Gaussian from its centre, in its longest scale."""
 
 MAX_WALK = 3.0  # chosen on stability_scenes
 """Largest distance that noise moves a Gaussian in one step, in its own scales. At our learning rates, ten times the
@@ -87,7 +90,7 @@ def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Gen
 
 
 def grow(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> None:
-    """Add `n_new` copies of Gaussians drawn by `weights`; the picture stays the same to first order.
+    """Add `n_new` copies of Gaussians drawn by `weights`, with replacement; the picture stays the same to first order.
 
     Parameters
     ----------
@@ -105,6 +108,46 @@ def grow(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator
     chosen = _draw(weights, n_new, generator)
     _share_between_copies(parameters, chosen)
     parameters.append(parameters.copies(chosen))
+
+
+def split(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> int:
+    """Split `n_new` Gaussians drawn by `weights`, without replacement, into two; return how many were split.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Changed in place: one half takes the place of the Gaussian, the other is appended.
+    weights : tensor of shape [N]
+        Those of the background count as 0.
+    n_new : int
+    generator : torch.Generator
+
+    Notes
+    -----
+    A Gaussian of longest scale s becomes two at +-0.7 s along that axis, of scale sqrt(1 - 0.7^2) s and opacity
+    o / (2 sqrt(1 - 0.7^2)). Position, covariance and mass of the pair equal those of the Gaussian. Copies at the same
+    place get the same gradients and need hundreds of steps to separate; halves show detail at once.
+    """
+    weights = weights.clone()
+    weights[: parameters.n_background] = 0.0
+    n_new = min(n_new, int((weights > 0).sum()))
+    if n_new <= 0:
+        return 0
+    # The n smallest of E / w, with E exponentially distributed, are a draw without replacement by w.
+    race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
+    rows = (race / weights.double()).topk(n_new, largest=False).indices
+    whole = parameters.copies(rows)
+    longest, index = whole["log_scales"].argmax(dim=1), torch.arange(len(rows))
+    axis = _rotation_matrices(whole["quats"])[index, :, longest]
+    shift = axis * (SPLIT_SHIFT * whole["log_scales"][index, longest].exp())[:, None]
+    narrower = math.sqrt(1.0 - SPLIT_SHIFT**2)
+    log_scales = whole["log_scales"].clone()
+    log_scales[index, longest] += math.log(narrower)
+    logits = (whole["opacity_logits"].sigmoid() / (2.0 * narrower)).logit(OPACITY_MARGIN)
+    half = {**whole, "log_scales": log_scales, "opacity_logits": logits}
+    parameters.overwrite(rows, {**half, "means": half["means"] - shift})
+    parameters.append({**half, "means": half["means"] + shift})
+    return n_new
 
 
 def gaussian_errors(

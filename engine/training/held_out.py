@@ -26,7 +26,6 @@ __all__ = [
     "Clock",
     "CurvePoint",
     "Quality",
-    "expected_gain",
     "flat_psnr",
     "image_quality",
     "mean_color",
@@ -38,9 +37,6 @@ __all__ = [
 
 MAX_MEASURED_PHOTOS = 8  # by definition
 """Largest number of photos, evenly spaced, that the error is measured on."""
-
-N_CHECKS_IN_SLOPE = 8  # chosen on museum_room
-"""Measurements that the slope of the curve is fitted to. See docs/design_notes/training.md."""
 
 MIN_SQUARED_ERROR = 1e-10  # by definition
 """Smallest mean squared error, which limits the PSNR to 100 dB. A photo of 8 bits is accurate to 59 dB."""
@@ -177,29 +173,6 @@ def flat_psnr(color: NDArray[np.float64], levels: Sequence[Level]) -> float:
 def _valid_pixels(pixels: NDArray[np.uint8], valid: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
     """Return the valid pixels, [P, 3]."""
     return pixels.reshape(-1, 3) if valid is None else pixels[valid]
-
-
-def expected_gain(measured: Sequence[CurvePoint], steps: int) -> float:
-    """Return the PSNR in dB that the remaining steps are expected to gain; infinite before eight measurements.
-
-    Parameters
-    ----------
-    measured : sequence of CurvePoint
-        Evenly spaced measurements on photos that were not trained on.
-    steps : int
-        Number of steps of the whole run.
-
-    Notes
-    -----
-    The slope of PSNR against the step over the last eight measurements, by least squares, times the remaining steps.
-    Learning rates fall, so a straight line expects too much and training stops late rather than early. Eight points,
-    because one measurement varies by 0.1 or 0.2 dB: it depends on the last photos trained on.
-    """
-    points = measured[-N_CHECKS_IN_SLOPE:]
-    if len(points) < N_CHECKS_IN_SLOPE or not all(math.isfinite(point.psnr) for point in points):
-        return math.inf
-    slope = np.polyfit([point.step - points[0].step for point in points], [point.psnr for point in points], 1)[0]
-    return float(slope * (steps - points[-1].step))
 
 
 def write_picture(path: Path, image: torch.Tensor) -> None:

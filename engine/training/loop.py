@@ -17,7 +17,7 @@ from ..rasterizer import AdamState, adam_step, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .coverage import Coverage
-from .densify import gaussian_errors, grow, mixed_weights, position_noise, relocate
+from .densify import gaussian_errors, grow, mixed_weights, position_noise, relocate, split
 from .guards import (
     backward,
     check_result,
@@ -30,7 +30,6 @@ from .held_out import (
     MAX_MEASURED_PHOTOS,
     Clock,
     CurvePoint,
-    expected_gain,
     flat_psnr,
     mean_color,
     measure,
@@ -45,7 +44,7 @@ from .settings import TrainingSettings
 from .spectrum import coarse_shares
 from .step import step_loss
 from .transients import find_transients
-from .trials import EXPOSURE, Trial, brightness_factors, exposure_corrected_quality
+from .trials import Trial, brightness_factors, exposure_corrected_quality
 from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
 
 __all__ = ["PREVIEW_FILE", "train"]
@@ -68,9 +67,6 @@ GOOD_PSNR = 30.0  # chosen on stability_scenes
 
 TRANSIENT_SEARCH_SIDE = 100.0  # chosen on museum_room
 """Longest side of a picture that is large enough to find transients, pixels."""
-
-TRIAL_OF_BANDS, TRIAL_OF_EXPOSURE = "view-dependent colours", "a brightness factor per photo"
-"""Names of the trials in progress messages."""
 
 _RELOCATE, _GROW, _NOISE = 3, 4, 5  # by definition
 """Purposes of random draws, see `Schedule.generator`."""
@@ -220,8 +216,7 @@ class _TrainingRun:
             parameters,
             exposure,
             AdamState.zeros_like(exposure),
-            sh_limit=0 if self._makes_trials else None,
-            uses_exposure=settings.appearance.exposure and not self._makes_trials,
+            sh_limit=0 if self.schedule.trial_steps else None,
         )
         clamp_parameters(state.parameters, self.center, self.extent, state.guards)
         return state
@@ -229,85 +224,52 @@ class _TrainingRun:
     @property
     def finished(self) -> bool:
         """Whether training ends here; depends on the state only, so that resuming is exact."""
-        return self.state.step >= self.schedule.last_step(self.state.cooling_from)
-
-    @property
-    def _makes_trials(self) -> bool:
-        return self.schedule.trial_steps > 0
-
-    def _decides_to_stop(self) -> bool:
-        """Measure the validation photos if that is due and return whether the cooldown begins now."""
-        state = self.state
-        if state.step not in self.schedule.flat_checks or state.cooling_from is not None:
-            return False
-        state.validation.append(self._curve_point(self._validation_levels()))
-        gain = expected_gain(state.validation, self.settings.schedule.steps)
-        return gain < self.settings.measurement.stop_when_flat
-
-    def _validation_levels(self) -> list[Level]:
-        return [self.pyramid.level(view, 0) for view in self.schedule.validation]
+        return self.state.step >= self.settings.schedule.steps
 
     def advance(self) -> None:
         """Make one training step, and before it a trial when one is due."""
-        state = self.state
-        tried = self.schedule.trials.get(state.step) if state.cooling_from is None else None
+        state, schedule = self.state, self.schedule
+        band = schedule.trials.get(state.step)
         # A band is tried only when the band below it passed its trial.
-        if tried is not None and (tried == EXPOSURE or int(tried) == (state.sh_limit or 0) + 1):
-            self._run_trial(tried)
-        returning = self.schedule.validation
-        if returning and state.uses_exposure and state.step == self.schedule.validation_until(state.cooling_from):
-            state.exposure.detach()[list(returning)] = self._fitted_exposure(returning)
+        if band is not None and band == (state.sh_limit or 0) + 1:
+            self._run_trial(band)
+        if schedule.validation and self.settings.appearance.exposure and state.step == schedule.validation_until:
+            state.exposure.detach()[list(schedule.validation)] = self._fitted_exposure(schedule.validation)
         self._step()
 
-    def _run_trial(self, tried: str) -> None:
-        """Train two copies, without `tried` and with it, and use it from now on if that gains enough."""
+    def _run_trial(self, band: int) -> None:
+        """Train two copies, without `band` and with it, and use it from now on if that gains enough."""
         state, schedule = self.state, self.schedule
         self.write_checkpoint()  # A run that is stopped during a trial resumes before it.
-        without, with_it = (self._psnr_in_trial(state.copy(), tried, used=used) for used in (False, True))
+        without, with_it = (self._psnr_in_trial(state.copy(), limit) for limit in (state.sh_limit or 0, band))
         self.state, self.schedule = state, schedule
         self.pyramid.mask_pixels(state.transient_masks)
         kept = with_it - without >= self.settings.appearance.min_trial_gain
-        state.trials.append(Trial(tried, state.step, schedule.trial_steps, with_it - without, kept))
+        state.trials.append(Trial(str(band), state.step, schedule.trial_steps, with_it - without, kept))
         if kept:
-            self._use(tried)
-        elif tried != EXPOSURE:
+            state.sh_limit = band
+        else:
             state.parameters.cut_sh(state.sh_limit or 0)
 
-    def _use(self, tried: str) -> None:
-        if tried == EXPOSURE:
-            self._begin_exposure(self.state)
-        else:
-            self.state.sh_limit = int(tried)
-
-    def _psnr_in_trial(self, state: RunState, tried: str, *, used: bool) -> float:
+    def _psnr_in_trial(self, state: RunState, sh_limit: int) -> float:
         """Train `state` for the steps of a trial with falling rates and return the PSNR on the validation photos.
 
         The cooldown is needed because at full rates the PSNR depends on the last photos trained on.
         """
         n_steps = self.schedule.trial_steps
-        self.state, self.schedule = state, self.schedule.of_trial()
+        self.state, self.schedule = state, self.schedule.of_trial(state.step)
         self.pyramid.mask_pixels(state.transient_masks)
-        state.cooling_from = state.step
-        if used:
-            self._use(tried)
-        name = TRIAL_OF_EXPOSURE if tried == EXPOSURE else TRIAL_OF_BANDS
+        state.sh_limit = sh_limit
         for _ in range(n_steps):
             if self.should_stop():
                 raise Cancelled(CANCELLED_MESSAGE)
             self._step()
-            self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}, trying {name}")
-        measure_trial = exposure_corrected_quality if tried == EXPOSURE else measure
+            self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}, trying view-dependent colours")
+        levels = [self.pyramid.level(view, 0) for view in self.schedule.validation]
+        measure_trial = exposure_corrected_quality if self.settings.appearance.exposure else measure
         return measure_trial(
-            state.parameters.values, self._validation_levels(), backend=self.settings.backend,
-            sh_degree=self._sh_degree(),
+            state.parameters.values, levels, backend=self.settings.backend, sh_degree=self._sh_degree()
         ).psnr  # fmt: skip
-
-    def _begin_exposure(self, state: RunState) -> None:
-        """Use the brightness factors from now on, initialised with those that fit the current pictures best."""
-        views = self.schedule.trained_on(state.step, state.cooling_from)
-        factors = self._fitted_exposure(views)
-        state.exposure.detach()[views] = factors - factors.mean(dim=0)
-        state.uses_exposure = True
 
     def _fitted_exposure(self, views: Sequence[int]) -> torch.Tensor:
         """Return the logarithms of the brightness factors that fit the current pictures of `views` best, [n, 3]."""
@@ -328,11 +290,11 @@ class _TrainingRun:
     def _step(self) -> None:
         state, settings, schedule = self.state, self.settings, self.schedule
         with self.clock:
-            view = schedule.view(state.step, state.cooling_from)
+            view = schedule.view(state.step)
             reductions = schedule.reductions(state.step)
             level = self.pyramid.level(view, reductions)
             state.parameters.track()
-            state.exposure.requires_grad_(state.uses_exposure).grad = None
+            state.exposure.requires_grad_(settings.appearance.exposure).grad = None
             loss = step_loss(state, level, view, schedule, settings, self.extent)
             if backward(loss, state.guards):
                 step_finite_rows(state.parameters, self._update, state.guards)
@@ -348,28 +310,28 @@ class _TrainingRun:
 
     def _update(self) -> None:
         state = self.state
-        state.parameters.step(self.schedule.learning_rates(state.step, state.cooling_from))
+        state.parameters.step(self.schedule.learning_rates(state.step))
         if state.exposure.grad is not None:
             exposure = state.exposure.detach()
             adam_step([(exposure, state.exposure.grad, self.settings.optimiser.lr_exposure)], [state.exposure_moments])
             # The brightness common to all photos is part of the colours of the Gaussians.
-            views = self.schedule.trained_on(state.step, state.cooling_from)
+            views = self.schedule.trained_on(state.step)
             exposure[views] -= exposure[views].mean(dim=0)
 
     def _update_population(self) -> None:
         """Relocate and add Gaussians when it is due, and apply the random walk until growth ends."""
         state, settings, schedule = self.state, self.settings, self.schedule
-        if schedule.grows(state.step, state.cooling_from):
+        if schedule.grows(state.step):
             n = len(state.parameters)
             n_new = schedule.gaussians_after_growth(state.step, n) - n
             moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
             relocate(state.parameters, min_opacity=settings.growth.min_opacity, generator=moves)
             if n_new > 0:
-                grow(state.parameters, self._growth_weights(additions), n_new, generator=additions)
-        if settings.growth.noise > 0 and not schedule.growth_ended(state.step, state.cooling_from):
+                self._grow(n_new, additions)
+        if settings.growth.noise > 0 and not schedule.growth_ended(state.step):
             position_noise(
                 state.parameters,
-                learning_rate=schedule.means_rate(state.step, state.cooling_from),
+                learning_rate=schedule.means_rate(state.step),
                 extent=self.extent,
                 strength=settings.growth.noise,
                 generator=schedule.generator(state.step, _NOISE),
@@ -389,25 +351,27 @@ class _TrainingRun:
         self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
         self.pyramid.mask_pixels(self.state.transient_masks)
 
-    def _growth_weights(self, generator: torch.Generator) -> torch.Tensor:
-        """Return the weights by which new Gaussians are drawn, shape [N]."""
-        state, settings, schedule = self.state, self.settings, self.schedule
+    def _grow(self, n_new: int, generator: torch.Generator) -> None:
+        """Add `n_new` Gaussians according to ``growth_strategy``."""
+        state, schedule, backend = self.state, self.schedule, self.settings.backend
         opacities = state.parameters.values["opacity_logits"].detach().sigmoid()
-        if settings.growth.growth_strategy == "opacity":
-            return opacities
-        views = schedule.trained_on(state.step, state.cooling_from)
+        if self.settings.growth.growth_strategy == "opacity":
+            grow(state.parameters, opacities, n_new, generator=generator)
+            return
+        views = schedule.trained_on(state.step)
         drawn = torch.randperm(len(views), generator=generator)[:N_ERROR_VIEWS].tolist()
         levels = [self.pyramid.level(views[place], schedule.reductions(state.step)) for place in drawn]
         degree = schedule.sh_degree(state.step, state.sh_limit)
-        return mixed_weights(
-            gaussian_errors(state.parameters, levels, backend=settings.backend, sh_degree=degree), opacities
-        )
+        errors = gaussian_errors(state.parameters, levels, backend=backend, sh_degree=degree)
+        weights = mixed_weights(errors, opacities)
+        n_split = split(state.parameters, weights, n_new // 2, generator=generator)
+        # The halves that were added are not copied in the same step.
+        weights = torch.cat([weights, torch.zeros(n_split)])
+        grow(state.parameters, weights, n_new - n_split, generator=generator)
 
     def report(self) -> None:
         """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""
         state, now = self.state, time.monotonic()
-        if self._decides_to_stop():
-            state.cooling_from = state.step
         finished = self.finished
         if state.step in self.schedule.curve_steps or finished:
             self._measure()
@@ -416,10 +380,7 @@ class _TrainingRun:
             self._preview()
         if state.step % self.settings.schedule.checkpoint_interval == 0 or finished:
             self.write_checkpoint()
-        message = f"step {state.step} of {self.settings.schedule.steps}"
-        if finished and state.step < self.settings.schedule.steps:
-            message += ": the curve is flat"
-        self._emit_progress(message, finished=finished)
+        self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}", finished=finished)
 
     def _emit_progress(self, message: str, *, finished: bool = False) -> None:
         """Emit progress and metrics, at most once per second except at the end."""

@@ -9,7 +9,7 @@ from typing import Any
 from ..scene import Gaussians
 from .checkpoint import RunState
 from .guards import LIMITS
-from .held_out import CurvePoint, expected_gain
+from .held_out import CurvePoint
 from .quality import MeasuredQuality
 from .schedule import Schedule
 from .settings import TrainingSettings
@@ -67,7 +67,6 @@ def make_result(
     last = state.curve[-1]
     figures: dict[str, Any] = {
         "steps": state.step,
-        "stopped_early": _stopped_early(state, settings),
         "n_gaussians": len(state.parameters),
         "n_background": state.parameters.n_background,
         "wall_seconds": last.wall_seconds,
@@ -93,27 +92,10 @@ def make_result(
             photos[view]: round(float(mask.mean()), 4) for view, mask in sorted(state.transient_masks.items())
         },
     }
-    if state.uses_exposure:
+    if settings.appearance.exposure:
         figures["exposure"] = {
             photo: [round(float(gain), 4) for gain in row.exp()]
             for photo, row in zip(photos, state.exposure.detach(), strict=True)
         }
     unit = settings.features.feature_init == "unit"
     return TrainingResult(state.parameters.to_gaussians(unit_features=unit), tuple(state.curve), figures)
-
-
-def _stopped_early(state: RunState, settings: TrainingSettings) -> dict[str, float] | None:
-    """Return the cost that the omitted steps would have had at the speed of the last ones; None without such steps."""
-    steps, last = settings.schedule.steps, state.curve[-1]
-    if state.cooling_from is None:
-        return None
-    # A run without a cooldown ends with a measurement on the validation photos.
-    before = [point for point in state.validation if point.step < last.step][-1]
-    share = (steps - last.step) / (last.step - before.step)
-    return {
-        "planned_steps": steps,
-        "expected_gain": expected_gain(state.validation, steps),
-        "limit": settings.measurement.stop_when_flat,
-        "wall_seconds_saved": share * (last.wall_seconds - before.wall_seconds),
-        "cpu_seconds_saved": share * (last.cpu_seconds - before.cpu_seconds),
-    }

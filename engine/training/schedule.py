@@ -11,17 +11,12 @@ import torch
 
 from .settings import TrainingSettings, validation_photos
 from .spectrum import TYPICAL_SHARES
-from .trials import EXPOSURE
 
 __all__ = ["Schedule"]
 
 SIZE_INDEPENDENT_WORK = 0.25  # chosen on museum_room
 """Time of projection and Adam, which do not depend on the size of the picture, per time of the pixels of a full-size
 step. Used only to estimate the remaining time."""
-
-N_FLAT_CHECKS = 40  # chosen on museum_room
-"""Number of evenly spaced steps at which the validation photos may be measured to decide whether to stop. Only those at
-full size and before `LAST_DECISION` are: each costs as much as 2 steps."""
 
 LAST_DECISION = 0.75  # chosen on museum_room
 """Fraction of the steps after which nothing is decided any more, so that the validation photos are trained on in the
@@ -30,10 +25,6 @@ rest. See docs/design_notes/training.md."""
 TRANSIENT_SEARCHES = (0.2, 0.4)  # chosen on museum_room
 """Fractions of the steps after which transients are searched. Each search replaces the result of the one before:
 Gaussians that fitted a transient fade once its pixels are left out."""
-
-EXPOSURE_TRIAL = 0.25  # chosen on museum_room
-"""Fraction of the steps after which the brightness factors are tried. By then the colours of the scene are known, but
-not yet its detail."""
 
 
 class Schedule:
@@ -55,12 +46,12 @@ class Schedule:
     ----------
     validation : tuple of int
         Numbers of the training photos that decisions are made on; empty where nothing is to be decided.
-    trials : dict of int to str
-        Trials, "exposure" or the number of a band, by the number of finished steps before each.
+    trials : dict of int to int
+        Bands that are tried, by the number of finished steps before each trial.
     trial_steps : int
         Steps of each trial, 0 in a run without trials.
-    flat_checks : frozenset of int
-        Numbers of finished steps after which the validation photos are measured to decide whether to stop early.
+    validation_until : int
+        Number of finished steps after which the last trial is made and all photos are trained on.
     curve_steps : frozenset of int
         Numbers of finished steps after which the test photos are measured.
     searches_for_transients : frozenset of int
@@ -86,44 +77,28 @@ class Schedule:
         self._work = np.concatenate([[0.0], np.cumsum(per_step)])
         searches = TRANSIENT_SEARCHES if settings.appearance.transients else ()
         self.searches_for_transients = frozenset(max(1, round(part * settings.schedule.steps)) for part in searches)
-        can_choose = bool(validation_photos(n_views))
-        self.flat_checks = _flat_checks(settings, self.cooling_start(None)) if can_choose else frozenset()
         self.trial_steps = settings.trial_steps(n_views)
-        self.trials = _trials(settings, self.trial_steps, self.cooling_start(None)) if self.trial_steps else {}
-        decisions = {*self.trials, *self.flat_checks}
-        self.validation = validation_photos(n_views) if decisions else ()
-        self._last_decision = max(decisions, default=0)
-        self._is_of_trial = False
+        self._cooling_start = settings.schedule.steps - self._cooling_steps
+        self.trials = self._bands_to_try() if self.trial_steps else {}
+        self.validation = validation_photos(n_views) if self.trials else ()
+        self.validation_until = max(self.trials, default=0)
         self.curve_steps = _log_spaced(settings.schedule.steps, settings.measurement.curve_points)
 
-    def validation_until(self, cooling_from: int | None) -> int:
-        """Return the number of finished steps after which the last decision is made and all photos are trained on.
-
-        Parameters
-        ----------
-        cooling_from : int or None
-            Step at which the cooldown began because the curve was flat, which is the last decision then.
-        """
-        if self._is_of_trial:
-            return self._settings.schedule.steps
-        return self._last_decision if cooling_from is None else min(self._last_decision, cooling_from)
-
-    def trained_on(self, step: int, cooling_from: int | None) -> list[int]:
+    def trained_on(self, step: int) -> list[int]:
         """Return the numbers of the training views that are in use at the step."""
-        left_out = self.validation if step < self.validation_until(cooling_from) else ()
+        left_out = self.validation if step < self.validation_until else ()
         return [view for view in range(self._n_views) if view not in left_out]
 
-    def view(self, step: int, cooling_from: int | None = None) -> int:
+    def view(self, step: int) -> int:
         """Return the number of the training view of the step: each once per round, in a new random order each round.
 
         When only some views have labels, the steps that evaluate L_CC use these, each once per round of their own.
         Rounds begin anew when the validation photos are added.
         """
         interval = self._settings.features.clustering_interval
-        views = self.trained_on(step, cooling_from)
+        views = self.trained_on(step)
         labelled = self._labelled if len(views) == self._n_views else [i for i in self._labelled if i in set(views)]
-        until = self.validation_until(cooling_from)
-        begun = until if step >= until else 0
+        begun = self.validation_until if step >= self.validation_until else 0
         if not 0 < len(labelled) < len(views):
             return self._place_in_round(step - begun, views, 0)
         n_labelled_steps = -(-step // interval) - -(-begun // interval)
@@ -158,44 +133,29 @@ class Schedule:
         state = np.random.SeedSequence((self._settings.seed, step, purpose)).generate_state(1, np.uint64)[0]
         return torch.Generator().manual_seed(int(state >> np.uint64(1)))
 
-    def cooling_start(self, cooling_from: int | None) -> int:
-        """Return the step at which the cooldown begins: `cooling_from`, or such that it ends with the last step."""
-        return self._settings.schedule.steps - self._cooling_steps if cooling_from is None else cooling_from
+    def of_trial(self, step: int) -> Schedule:
+        """Return the schedule of a trial that begins at `step`, with a cooldown that takes all of its steps.
 
-    def last_step(self, cooling_from: int | None) -> int:
-        """Return the number of steps after which training ends."""
-        return min(self._settings.schedule.steps, self.cooling_start(cooling_from) + self._cooling_steps)
-
-    def of_trial(self) -> Schedule:
-        """Return the same schedule with a cooldown of the length of a trial, and with the rate of band 0 for all bands.
-
-        At their own rate higher bands need about a thousand steps. See docs/design_notes/training.md. The validation
-        photos are not trained on.
+        All bands have the rate of band 0: at their own, higher bands need about a thousand steps. See
+        docs/design_notes/training.md. The validation photos are not trained on.
         """
         trial = copy.copy(self)
-        trial._cooling_steps = self.trial_steps
-        trial._is_of_trial = True
+        trial._cooling_start, trial._cooling_steps = step, self.trial_steps
+        trial.validation_until = self._settings.schedule.steps
         trial._settings = self._settings.changed(lr_sh_rest=self._settings.optimiser.lr_sh)
         return trial
 
-    def _cooled(self, step: int, cooling_from: int | None) -> float:
-        done = step - self.cooling_start(cooling_from)
+    def _cooled(self, step: int) -> float:
+        done = step - self._cooling_start
         return float(self._settings.schedule.cooldown_end ** (done / self._cooling_steps)) if done > 0 else 1.0
 
-    def learning_rates(self, step: int, cooling_from: int | None = None) -> dict[str, float]:
-        """Return the learning rate of every parameter at the step.
-
-        Parameters
-        ----------
-        step : int
-        cooling_from : int, optional
-            Step at which the cooldown began because the curve was flat.
-        """
+    def learning_rates(self, step: int) -> dict[str, float]:
+        """Return the learning rate of every parameter at the step."""
         optimiser = self._settings.optimiser
         t = step / max(self._settings.schedule.steps - 1, 1)
-        decay = optimiser.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step, cooling_from)
+        decay = optimiser.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step)
         return {
-            "means": self.means_rate(step, cooling_from) * self._extent,
+            "means": self.means_rate(step) * self._extent,
             "log_scales": optimiser.lr_scales * decay,
             "quats": optimiser.lr_quats * decay,
             "opacity_logits": optimiser.lr_opacity * decay,
@@ -204,17 +164,17 @@ class Schedule:
             "features": optimiser.lr_features * decay,
         }
 
-    def means_rate(self, step: int, cooling_from: int | None = None) -> float:
+    def means_rate(self, step: int) -> float:
         """Return the learning rate of the positions at the step, per extent."""
         t = step / max(self._settings.schedule.steps - 1, 1)
         rate = self._settings.optimiser.lr_means ** (1 - t) * self._settings.optimiser.lr_means_end**t
-        return float(rate * self._cooled(step, cooling_from))
+        return float(rate * self._cooled(step))
 
-    def grows(self, step: int, cooling_from: int | None = None) -> bool:
+    def grows(self, step: int) -> bool:
         """Return whether Gaussians are relocated and added after the step."""
         growth = self._settings.growth
         due = step > 0 and step % growth.grow_interval == 0 and step >= growth.grow_from * self._settings.schedule.steps
-        return due and not self.growth_ended(step, cooling_from)
+        return due and not self.growth_ended(step)
 
     def gaussians_after_growth(self, step: int, n: int) -> int:
         """Return the number of Gaussians after growth of `n` Gaussians at the step.
@@ -228,43 +188,23 @@ class Schedule:
             limit = int(limit * self.scale(step))
         return max(n, min(limit, max(n + 1, int(n * growth.grow_factor))))
 
-    def growth_ended(self, step: int, cooling_from: int | None = None) -> bool:
+    def growth_ended(self, step: int) -> bool:
         """Return whether Gaussians are no longer relocated or added."""
-        return step >= min(
-            self._settings.growth.grow_until * self._settings.schedule.steps, self.cooling_start(cooling_from)
-        )
+        return step >= min(self._settings.growth.grow_until * self._settings.schedule.steps, self._cooling_start)
+
+    def _bands_to_try(self) -> dict[int, int]:
+        """Return the bands that are tried, see `trials`."""
+        settings, steps = self._settings, self._settings.schedule.steps
+        last = min(math.floor(LAST_DECISION * steps), self._cooling_start - self.trial_steps)
+        bands = {settings.appearance.sh_interval * band: band for band in range(1, settings.appearance.sh_degree + 1)}
+        return {step: band for step, band in bands.items() if step <= last}
 
     def done(self, step: int) -> float:
         """Return the fraction of the run time before the step, 0 to 1."""
         return float(self._work[step] / self._work[-1])
 
 
-def _flat_checks(settings: TrainingSettings, cooling_start: int) -> frozenset[int]:
-    """Return the numbers of finished steps after which the curve is checked for early stopping."""
-    if settings.measurement.stop_when_flat == 0:
-        return frozenset()
-    steps = settings.schedule.steps
-    first, last = math.ceil(settings.schedule.coarse_until * steps), _last_decision(settings, cooling_start)
-    return frozenset(range(first, last + 1, max(1, steps // N_FLAT_CHECKS)))
-
-
-def _last_decision(settings: TrainingSettings, cooling_start: int) -> int:
-    return min(math.floor(LAST_DECISION * settings.schedule.steps), cooling_start - 1)
-
-
 def _log_spaced(steps: int, n: int) -> frozenset[int]:
     """Return up to `n` numbers of finished steps, evenly spaced in the logarithm, of which the last is `steps`."""
     first = min(steps, max(10, steps // 64))
     return frozenset(int(round(value)) for value in np.geomspace(steps, first, n))
-
-
-def _trials(settings: TrainingSettings, n_steps: int, cooling_start: int) -> dict[int, str]:
-    """Return the trials by the number of finished steps before each, see `Schedule.trials`."""
-    trials = {settings.appearance.sh_interval * band: str(band) for band in range(1, settings.appearance.sh_degree + 1)}
-    if settings.appearance.exposure:
-        step = round(EXPOSURE_TRIAL * settings.schedule.steps)
-        while step in trials:
-            step += 1
-        trials[step] = EXPOSURE
-    last = min(_last_decision(settings, cooling_start), cooling_start - n_steps)
-    return {step: what for step, what in trials.items() if step <= last}

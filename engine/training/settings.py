@@ -36,8 +36,7 @@ PAPER_PIXELS = 980 * 735  # published: Dahaghin et al. 2024
 """Pixels of the pictures in the paper (Dahaghin et al. 2024), for which its pixel counts and sums over pixels hold."""
 
 _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
-"""Least number of times that a trial trains on each photo. After one round, brightness factors of photos that differ by
-a third had not gained anything yet."""
+"""Least number of times that a trial trains on each photo."""
 
 MIN_PHOTOS_TO_CHOOSE = 24  # by definition
 """Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run: the
@@ -53,8 +52,8 @@ Backend = Literal["cpu", "reference"]
 def validation_photos(n_training: int) -> tuple[int, ...]:
     """Return the validation photos among `n_training` training photos, as numbers in their order, evenly spaced.
 
-    Trials and the early stop of a run are decided on them. They are not trained on until the last of these decisions is
-    made, see `Schedule.validation_until`. Below `MIN_PHOTOS_TO_CHOOSE` training photos there are none.
+    Trials are decided on them. They are not trained on until the last trial is made, see `Schedule.validation_until`.
+    Below `MIN_PHOTOS_TO_CHOOSE` training photos there are none.
     """
     if n_training < MIN_PHOTOS_TO_CHOOSE:
         return ()
@@ -197,7 +196,8 @@ class GrowthSettings:
     background_fraction : float
         Fraction of `max_gaussians` that a whole sphere of `background` has; 0 for none.
     growth_strategy : {"mixed", "opacity"}
-        Gaussians to copy are drawn half by their error, half by opacity, or as published (Kheradmand et al. 2024).
+        ``mixed``: drawn half by their error, half by opacity; half of them are split, half copied. ``opacity``: copied,
+        drawn by opacity, as published (Kheradmand et al. 2024).
     grow_from, grow_until : float
         Fractions of the steps between which Gaussians are relocated and added.
     grow_interval : int
@@ -312,19 +312,22 @@ class AppearanceSettings:
         Steps after which one more band is used.
     exposure : bool
         Learn one brightness factor per photo and colour (mean 1 over the photos), for cameras with automatic exposure.
+    lambda_exposure : float
+        Weight of the squared logarithms of a photo's factors. It keeps them from drifting along the camera's path.
     transients : bool
         Leave out pixels that show something that no other photo shows, such as people who walk by. See `transients`.
     trial_fraction : float
         Fraction of the steps, and at least two rounds of the photos, for a trial: where a band of view-dependent colour
-        or the brightness factors are due, two copies are trained, with and without. 0 uses them without a trial, and so
-        does a run with fewer than 24 training photos.
+        is due, two copies are trained, with and without. 0 uses bands without a trial, and so does a run with fewer
+        than 24 training photos.
     min_trial_gain : float
-        PSNR on the validation photos, in dB, that a trial must gain; with less, the run goes on without what was tried.
+        PSNR on the validation photos, in dB, that a trial must gain; with less, the run goes on without the band.
     """
 
     sh_degree: int = 1  # chosen on museum_room
     sh_interval: int = 1500  # chosen on museum_room
-    exposure: bool = False  # chosen on museum_room, sakharov_statue32
+    exposure: bool = True  # by definition
+    lambda_exposure: float = 0.1  # chosen on museum_room, store_room, room_6, room_8, herz_jesus25
     transients: bool = field(default=False, metadata={"stored_as": "passers_by"})  # chosen on museum_room
     trial_fraction: float = field(default=0.025, metadata={"stored_as": "trial"})  # chosen on museum_room
     min_trial_gain: float = field(default=0.02, metadata={"stored_as": "trial_gain"})  # chosen on museum_room
@@ -333,21 +336,18 @@ class AppearanceSettings:
         require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
         _require_at_least(self, 1, "sh_interval")
         _require_fraction(self, "trial_fraction")
-        _require_at_least(self, 0, "min_trial_gain")
+        _require_at_least(self, 0, "min_trial_gain", "lambda_exposure")
 
 
 @dataclass(frozen=True)
 class MeasurementSettings:
-    """What is measured and shown during training, and when that ends it early.
+    """What is measured and shown during training.
 
     Attributes
     ----------
     held_out_every : int
         Every n-th photo is a test photo, 0 for none. Test photos are measured and never trained on, and nothing is
         decided on them.
-    stop_when_flat : float
-        dB; 0, or fewer than 24 training photos, never stops early. The run goes over to the cooldown when the remaining
-        steps would gain less than this at the slope of the error on the validation photos.
     curve_points : int
         Measurements on the test photos, spaced evenly in the logarithm of the step.
     preview_seconds : float
@@ -355,12 +355,11 @@ class MeasurementSettings:
     """
 
     held_out_every: int = 8  # published: Kerbl et al. 2023
-    stop_when_flat: float = 0.0  # by definition
     curve_points: int = 12  # by definition
     preview_seconds: float = 30.0  # by definition
 
     def __post_init__(self) -> None:
-        _require_at_least(self, 0, "held_out_every", "stop_when_flat")
+        _require_at_least(self, 0, "held_out_every")
         require(self, "held_out_every", self.held_out_every != 1, "0 or at least 2: something must be trained on")
         _require_at_least(self, 1, "curve_points")
         _require_positive(self, "preview_seconds")
@@ -509,7 +508,7 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
             feature_gradient="joint", clustering_interval=50, clustering_pixels=0,  # published: Dahaghin et al. 2024
             regularisation="paper", regularisation_interval=100,  # published: Dahaghin et al. 2024
             rounds=0, background_fraction=0.0, coarse_levels=0, lr_end=1.0, cooldown=0.0,  # by definition
-            trial_fraction=0.0, lambda_ray=0.0, stop_when_flat=0.0,  # by definition
+            exposure=False, trial_fraction=0.0, lambda_ray=0.0,  # by definition
         ),
         offered=False,
     ),

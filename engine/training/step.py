@@ -59,9 +59,11 @@ def step_loss(
         values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels, detached_channels=detached
     )
     image = raster.image[..., :3]
-    if state.uses_exposure:
+    if settings.appearance.exposure:
         image = image * state.exposure[view].exp()
     loss = photometric_loss(image, level.target, lambda_dssim=settings.loss.lambda_dssim)
+    if settings.appearance.exposure:
+        loss = loss + settings.appearance.lambda_exposure * state.exposure[view].square().sum()
     if settings.loss.lambda_opacity > 0:
         loss = loss + settings.loss.lambda_opacity * values["opacity_logits"].sigmoid().mean()
     if settings.loss.lambda_scale > 0:

@@ -11,14 +11,10 @@ from .held_out import Quality, image_quality, mean_quality, render_picture
 from .settings import Backend
 from .views import Level
 
-__all__ = ["EXPOSURE", "Trial", "brightness_factors", "exposure_corrected_quality"]
-
-EXPOSURE = "exposure"
-"""Name of the trial of the brightness factors. Trials of bands are named by the number of the band."""
+__all__ = ["Trial", "brightness_factors", "exposure_corrected_quality"]
 
 MAX_BRIGHTNESS_FACTOR = 4.0  # chosen on museum_room
-"""Largest brightness factor at the start, and inverse of the smallest. A picture that is still black does not show the
-exposure of a photo."""
+"""Largest brightness factor that is fitted, and inverse of the smallest. A black picture shows no exposure."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +24,7 @@ class Trial:
     Attributes
     ----------
     what : str
-        "exposure", or the number of a band of view-dependent colour.
+        The number of a band of view-dependent colour.
     step : int
         Number of finished steps when the trial began.
     n_steps : int

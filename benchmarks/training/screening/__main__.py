@@ -34,9 +34,7 @@ from .gsplat_raster import gsplat_in_training
 from .views_file import read_views, write_views
 
 _FIGURES = {"psnr": float, "ssim": float, "dark_share": float}
-_TRAINED = {
-    "train_features": False, "exposure": False, "trial_fraction": 0.0, "stop_when_flat": 0.0, "steps": 3000,
-}  # fmt: skip
+_TRAINED = {"train_features": False, "trial_fraction": 0.0, "steps": 3000}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Statistics of photos: texture, and the exposure value from EXIF."""
+"""Statistics of photos: texture."""
 
 from __future__ import annotations
 
@@ -31,19 +31,8 @@ def test_texture_distinguishes_a_plain_wall_from_a_pattern(tmp_path: Path) -> No
     assert plain.texture == 0.0 < 0.5 < pattern.texture
 
 
-def test_exposure_value_is_read_from_exif_and_none_without(tmp_path: Path) -> None:
-    exif = Image.Exif()
-    tags = exif.get_ifd(0x8769)
-    tags[0x829A], tags[0x829D], tags[0x8827] = 1 / 64, 8.0, 200
-    (statistics,) = inspect_photos(photo_set(tmp_path, {"a.jpg": gray(90)}, exif))
-    # log2(64 * 64) - 1
-    assert statistics.exposure_value == pytest.approx(11.0, abs=0.01)
-    (tmp_path / "without").mkdir()
-    assert inspect_photos(photo_set(tmp_path / "without", {"a.jpg": gray(90)}))[0].exposure_value is None
-
-
 def test_statistics_are_read_from_their_file(tmp_path: Path) -> None:
-    statistics = [PhotoStatistics("a.jpg", 0.5, None), PhotoStatistics("b.jpg", 0.25, 8.5)]
+    statistics = [PhotoStatistics("a.jpg", 0.5), PhotoStatistics("b.jpg", 0.25)]
     (tmp_path / "looks.json").write_text(json.dumps([asdict(photo) for photo in statistics]))
     assert read_photo_statistics(tmp_path / "looks.json") == statistics
     (tmp_path / "looks.json").write_text('[{"name": "a"}]')
@@ -57,10 +46,10 @@ def test_statistics_are_read_from_their_file(tmp_path: Path) -> None:
         "",
         "{",
         "5",
-        '[{"name": "a", "texture": 0.5, "exposure_value": 1e999}]',
-        '[{"name": "a", "texture": 0.5, "exposure_value": 1e300}]',
-        '[{"name": "a", "texture": 2, "exposure_value": null}]',
-        '[{"name": "a", "texture": "plain", "exposure_value": null}]',
+        '[{"name": "a", "texture": 1e999}]',
+        '[{"name": "a", "texture": 1e300}]',
+        '[{"name": "a", "texture": 2}]',
+        '[{"name": "a", "texture": "plain"}]',
         "[" * 100_000,
         "\xff",
     ],

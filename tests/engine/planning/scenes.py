@@ -18,9 +18,9 @@ def photos(n: int, *, width: int = 800, height: int = 600) -> PhotoSet:
     return PhotoSet(Path("photos"), tuple(Photo(f"{i:03}.jpg", width, height, None, "") for i in range(n)), ())
 
 
-def statistics(n: int, *, values: list[float] | None = None) -> list[PhotoStatistics]:
-    """Return the statistics of `n` photos, equal unless values are given."""
-    return [PhotoStatistics(f"{i:03}.jpg", 0.5, values[i] if values else None) for i in range(n)]
+def statistics(n: int) -> list[PhotoStatistics]:
+    """Return the statistics of `n` equal photos."""
+    return [PhotoStatistics(f"{i:03}.jpg", 0.5) for i in range(n)]
 
 
 def work(n: int, settings: PlanSettings | None = None, *, poses_given: bool = False, **size: int) -> WorkPlan:

@@ -157,9 +157,7 @@ def test_next_forecast_uses_the_outcome_of_this_run(tmp_path: Path) -> None:
 
     before = masks(calibration)
     forecast = forecast_work(plan, training, MACHINE, calibration)
-    update_calibration(
-        finished_project(tmp_path / "p", continued=False), ["masks"], plan, training, forecast, calibration
-    )
+    update_calibration(finished_project(tmp_path / "p", continued=False), ["masks"], plan, forecast, calibration)
     after = masks(load(tmp_path / "calibration.json", Speed()))
     assert abs(after[0] - 300.0) < 0.5 * abs(before[0] - 300.0)
     assert abs(after[1] - 2e9) < 0.5 * abs(before[1] - 2e9)
@@ -170,9 +168,7 @@ def test_stage_that_an_earlier_run_had_begun_is_ignored(tmp_path: Path) -> None:
     plan = work(32)
     training = training_settings(plan)
     forecast = forecast_work(plan, training, MACHINE, calibration)
-    update_calibration(
-        finished_project(tmp_path / "p", continued=True), ["masks"], plan, training, forecast, calibration
-    )
+    update_calibration(finished_project(tmp_path / "p", continued=True), ["masks"], plan, forecast, calibration)
     assert calibration.outcomes == {} and calibration.n_runs == 0
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.cameras.settings import CameraSettings
 from engine.errors import SettingsError
 from engine.planning.decisions import (
     MIN_STEPS,
@@ -15,22 +14,17 @@ from engine.planning.decisions import (
     WorkPlan,
     evenly_spaced,
     plan_scene,
-    plan_work,
     training_settings,
 )
 from engine.training.settings import PRESETS
 
-from .scenes import cameras, photos, statistics, work
+from .scenes import cameras, work
 
 FIXTURES = Path(__file__).resolve().parents[2] / "fixtures"
 
 
 def left_out_names(plan: WorkPlan) -> str:
     return "; ".join(item.what for item in plan.left_out)
-
-
-def with_statistics(n: int, **values: list[float]) -> WorkPlan:
-    return plan_work(photos(n), statistics(n, **values), PlanSettings(), cameras=CameraSettings(), poses_given=False)
 
 
 def test_masks_are_evenly_spaced_and_never_more_than_requested() -> None:
@@ -79,7 +73,6 @@ def test_small_sets_match_every_pair_and_large_sets_the_promising_pairs() -> Non
 def test_three_photos_have_no_test_photos_and_never_stop_early() -> None:
     plan = work(3)
     assert plan.n_held_out == 0 and "test photos" in left_out_names(plan)
-    assert training_settings(plan).measurement.stop_when_flat == 0
     assert any("few" in note for note in plan.notes)
 
 
@@ -89,25 +82,12 @@ def test_too_few_registered_photos_leave_no_test_photos_and_the_plan_says_so() -
     assert any("could be placed" in item.why for item in scene.left_out)
 
 
-def test_brightness_is_corrected_when_exposures_in_exif_differ() -> None:
-    automatic = with_statistics(4, values=[8.0, 8.2, 8.9, 8.1])
-    assert automatic.exposure and training_settings(automatic).appearance.exposure
-    manual = with_statistics(4, values=[8.0] * 4)
-    assert not manual.exposure
-    assert any("0.00 stops" in item.why and "0.5" in item.why for item in manual.left_out)
-
-
-def test_brightness_correction_is_tried_without_exif_if_a_trial_takes_little_time() -> None:
-    assert work(48).exposure and training_settings(work(48)).appearance.trial_fraction > 0
-    assert not work(48, PlanSettings(preset="preview")).exposure, "a trial would take a quarter of the steps"
-
-
-def test_brightness_correction_is_left_out_without_exif_where_a_trial_takes_long() -> None:
-    assert not with_statistics(4).exposure
-    assert any("too few to learn it" in item.why for item in with_statistics(4).left_out)
-    assert not with_statistics(120).exposure, "a trial would take an eighth of the steps"
-    paper = work(48, PlanSettings(preset="paper"))
-    assert not paper.exposure and any("paper makes no trials" in item.why for item in paper.left_out)
+@pytest.mark.parametrize("preset", ["preview", "standard", "best"])
+@pytest.mark.parametrize("n", [3, 26, 120])
+def test_brightness_is_corrected_with_any_number_of_photos(n: int, preset: str) -> None:
+    plan = work(n, PlanSettings(preset=preset))
+    assert plan.exposure and training_settings(plan).appearance.exposure
+    assert not work(n, PlanSettings(preset="paper")).exposure, "the published method has none"
 
 
 def test_photos_too_few_for_validation_photos_leave_out_trials_and_the_plan_says_so() -> None:
@@ -115,8 +95,6 @@ def test_photos_too_few_for_validation_photos_leave_out_trials_and_the_plan_says
     assert "trials during training" in left_out_names(few)
     assert any(item.why.startswith("23 training photos are too few") for item in few.left_out)
     assert "trials" not in left_out_names(enough)
-    assert enough.exposure and not few.exposure
-    assert any("too few to learn it" in item.why for item in few.left_out)
     # Where nothing is tried anyway, this is no reason.
     assert "trials" not in left_out_names(work(26, PlanSettings(leave_out=False)))
     assert "trials" not in left_out_names(work(26, PlanSettings(preset="paper")))
@@ -131,12 +109,7 @@ def test_nothing_is_left_out_when_leaving_out_is_off() -> None:
     plan = work(48, PlanSettings(wants_objects=False, leave_out=False))
     training = training_settings(plan)
     assert plan.n_mask_photos == 48
-    assert (
-        training.features.train_features
-        and training.appearance.exposure
-        and training.measurement.stop_when_flat == 0
-        and training.appearance.trial_fraction == 0
-    )
+    assert training.features.train_features and training.appearance.exposure and training.appearance.trial_fraction == 0
     # Five times as many evaluations of the loss, each with a fifth of the weight.
     standard = PRESETS["standard"]
     assert training.features.clustering_interval == 1

@@ -22,7 +22,7 @@ def text(n: int) -> str:
 
 def test_trials_are_announced_where_there_are_enough_photos_for_them() -> None:
     few, enough = text(26), text(27)
-    words = "one brightness correction per photo, if a trial shows a gain"
+    words = "colour bands up to degree 1, if a trial shows a gain"
     assert words in enough and words not in few
     assert "trials during training: 23 training photos are too few" in few
 

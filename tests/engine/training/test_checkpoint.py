@@ -56,7 +56,6 @@ def state_of(count: int = 6, *, sh_degree: int = 1) -> RunState:
         neighbours=torch.zeros(count, 2, dtype=torch.int32),
         neighbours_step=16,
         curve=[CurvePoint(10, 1.0, 2.0, 20.0, 0.5, 0.1, count), CurvePoint(20, 2.0, 4.0, 21.0, 0.6, 0.1, count)],
-        validation=[CurvePoint(15, 1.5, 3.0, 19.0, 0.5, 0.1, count)],
         guards=Counter({"reset_rotations": 2}),
         wall_seconds=2.0,
         cpu_seconds=4.0,
@@ -86,7 +85,6 @@ def test_a_state_is_read_as_written(folder: Path) -> None:
         assert torch.equal(read.parameters.values[name], value)
         assert torch.equal(read.parameters.moments[name].square, written.parameters.moments[name].square)
     assert (read.step, read.curve, read.trials, read.guards) == (20, written.curve, written.trials, written.guards)
-    assert read.validation == written.validation
     assert np.array_equal(read.transient_masks[1], written.transient_masks[1])
     assert read_checkpoint(folder, "another") is None
     progress = read_progress(folder)
@@ -145,7 +143,6 @@ RECORDS = {
     "no key": set_value("key", None),
     "a curve that is no list": set_value("curve", {}),
     "a curve in the future": set_value("step", 15),
-    "a validation curve in the future": lambda arrays, record: record["validation"][0].update(step=21),
     "a curve that stands still": lambda arrays, record: record["curve"].append(record["curve"][-1]),
     "an unknown trial": lambda arrays, record: record["trials"][0].update(what="colour"),
     "guards of text": set_value("guards", {"a": "b"}),
@@ -188,7 +185,6 @@ def begun() -> RunState:
 def test_a_state_continues_the_run_that_it_belongs_to() -> None:
     assert continues(state_of(), begun(), n_steps=100)
     assert continues(state_of(count=9), begun(), n_steps=100), "Gaussians are added while training"
-    assert continues(replace(state_of(), cooling_from=15), begun(), n_steps=100)
 
 
 @pytest.mark.parametrize(
@@ -196,8 +192,6 @@ def test_a_state_continues_the_run_that_it_belongs_to() -> None:
     [
         {"step": 101},
         {"step": 100},
-        {"validation": [], "cooling_from": 15},
-        {"cooling_from": 16},
         {"exposure": torch.zeros(4, 3)},
         {"sh_limit": None},
         {"transient_masks": {3: np.eye(4, dtype=bool)}},

@@ -96,9 +96,7 @@ def test_curve_ends_at_the_last_step() -> None:
         points = Schedule(STANDARD.changed(steps=steps), 3, 1.0).curve_steps
         assert max(points) == steps
         assert min(points) >= 1
-    assert Schedule(STANDARD.changed(curve_points=1, stop_when_flat=0.0), 3, 1.0).curve_steps == {
-        STANDARD.schedule.steps
-    }
+    assert Schedule(STANDARD.changed(curve_points=1), 3, 1.0).curve_steps == {STANDARD.schedule.steps}
 
 
 def test_random_draws_depend_on_step_and_purpose_alone() -> None:
@@ -110,7 +108,7 @@ def test_random_draws_depend_on_step_and_purpose_alone() -> None:
     assert len(others) == 4
 
 
-def test_rates_fall_to_the_end_and_further_in_the_cooldown_wherever_that_begins() -> None:
+def test_rates_fall_to_the_end_and_further_in_the_cooldown() -> None:
     schedule = Schedule(STANDARD, 3, extent=2.0)
     assert schedule.learning_rates(0)["means"] == pytest.approx(2 * STANDARD.optimiser.lr_means)
     last = schedule.learning_rates(STANDARD.schedule.steps)
@@ -120,18 +118,21 @@ def test_rates_fall_to_the_end_and_further_in_the_cooldown_wherever_that_begins(
     assert last["sh_dc"] == pytest.approx(
         STANDARD.optimiser.lr_sh * STANDARD.optimiser.lr_end * STANDARD.schedule.cooldown_end, rel=0.01
     )
-    early, cooling = 2000, round(STANDARD.schedule.cooldown * STANDARD.schedule.steps)
-    assert schedule.last_step(None) == STANDARD.schedule.steps
-    assert schedule.last_step(early) == early + cooling
-    for name, rate in schedule.learning_rates(early + cooling, early).items():
-        undisturbed = schedule.learning_rates(early + cooling)[name]
-        assert rate == pytest.approx(STANDARD.schedule.cooldown_end * undisturbed), name
-    assert not schedule.growth_ended(early) and schedule.growth_ended(early, early)
     without = Schedule(STANDARD.changed(cooldown=0.0), 3, extent=2.0)
     assert without.learning_rates(STANDARD.schedule.steps - 1)["means"] == pytest.approx(
         2 * STANDARD.optimiser.lr_means_end
     )
-    assert without.last_step(early) == early
+
+
+def test_a_trial_cools_down_over_its_own_steps_and_adds_no_gaussians() -> None:
+    schedule = Schedule(STANDARD, 28, extent=2.0)
+    trial = schedule.of_trial(1500)
+    end = 1500 + schedule.trial_steps
+    for name, rate in trial.learning_rates(end).items():
+        undisturbed = schedule.learning_rates(end)["sh_dc" if name == "sh_rest" else name]
+        assert rate == pytest.approx(STANDARD.schedule.cooldown_end * undisturbed), name
+    assert not schedule.growth_ended(1500) and trial.growth_ended(1500)
+    assert set(trial.trained_on(2000)) == set(range(28)) - {4, 14, 23}
 
 
 @pytest.mark.parametrize(
@@ -155,15 +156,6 @@ def test_paper_features_have_no_ray_term() -> None:
         STANDARD.changed(feature_init="paper", lambda_ray=0.1)
 
 
-def test_flatness_is_checked_from_full_size_to_three_quarters_of_the_steps() -> None:
-    checks = Schedule(STANDARD.changed(stop_when_flat=0.05), 28, 1.0).flat_checks
-    assert min(checks) == STANDARD.schedule.coarse_until * STANDARD.schedule.steps
-    assert max(checks) == 0.75 * STANDARD.schedule.steps
-    assert len(checks) > 8, "the slope needs eight"
-    assert Schedule(STANDARD.changed(stop_when_flat=0.0), 28, 1.0).flat_checks == frozenset()
-    assert Schedule(STANDARD.changed(stop_when_flat=0.05), 23, 1.0).flat_checks == frozenset()
-
-
 @pytest.mark.parametrize(("n", "n_validation"), [(1, 0), (23, 0), (24, 3), (42, 5), (66, 8), (400, 8)])
 def test_a_few_evenly_spaced_training_photos_are_validation_photos(n: int, n_validation: int) -> None:
     chosen = validation_photos(n)
@@ -176,9 +168,9 @@ def test_a_few_evenly_spaced_training_photos_are_validation_photos(n: int, n_val
 def test_validation_photos_are_trained_on_as_often_as_others_once_everything_is_decided(
     labelled: tuple[int, ...],
 ) -> None:
-    schedule = Schedule(STANDARD.changed(clustering_interval=4, stop_when_flat=0.05), 28, 1.0, labelled=labelled)
-    last = max(schedule.trials.keys() | schedule.flat_checks)
-    assert schedule.validation == (4, 14, 23) and schedule.validation_until(None) == last == 2250
+    schedule = Schedule(STANDARD.changed(clustering_interval=4), 28, 1.0, labelled=labelled)
+    last = max(schedule.trials)
+    assert schedule.validation == (4, 14, 23) and schedule.validation_until == last == 1500
     before = [schedule.view(step) for step in range(last)]
     assert set(before) == set(range(28)) - {4, 14, 23}
     after = [step for step in range(last, STANDARD.schedule.steps)]
@@ -189,12 +181,9 @@ def test_validation_photos_are_trained_on_as_often_as_others_once_everything_is_
         steps = [step for step in after if step % 4 == 0]
         assert sorted(schedule.view(step) for step in steps[:5]) == sorted(labelled)
         assert {schedule.view(step) for step in range(0, last, 4)} == {0, 5, 20}
-    # A run that stops early has decided everything when its cooldown begins.
-    assert schedule.validation_until(2100) == 2100
-    assert {schedule.view(step, 2100) for step in range(2100, 2300)} == set(range(28))
 
 
 def test_no_photo_is_left_out_where_nothing_is_to_be_decided() -> None:
-    nothing = STANDARD.changed(sh_degree=0, stop_when_flat=0.0)
+    nothing = STANDARD.changed(sh_degree=0)
     assert Schedule(nothing, 28, 1.0).validation == () and Schedule(STANDARD, 23, 1.0).validation == ()
     assert sorted(Schedule(nothing, 28, 1.0).view(step) for step in range(28)) == list(range(28))

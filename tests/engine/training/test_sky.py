@@ -24,7 +24,7 @@ from engine.training.views import TrainingView
 
 SETTINGS = PRESETS["preview"].changed(
     train_features=False, max_side=128, steps=300, max_gaussians=2000, held_out_every=6,
-    preview_seconds=3600.0, stop_when_flat=0.0,
+    preview_seconds=3600.0,
 )  # fmt: skip
 WIDTH, HEIGHT, FOCAL = 128, 96, 117.0
 

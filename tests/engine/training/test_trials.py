@@ -25,7 +25,6 @@ BANDS = PRESETS["test"].changed(
     steps=300, sh_degree=2, sh_interval=120, trial_fraction=0.2, min_trial_gain=0.1, train_features=False,
     coarse_levels=0, lr_sh_rest=0.003,
 )  # fmt: skip
-EXPOSURE = BANDS.changed(sh_degree=0, exposure=True, lr_exposure=0.01)
 
 
 def run(
@@ -51,15 +50,6 @@ def shiny(scene: Scene) -> list[TrainingView]:
     return [replace(view, pixels=photo) for view, photo in zip(scene.views, photos, strict=True)]
 
 
-def darkened(scene: Scene) -> list[TrainingView]:
-    """Photos of which every other one is much darker."""
-    factors = [0.6 if index % 2 else 1.0 for index in range(N_MANY_VIEWS)]
-    return [
-        replace(view, pixels=(view.pixels * factor).round().astype(np.uint8))
-        for view, factor in zip(scene.views, factors, strict=True)
-    ]
-
-
 def test_view_dependent_colours_are_used_where_photos_show_them(large_scene: Scene, tmp_path: Path) -> None:
     result = run(large_scene, BANDS, tmp_path, views=shiny(large_scene))
     first = result.figures["trials"][0]
@@ -83,46 +73,20 @@ def test_bands_are_removed_when_their_trial_fails(large_scene: Scene, tmp_path: 
     assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("1", False)]
     assert result.gaussians.sh.shape[1] == 1
     assert result.figures["sh_degree"] == 0
-    # Another trial that fails at the same step leaves the same scene.
-    band, brightness = (
-        run(large_scene, settings.changed(**tried), tmp_path / next(iter(tried)))
-        for tried in ({"sh_degree": 1}, {"exposure": True, "sh_degree": 0})
-    )
-    for failed in (band, brightness):
-        assert [(trial["step"], trial["kept"]) for trial in failed.figures["trials"]] == [(40, False)]
-    assert np.array_equal(band.gaussians.means, brightness.gaussians.means)
-
-
-def test_brightness_is_corrected_where_photos_differ(large_scene: Scene, tmp_path: Path) -> None:
-    result = run(large_scene, EXPOSURE, tmp_path, views=darkened(large_scene))
-    assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("exposure", True)]
-    gains = {int(name[:2]): float(np.mean(gain)) for name, gain in result.figures["exposure"].items()}
-    dark = np.mean([gain for index, gain in gains.items() if index % 2])
-    light = np.mean([gain for index, gain in gains.items() if not index % 2])
-    assert dark / light == pytest.approx(0.6, abs=0.05)
-
-
-def test_brightness_is_left_alone_where_photos_agree(large_scene: Scene, tmp_path: Path) -> None:
-    result = run(large_scene, EXPOSURE, tmp_path)
-    assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("exposure", False)]
-    assert "exposure" not in result.figures
 
 
 def test_with_few_photos_everything_is_used_without_trial(large_scene: Scene, tmp_path: Path) -> None:
     trained = [view for view in large_scene.views if not view.held_out][:23]
-    settings = BANDS.changed(steps=50, sh_interval=20, exposure=True)
+    settings = BANDS.changed(steps=50, sh_interval=20)
     result = run(large_scene, settings, tmp_path, views=trained)
     assert result.figures["trials"] == []
     assert result.figures["sh_degree"] == 2
-    assert "exposure" in result.figures
 
 
-def test_trials_start_at_different_steps_and_end_before_the_cooldown() -> None:
-    settings = PRESETS["standard"].changed(
-        steps=1000, sh_degree=3, sh_interval=250, exposure=True, trial_fraction=0.05, cooldown=0.1
-    )
+def test_trials_begin_with_their_bands_and_end_before_the_cooldown() -> None:
+    settings = PRESETS["standard"].changed(steps=1000, sh_degree=3, sh_interval=250, trial_fraction=0.05, cooldown=0.1)
     trials = Schedule(settings, 28, 1.0).trials
-    assert trials == {250: "1", 251: "exposure", 500: "2", 750: "3"}
+    assert trials == {250: 1, 500: 2, 750: 3}
     assert Schedule(settings.changed(sh_interval=450), 28, 1.0).trials.keys() >= {450}
     assert 900 not in Schedule(settings.changed(sh_interval=450), 28, 1.0).trials
     assert Schedule(settings.changed(trial_fraction=0.0), 28, 1.0).trials == {}
