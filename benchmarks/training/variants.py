@@ -40,6 +40,7 @@ VARIANTS = {
         Variant("half-steps", {"steps": 1500}, features=False),
         Variant("full-size-pictures", {"coarse_levels": 0}, features=False),
         Variant("low-rates", {"lr_means": 1.6e-4, "lr_means_end": 1.6e-6}, features=False),
+        Variant("bands-0", {"sh_degree": 0}, features=False),
         Variant("bands-3", {"sh_degree": 3, "trial_fraction": 0.0}, features=False),
         Variant("scale-weight-0.01", {"lambda_scale": 0.01}, features=False),
     )

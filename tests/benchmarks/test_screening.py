@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,18 +13,21 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.training.screening import gsplat_raster
+from benchmarks.training.screening import gsplat_raster, gsplat_training
 from benchmarks.training.screening.__main__ import main, overview
+from benchmarks.training.screening.gsplat_training import train_gsplat
 from benchmarks.training.screening.views_file import read_views, write_views
 from engine.errors import FormatError
 from engine.events import ignore_events, never_stop
 from engine.files import write_json
 from engine.formats import SH_C0
 from engine.rasterizer import rasterize
-from engine.scene import CameraSet, PinholeCamera
+from engine.scene import CameraSet, Gaussians, PinholeCamera
 from engine.training import start_gaussians, train
 from engine.training.settings import PRESETS
 from engine.training.views import TrainingView
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def views_of_a_set() -> tuple[CameraSet, list[TrainingView]]:
@@ -64,12 +69,14 @@ def test_a_damaged_file_of_views_is_one_sentence(tmp_path: Path) -> None:
 
 def test_table_has_the_means_over_seeds(tmp_path: Path) -> None:
     for seed, psnr in ((0, 20.0), (1, 21.0)):
-        figures = {"psnr": psnr, "ssim": 0.5, "dark_share": 0.01}
+        figures = {"psnr": psnr, "fitted_psnr": psnr + 1, "ssim": 0.5, "dark_share": 0.01}
         write_json(tmp_path / f"banana16-growth-by-opacity-{seed}.json", figures)
-    write_json(tmp_path / "skull66-no-features-0.json", {"psnr": 24.0, "ssim": 0.8, "dark_share": 0.1})
+    figures = {"psnr": 24.0, "fitted_psnr": 24.5, "ssim": 0.8, "dark_share": 0.1}
+    write_json(tmp_path / "skull66-no-features-0.json", figures)
+    write_json(tmp_path / "skull66-gsplat-0.json", figures)
     assert overview(tmp_path).splitlines() == [
-        "| PSNR dB | banana16 | skull66 |", "| --- | ---: | ---: |", "| no-features |  | 24.00 |",
-        "| growth-by-opacity | 20.50 |  |",
+        "| PSNR dB (fitted) | banana16 | skull66 |", "| --- | ---: | ---: |", "| no-features |  | 24.00 (24.50) |",
+        "| growth-by-opacity | 20.50 (21.50) |  |", "| gsplat |  | 24.00 (24.50) |",
     ]  # fmt: skip
 
 
@@ -80,23 +87,53 @@ def test_unknown_variants_and_empty_folders_are_refused(tmp_path: Path) -> None:
         main(["train", str(tmp_path), "--variants", "no-features"])
 
 
-def test_training_uses_the_other_rasterizer_and_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a gsplat that calls our rasterizer, and the CPU for the GPU."""
-    n_pictures = 0
+def test_a_machine_without_gpu_is_told_so_in_one_sentence_by_the_processes_that_train(tmp_path: Path) -> None:
+    write_views(tmp_path / "set.npz", *views_of_a_set())
+    command = [sys.executable, "-m", "benchmarks.training.screening", "train", str(tmp_path), "--variants", "gsplat"]
+    environment = {**os.environ, "CUDA_VISIBLE_DEVICES": ""}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, cwd=ROOT)
+    assert done.returncode == 1
+    assert done.stderr.strip() == "Screening needs an NVIDIA GPU and gsplat 1.5. Run it where both are."
 
-    def rasterization(means, quats, scales, opacities, values, viewmats, Ks, width, height, **options):
-        nonlocal n_pictures
-        n_pictures += 1
+
+@pytest.fixture
+def n_pictures(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A gsplat that calls our rasterizer, and the CPU for the GPU; the pictures are counted."""
+    counted = [0]
+
+    def rasterization(
+        means, quats, scales, opacities, values, viewmats, Ks, width, height, *, sh_degree=None, **options
+    ):
+        counted[0] += 1
         camera = PinholeCamera(viewmats[0].double().numpy(), Ks[0].double().numpy(), width, height)
-        raster = rasterize(means, quats, scales, opacities, camera=camera, channels=values, backend="reference")
+        colors = {"channels": values} if sh_degree is None else {"sh": values, "sh_degree": sh_degree}
+        raster = rasterize(means, quats, scales, opacities, camera=camera, backend="reference", **colors)
         return raster.image[None], 1.0 - raster.transmittance[None, ..., None], {}
 
     def spherical_harmonics(degree, directions, coefficients):
         return coefficients[:, 0] * SH_C0
 
+    class Strategy:
+        """No Gaussian is moved or added."""
+
+        def __init__(self, **options: object) -> None: ...
+
+        def check_sanity(self, values: object, optimizers: object) -> None: ...
+
+        def initialize_state(self) -> dict[str, object]:
+            return {}
+
+        def step_post_backward(self, *arguments: object, **options: object) -> None: ...
+
     fake = SimpleNamespace(rasterization=rasterization, spherical_harmonics=spherical_harmonics)
     monkeypatch.setitem(sys.modules, "gsplat", fake)
+    monkeypatch.setitem(sys.modules, "gsplat.strategy", SimpleNamespace(MCMCStrategy=Strategy))
     monkeypatch.setattr(gsplat_raster, "DEVICE", "cpu")
+    monkeypatch.setattr(gsplat_training, "DEVICE", "cpu")
+    return counted
+
+
+def test_training_uses_the_other_rasterizer_and_loss(tmp_path: Path, n_pictures: list[int]) -> None:
     cameras, views = views_of_a_set()
     settings = PRESETS["test"].changed(steps=12, train_features=False, max_gaussians=60, held_out_every=3)
     start = start_gaussians(cameras, views, settings, emit=ignore_events)
@@ -104,11 +141,26 @@ def test_training_uses_the_other_rasterizer_and_loss(tmp_path: Path, monkeypatch
     for block in (gsplat_raster.gsplat_in_training(), contextlib.nullcontext()):
         with block:
             results.append(
-                train(start, views, settings, checkpoints=tmp_path / f"{n_pictures}", emit=ignore_events,
+                train(start, views, settings, checkpoints=tmp_path / f"{n_pictures[0]}", emit=ignore_events,
                       should_stop=never_stop)
             )  # fmt: skip
-    assert n_pictures > 12
+    assert n_pictures[0] > 12
     assert results[0].figures["psnr"] == pytest.approx(results[1].figures["psnr"], abs=0.05)
+
+
+def test_gsplats_own_training_fits_the_training_photos(n_pictures: list[int]) -> None:
+    cameras, views = views_of_a_set()
+
+    def error(gaussians: Gaussians) -> float:
+        values = [torch.from_numpy(getattr(gaussians, name)) for name in ("means", "quats", "log_scales")]
+        opacities, sh = torch.from_numpy(gaussians.opacity_logits).sigmoid(), torch.from_numpy(gaussians.sh)
+        image = rasterize(values[0], values[1], values[2].exp(), opacities, camera=views[0].pinhole, sh=sh).image
+        return float((image - torch.from_numpy(views[0].pixels / 255.0)).abs().mean())
+
+    few, many = (train_gsplat(cameras, views, steps=steps, max_gaussians=20, seed=0) for steps in (1, 80))
+    assert n_pictures[0] == 81 and many.sh.shape == (20, 16, 3)
+    assert np.allclose(np.linalg.norm(many.quats, axis=1), 1.0, atol=1e-5)
+    assert error(many) < 0.9 * error(few)
 
 
 @pytest.mark.gpu

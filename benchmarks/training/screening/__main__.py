@@ -1,8 +1,9 @@
 """Screen variants of the training on an NVIDIA GPU: ``python -m benchmarks.training.screening COMMAND``.
 
 `prepare` writes the views of photo sets on any machine with the engine. `train` needs these files, a GPU, and a Python
-with torch, gsplat 1.5, numba, scipy, OpenCV and flip-evaluator; it trains several variants at once, without features,
-trials and early stop. A stopped run continues. `table` prints the means over seeds.
+with torch, gsplat 1.5, numba, scipy, OpenCV and flip-evaluator; it trains several variants at once, without features
+and trials, and as the variant `gsplat` what gsplat itself makes of the same views. A stopped run continues. `table`
+prints the means over seeds.
 
 example: python -m benchmarks.training.screening prepare --sets banana16,room_3 --out out/views
          python -m benchmarks.training.screening train out/views --variants no-features,growth-by-opacity
@@ -12,39 +13,23 @@ example: python -m benchmarks.training.screening prepare --sets banana16,room_3 
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import os
 import statistics
 import sys
-import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from engine.errors import HeritageError, SettingsError
-from engine.events import ignore_events, never_stop
-from engine.files import read_json, write_json
-from engine.training import background_gaussians, load_views, start_gaussians, train
+from engine.files import read_json
+from engine.training import load_views
 from engine.training.settings import PRESETS
 
-from ..photo_sets import GAUSSIANS_OF_ROOMS, NAMES, ROOMS, photo_set
-from ..running import TrainingBench
+from ..photo_sets import NAMES, photo_set
 from ..variants import VARIANTS
-from .gsplat_raster import gsplat_in_training
-from .views_file import read_views, write_views
+from .jobs import FIGURES, GSPLAT, Job, run_jobs
+from .views_file import write_views
 
-_FIGURES = {"psnr": float, "ssim": float, "dark_share": float}
-_TRAINED = {"train_features": False, "trial_fraction": 0.0, "steps": 3000}
-
-
-@dataclass(frozen=True)
-class Job:
-    """One training: the file of its views, a variant and a seed, and where its figures go."""
-
-    views: Path
-    variant: str
-    seed: int
-    out: Path
+_NAMES = (*VARIANTS, GSPLAT)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -57,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     prepare.set_defaults(run=_prepare)
     screen = commands.add_parser("train", help="train variants on the GPU")
     screen.add_argument("views", type=Path, help="folder written by `prepare`")
-    screen.add_argument("--variants", required=True, help=f"of {', '.join(VARIANTS)}")
+    screen.add_argument("--variants", required=True, help=f"of {', '.join(_NAMES)}")
     screen.add_argument("--seeds", default="0", metavar="N,N", help="(default: %(default)s)")
     screen.add_argument("--processes", type=int, default=len(os.sched_getaffinity(0)), help="(default: one per core)")
     screen.set_defaults(run=_train)
@@ -72,6 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _prepare(options: argparse.Namespace) -> None:
+    from ..running import TrainingBench  # Not on the machine with the GPU: it needs every package of the engine.
+
     bench = TrainingBench(Path("out/training"), preset="standard", objects=False)
     options.out.mkdir(parents=True, exist_ok=True)
     for photos in [photo_set(name) for name in options.sets.split(",")]:
@@ -83,8 +70,8 @@ def _prepare(options: argparse.Namespace) -> None:
 
 def _train(options: argparse.Namespace) -> None:
     names = options.variants.split(",")
-    if unknown := [name for name in names if name not in VARIANTS]:
-        raise SettingsError(f"There is no variant {unknown[0]!r}, only {', '.join(VARIANTS)}.")
+    if unknown := [name for name in names if name not in _NAMES]:
+        raise SettingsError(f"There is no variant {unknown[0]!r}, only {', '.join(_NAMES)}.")
     files = sorted(options.views.glob("*.npz"))
     if not files:
         raise SettingsError(f"{options.views} has no views. Write them with the command `prepare`.")
@@ -97,52 +84,33 @@ def _train(options: argparse.Namespace) -> None:
     ]
     missing = [job for job in jobs if not job.out.exists()]
     results.mkdir(exist_ok=True)
-    context = multiprocessing.get_context("spawn")
-    cores = context.Queue()
-    for core in sorted(os.sched_getaffinity(0)):
-        cores.put(core)
-    with context.Pool(options.processes, initializer=_use_one_core, initargs=(cores,)) as pool:
-        for done, job in enumerate(pool.imap_unordered(_run, missing), 1):
-            sys.stderr.write(f"{done} of {len(missing)}: {job.out.stem}\n")
+    for done, job in enumerate(run_jobs(missing, options.processes), 1):
+        sys.stderr.write(f"{done} of {len(missing)}: {job.out.stem}\n")
     sys.stdout.write(overview(results) + "\n")
 
 
-def _use_one_core(cores: multiprocessing.Queue[int]) -> None:
-    """Keep this process on one core: the threads of several trainings would get in each other's way."""
-    os.sched_setaffinity(0, {cores.get()})
-
-
-def _run(job: Job) -> Job:
-    cameras, views = read_views(job.views)
-    settings = PRESETS["standard"].changed(seed=job.seed, **{**_TRAINED, **VARIANTS[job.variant].changes})
-    if job.views.stem in ROOMS:
-        settings = settings.changed(max_gaussians=GAUSSIANS_OF_ROOMS)
-    start = start_gaussians(cameras, views, settings, emit=ignore_events)
-    background = background_gaussians(cameras.points, views, settings)
-    with gsplat_in_training(), tempfile.TemporaryDirectory() as folder:
-        result = train(
-            start, views, settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop,
-            background=background,
-        )  # fmt: skip
-    write_json(job.out, {name: result.figures[name] for name in _FIGURES})
-    return job
-
-
 def overview(results: Path) -> str:
-    """Return the table of mean PSNR on test photos: a row per variant, a column per set."""
-    found: dict[tuple[str, str], list[float]] = {}
+    """Return the table of mean PSNR and fitted PSNR on test photos: a row per variant, a column per set."""
+    found: dict[tuple[str, str], list[dict[str, float]]] = {}
     for file in sorted(results.glob("*.json")):
         name, _, rest = file.stem.partition("-")
         variant = rest.rpartition("-")[0]
-        found.setdefault((variant, name), []).append(read_json(file, _FIGURES, advice="Delete it.")["psnr"])
+        found.setdefault((variant, name), []).append(read_json(file, FIGURES, advice="Delete it."))
     sets = sorted({name for _, name in found})
     trained = {variant for variant, _ in found}
-    variants = [name for name in VARIANTS if name in trained]
-    lines = [f"| PSNR dB | {' | '.join(sets)} |", f"| --- |{' ---: |' * len(sets)}"]
+    variants = [name for name in _NAMES if name in trained]
+    lines = [f"| PSNR dB (fitted) | {' | '.join(sets)} |", f"| --- |{' ---: |' * len(sets)}"]
     for variant in variants:
-        cells = [f"{statistics.mean(found[variant, name]):.2f}" if (variant, name) in found else "" for name in sets]
+        cells = [_cell(found.get((variant, name), ())) for name in sets]
         lines.append(f"| {variant} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _cell(runs: Sequence[dict[str, float]]) -> str:
+    if not runs:
+        return ""
+    psnr, fitted = (statistics.mean(run[figure] for run in runs) for figure in ("psnr", "fitted_psnr"))
+    return f"{psnr:.2f} ({fitted:.2f})"
 
 
 if __name__ == "__main__":

@@ -1,0 +1,107 @@
+"""Training as gsplat 1.5 does it, with its own rates and the strategy of Kheradmand et al. 2024, on the same views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from engine.scene import CameraSet, Gaussians
+from engine.training.views import TrainingView, scene_extent
+
+from .gsplat_raster import DEVICE, GpuTarget, photometric_loss
+
+__all__ = ["train_gsplat"]
+
+_SH_DEGREE = 3
+_SH_0 = 0.28209479177387814
+_OF_30_000 = {"refine_start_iter": 500, "refine_stop_iter": 25_000, "refine_every": 100, "sh_interval": 1000}
+"""Steps of gsplat's own schedule of 30,000 steps; ours are scaled to the steps that are made."""
+_MIN_REFINE_START, _MIN_REFINE_EVERY = 150, 20
+"""Limits of the scaled schedule."""
+_LAMBDA_OPACITY = _LAMBDA_SCALE = 0.01
+_START_SCALE, _START_OPACITY = 0.1, 0.5
+
+
+def train_gsplat(
+    cameras: CameraSet, views: Sequence[TrainingView], *, steps: int, max_gaussians: int, seed: int
+) -> Gaussians:
+    """Return Gaussians trained by gsplat's own rasterizer, rates, losses and strategy, with bands up to 3.
+
+    Parameters
+    ----------
+    cameras : CameraSet
+        Its sparse points are the start.
+    views : sequence of TrainingView
+        Held-out ones are not used.
+    steps, max_gaussians, seed : int
+    """
+    from gsplat import rasterization
+    from gsplat.strategy import MCMCStrategy
+
+    torch.manual_seed(seed)
+    training = [view for view in views if not view.held_out]
+    targets = [GpuTarget(view.pixels) for view in training]
+    viewmats, intrinsics = (
+        torch.tensor(np.stack(matrices), dtype=torch.float32, device=DEVICE)
+        for matrices in ([view.pinhole.viewmat for view in training], [view.pinhole.K for view in training])
+    )
+    extent = scene_extent([view.pinhole for view in training])
+    values = torch.nn.ParameterDict(_start(cameras)).to(DEVICE)
+    rates = {
+        "means": 1.6e-4 * extent, "scales": 5e-3, "quats": 1e-3, "opacities": 5e-2, "sh0": 2.5e-3, "shN": 2.5e-3 / 20,
+    }  # fmt: skip
+    optimizers: dict[str, torch.optim.Optimizer] = {
+        name: torch.optim.Adam([{"params": values[name], "lr": rate, "name": name}], eps=1e-15, fused=True)
+        for name, rate in rates.items()
+    }
+    falling = torch.optim.lr_scheduler.ExponentialLR(optimizers["means"], gamma=0.01 ** (1.0 / steps))
+    scaled = {name: int(value * steps / 30_000) for name, value in _OF_30_000.items()}
+    strategy = MCMCStrategy(
+        cap_max=max_gaussians, verbose=False, refine_stop_iter=scaled["refine_stop_iter"],
+        refine_start_iter=max(_MIN_REFINE_START, scaled["refine_start_iter"]),
+        refine_every=max(_MIN_REFINE_EVERY, scaled["refine_every"]),
+    )  # fmt: skip
+    strategy.check_sanity(values, optimizers)
+    state: dict[str, Any] = strategy.initialize_state()
+    order: list[int] = []
+    for step in range(steps):
+        order = order or torch.randperm(len(training)).tolist()
+        view = order.pop()
+        camera = training[view].pinhole
+        scales, opacities = values["scales"].exp(), values["opacities"].sigmoid()
+        image, _, info = rasterization(
+            values["means"], values["quats"], scales, opacities, torch.cat([values["sh0"], values["shN"]], dim=1),
+            viewmats[view : view + 1], intrinsics[view : view + 1], camera.width, camera.height,
+            sh_degree=min(step // max(1, scaled["sh_interval"]), _SH_DEGREE), packed=False,
+        )  # fmt: skip
+        loss = photometric_loss(image[0], targets[view], lambda_dssim=0.2).to(DEVICE)
+        loss = loss + _LAMBDA_OPACITY * opacities.mean() + _LAMBDA_SCALE * scales.mean()
+        loss.backward()  # type: ignore[no-untyped-call]
+        for optimizer in optimizers.values():
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        falling.step()
+        strategy.step_post_backward(values, optimizers, state, step, info, lr=falling.get_last_lr()[0])
+    found = {name: value.detach().cpu().numpy() for name, value in values.items()}
+    lengths = np.linalg.norm(found["quats"], axis=1, keepdims=True)
+    sh = np.concatenate([found["sh0"], found["shN"]], axis=1)
+    return Gaussians(found["means"], found["scales"], found["quats"] / lengths, found["opacities"], sh)
+
+
+def _start(cameras: CameraSet) -> dict[str, torch.nn.Parameter]:
+    points = np.asarray(cameras.points, np.float32)
+    distances = cKDTree(points).query(points, k=4)[0][:, 1:]
+    scales = np.log(np.maximum(np.sqrt(np.square(distances).mean(axis=1)), 1e-7) * _START_SCALE)
+    values = {
+        "means": points,
+        "scales": np.repeat(scales[:, None], 3, axis=1),
+        "quats": np.random.default_rng(0).random((len(points), 4)),
+        "opacities": np.full(len(points), np.log(_START_OPACITY / (1.0 - _START_OPACITY))),
+        "sh0": ((cameras.point_colors / 255.0 - 0.5) / _SH_0)[:, None],
+        "shN": np.zeros((len(points), (_SH_DEGREE + 1) ** 2 - 1, 3)),
+    }
+    return {name: torch.nn.Parameter(torch.tensor(value, dtype=torch.float32)) for name, value in values.items()}
