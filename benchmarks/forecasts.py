@@ -22,8 +22,7 @@ _HEAD = (
     "| forecast MB | measured MB | measured / forecast |\n"
     "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
 )
-_GOALS = """Goals: the time of a whole run within 30 %, its memory (that of the largest stage) within 25 %.
-Training is compared with a forecast of all its steps, even if it stopped early because its curve was flat."""
+_GOALS = "Goals: the time of a whole run within 30 %, its memory (that of the largest stage) within 25 %."
 
 
 def rows(project: ProjectFolder) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 
-from .reference import BEFORE, GSPLAT
+from .reference import BEFORE, GSPLAT, GSPLAT_FITTED
 from .running import Measured
 
 __all__ = ["details", "overview"]
@@ -15,26 +15,40 @@ Results = Mapping[tuple[str, str], Sequence[Measured]]
 
 
 def overview(results: Results) -> str:
-    """Return the table of mean PSNR on test photos: a column per set, and the means over all sets that a row has."""
+    """Return the table of mean PSNR on test photos: a column per set, and the means over all sets that a row has.
+
+    In brackets with the brightness of each picture fitted to its photo.
+    """
     sets, variants = list(dict.fromkeys(s for s, _ in results)), list(dict.fromkeys(v for _, v in results))
     lines = [
-        f"| PSNR dB | {' | '.join(sets)} | mean change |",
+        f"| PSNR dB (fitted) | {' | '.join(sets)} | mean change |",
         f"| --- |{' ---: |' * (len(sets) + 1)}",
     ]
     first = variants[0]
     for variant in variants:
-        cells, changes = [], []
-        for name in sets:
-            found = results.get((name, variant))
-            cells.append(f"{_mean(found, 'psnr'):.2f}" if found else "")
-            if found and results.get((name, first)):
-                changes.append(_mean(found, "psnr") - _mean(results[name, first], "psnr"))
-        change = f"{statistics.mean(changes):+.2f}" if variant != first and changes else ""
+        runs = [results.get((name, variant), ()) for name in sets]
+        cells = [_cell(_mean(run, "psnr"), _mean(run, "fitted_psnr")) if run else "" for run in runs]
+        change = ""
+        if variant != first:
+            base = [results.get((name, first), ()) for name in sets]
+            pairs = [(run, other) for run, other in zip(runs, base, strict=True) if run and other]
+            if pairs:
+                change = _cell(*(_mean_change(pairs, figure) for figure in ("psnr", "fitted_psnr")), sign="+")
         lines.append(f"| {variant} | {' | '.join(cells)} | {change} |")
-    for title, reference in (("commit 06f55961, as planned", BEFORE), ("gsplat, 3,000 steps", GSPLAT)):
-        cells = [f"{reference[name]:.2f}" if name in reference else "" for name in sets]
+    for title, psnr, fitted in (
+        ("commit 06f55961, as planned", BEFORE, {}), ("gsplat, 3,000 steps", GSPLAT, GSPLAT_FITTED),
+    ):  # fmt: skip
+        cells = [_cell(psnr[name], fitted.get(name)) if name in psnr else "" for name in sets]
         lines.append(f"| {title} | {' | '.join(cells)} | |")
     return "\n".join(lines)
+
+
+def _mean_change(pairs: Sequence[tuple[Sequence[Measured], Sequence[Measured]]], figure: str) -> float:
+    return statistics.mean(_mean(run, figure) - _mean(base, figure) for run, base in pairs)
+
+
+def _cell(psnr: float, fitted: float | None, *, sign: str = "") -> str:
+    return f"{psnr:{sign}.2f}" + ("" if fitted is None else f" ({fitted:{sign}.2f})")
 
 
 def details(results: Results) -> str:
