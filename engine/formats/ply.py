@@ -8,6 +8,7 @@ the given Gaussians.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -68,7 +69,8 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
     gaussians : Gaussians
         Features are not part of the format and are not written.
     comments : sequence of str
-        Header comments, e.g. ``"catalogue_number 1906.12"``; newlines become spaces.
+        Header comments, e.g. ``"catalogue_number 1906.12"``; newlines become spaces. Readers such as plyfile refuse a
+        header that is not ASCII, so other characters, and backslashes, are written as JSON escapes: ``\\u00d6lkanne``.
 
     Raises
     ------
@@ -91,7 +93,7 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
         *_ROTATION,
     ]
     lines = ["ply", "format binary_little_endian 1.0"]
-    lines += [f"comment {' '.join(comment.split())}" for comment in comments]
+    lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in comments]
     lines += [
         f"element vertex {len(gaussians)}",
         *(f"property float {name}" for name in names),
@@ -99,7 +101,7 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
         "",
     ]
     with atomic_write(path) as stream:
-        stream.write("\n".join(lines).encode())
+        stream.write("\n".join(lines).encode("ascii"))
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
             part = gaussians[slice(start, start + _ROWS_PER_CHUNK)]
             rows = np.zeros((len(part), len(names)), dtype="<f4")
@@ -110,6 +112,11 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
             rows[:, 10 + rest : 13 + rest] = part.log_scales
             rows[:, 13 + rest :] = part.quats
             stream.write(rows.data)
+
+
+def _ascii(text: str) -> str:
+    """Return `text` with JSON escapes for all but printable ASCII; quotes stay as they are."""
+    return json.dumps(text)[1:-1].replace('\\"', '"')
 
 
 def check_finite(gaussians: Gaussians) -> None:

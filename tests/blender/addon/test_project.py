@@ -98,7 +98,7 @@ def test_record_is_kept_in_the_project_and_in_exports(project: Any, part: Part, 
     assert records.load_record(project.folder, "vase") == records.MuseumRecord("1906.12", "Gefäß", "CC BY 4.0", "")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="PLY")
     bpy.ops.heritage.export_objects(directory=str(tmp_path), format="GLB")
-    assert "comment title Gefäß".encode() in (tmp_path / "Vase.ply").read_bytes()
+    assert rb"comment title Gef\u00e4\u00df" in (tmp_path / "Vase.ply").read_bytes()
     data = (tmp_path / "Vase.glb").read_bytes()
     asset = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["asset"]
     assert asset["copyright"] == "CC BY 4.0"

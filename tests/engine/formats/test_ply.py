@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -70,6 +71,18 @@ def test_layout_is_the_standard_one(tmp_path: Path) -> None:
         9,
         10,
     ]
+
+
+def test_a_title_in_any_script_leaves_a_header_that_other_programs_read(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    titles = ["Ölkanne", "花瓶 🏺", 'a "vase"', "back\\slash"]
+    write_ply(tmp_path / "a.ply", random_gaussians(3), comments=titles)
+    header = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[0].decode("ascii")
+    written = [line.removeprefix("comment ") for line in header.splitlines() if line.startswith("comment ")]
+    assert written[0] == r"\u00d6lkanne" and written[2] == 'a "vase"'
+    assert [json.loads('"' + line.replace('"', r"\"") + '"') for line in written] == titles
+    assert len(read_ply(tmp_path / "a.ply")) == 3
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
