@@ -280,17 +280,29 @@ def test_a_run_with_a_background_continues_bit_for_bit(scene: Scene, tmp_path: P
     assert same(trained(tmp_path / "b", never_stop).gaussians, whole.gaussians)
 
 
-def test_brightness_factors_of_photos_are_estimated(scene: Scene, tmp_path: Path) -> None:
+def brightness_of_photos(scene: Scene, folder: Path, **changes: float) -> dict[int, float]:
+    """Return the brightness factors of photos of which every other one was darkened to 0.7, by number."""
+
     def darkened(view_index: int, pixels: np.ndarray) -> np.ndarray:
         return (pixels * (0.7 if view_index % 2 else 1.0)).round().astype(np.uint8)
 
     views = [replace(view, pixels=darkened(i, view.pixels), labels=None) for i, view in enumerate(scene.views)]
-    settings = LONGER.changed(exposure=True, lr_exposure=0.01)
-    result = train(scene.start, views, settings, checkpoints=tmp_path, emit=ignore_events, should_stop=never_stop)
-    gains = {int(name[:2]): np.mean(gain) for name, gain in result.figures["exposure"].items()}
+    settings = LONGER.changed(lr_exposure=0.01, **changes)
+    result = train(scene.start, views, settings, checkpoints=folder, emit=ignore_events, should_stop=never_stop)
+    return {int(name[:2]): float(np.mean(gain)) for name, gain in result.figures["exposure"].items()}
+
+
+def test_brightness_factors_of_photos_are_estimated_with_a_mean_of_one(scene: Scene, tmp_path: Path) -> None:
+    gains = brightness_of_photos(scene, tmp_path)
     dark = np.mean([gain for index, gain in gains.items() if index % 2])
     light = np.mean([gain for index, gain in gains.items() if not index % 2])
     assert dark / light == pytest.approx(0.7, abs=0.06)
+    assert np.mean(np.log(list(gains.values()))) == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_strong_prior_keeps_the_brightness_of_all_photos_equal(scene: Scene, tmp_path: Path) -> None:
+    gains = brightness_of_photos(scene, tmp_path, lambda_exposure=100.0)
+    assert max(abs(gain - 1.0) for gain in gains.values()) < 0.05
 
 
 def test_training_without_held_out_photos_warns(scene: Scene, tmp_path: Path) -> None:
