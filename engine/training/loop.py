@@ -42,6 +42,7 @@ from .result import TrainingResult, make_result
 from .schedule import Schedule
 from .settings import TrainingSettings
 from .spectrum import coarse_shares
+from .start import StartPoints
 from .step import step_loss
 from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
@@ -176,6 +177,7 @@ class _TrainingRun:
         training = [view for view in views if not view.held_out]
         held_out = [view for view in views if view.held_out]
         check_start(start)
+        self.start_points = StartPoints(start.means)
         n_background = 0
         if background is not None and len(background):
             check_start(background)
@@ -364,7 +366,9 @@ class _TrainingRun:
         degree = schedule.sh_degree(state.step, state.sh_limit)
         errors = gaussian_errors(state.parameters, levels, backend=backend, sh_degree=degree)
         weights = mixed_weights(errors, opacities)
-        n_split = split(state.parameters, weights, n_new // 2, generator=generator)
+        # Far from all points, halves explain what single photos show there.
+        near = self.start_points.near(state.parameters.values["means"].detach())
+        n_split = split(state.parameters, weights * near, n_new // 2, generator=generator)
         # The halves that were added are not copied in the same step.
         weights = torch.cat([weights, torch.zeros(n_split)])
         grow(state.parameters, weights, n_new - n_split, generator=generator)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import torch
 
 from engine.events import Event, Warned, ignore_events
 from engine.scene.camera import CameraSet
 from engine.training.settings import PRESETS
-from engine.training.start import start_gaussians
+from engine.training.start import StartPoints, start_gaussians
 
 from .conftest import Scene
 
@@ -33,3 +35,17 @@ def test_without_points_training_starts_at_random_in_view_of_the_training_photos
     start = start_gaussians(camera_set(np.empty((0, 3))), scene.views, SETTINGS, emit=events.append)
     assert len(start) == 800
     assert [type(event) for event in events] == [Warned]
+
+
+def test_places_are_near_the_points_within_three_of_their_spacings() -> None:
+    grid = np.stack(np.meshgrid(*3 * [np.arange(3.0)]), axis=-1).reshape(-1, 3)
+    fine = 0.01 * grid + 10.0
+    points = StartPoints(np.concatenate([grid, fine]).astype(np.float32))
+    places = torch.tensor([[1.0, 1.0, 1.0], [4.5, 1.0, 1.0], [5.5, 1.0, 1.0], [10.04, 10.0, 10.0], [10.2, 10.0, 10.0]])
+    assert points.near(places).tolist() == [True, True, False, True, False]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_few_points_are_near_themselves(n: int) -> None:
+    points = np.eye(3, dtype=np.float32)[:n]
+    assert StartPoints(points).near(torch.from_numpy(points)).all()
