@@ -15,6 +15,7 @@ PROMPTS ?=
 PRESET ?= standard
 FUZZ_S ?= 600
 DRAW ?=
+TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
 .PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
@@ -49,8 +50,14 @@ blender-tests: ## the add-on in each Blender at hand, against the installed zip
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
 
-bench-training: setup ## training on all photo sets beside gsplat, into docs/error_vs_time.md; an hour, resumable
-	$(ENGINE) -m benchmarks.training --variants no-features --pictures --doc docs/error_vs_time.md
+bench-training: setup ## training on all photo sets beside gsplat, and its parts, into docs; 3 hours of a core, resumable
+	$(ENGINE) -m benchmarks.training --variants no-features --seeds 0,1 --pictures --doc docs/error_vs_time.md
+	$(ENGINE) -m benchmarks.training --sets $(TRAINING_SETS) --objects --doc docs/error_vs_time.md \
+		--title "Training with segmentation features"
+	$(ENGINE) -m benchmarks.training --preset preview --variants no-features --doc docs/error_vs_time.md \
+		--title "Training with the preset preview"
+	$(ENGINE) -m benchmarks.training --sets meeting_place9,banana16,room_6,room_8 --doc docs/training.md \
+		--variants no-features,no-exposure,free-exposure,growth-by-opacity,bands-0 --title "Parts of the method"
 
 test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md

@@ -75,7 +75,7 @@ def _run(options: argparse.Namespace) -> None:
     ])  # fmt: skip
     sys.stdout.write(f"{body}\n")
     if options.doc:
-        write_section(options.doc, introduction="# Training", title=options.title, body=body)
+        write_section(options.doc, title=options.title, body=body)
 
 
 if __name__ == "__main__":

@@ -11,19 +11,19 @@ __all__ = ["write_section"]
 _HEADING = "## "
 
 
-def write_section(path: Path, *, introduction: str, title: str, body: str, closing: str = "") -> None:
+def write_section(path: Path, *, title: str, body: str, introduction: str = "", closing: str = "") -> None:
     """Write one section. It replaces the section of the same title, or is appended.
 
     Parameters
     ----------
     path : Path
         Created when missing.
-    introduction : str
-        Text above all sections, with the heading.
     title : str
         Title of the section.
     body : str
         Text of the section without its heading.
+    introduction : str
+        Text above all sections, with the heading; if empty, that of the file stays.
     closing : str
         Heading and text of a last section that explains the others; none if empty.
 
@@ -38,7 +38,8 @@ def write_section(path: Path, *, introduction: str, title: str, body: str, closi
     sections: dict[str, str] = {}
     if path.exists():
         advice = "Its other sections would be lost: repair it, or move it away."
-        parts = ("\n" + read_text(path, advice=advice)).split("\n" + _HEADING)[1:]
+        above, *parts = ("\n" + read_text(path, advice=advice)).split("\n" + _HEADING)
+        introduction = introduction or above
         sections = {part.partition("\n")[0]: part.partition("\n")[2].strip() for part in parts}
     sections[title] = body.strip()
     texts = [f"{_HEADING}{name}\n\n{text}" for name, text in sections.items() if _HEADING + name != last]
