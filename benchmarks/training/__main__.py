@@ -25,6 +25,9 @@ from .variants import VARIANTS
 
 _DEFAULT_SETS = (*REAL_SETS, *SCENES)
 
+_REFERENCES = """gsplat's figures are of one run each; those in brackets are of a second run
+(`benchmarks/training/reference.py`)."""
+
 
 def main() -> None:
     """Train, measure, print the tables, and write them to the file given by ``--doc``."""
@@ -70,7 +73,7 @@ def _run(options: argparse.Namespace) -> None:
     options_text += "" if options.preset == "standard" else f" --preset {options.preset}"
     options_text += " --objects" if options.objects else ""
     body = "\n\n".join([
-        f"```\npython -m benchmarks.training {options_text}\n```", MARKS["in sample"], overview(results),
+        f"```\npython -m benchmarks.training {options_text}\n```", MARKS["in sample"], overview(results), _REFERENCES,
         details(results),
     ])  # fmt: skip
     sys.stdout.write(f"{body}\n")

@@ -4,7 +4,8 @@ gsplat trained on the same undistorted photos and sparse points with its own rat
 2024 (MCMC); 40,000 Gaussians (random rooms: 15,000), pictures of 640 pixels, 3,000 steps, seed 0. `GSPLAT` is of an
 H200, the best on the way where it was higher than at the end; the statue, the store room and the random rooms ran on an
 H100, and theirs is that of the end. `GSPLAT_FITTED`, with the brightness of each picture fitted to its photo, is of a
-second run on an H100: `python -m benchmarks.training.screening train FOLDER --variants gsplat` makes it anew.
+second run on an H100, at the end, by the forerunner of `python -m benchmarks.training.screening train FOLDER --variants
+gsplat`; that command itself has not run on a GPU yet.
 
 The earlier method is that of commit 06f55961, `standard` as planned for each set (1,223 to 3,000 steps).
 """

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
+from engine.formats import SH_C0
 from engine.scene import CameraSet, Gaussians
 from engine.training.views import TrainingView, scene_extent
 
@@ -17,7 +18,6 @@ from .gsplat_raster import DEVICE, GpuTarget, photometric_loss
 __all__ = ["train_gsplat"]
 
 _SH_DEGREE = 3
-_SH_0 = 0.28209479177387814
 _OF_30_000 = {"refine_start_iter": 500, "refine_stop_iter": 25_000, "refine_every": 100, "sh_interval": 1000}
 """Steps of gsplat's own schedule of 30,000 steps; ours are scaled to the steps that are made."""
 _MIN_REFINE_START, _MIN_REFINE_EVERY = 150, 20
@@ -101,7 +101,7 @@ def _start(cameras: CameraSet) -> dict[str, torch.nn.Parameter]:
         "scales": np.repeat(scales[:, None], 3, axis=1),
         "quats": np.random.default_rng(0).random((len(points), 4)),
         "opacities": np.full(len(points), np.log(_START_OPACITY / (1.0 - _START_OPACITY))),
-        "sh0": ((cameras.point_colors / 255.0 - 0.5) / _SH_0)[:, None],
+        "sh0": ((cameras.point_colors / 255.0 - 0.5) / SH_C0)[:, None],
         "shN": np.zeros((len(points), (_SH_DEGREE + 1) ** 2 - 1, 3)),
     }
     return {name: torch.nn.Parameter(torch.tensor(value, dtype=torch.float32)) for name, value in values.items()}
