@@ -41,8 +41,14 @@ VARIANTS = {
         Variant("full-size-pictures", {"coarse_levels": 0}, features=False),
         Variant("low-rates", {"lr_means": 1.6e-4, "lr_means_end": 1.6e-6}, features=False),
         Variant("bands-0", {"sh_degree": 0}, features=False),
-        Variant("bands-3", {"sh_degree": 3, "trial_fraction": 0.0}, features=False),
+        Variant("bands-1", {"sh_degree": 1, "sh_interval": 1500}, features=False),
+        Variant("bands-3", {"sh_degree": 3, "sh_interval": 750, "trial_fraction": 0.0}, features=False),
+        Variant("no-dropout", {"dropout": 0.0}, features=False),
+        Variant("dropout", {"dropout": 0.15}, features=False),
         Variant("scale-weight-0.01", {"lambda_scale": 0.01}, features=False),
+        Variant("no-opacity-prior", {"lambda_opacity": 0.0}, features=False),
+        Variant("no-scale-prior", {"lambda_scale": 0.0}, features=False),
+        Variant("no-noise", {"noise": 0.0}, features=False),
     )
 }
 """Most are trained without features, which takes half the time and shows what the part itself does."""

@@ -207,7 +207,11 @@ def plan_work(
     poses_given, points_given : bool
         Whether the user gave camera poses, and sparse points with them.
     """
-    preset, count = PRESETS[settings.preset], len(photo_set.photos)
+    count = len(photo_set.photos)
+    preset = PRESETS[settings.preset]
+    every = preset.measurement.held_out_every
+    n_held_out = len(range(every // 2, count, every)) if every else 0
+    preset = preset.for_photos(count - n_held_out)
     largest = max(photo_set.photos, key=lambda photo: photo.width * photo.height)
     scale = min(1.0, preset.schedule.max_side / max(largest.width, largest.height))
     left_out: list[LeftOut] = []
@@ -215,8 +219,6 @@ def plan_work(
     if poses_given:
         left_out.append(LeftOut("structure from motion", "camera poses were given"))
     _lens(photo_set, poses_given, left_out)
-    every = preset.measurement.held_out_every
-    n_held_out = len(range(every // 2, count, every)) if every else 0
     if not n_held_out:
         left_out.append(LeftOut("test photos", f"{count} photos are too few to exclude one from training"))
     features = settings.wants_objects or not settings.leave_out
@@ -378,7 +380,7 @@ def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str,
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
     """Return the settings of the plan's preset, changed by the plan's decisions."""
-    preset = PRESETS[work.preset]
+    preset = PRESETS[work.preset].for_photos(work.n_photos - work.n_held_out)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
     return preset.changed(

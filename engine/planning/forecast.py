@@ -446,7 +446,7 @@ def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free
     """Return the smaller presets that fit into `free` bytes, the largest first, with the bytes that each needs."""
     fitting = []
     for name in reversed([preset.name for preset in PRESET_LIST if preset.offered]):
-        preset = PRESETS[name]
+        preset = PRESETS[name].for_photos(work.n_photos - work.n_held_out)
         scale = min(1.0, preset.schedule.max_side / max(work.photo_width, work.photo_height))
         smaller = replace(
             work, preset=name, max_gaussians=preset.growth.max_gaussians, sh_degree=preset.appearance.sh_degree,

@@ -14,7 +14,7 @@ from .parameters import Parameters, render
 from .settings import Backend
 from .views import Level
 
-__all__ = ["copy_correction", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate", "split"]
+__all__ = ["copy_correction", "drop", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate", "split"]
 
 MAX_COPIES = 51  # published: Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
@@ -24,6 +24,9 @@ OPACITY_MARGIN = 1e-6  # by definition
 
 SPLIT_SHIFT = 0.7  # chosen on museum_room
 """Distance of the halves of a split Gaussian from its centre, in its longest scale."""
+
+MAX_RAISED_OPACITY = 0.999  # by definition
+"""Largest opacity that `drop` gives to the Gaussians that are left."""
 
 MAX_WALK = 3.0  # chosen on stability_scenes
 """Largest distance that noise moves a Gaussian in one step, in its own scales. At our learning rates, ten times the
@@ -148,6 +151,30 @@ def split(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generato
     parameters.overwrite(rows, {**half, "means": half["means"] - shift})
     parameters.append({**half, "means": half["means"] + shift})
     return n_new
+
+
+def drop(opacities: torch.Tensor, fraction: float, *, n_background: int, generator: torch.Generator) -> torch.Tensor:
+    """Return opacities for one picture in which a random `fraction` of the Gaussians is left out, shape [N].
+
+    A Gaussian that hides behind others, where a single photo puts it, then becomes visible in other photos and is
+    corrected by them. Park et al. 2025, "DropGaussian" (CVPR), implemented from the formulas.
+
+    Parameters
+    ----------
+    opacities : tensor of shape [N]
+    fraction : float
+        From 0, for none, to below 1.
+    n_background : int
+        The first so many Gaussians stay as they are.
+    generator : torch.Generator
+
+    Notes
+    -----
+    ``o / (1 - fraction)`` for those that stay and 0 for the others, so that the expected opacity is o.
+    """
+    left = (torch.rand(len(opacities), generator=generator) >= fraction) / (1.0 - fraction)
+    left[:n_background] = 1.0
+    return (opacities * left).clamp_max(MAX_RAISED_OPACITY)
 
 
 def gaussian_errors(

@@ -149,6 +149,7 @@ def render(
     sh_degree: int | None,
     channels: torch.Tensor | None = None,
     detached_channels: bool = False,
+    opacities: torch.Tensor | None = None,
 ) -> Raster:
     """Render `values` from `camera`.
 
@@ -165,6 +166,8 @@ def render(
         Further values per Gaussian, blended after the colour: features, errors.
     detached_channels : bool
         Whether their gradient changes no Gaussian.
+    opacities : tensor of shape [N], optional
+        In place of those of `values`.
     """
     sh = None
     if sh_degree is not None:
@@ -174,7 +177,7 @@ def render(
         values["means"],
         values["quats"],
         values["log_scales"].exp(),
-        values["opacity_logits"].sigmoid(),
+        values["opacity_logits"].sigmoid() if opacities is None else opacities,
         camera=camera,
         sh=sh,
         sh_degree=sh_degree,

@@ -128,6 +128,10 @@ class Schedule:
         degree = min(self._settings.appearance.sh_degree, step // self._settings.appearance.sh_interval)
         return degree if limit is None else min(degree, limit)
 
+    def dropout(self, step: int) -> float:
+        """Return the fraction of the Gaussians that are left out of the picture of the step."""
+        return self._settings.loss.dropout * step / self._settings.schedule.steps
+
     def generator(self, step: int, purpose: int) -> torch.Generator:
         """Return a fresh random generator for one `purpose` at one step."""
         state = np.random.SeedSequence((self._settings.seed, step, purpose)).generate_state(1, np.uint64)[0]

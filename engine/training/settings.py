@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from ..errors import SettingsError
 from ..settings import require
+from .setting_checks import require_at_least, require_choice, require_factor, require_fraction, require_positive
 
 __all__ = [
     "MIN_PHOTOS_TO_CHOOSE",
@@ -39,8 +40,11 @@ _MIN_ROUNDS_IN_TRIAL = 2  # chosen on museum_room
 """Least number of times that a trial trains on each photo."""
 
 MIN_PHOTOS_TO_CHOOSE = 24  # by definition
-"""Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run: the
-settings are used as they are."""
+"""Least number of training photos of which some are validation photos. With fewer, nothing is chosen during a run, see
+`TrainingSettings.for_photos`."""
+_FEW_PHOTOS_SH_DEGREE = 3  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
+_FEW_PHOTOS_DROPOUT = 0.15  # chosen on herz_jesus25, meeting_place9, banana16, room_6, room_8
+"""``sh_degree`` and ``dropout`` with fewer than `MIN_PHOTOS_TO_CHOOSE` training photos."""
 _VALIDATION_EVERY = 8  # chosen on museum_room
 """One of so many training photos is a validation photo."""
 _MAX_VALIDATION_PHOTOS = 8  # by definition
@@ -59,30 +63,6 @@ def validation_photos(n_training: int) -> tuple[int, ...]:
         return ()
     count = min(_MAX_VALIDATION_PHOTOS, n_training // _VALIDATION_EVERY)
     return tuple((2 * i + 1) * n_training // (2 * count) for i in range(count))
-
-
-def _require_at_least(settings: object, smallest: int, *names: str) -> None:
-    for name in names:
-        require(settings, name, getattr(settings, name) >= smallest, f"at least {smallest}")
-
-
-def _require_positive(settings: object, *names: str) -> None:
-    for name in names:
-        require(settings, name, getattr(settings, name) > 0, "greater than 0")
-
-
-def _require_fraction(settings: object, *names: str) -> None:
-    for name in names:
-        require(settings, name, 0 <= getattr(settings, name) <= 1, "between 0 and 1")
-
-
-def _require_factor(settings: object, *names: str) -> None:
-    for name in names:
-        require(settings, name, 0 < getattr(settings, name) <= 1, "greater than 0 and at most 1")
-
-
-def _require_choice(settings: object, name: str, *allowed: str) -> None:
-    require(settings, name, getattr(settings, name) in allowed, "one of " + ", ".join(allowed))
 
 
 @dataclass(frozen=True)
@@ -120,12 +100,12 @@ class ScheduleSettings:
     checkpoint_interval: int = 500  # by definition
 
     def __post_init__(self) -> None:
-        _require_at_least(self, 1, "steps", "checkpoint_interval")
-        _require_at_least(self, 0, "rounds", "coarse_levels")
+        require_at_least(self, 1, "steps", "checkpoint_interval")
+        require_at_least(self, 0, "rounds", "coarse_levels")
         require(self, "coarse_levels", self.coarse_levels <= 5, "at most 5")
         require(self, "max_side", self.max_side >= 16, "at least 16 pixels")
-        _require_fraction(self, "coarse_until", "cooldown")
-        _require_factor(self, "cooldown_end")
+        require_fraction(self, "coarse_until", "cooldown")
+        require_factor(self, "cooldown_end")
 
 
 @dataclass(frozen=True)
@@ -157,13 +137,13 @@ class OptimiserSettings:
     lr_end: float = 0.2  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        _require_positive(self, *(rate.name for rate in fields(self)))
-        _require_factor(self, "lr_end")
+        require_positive(self, *(rate.name for rate in fields(self)))
+        require_factor(self, "lr_end")
 
 
 @dataclass(frozen=True)
 class LossSettings:
-    """Weights of the losses on colour and on the Gaussians' size and opacity.
+    """Weights of the losses on colour and on the Gaussians' size and opacity, and dropout.
 
     Attributes
     ----------
@@ -172,15 +152,20 @@ class LossSettings:
     lambda_opacity, lambda_scale : float
         Weights of the mean opacity and of the mean scale (per extent). Without the first, Gaussians as black as the
         background cover it.
+    dropout : float
+        Fraction of the Gaussians that are left out of a training picture at the last step; it rises from 0 with the
+        steps. See `densify.drop`.
     """
 
     lambda_dssim: float = 0.2  # published: Kerbl et al. 2023
     lambda_opacity: float = 0.01  # chosen on museum_room, stability_scenes
     lambda_scale: float = 0.002  # chosen on museum_room
+    dropout: float = 0.0  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        _require_fraction(self, "lambda_dssim")
-        _require_at_least(self, 0, "lambda_opacity", "lambda_scale")
+        require_fraction(self, "lambda_dssim")
+        require_at_least(self, 0, "lambda_opacity", "lambda_scale")
+        require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and less than 1")
 
 
 @dataclass(frozen=True)
@@ -228,15 +213,15 @@ class GrowthSettings:
     noise: float = 5e5  # published: Kheradmand et al. 2024
 
     def __post_init__(self) -> None:
-        _require_at_least(self, 1, "max_gaussians", "grow_interval")
+        require_at_least(self, 1, "max_gaussians", "grow_interval")
         require(self, "start_opacity", 0 < self.start_opacity < 1, "between 0 and 1")
         require(self, "background_fraction", 0 <= self.background_fraction <= 0.5, "between 0 and 0.5")
-        _require_choice(self, "growth_strategy", "mixed", "opacity")
-        _require_fraction(self, "grow_from", "grow_until")
+        require_choice(self, "growth_strategy", "mixed", "opacity")
+        require_fraction(self, "grow_from", "grow_until")
         require(self, "grow_until", self.grow_until >= self.grow_from, "at least `grow_from`")
         require(self, "grow_factor", 1 <= self.grow_factor <= 2, "between 1 and 2")
         require(self, "min_opacity", 0 < self.min_opacity < 0.5, "between 0 and 0.5")
-        _require_at_least(self, 0, "noise")
+        require_at_least(self, 0, "noise")
 
     @property
     def n_background(self) -> int:
@@ -290,12 +275,12 @@ class FeatureSettings:
     lambda_ray: float = 0.01  # chosen on museum_room, store_room
 
     def __post_init__(self) -> None:
-        _require_at_least(self, 1, "clustering_interval", "regularisation_interval")
-        _require_at_least(self, 0, "clustering_pixels", "min_segment_pixels")
-        _require_at_least(self, 0, "lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray")
-        _require_choice(self, "feature_init", "unit", "paper")
-        _require_choice(self, "feature_gradient", "detached", "joint")
-        _require_choice(self, "regularisation", "neighbours", "paper")
+        require_at_least(self, 1, "clustering_interval", "regularisation_interval")
+        require_at_least(self, 0, "clustering_pixels", "min_segment_pixels")
+        require_at_least(self, 0, "lambda_clustering", "lambda_pull", "lambda_push", "lambda_ray")
+        require_choice(self, "feature_init", "unit", "paper")
+        require_choice(self, "feature_gradient", "detached", "joint")
+        require_choice(self, "regularisation", "neighbours", "paper")
         ray_fits = self.lambda_ray == 0 or self.feature_init == "unit"
         require(self, "lambda_ray", ray_fits, 'zero when `feature_init` is "paper"')
 
@@ -334,9 +319,9 @@ class AppearanceSettings:
 
     def __post_init__(self) -> None:
         require(self, "sh_degree", 0 <= self.sh_degree <= 3, "between 0 and 3")
-        _require_at_least(self, 1, "sh_interval")
-        _require_fraction(self, "trial_fraction")
-        _require_at_least(self, 0, "min_trial_gain", "lambda_exposure")
+        require_at_least(self, 1, "sh_interval")
+        require_fraction(self, "trial_fraction")
+        require_at_least(self, 0, "min_trial_gain", "lambda_exposure")
 
 
 @dataclass(frozen=True)
@@ -359,10 +344,10 @@ class MeasurementSettings:
     preview_seconds: float = 30.0  # by definition
 
     def __post_init__(self) -> None:
-        _require_at_least(self, 0, "held_out_every")
+        require_at_least(self, 0, "held_out_every")
         require(self, "held_out_every", self.held_out_every != 1, "0 or at least 2: something must be trained on")
-        _require_at_least(self, 1, "curve_points")
-        _require_positive(self, "preview_seconds")
+        require_at_least(self, 1, "curve_points")
+        require_positive(self, "preview_seconds")
 
 
 @dataclass(frozen=True)
@@ -398,7 +383,7 @@ class TrainingSettings:
     backend: Backend = "cpu"  # by definition
 
     def __post_init__(self) -> None:
-        _require_choice(self, "backend", "cpu", "reference")
+        require_choice(self, "backend", "cpu", "reference")
 
     def changed(self, **values: Any) -> TrainingSettings:
         """Return a copy with some settings changed, each given by its own name alone.
@@ -421,6 +406,19 @@ class TrainingSettings:
             changes.setdefault(groups[name], {})[name] = value
         own = changes.pop("", {})
         return replace(self, **own, **{group: replace(getattr(self, group), **new) for group, new in changes.items()})
+
+    def for_photos(self, n_training: int) -> TrainingSettings:
+        """Return these settings for `n_training` training photos.
+
+        With fewer than `MIN_PHOTOS_TO_CHOOSE`, bands of colour cannot be tried. All bands are then used, one more after
+        each quarter of the steps, and Gaussians are dropped, so that none fits a single photo. Settings without trials
+        or bands are returned as they are.
+        """
+        tries = self.appearance.trial_fraction > 0 and self.appearance.sh_degree > 0
+        if not tries or n_training >= MIN_PHOTOS_TO_CHOOSE:
+            return self
+        interval = max(1, self.schedule.steps // (_FEW_PHOTOS_SH_DEGREE + 1))
+        return self.changed(sh_degree=_FEW_PHOTOS_SH_DEGREE, sh_interval=interval, dropout=_FEW_PHOTOS_DROPOUT)
 
     def trial_steps(self, n_training: int) -> int:
         """Return the steps of a trial in a run with `n_training` training photos; 0 where none is made."""

@@ -6,6 +6,7 @@ import torch
 
 from ..rasterizer import photometric_loss
 from .checkpoint import RunState
+from .densify import drop
 from .losses import (
     clustering_loss,
     nearest_neighbours,
@@ -23,7 +24,7 @@ __all__ = ["step_loss"]
 NEIGHBOUR_UPDATE_INTERVAL = 100  # chosen on museum_room
 """Steps after which the cached neighbours are found again. Gaussians move little in between."""
 
-_SAMPLE, _ANCHORS = 1, 2  # by definition
+_SAMPLE, _ANCHORS, _DROP = 1, 2, 6  # by definition
 """Purposes of random draws, see `Schedule.generator`."""
 
 
@@ -55,9 +56,15 @@ def step_loss(
     detached = features.feature_gradient == "detached"
     degree = schedule.sh_degree(step, state.sh_limit)
     channels = blended_features(values, features) if evaluates_clustering else None
+    opacities = values["opacity_logits"].sigmoid()
+    rendered = opacities
+    if dropout := schedule.dropout(step):
+        n_background = state.parameters.n_background
+        rendered = drop(opacities, dropout, n_background=n_background, generator=schedule.generator(step, _DROP))
     raster = render(
-        values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels, detached_channels=detached
-    )
+        values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels,
+        detached_channels=detached, opacities=rendered,
+    )  # fmt: skip
     image = raster.image[..., :3]
     if settings.appearance.exposure:
         image = image * state.exposure[view].exp()
@@ -65,7 +72,7 @@ def step_loss(
     if settings.appearance.exposure:
         loss = loss + settings.appearance.lambda_exposure * state.exposure[view].square().sum()
     if settings.loss.lambda_opacity > 0:
-        loss = loss + settings.loss.lambda_opacity * values["opacity_logits"].sigmoid().mean()
+        loss = loss + settings.loss.lambda_opacity * opacities.mean()
     if settings.loss.lambda_scale > 0:
         loss = loss + settings.loss.lambda_scale / extent * values["log_scales"].exp().mean()
     if evaluates_clustering:

@@ -76,7 +76,8 @@ def _run(job: Job) -> Job:
     if importlib.util.find_spec("gsplat") is None or not torch.cuda.is_available():
         raise EnvironmentProblem("Screening needs an NVIDIA GPU and gsplat 1.5. Run it where both are.")
     cameras, views = read_views(job.views)
-    settings = PRESETS["standard"].changed(seed=job.seed, **_TRAINED)
+    n_training = sum(not view.held_out for view in views)
+    settings = PRESETS["standard"].for_photos(n_training).changed(seed=job.seed, **_TRAINED)
     if job.views.stem in ROOMS:
         settings = settings.changed(max_gaussians=GAUSSIANS_OF_ROOMS)
     if job.variant == GSPLAT:

@@ -11,6 +11,7 @@ import torch
 
 from engine.training.densify import (
     copy_correction,
+    drop,
     gaussian_errors,
     grow,
     mixed_weights,
@@ -193,3 +194,12 @@ def test_noise_moves_only_transparent_gaussians_along_their_shape(scene: Scene) 
     assert not moved[200:].any()
     # Quaternions are the identity here: the thin axis is z.
     assert np.abs(moved[:200, :2]).mean() > 100 * np.abs(moved[:200, 2]).mean() > 0
+
+
+def test_dropped_gaussians_leave_the_expected_opacity_and_the_background_unchanged() -> None:
+    opacities = torch.full((20_000,), 0.4)
+    dropped = drop(opacities, 0.2, n_background=10, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(dropped[:10], opacities[:10])
+    assert dropped[10:].unique().tolist() == pytest.approx([0.0, 0.5])
+    assert float(dropped.mean()) == pytest.approx(0.4, abs=0.01)
+    assert torch.equal(drop(opacities, 0.0, n_background=0, generator=torch.Generator()), opacities)

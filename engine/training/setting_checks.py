@@ -1,0 +1,31 @@
+"""Checks that the groups of training settings share."""
+
+from __future__ import annotations
+
+from ..settings import require
+
+__all__ = ["require_at_least", "require_choice", "require_factor", "require_fraction", "require_positive"]
+
+
+def require_at_least(settings: object, smallest: int, *names: str) -> None:
+    for name in names:
+        require(settings, name, getattr(settings, name) >= smallest, f"at least {smallest}")
+
+
+def require_positive(settings: object, *names: str) -> None:
+    for name in names:
+        require(settings, name, getattr(settings, name) > 0, "greater than 0")
+
+
+def require_fraction(settings: object, *names: str) -> None:
+    for name in names:
+        require(settings, name, 0 <= getattr(settings, name) <= 1, "between 0 and 1")
+
+
+def require_factor(settings: object, *names: str) -> None:
+    for name in names:
+        require(settings, name, 0 < getattr(settings, name) <= 1, "greater than 0 and at most 1")
+
+
+def require_choice(settings: object, name: str, *allowed: str) -> None:
+    require(settings, name, getattr(settings, name) in allowed, "one of " + ", ".join(allowed))
