@@ -154,6 +154,11 @@ class WorkPlan:
     clustering_interval: int
     exclude_transients: bool = False
 
+    @property
+    def n_training(self) -> int:
+        """Number of training photos."""
+        return self.n_photos - self.n_held_out
+
 
 @dataclass(frozen=True)
 class ScenePlan:
@@ -380,7 +385,7 @@ def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str,
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
     """Return the settings of the plan's preset, changed by the plan's decisions."""
-    preset = PRESETS[work.preset].for_photos(work.n_photos - work.n_held_out)
+    preset = PRESETS[work.preset].for_photos(work.n_training)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
     return preset.changed(

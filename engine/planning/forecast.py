@@ -215,7 +215,7 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
     """Return the CPU seconds of training: `step_seconds` summed over the schedule with growth and coarse levels."""
     from ..training import Schedule
 
-    n_trained = max(1, work.n_photos - work.n_held_out)
+    n_trained = max(1, work.n_training)
     schedule = Schedule(settings, n_trained, 1.0)
     pixels = work.width * work.height
     n = _gaussians_at_start(work, settings)
@@ -446,7 +446,7 @@ def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free
     """Return the smaller presets that fit into `free` bytes, the largest first, with the bytes that each needs."""
     fitting = []
     for name in reversed([preset.name for preset in PRESET_LIST if preset.offered]):
-        preset = PRESETS[name].for_photos(work.n_photos - work.n_held_out)
+        preset = PRESETS[name].for_photos(work.n_training)
         scale = min(1.0, preset.schedule.max_side / max(work.photo_width, work.photo_height))
         smaller = replace(
             work, preset=name, max_gaussians=preset.growth.max_gaussians, sh_degree=preset.appearance.sh_degree,

@@ -38,7 +38,7 @@ def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
         f"{megabytes:.0f} MB on disk for quick clicks later"
     )
     test_photos = f"{work.n_held_out}, to measure the error; selected once the cameras are known"
-    chooses = bool(validation_photos(work.n_photos - work.n_held_out))
+    chooses = bool(validation_photos(work.n_training))
     trial = ", if a trial shows a gain" if work.trial and chooses else ""
     bands = f"colour bands up to degree {work.sh_degree}{trial if work.sh_degree else ''}"
     return [
