@@ -42,7 +42,9 @@ def former_settings(settings: TrainingSettings, *, preset: str, n_training: int)
     schedule = PRESETS[preset].schedule
     interval = max(1, PRESETS[preset].appearance.sh_interval * steps // schedule.steps)
     values = {**to_dict(settings), **former}
-    del values["lambda_exposure"]
+    del values["lambda_exposure"], values["dropout"]
+    if settings.loss.dropout:
+        values["sh_degree"] = PRESETS[preset].appearance.sh_degree
     return [
         {**values, "steps": few, "sh_interval": between, "exposure": exposure, "stop_when_flat": stop}
         for few, between in ((steps, interval), (settings.schedule.steps, settings.appearance.sh_interval))
