@@ -50,14 +50,17 @@ blender-tests: ## the add-on in each Blender at hand, against the installed zip
 bench-raster: setup ## cost of the rasterizer beside others, into docs/rasterizer_speed.md; about 10 minutes
 	$(ENGINE) -m benchmarks.raster --out docs/rasterizer_speed.md
 
-bench-training: setup ## training on all photo sets beside gsplat, and its parts; needs room_6 and room_8 of choosing-rooms; 3 h of a core
-	$(ENGINE) -m benchmarks.training --variants no-features --seeds 0,1 --pictures --doc docs/error_vs_time.md
-	$(ENGINE) -m benchmarks.training --preset preview --variants no-features --doc docs/error_vs_time.md \
-		--title "Training with the preset preview"
-	$(ENGINE) -m benchmarks.training --sets $(TRAINING_SETS) --objects --doc docs/error_vs_time.md \
+bench-training: setup ## training on all photo sets beside gsplat, and its parts; 80 minutes of two free cores
+	$(ENGINE) -m benchmarks.rooms render room_6 room_8
+	$(ENGINE) -m benchmarks.training --jobs 2 --sets $(TRAINING_SETS) --objects --doc docs/error_vs_time.md \
 		--title "Training with segmentation features"
-	$(ENGINE) -m benchmarks.training --sets meeting_place9,banana16,room_6,room_8 --doc docs/training.md \
-		--variants no-features,no-exposure,free-exposure,growth-by-opacity,bands-0 --title "Parts of the method"
+	$(ENGINE) -m benchmarks.training --jobs 2 --sets $(TRAINING_SETS) --variants no-features --seeds 0,1 --pictures \
+		--doc docs/error_vs_time.md
+	$(ENGINE) -m benchmarks.training --jobs 2 --preset preview --variants no-features --doc docs/error_vs_time.md \
+		--title "Training with the preset preview"
+	$(ENGINE) -m benchmarks.training --jobs 2 --sets meeting_place9,banana16,room_6,room_8 --doc docs/training.md \
+		--variants no-features,no-exposure,free-exposure,growth-by-opacity,no-dropout,bands-1 \
+		--title "Parts of the method"
 
 test-rooms: setup ## measure the frozen method in random rooms; DRAW=reason freezes HEAD; 12 minutes per room, resumable
 	$(ENGINE) -m benchmarks.rooms run $(if $(DRAW),--draw "$(DRAW)") --doc docs/segmentation.md

@@ -69,6 +69,10 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the tables into this file")
     run.set_defaults(run=_run)
 
+    render = commands.add_parser("render", help="render choosing rooms into out/rooms, for other benchmarks")
+    render.add_argument("rooms", nargs="+", choices=[room.name for room in CHOOSING_ROOMS], metavar="ROOM")
+    render.set_defaults(run=_render)
+
     table = commands.add_parser("table", help="print the tables of the stored results")
     table.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the tables into this file")
     table.set_defaults(run=_table)
@@ -107,9 +111,16 @@ def _run(options: argparse.Namespace) -> None:
     commits = list(dict.fromkeys([draws[0].commit, frozen.commit]))
     for commit in commits:
         repository.full_commit(commit)
-    run = MeasuringRun(repository, blender=str(python_of("blender-4.5")), engine=sys.executable)
-    run.measure(commits, rooms)
+    _measuring_run(repository).measure(commits, rooms)
     _show(draws, [frozen], options.doc)
+
+
+def _render(options: argparse.Namespace) -> None:
+    _measuring_run(Repository(ROOT)).render([room for room in CHOOSING_ROOMS if room.name in options.rooms])
+
+
+def _measuring_run(repository: Repository) -> MeasuringRun:
+    return MeasuringRun(repository, blender=str(python_of("blender-4.5")), engine=sys.executable)
 
 
 def _table(options: argparse.Namespace) -> None:

@@ -178,6 +178,18 @@ class MeasuringRun:
         self._tell(f"{what}: done")
         return result
 
+    def render(self, rooms: Sequence[Room]) -> None:
+        """Render the photos and the ground truth of rooms into ``out/rooms``; those that are there stay.
+
+        Raises
+        ------
+        HeritageError
+            When a room cannot be rendered.
+        """
+        for room in rooms:
+            self._render(room, self._out / room.name, room.name)
+            self._tell(f"{room.name}: rendered")
+
     def _render(self, room: Room, folder: Path, what: str) -> dict[str, Any] | None:
         """Render a room unless it is there; return the seconds, None when an earlier run did not note them."""
         noted = folder / "rendered.json"

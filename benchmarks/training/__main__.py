@@ -9,15 +9,17 @@ example: python -m benchmarks.training --sets herz_jesus25,banana16 --variants a
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from engine.errors import HeritageError
 from engine.evaluation import write_section
 from engine.evaluation.settings import MARKS
 
-from .photo_sets import NAMES, REAL_SETS, SCENES, photo_set
+from .photo_sets import NAMES, REAL_SETS, SCENES, PhotoSetFolder, photo_set
 from .pictures import write_error_picture
 from .running import Measured, TrainingBench
 from .table import details, overview
@@ -25,8 +27,8 @@ from .variants import VARIANTS
 
 _DEFAULT_SETS = (*REAL_SETS, *SCENES)
 
-_REFERENCES = """gsplat's figures are of one run each; those in brackets are of a second run
-(`benchmarks/training/reference.py`)."""
+_REFERENCES = """gsplat's figures are means of three seeds at the end of the run (`benchmarks/training/reference.py`);
+those of commit 06f55961 are of one run each."""
 
 
 def main() -> None:
@@ -38,6 +40,7 @@ def main() -> None:
     parser.add_argument("--preset", default="standard", choices=("preview", "standard"), help="(default: %(default)s)")
     parser.add_argument("--objects", action="store_true", help="evaluate objects, too, where there is ground truth")
     parser.add_argument("--pictures", action="store_true", help="write pictures of the errors beside the trainings")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="sets at a time (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("out/training"), help="(default: %(default)s)")
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="file for the section")
     parser.add_argument("--title", default="Training on all photo sets", help="of the section (default: %(default)s)")
@@ -45,6 +48,8 @@ def main() -> None:
     unknown = [name for name in options.variants.split(",") if name not in VARIANTS]
     if unknown:
         parser.error(f"there is no variant {unknown[0]!r}, only {', '.join(VARIANTS)}")
+    if options.jobs < 1:
+        parser.error(f"--jobs must be at least 1, got {options.jobs}")
     try:
         _run(options)
     except HeritageError as error:
@@ -52,23 +57,17 @@ def main() -> None:
 
 
 def _run(options: argparse.Namespace) -> None:
-    bench = TrainingBench(options.out, preset=options.preset, objects=options.objects)
-    results: dict[tuple[str, str], list[Measured]] = {}
+    sets = [photo_set(name) for name in options.sets.split(",")]
     begin = time.monotonic()
-    for photos in [photo_set(name) for name in options.sets.split(",")]:
-        for variant in [VARIANTS[name] for name in options.variants.split(",")]:
-            for seed in [int(text) for text in options.seeds.split(",")]:
-                measured = bench.measured(photos, variant, seed)
-                results.setdefault((photos.name, variant.name), []).append(measured)
-                minutes = (time.monotonic() - begin) / 60
-                what = f"{photos.name}, {variant.name}, seed {seed}"
-                sys.stderr.write(
-                    f"[{minutes:6.1f} min] {what}: {measured.psnr:.2f} dB, {measured.cpu_seconds:.0f} CPU s\n"
-                )
-                if options.pictures:
-                    folder = bench.folder(photos, variant, seed)
-                    cameras = options.out / "scenes" / photos.name / "cameras"
-                    write_error_picture(folder, cameras, photos.photos, folder / "error.png")
+    # Forked processes would inherit torch's threads in an unknown state.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
+        jobs = [pool.submit(_measure_set, photos, options, begin) for photos in sets]
+        for job in as_completed(jobs):
+            if job.exception() is not None:
+                pool.shutdown(wait=False, cancel_futures=True)
+                job.result()
+        results = {key: found for job in jobs for key, found in job.result().items()}
     options_text = f"--sets {options.sets} --variants {options.variants} --seeds {options.seeds}"
     options_text += "" if options.preset == "standard" else f" --preset {options.preset}"
     options_text += " --objects" if options.objects else ""
@@ -79,6 +78,26 @@ def _run(options: argparse.Namespace) -> None:
     sys.stdout.write(f"{body}\n")
     if options.doc:
         write_section(options.doc, title=options.title, body=body)
+
+
+def _measure_set(
+    photos: PhotoSetFolder, options: argparse.Namespace, begin: float
+) -> dict[tuple[str, str], list[Measured]]:
+    """Train and measure all variants of a set with all seeds, one after the other, as they share cameras and masks."""
+    bench = TrainingBench(options.out, preset=options.preset, objects=options.objects)
+    results: dict[tuple[str, str], list[Measured]] = {}
+    for variant in [VARIANTS[name] for name in options.variants.split(",")]:
+        for seed in [int(text) for text in options.seeds.split(",")]:
+            measured = bench.measured(photos, variant, seed)
+            results.setdefault((photos.name, variant.name), []).append(measured)
+            minutes = (time.monotonic() - begin) / 60
+            what = f"{photos.name}, {variant.name}, seed {seed}"
+            sys.stderr.write(f"[{minutes:6.1f} min] {what}: {measured.psnr:.2f} dB, {measured.cpu_seconds:.0f} CPU s\n")
+            if options.pictures:
+                folder = bench.folder(photos, variant, seed)
+                cameras = options.out / "scenes" / photos.name / "cameras"
+                write_error_picture(folder, cameras, photos.photos, folder / "error.png")
+    return results
 
 
 if __name__ == "__main__":

@@ -59,7 +59,7 @@ def photo_set(name: str) -> PhotoSetFolder:
     if name in ROOMS:
         folder = ROOT / "out" / "rooms" / name
         if not (folder / "cameras").is_dir():
-            raise SettingsError(f"{name} is not rendered. Run `make choosing-rooms` first.")
+            raise SettingsError(f"{name} is not rendered. Run `python -m benchmarks.rooms render {name}` first.")
         return PhotoSetFolder(name, folder / "photos", folder / "cameras", folder / "truth", GAUSSIANS_OF_ROOMS)
     if name not in REAL_SETS:
         raise SettingsError(f"There is no photo set {name!r}, only {', '.join(NAMES)}.")

@@ -96,6 +96,14 @@ def test_every_room_is_rendered_reconstructed_and_measured_once(repository: Repo
     assert programs.calls == ALL_CALLS
 
 
+def test_rooms_are_rendered_once_for_other_benchmarks(repository: Repository) -> None:
+    programs = FakePrograms()
+    for _ in range(2):
+        MeasuringRun(repository, "blender", "engine", call=programs, say=lambda text: None).render(ROOMS)
+    assert programs.calls == ["render 1", "render 2"]
+    assert is_rendered(repository.root / "out" / "rooms" / "room_2")
+
+
 def test_results_of_another_session_are_not_measured_again(repository: Repository) -> None:
     head = repository.head()
     run(repository, FakePrograms(), [head], ROOMS[:1])
