@@ -11,17 +11,17 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import sys
-import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
-from engine.errors import HeritageError
+from engine.errors import EnvironmentProblem, HeritageError
 from engine.evaluation import write_section
 from engine.evaluation.settings import MARKS
 
-from .photo_sets import NAMES, REAL_SETS, SCENES, PhotoSetFolder, photo_set
-from .pictures import write_error_picture
-from .running import Measured, TrainingBench
+from .measuring import measure_set
+from .photo_sets import NAMES, REAL_SETS, SCENES, photo_set
+from .running import TrainingBench
 from .table import details, overview
 from .variants import VARIANTS
 
@@ -58,16 +58,21 @@ def main() -> None:
 
 def _run(options: argparse.Namespace) -> None:
     sets = [photo_set(name) for name in options.sets.split(",")]
-    begin = time.monotonic()
+    bench = TrainingBench(options.out, preset=options.preset, objects=options.objects)
+    variants, seeds = options.variants.split(","), [int(text) for text in options.seeds.split(",")]
     # Forked processes would inherit torch's threads in an unknown state.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(options.jobs, mp_context=context) as pool:
-        jobs = [pool.submit(_measure_set, photos, options, begin) for photos in sets]
-        for job in as_completed(jobs):
-            if job.exception() is not None:
-                pool.shutdown(wait=False, cancel_futures=True)
+        jobs = [pool.submit(measure_set, bench, one, variants, seeds, pictures=options.pictures) for one in sets]
+        try:
+            for job in as_completed(jobs):
                 job.result()
-        results = {key: found for job in jobs for key, found in job.result().items()}
+        except BrokenProcessPool as error:
+            text = "A training process was ended from outside, perhaps for lack of memory. Run again with --jobs 1."
+            raise EnvironmentProblem(text) from error
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+        results = {key: measured for job in jobs for key, measured in job.result().items()}
     options_text = f"--sets {options.sets} --variants {options.variants} --seeds {options.seeds}"
     options_text += "" if options.preset == "standard" else f" --preset {options.preset}"
     options_text += " --objects" if options.objects else ""
@@ -78,26 +83,6 @@ def _run(options: argparse.Namespace) -> None:
     sys.stdout.write(f"{body}\n")
     if options.doc:
         write_section(options.doc, title=options.title, body=body)
-
-
-def _measure_set(
-    photos: PhotoSetFolder, options: argparse.Namespace, begin: float
-) -> dict[tuple[str, str], list[Measured]]:
-    """Train and measure all variants of a set with all seeds, one after the other, as they share cameras and masks."""
-    bench = TrainingBench(options.out, preset=options.preset, objects=options.objects)
-    results: dict[tuple[str, str], list[Measured]] = {}
-    for variant in [VARIANTS[name] for name in options.variants.split(",")]:
-        for seed in [int(text) for text in options.seeds.split(",")]:
-            measured = bench.measured(photos, variant, seed)
-            results.setdefault((photos.name, variant.name), []).append(measured)
-            minutes = (time.monotonic() - begin) / 60
-            what = f"{photos.name}, {variant.name}, seed {seed}"
-            sys.stderr.write(f"[{minutes:6.1f} min] {what}: {measured.psnr:.2f} dB, {measured.cpu_seconds:.0f} CPU s\n")
-            if options.pictures:
-                folder = bench.folder(photos, variant, seed)
-                cameras = options.out / "scenes" / photos.name / "cameras"
-                write_error_picture(folder, cameras, photos.photos, folder / "error.png")
-    return results
 
 
 if __name__ == "__main__":
