@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import subprocess
+import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
 from benchmarks.training.photo_sets import NAMES, photo_set
-from benchmarks.training.running import Measured
+from benchmarks.training.running import Measured, TrainingBench
 from benchmarks.training.table import details, overview
 from benchmarks.training.variants import VARIANTS
 from engine.errors import SettingsError
+from engine.files import write_json
 from engine.training.settings import PRESETS
 
+ROOT = Path(__file__).resolve().parents[2]
 FIGURES = Measured(
     psnr=20.0, fitted_psnr=21.0, well_seen_psnr=22.0, ssim=0.5, l1=0.1, flip=0.2, well_seen_share=0.8, dark_share=0.01,
     dark_share_trained=0.002, trained_psnr=25.0, steps=3000, n_gaussians=40_000, cpu_seconds=100.0, iou=None,
@@ -46,6 +50,18 @@ def test_sets_that_are_not_there_are_refused_in_one_sentence(tmp_path: Path, mon
     with pytest.raises(SettingsError, match=r"photos of skull66 are not there\. Set GAUSSIAN_HERITAGE_DATA"):
         photo_set("skull66")
     assert photo_set("museum_room").photos.is_dir() and len(set(NAMES)) == len(NAMES)
+
+
+def test_two_sets_at_a_time_make_one_table_without_repeating_what_is_measured(tmp_path: Path) -> None:
+    bench = TrainingBench(tmp_path, preset="standard", objects=False)
+    for name in ("museum_room", "store_room"):
+        folder = bench.folder(photo_set(name), VARIANTS["no-features"], 0)
+        write_json(folder / "measured.json", {"figures": asdict(FIGURES)})
+    command = [sys.executable, "-m", "benchmarks.training", "--sets", "museum_room,store_room", "--jobs", "2"]
+    command += ["--variants", "no-features", "--out", str(tmp_path), "--doc", str(tmp_path / "table.md")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "| no-features | 20.00 (21.00) | 20.00 (21.00) |" in (tmp_path / "table.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", sorted(VARIANTS))
