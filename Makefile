@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help offline-bundle setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -83,6 +83,9 @@ hostile: setup ## hostile projects and .blend files in every command and in Blen
 
 zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
+
+offline-bundle: setup ## dist/gaussian_heritage_offline.zip: a computer like this one sets up the engine from it without a network
+	$(ENGINE) -m engine.installation bundle dist/gaussian_heritage_offline.zip
 
 stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
 	$(ENGINE) -m engine stability --out docs/stability.md

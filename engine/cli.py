@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-import os
-import signal
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +12,7 @@ from .doctor import missing_package
 from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
 from .events import Emit, ErrorEvent, StopCheck
 from .signal_masks import signals_held_back
+from .stop_on_signal import StopOnSignal
 from .terminal import EventOutput
 
 __all__ = ["main"]
@@ -58,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
         warn_of_deprecated_options(options, output)
-        with _StopOnSignal() as should_stop:
+        with StopOnSignal() as should_stop:
             if options.uses_cameras:
                 # While pycolmap is imported, its handlers take the place of ours for some milliseconds. Here no other
                 # thread can take a signal, see `__main__`.
@@ -79,59 +77,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return translated.exit_code
     finally:
         output.close()
-
-
-class _StopOnSignal:
-    """A `StopCheck` that becomes true on the first Ctrl-C, Ctrl-Break, SIGTERM or SIGHUP.
-
-    The second one stops at once, and the third one ends the process even inside of a library that never returns.
-    """
-
-    # Blender's Cancel sends Ctrl-Break on Windows, where SIGBREAK exists. SIGHUP means that the terminal was closed.
-    _NAMES = ("SIGINT", "SIGTERM", "SIGBREAK", "SIGHUP")
-
-    def __init__(self) -> None:
-        self._requested = False
-
-    def __enter__(self) -> _StopOnSignal:
-        numbers = [getattr(signal, name) for name in self._NAMES if hasattr(signal, name)]
-        self._before = {
-            number: signal.signal(number, self._request) for number in numbers if not _is_left_to_nohup(number)
-        }
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def __call__(self) -> bool:
-        return self._requested
-
-    def _request(self, number: int, frame: object) -> None:
-        if self._requested:
-            for other in self._before:
-                signal.signal(other, signal.SIG_DFL)
-            raise KeyboardInterrupt
-        self._requested = True
-        _leave_closed_terminal()
-        # Not print: the signal may arrive during a print, and Python does not allow nested writes.
-        with contextlib.suppress(OSError):
-            os.write(2, b"Stopping at the next safe point (once more: at once) ...\n")
-
-
-def _is_left_to_nohup(number: int) -> bool:
-    """Return whether `number` is SIGHUP and ignored: the user started this with nohup, to close the terminal."""
-    return number == getattr(signal, "SIGHUP", None) and signal.getsignal(number) == signal.SIG_IGN
-
-
-def _leave_closed_terminal() -> None:
-    """Discard what is printed where nobody can read it any more: otherwise a print fails before the work is saved."""
-    for number in (1, 2):
-        try:
-            os.write(number, b"")
-        except OSError:
-            with contextlib.suppress(OSError), open(os.devnull, "wb") as nowhere:
-                os.dup2(nowhere.fileno(), number)
 
 
 def _translate(error: Exception, project: Path | None) -> HeritageError:

@@ -57,7 +57,7 @@ def missing_package(name: str | None) -> EnvironmentProblem:
     """Return the error for a package that this Python does not have."""
     return EnvironmentProblem(
         f"This Python ({sys.executable}) has no package {name!r}. "
-        "Run `make setup` and use .venv/engine, or install the engine's requirements."
+        "Press Set Up Engine in Blender, or run `make setup` and use .venv/engine."
     )
 
 
@@ -82,7 +82,7 @@ def _package(module: str, distribution: str) -> Check:
         importlib.import_module(module)
         return Check(distribution, True, True, importlib.metadata.version(distribution))
     except ImportError as error:
-        return Check(distribution, False, True, f"missing ({error}); run `make setup` or choose another interpreter")
+        return Check(distribution, False, True, f"missing ({error}); set up the engine again")
     # A damaged package may raise anything when it is imported.
     except Exception as error:
         return Check(distribution, False, True, f"damaged ({type(error).__name__}: {error}); install it again")
@@ -123,7 +123,7 @@ def _heic() -> Check:
 
 def _npm() -> Check:
     found = shutil.which("npm")
-    return Check("npm", found is not None, False, "found" if found else "missing; only needed to fetch the SAM weights")
+    return Check("npm", found is not None, False, "found" if found else "missing; pip brings it when it is needed")
 
 
 def _disk() -> Check:

@@ -7,11 +7,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..engine.errors import EnvironmentProblem
+from ..engine.installation import EngineEnvironment
 
 __all__ = ["PYTHON_VARIABLE", "engine_command", "engine_environment", "extension_root", "find_python"]
 
 PYTHON_VARIABLE = "GAUSSIAN_HERITAGE_PYTHON"
 """Environment variable with the path of the engine's Python."""
+_PROBLEMS = {
+    "missing": "The engine is not set up yet. Press Set Up Engine",
+    "incomplete": "The set-up of the engine is not complete. Press Continue Set-Up",
+    "outdated": "The engine was set up by another version of this add-on. Press Update Engine",
+}
 
 
 def extension_root() -> Path:
@@ -19,8 +25,11 @@ def extension_root() -> Path:
     return Path(__file__).resolve().parent.parent
 
 
-def find_python(preferred: str, environ: Mapping[str, str], root: Path) -> Path:
-    """Return the engine's interpreter: `preferred`, else that of the environment variable, else ``.venv/engine``.
+def find_python(preferred: str, environ: Mapping[str, str], root: Path, installed: EngineEnvironment) -> Path:
+    """Return the engine's interpreter.
+
+    It is `preferred`, else that of the environment variable, else ``.venv/engine`` in a checkout, else the one that was
+    set up from Blender.
 
     Parameters
     ----------
@@ -31,11 +40,13 @@ def find_python(preferred: str, environ: Mapping[str, str], root: Path) -> Path:
     root : Path
         The folder of this extension. Where it is a checkout of the repository, ``.venv/engine`` in it is used. Folders
         above it are not searched: others may be able to put a program there, and it would be run.
+    installed : EngineEnvironment
+        The engine that was set up from Blender.
 
     Raises
     ------
     EnvironmentProblem
-        When no interpreter is found, or the configured one does not exist.
+        When no interpreter is found, the configured one does not exist, or the installed one is not complete.
     """
     for source, path in (("the preferences", preferred), (PYTHON_VARIABLE, environ.get(PYTHON_VARIABLE, ""))):
         if path:
@@ -47,10 +58,10 @@ def find_python(preferred: str, environ: Mapping[str, str], root: Path) -> Path:
     python = root / ".venv" / "engine" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     if python.is_file():
         return python
-    raise EnvironmentProblem(
-        "No Python for the engine was found. Open Preferences > Add-ons > Gaussian Heritage, choose the Python of the "
-        "engine's environment and press Check."
-    )
+    state = installed.state()
+    if state == "ready":
+        return installed.python
+    raise EnvironmentProblem(f"{_PROBLEMS[state]} in the sidebar or in Preferences > Add-ons > Gaussian Heritage.")
 
 
 def engine_environment(environ: Mapping[str, str], root: Path, cache: Path) -> dict[str, str]:

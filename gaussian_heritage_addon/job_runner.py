@@ -4,28 +4,36 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import bpy
 
-from ..engine.errors import Cancelled, HeritageError, ProjectError
+from ..engine.errors import Cancelled, EnvironmentProblem, HeritageError, ProjectError
 from . import problems
 from .engine_process import engine_command
 from .guards import Timer, redraw
 from .jobs import Job, JobState
 from .model_files import states_of
-from .preferences import current_environment, current_python, store_model_states, user_folder
+from .preferences import (
+    current_environment,
+    current_python,
+    store_check_result,
+    store_model_states,
+    user_folder,
+)
 from .properties import heritage_objects, project_of, select_object
 from .scene_file import add_objects, open_project
 
-__all__ = ["MODEL_FILES", "cancel", "current", "problem", "register", "start", "unregister"]
+__all__ = ["ENGINE", "MODEL_FILES", "cancel", "current", "problem", "register", "start", "start_command", "unregister"]
 
 _LOG = logging.getLogger(__name__)
 _POLL_INTERVAL = 0.5
 """Seconds between two polls of the job."""
 MODEL_FILES = Path("model files")
 """Subject of jobs about model files, which belong to no project."""
+ENGINE = Path("the engine")
+"""Subject of jobs about the engine itself."""
 _EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
 _job: Job | None = None
 _waits_for_object_mode = False
@@ -42,16 +50,27 @@ def problem() -> str:
 
 
 def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
-    """Run the engine with `arguments`. In background mode, wait for it and import its results.
+    """Run the engine with `arguments`; see `start_command`.
+
+    Raises
+    ------
+    HeritageError
+        When there is no interpreter, and as `start_command`.
+    """
+    return start_command(kind, subject, engine_command(current_python(), *arguments))
+
+
+def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState | None:
+    """Run a program that writes events. In background mode, wait for it and import its results.
 
     Parameters
     ----------
     kind : str
-        ``"reconstruct"``, ``"segment"`` or ``"models"``. It determines what is done with the results.
+        ``"reconstruct"``, ``"segment"``, ``"models"``, ``"doctor"``, ``"set-up"`` or ``"remove engine"``. It determines
+        what is done with the results.
     subject : Path
-        Project folder, or `MODEL_FILES`.
-    arguments
-        Command and arguments of the engine.
+        Project folder, `MODEL_FILES` or `ENGINE`.
+    command : sequence of str
 
     Returns
     -------
@@ -61,7 +80,7 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
     Raises
     ------
     HeritageError
-        When there is no interpreter, another job is running, or (in background mode) the job failed.
+        When another job is running, or (in background mode) the job failed.
     """
     global _job
     running = current()
@@ -71,7 +90,7 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
         raise ProjectError(problem())
     key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
     _job = Job.start(
-        engine_command(current_python(), *arguments),
+        command,
         user_folder("jobs") / key,
         kind=kind,
         subject=str(subject),
@@ -109,14 +128,15 @@ def _poll_job() -> float | None:
     redraw()
     if state.running:
         return _POLL_INTERVAL
-    _waits_for_object_mode = state.finished and _job.kind != "models" and _is_editing()
+    _waits_for_object_mode = state.finished and _job.kind in ("reconstruct", "segment") and _is_editing()
     if _waits_for_object_mode:
         return _POLL_INTERVAL
     if state.finished:
         problems.clear()
         _import_results(_job, state)
         # An import by the timer is one undo step. Blender adds none if nothing changed.
-        bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
+        if _job.kind in ("reconstruct", "segment"):
+            bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
     return None
 
 
@@ -159,10 +179,28 @@ def _store_model_states(subject: Path, state: JobState) -> None:
     store_model_states(states_of(state.outputs))
 
 
+def _store_checks(subject: Path, state: JobState) -> None:
+    """Show the result of a check in the preferences.
+
+    Raises
+    ------
+    EnvironmentProblem
+        When something is missing.
+    """
+    store_check_result(state.message)
+    checks = state.outputs.get("checks")
+    if not isinstance(checks, list) or not all(isinstance(check, dict) for check in checks):
+        raise EnvironmentProblem("The engine did not say what it has and lacks. Set it up again.")
+    missing = [str(check.get("name")) for check in checks if check.get("required") and not check.get("ok")]
+    if missing:
+        raise EnvironmentProblem(f"The engine lacks {', '.join(missing)}. Set it up again, then check it again.")
+
+
 _IMPORTERS: dict[str, Callable[[Path, JobState], None]] = {
     "reconstruct": _import_scene,
     "segment": _import_objects,
     "models": _store_model_states,
+    "doctor": _store_checks,
 }
 
 

@@ -9,6 +9,7 @@ from .cameras import current_photo
 from .curve import stored_curve
 from .layouts import draw_curve, draw_job, draw_text
 from .properties import HeritageScene, project_of
+from .set_up_box import draw_set_up
 
 __all__ = ["CLASSES"]
 
@@ -26,8 +27,10 @@ class HERITAGE_PT_scene(bpy.types.Panel):
         """Draw the panel."""
         layout = self.layout
         properties: HeritageScene = context.scene.heritage
+        if draw_set_up(layout):
+            return
         current = job_runner.current()
-        if current is not None and current[0].kind != "models":
+        if current is not None and current[0].kind in ("reconstruct", "segment"):
             draw_job(layout, *current)
         for problem in (job_runner.problem(), problems.shown()):
             if problem:

@@ -8,16 +8,20 @@ from typing import Any
 
 import bpy
 
+from ..engine.errors import EnvironmentProblem
 from ..engine.masks.settings import SAM_MODELS
 from .engine_process import engine_environment, extension_root, find_python
+from .installation import installed_engine
 from .model_files import States, merge_states
 
 __all__ = [
     "BASE_PACKAGE",
     "current_environment",
     "current_python",
+    "engine_problem",
     "model_folder",
     "sam_arguments",
+    "set_up_options",
     "store_check_result",
     "store_model_states",
     "user_folder",
@@ -52,6 +56,22 @@ def sam_arguments() -> list[str]:
     return [] if model == SAM_MODELS[0] else ["--sam", model]
 
 
+def set_up_options() -> tuple[str, str, str]:
+    """Return how the engine is set up: Python (empty: any), build of torch, and offline bundle (empty: none)."""
+    preferences = _preferences()
+    python, bundle = (bpy.path.abspath(path) for path in (preferences.base_python, preferences.offline_bundle))
+    return python, preferences.torch_build.lower(), bundle
+
+
+def engine_problem() -> str:
+    """Return why there is no engine to work with, as a sentence; empty when there is one."""
+    try:
+        current_python()
+    except EnvironmentProblem as error:
+        return str(error)
+    return ""
+
+
 def current_python() -> Path:
     """Return the engine's Python.
 
@@ -60,7 +80,7 @@ def current_python() -> Path:
     EnvironmentProblem
         When none is found.
     """
-    return find_python(_preferences().engine_python, os.environ, extension_root())
+    return find_python(bpy.path.abspath(_preferences().engine_python), os.environ, extension_root(), installed_engine())
 
 
 def current_environment() -> dict[str, str]:

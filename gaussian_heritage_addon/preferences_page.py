@@ -12,6 +12,7 @@ from . import job_runner
 from .layouts import draw_job, draw_text
 from .model_files import Model, States, list_models, stored_states
 from .preferences import BASE_PACKAGE
+from .set_up_box import draw_set_up, set_up_label
 from .typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
@@ -28,11 +29,41 @@ class HeritagePreferences(bpy.types.AddonPreferences):
     engine_python: Annotated[
         str,
         StringProperty(
-            name="Engine Python",
-            description="Program that is run as the engine: the Python of its environment. Empty: the one named by the "
-            "environment variable GAUSSIAN_HERITAGE_PYTHON, or .venv/engine in the folder of this extension if it is a "
-            "checkout of the repository. No other place is searched, and no .blend file can change it",
+            name="Existing Python",
+            description="Python with the engine's packages that is run instead of the engine that was set up here. "
+            "Empty: the one named by the environment variable GAUSSIAN_HERITAGE_PYTHON, or .venv/engine in the folder "
+            "of this extension if it is a checkout of the repository, or the engine that was set up. No other place is "
+            "searched, and no .blend file can change it",
             subtype="FILE_PATH",
+        ),
+    ]
+    base_python: Annotated[
+        str,
+        StringProperty(
+            name="Python for Set-Up",
+            description="Python 3.11, 3.12 or 3.13 that the engine is set up with. Empty: Blender's own where "
+            "PyTorch can be had for it, or another one of this computer",
+            subtype="FILE_PATH",
+        ),
+    ]
+    offline_bundle: Annotated[
+        str,
+        StringProperty(
+            name="Offline Bundle",
+            description="File that the engine is set up from, without a network; empty: download everything",
+            subtype="FILE_PATH",
+        ),
+    ]
+    torch_build: Annotated[
+        str,
+        EnumProperty(
+            name="PyTorch",
+            description="Build of PyTorch that is installed",
+            items=[
+                ("AUTO", "Automatic", "For NVIDIA graphics cards where this computer has their driver"),
+                ("CPU", "Processor", "Smaller; includes Apple's graphics processors on a Mac"),
+                ("CUDA", "NVIDIA", "For NVIDIA graphics cards; 5 GB more"),
+            ],
         ),
     ]
     check_result: Annotated[str, StringProperty(options={"SKIP_SAVE"})]
@@ -57,8 +88,16 @@ class HeritagePreferences(bpy.types.AddonPreferences):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the preferences."""
         layout = self.layout
-        layout.prop(self, "engine_python")
-        layout.operator("heritage.check_engine", icon="CHECKMARK")
+        draw_set_up(layout.box())
+        column = layout.column()
+        column.prop(self, "offline_bundle")
+        column.prop(self, "base_python")
+        column.prop(self, "torch_build")
+        column.prop(self, "engine_python")
+        row = layout.row()
+        row.operator("heritage.check_engine", icon="CHECKMARK")
+        row.operator("heritage.set_up_engine", text=set_up_label(), icon="IMPORT")
+        row.operator("heritage.remove_engine", text="Remove", icon="TRASH")
         for line in self.check_result.splitlines():
             layout.label(text=line)
         layout.separator()
@@ -67,7 +106,7 @@ class HeritagePreferences(bpy.types.AddonPreferences):
         row.operator("heritage.check_models", text="List").verify = False
         row.operator("heritage.check_models", text="Verify").verify = True
         current = job_runner.current()
-        if current is not None and current[0].kind == "models" and not current[1].finished:
+        if current is not None and current[0].kind in ("models", "doctor", "remove engine") and not current[1].finished:
             # The results of a finished job are shown with each model below.
             draw_job(layout, *current)
         layout.prop(self, "sam")

@@ -20,6 +20,8 @@ from . import (
     look_through_photo,
     open_project,
     refine_object,
+    remove_engine,
+    set_up_engine,
 )
 
 __all__ = ["CLASSES", "register", "unregister"]
@@ -37,7 +39,9 @@ _MODULES = (
     refine_object,
     export_objects,
     look_through_photo,
+    set_up_engine,
     check_engine,
+    remove_engine,
     check_models,
     fetch_model,
     cancel_job,

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..engine.errors import EnvironmentProblem
-from ..gaussian_heritage_addon.engine_check import check_engine
-from ..gaussian_heritage_addon.preferences import store_check_result
+from ..gaussian_heritage_addon import job_runner
 
 __all__ = ["CLASSES"]
 
@@ -18,12 +16,9 @@ class HERITAGE_OT_check_engine(bpy.types.Operator):
     bl_label = "Check"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Run the check."""
-        python, lines, missing = check_engine()
-        store_check_result("\n".join(lines))
-        if missing:
-            raise EnvironmentProblem(f"{python} lacks {', '.join(missing)}. Install them there, then check again.")
-        self.report({"INFO"}, f"{python} has everything the engine needs.")
+        """Start the check."""
+        state = job_runner.start("doctor", job_runner.ENGINE, "doctor")
+        self.report({"INFO"}, "Checking in the background." if state is None else state.message)
         return {"FINISHED"}
 
 

@@ -1,4 +1,6 @@
-"""Write ``requirements/locked-*.txt``: all packages of each environment with the SHA-256 of all their files on PyPI.
+"""Write ``locked-*.txt``: all packages of each environment with the SHA-256 of all their files on PyPI.
+
+Those that the engine needs are in ``engine/installation``, since Blender installs them; the others in ``requirements``.
 
 Needs uv 0.5 or newer in PATH and the network. Standard library only. Versions that are locked already stay, unless the
 requirements ask for others or ``--upgrade`` is given. PyPI is asked whatever index is configured on this computer,
@@ -24,16 +26,38 @@ from places import ROOT
 __all__ = ["main"]
 
 REQUIREMENTS = ROOT / "requirements"
+ENGINE = ROOT / "engine" / "installation"
 INDEX_VARIABLES = ("UV_DEFAULT_INDEX", "UV_INDEX", "UV_INDEX_URL", "UV_EXTRA_INDEX_URL", "UV_FIND_LINKS")
 ONLY_FOR_CUDA = ("nvidia-", "cuda-", "triton")
 
 LOCKS = {
     "engine-dev.txt": (
         "3.11",
-        {"engine": "All but torch", "torch": "torch alone", "cuda": "What only CUDA builds of torch need"},
+        {
+            ENGINE / "locked-engine.txt": "What the engine needs, without torch",
+            REQUIREMENTS / "locked-dev.txt": "What developers need besides, for engine-dev.txt",
+            ENGINE / "locked-torch.txt": "torch alone",
+            ENGINE / "locked-cuda.txt": "What only CUDA builds of torch need",
+        },
     ),
-    "blender-4.5.txt": ("3.11", {"blender-4.5": "All but bpy", "bpy-4.5": "bpy alone"}),
-    "blender-5.2.txt": ("3.13", {"blender-5.2": "All but bpy", "bpy-5.2": "bpy alone"}),
+    "blender-4.5.txt": (
+        "3.11",
+        {REQUIREMENTS / "locked-blender-4.5.txt": "All but bpy", REQUIREMENTS / "locked-bpy-4.5.txt": "bpy alone"},
+    ),
+    "blender-5.2.txt": (
+        "3.13",
+        {REQUIREMENTS / "locked-blender-5.2.txt": "All but bpy", REQUIREMENTS / "locked-bpy-5.2.txt": "bpy alone"},
+    ),
+    "installation.txt": (
+        "3.11",
+        {
+            ROOT
+            / "engine"
+            / "models"
+            / "locked-node.txt": "npm, where Node.js is not installed: needed once, to fetch the mask model",
+            ENGINE / "locked-pip.txt": "pip, for a Python that brings none",
+        },
+    ),
 }
 """Requirements: the version of Python, and the locked files with what is in each of them."""
 
@@ -48,23 +72,25 @@ def main() -> int:
         print("uv was not found; install it with `pip install uv`, then run this again.", file=sys.stderr)
         return 1
     for requirements, (python, parts) in LOCKS.items():
-        texts = {name: "" for name in parts}
-        for package, text in resolve(uv, requirements, python, list(parts), upgrade=options.upgrade):
-            texts[part_of(package, list(parts))] += text
-        for name, text in texts.items():
-            file = REQUIREMENTS / f"locked-{name}.txt"
-            file.write_text(f"# {parts[name]}, for {requirements}. Written by scripts/lock_requirements.py.\n{text}")
+        files = list(parts)
+        of_engine = set[str]()
+        if requirements == "engine-dev.txt":
+            of_engine = {name for name, _ in resolve(uv, "engine.txt", python, files, upgrade=options.upgrade)}
+        texts = dict.fromkeys(files, "")
+        for package, text in resolve(uv, requirements, python, files, upgrade=options.upgrade):
+            texts[file_of(package, files, of_engine)] += text
+        for file, text in texts.items():
+            file.write_text(f"# {parts[file]}. Written by scripts/lock_requirements.py.\n{text}")
             print(f"{file.name}: {len(re.findall('^[^ ]+==', text, flags=re.MULTILINE))} packages")
     return 0
 
 
-def resolve(uv: str, requirements: str, python: str, parts: list[str], *, upgrade: bool) -> Iterator[tuple[str, str]]:
+def resolve(uv: str, requirements: str, python: str, files: list[Path], *, upgrade: bool) -> Iterator[tuple[str, str]]:
     """Yield the name of each package that the requirements need on any platform, and its lines with the hashes."""
     environment = {name: value for name, value in os.environ.items() if name not in INDEX_VARIABLES}
     with tempfile.TemporaryDirectory() as folder:
         locked = Path(folder) / "locked.txt"
-        old = [REQUIREMENTS / f"locked-{part}.txt" for part in parts]
-        locked.write_text("".join(file.read_text() for file in old if file.exists()))
+        locked.write_text("".join(file.read_text() for file in files if file.exists()))
         command = [uv, "pip", "compile", "--no-config", "--quiet", "--universal", "--python-version", python]
         command += ["--generate-hashes", "--only-binary", ":all:", "--no-header", "--no-annotate", "--no-strip-extras"]
         command += ["--upgrade"] if upgrade else []
@@ -77,11 +103,18 @@ def resolve(uv: str, requirements: str, python: str, parts: list[str], *, upgrad
                 yield name[0], text
 
 
-def part_of(package: str, parts: list[str]) -> str:
-    """Return the locked file that a package belongs to."""
-    if package in ("torch", "bpy"):
-        return parts[1]
-    return "cuda" if package.startswith(ONLY_FOR_CUDA) else parts[0]
+def file_of(package: str, files: list[Path], of_engine: set[str]) -> Path:
+    """Return the locked file of a package; `of_engine` names those that the engine needs itself."""
+    names = {file.stem.removeprefix("locked-"): file for file in files}
+    if "engine" in names:
+        if package == "torch":
+            return names["torch"]
+        if package.startswith(ONLY_FOR_CUDA):
+            return names["cuda"]
+        return names["engine" if package in of_engine else "dev"]
+    # The other environments consist of one package that is installed alone, and of what it needs.
+    alone = {"bpy": files[-1], "pip": files[-1]}
+    return alone.get(package, files[0])
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ example: python scripts/setup_environments.py
 from __future__ import annotations
 
 import argparse
-import ctypes.util
 import hashlib
 import json
 import os
@@ -19,18 +18,28 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from places import ROOT, environment_folder, python_of
-from pythons import find_python
 
+sys.path.insert(0, str(ROOT))
+from engine.errors import HeritageError  # noqa: E402 it imports the standard library alone
+from engine.installation import (  # noqa: E402 as above
+    Pip,
+    default_build,
+    find_python,
+    locked_arguments,
+    pinned,
+    run_logged,
+    torch_source,
+)
+
+ENGINE_REQUIREMENTS = ROOT / "engine" / "installation"
 REQUIREMENTS = ROOT / "requirements"
 STAMP = "gaussian_heritage_setup.json"
 MIN_FREE_GB = {"cpu": 6.0, "cuda": 14.0}
 """Free disk space required, by build of torch. Environments and model files take 4.5 GB, a CUDA build of torch takes
 5 GB more, and pip needs space to unpack."""
 
-PYTORCH_INDEX = "https://download.pytorch.org/whl/"
 BLENDER_INDEX = "https://download.blender.org/pypi/"
 
 
@@ -74,14 +83,10 @@ class Environment:
 
 ENGINE_IMPORTS = "import torch, pycolmap, onnxruntime, cv2, numba, scipy, PIL, tokenizers, pytest"
 ENVIRONMENTS = (
-    Environment("engine", (3, 11), ("engine", "torch", "cuda"), ENGINE_IMPORTS, True),
+    Environment("engine", (3, 11), ("engine", "dev", "torch", "cuda"), ENGINE_IMPORTS, True),
     Environment("blender-4.5", (3, 11), ("blender-4.5", "bpy-4.5"), "import bpy, pytest", True),
     Environment("blender-5.2", (3, 13), ("blender-5.2", "bpy-5.2"), "import bpy, pytest", False),
 )
-
-ONE_INDEX = {"PIP_EXTRA_INDEX_URL": " ", "PIP_FIND_LINKS": " "}
-"""Environment variables with which pip asks only the index on its command line: they replace the user's other ones. An
-empty value would not."""
 
 
 def main() -> int:
@@ -93,11 +98,11 @@ def main() -> int:
     parser.add_argument("--no-models", action="store_true", help="do not download the model files")
     options = parser.parse_args()
     try:
-        torch = ("cuda" if nvidia_driver() else "cpu") if options.torch == "auto" else options.torch
+        torch = default_build() if options.torch == "auto" else options.torch
         make_environments(torch)
         if not options.no_models:
             fetch_models()
-    except SetupProblem as problem:
+    except (SetupProblem, HeritageError) as problem:
         print(f"\nSet-up stopped: {problem}", file=sys.stderr)
         return 1
     return 0
@@ -124,7 +129,6 @@ def make_environments(torch: str) -> None:
         print("The environments are ready.", flush=True)
         return
     check_disk(torch)
-    check_npm()
     for environment, python in pythons.items():
         started = time.monotonic()
         make(environment, python, torch)
@@ -140,14 +144,17 @@ def make(environment: Environment, python: Path, torch: str) -> None:
         print(f"{environment.name}: a new environment from {python}", flush=True)
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        run([python, "-m", "venv", folder], log, f"the environment {folder} could not be created")
-    pip(environment, locked(environment.locked[0]), log, locked_file(environment.locked[0]).name)
+        run_logged([python, "-m", "venv", folder], log, f"the environment {folder} could not be created")
+    for name in ("engine", "dev") if environment.name == "engine" else environment.locked[:1]:
+        pip(environment, locked_arguments(locked_file(name)), log, locked_file(name).name)
     if environment.name == "engine":
         drop_other_torch(torch, log)
         install_torch(environment, torch, log)
     else:
         install_bpy(environment, log)
-    run([python_of(environment.name), "-c", environment.must_import], log, f"a package of {folder} cannot be imported")
+    run_logged(
+        [python_of(environment.name), "-c", environment.must_import], log, f"a package of {folder} cannot be imported"
+    )
     write_stamp(folder / STAMP, {"made_from": environment.fingerprint(torch)})
 
 
@@ -159,55 +166,20 @@ def write_stamp(path: Path, stamp: dict[str, str]) -> None:
 
 
 def install_torch(environment: Environment, torch: str, log: Path) -> None:
-    """Install the build of torch that is wanted, from one index and without any other package.
-
-    PyPI has CUDA builds for Linux and CPU builds for macOS and Windows; their hashes are in ``locked-torch.txt``. The
-    other builds come from PyTorch's own index, or from a configured index that has them. Their hashes are not known.
-    """
-    own: list[object] = ["--no-deps", "--only-binary", ":all:", "--index-url"]
-    own += [PYTORCH_INDEX + ("cu130" if torch == "cuda" else "cpu"), pinned("torch")]
-    unverified = "; its SHA-256 is not in requirements/, so it is not checked"
-    if torch == "cuda" and sys.platform == "win32":
-        pip(environment, own, log, f"torch (cuda) from {PYTORCH_INDEX}{unverified}", one_index=True)
-        return
-    if torch == "cpu":
-        offered = plan(["--no-deps", "--only-binary", ":all:", pinned("torch")])
-        if offered is not None and not needs_cuda(offered):
-            known = sha256_of(offered) in locked_file("torch").read_text(encoding="utf-8")
-            arguments: list[object] = ["--no-deps", "--only-binary", ":all:", pinned("torch")]
-            arguments = locked("torch") if known else arguments
-            pip(environment, arguments, log, "torch (cpu)" + ("" if known else unverified))
-            return
-        if plan(own, one_index=True) is not None:
-            pip(environment, own, log, f"torch (cpu) from {PYTORCH_INDEX}{unverified}", one_index=True)
-            return
-        if offered is None:
-            raise SetupProblem(
-                f"neither pip's index nor {PYTORCH_INDEX}cpu offers {pinned('torch')}; check the network "
-                "(proxy, firewall) and run `make setup` again."
-            )
-        print(f"engine: {PYTORCH_INDEX}cpu cannot be reached; installing the CUDA build (about 5 GB more)", flush=True)
-        check_disk("cuda")
-    pip(environment, [*locked("torch"), *locked("cuda")], log, "torch (cuda)")
-
-
-def needs_cuda(offered: dict[str, Any]) -> bool:
-    """Return whether the torch of pip's report requires the packages of CUDA on this computer."""
-    names = offered["metadata"].get("requires_dist", [])
-    return sys.platform == "linux" and any(name.startswith(("nvidia-", "triton", "cuda-")) for name in names)
-
-
-def sha256_of(offered: dict[str, Any]) -> str:
-    """Return the SHA-256 in pip's report of a package; a word that is no hash when the index states none."""
-    return str(offered["download_info"].get("archive_info", {}).get("hashes", {}).get("sha256", "unknown"))
+    """Install the build of torch that is wanted, or else the one that can be reached."""
+    source = torch_source(Pip(python_of(environment.name), log), torch)
+    if source.build != torch:
+        print("engine: only a CUDA build of torch can be reached (about 5 GB more)", flush=True)
+        check_disk(source.build)
+    pip(environment, list(source.arguments), log, source.what, one_index=source.one_index)
 
 
 def install_bpy(environment: Environment, log: Path) -> None:
     """Install ``bpy`` without any other package, from the configured index or, if that does not have it, Blender's."""
-    name = environment.locked[1]
-    found = plan(["--no-deps", "--only-binary", ":all:", pinned(name)], python_of(environment.name)) is not None
-    index = [] if found else ["--index-url", BLENDER_INDEX]
-    pip(environment, [*locked(name), *index], log, locked_file(name).name, one_index=not found)
+    file = locked_file(environment.locked[1])
+    found = Pip(python_of(environment.name), log).offered(["--no-deps", "--only-binary", ":all:", pinned(file)])
+    index: list[object] = [] if found is not None else ["--index-url", BLENDER_INDEX]
+    pip(environment, [*locked_arguments(file), *index], log, file.name, one_index=found is None)
 
 
 def drop_other_torch(torch: str, log: Path) -> None:
@@ -217,68 +189,19 @@ def drop_other_torch(torch: str, log: Path) -> None:
     answer = subprocess.run([str(python), "-c", code], capture_output=True, text=True, check=False)
     if answer.returncode == 0 and answer.stdout.strip() != torch:
         print(f"engine: torch is built for {answer.stdout.strip()}, {torch} is wanted", flush=True)
-        run([python, "-m", "pip", "uninstall", "--yes", "torch"], log, "the other torch could not be removed")
-
-
-def plan(arguments: list[object], python: Path | None = None, *, one_index: bool = False) -> dict[str, Any] | None:
-    """Return pip's report of the one package that it would install, None when it finds none. The timeout is 20 s."""
-    command = [python or python_of("engine"), "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
-    command += ["--report", "-", "--retries", "1", "--timeout", "20", *arguments]
-    answer = subprocess.run(
-        [str(part) for part in command],
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **(ONE_INDEX if one_index else {})},
-    )
-    if answer.returncode:
-        return None
-    offered: dict[str, Any] = json.loads(answer.stdout)["install"][0]
-    return offered
-
-
-def locked(name: str) -> list[object]:
-    """Return pip's arguments to install a locked file: nothing that is not in it, and only what has its hash."""
-    return ["--require-hashes", "--no-deps", "--only-binary", ":all:", "--requirement", locked_file(name)]
+        Pip(python, log).uninstall("torch")
 
 
 def pip(environment: Environment, arguments: list[object], log: Path, what: str, *, one_index: bool = False) -> None:
     """Install packages into an environment and print each download."""
     print(f"{environment.name}: installing {what} (details: {log})", flush=True)
-    command = [python_of(environment.name), "-m", "pip", "install", "--no-input", "--progress-bar", "off", *arguments]
-    problem = "pip could not install the packages; check the network and the disk"
-    run(command, log, problem, show="Downloading ", variables=ONE_INDEX if one_index else {})
+    Pip(python_of(environment.name), log).install(arguments, one_index=one_index, on_line=show_download)
 
 
-def run(
-    command: list[object], log: Path, problem: str, show: str = "\0", variables: dict[str, str] | None = None
-) -> None:
-    """Run a command and log its output; raise `SetupProblem` with the last error line when it fails.
-
-    Lines that begin with `show` are printed too. `variables` are added to the environment variables.
-    """
-    last = ""
-    with (
-        log.open("a", encoding="utf-8") as record,
-        subprocess.Popen(
-            [str(part) for part in command],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            text=True,
-            errors="replace",
-            env={**os.environ, **(variables or {})},
-        ) as process,
-    ):
-        assert process.stdout is not None
-        for line in process.stdout:
-            record.write(line)
-            if line.strip().startswith(show):
-                print("   ", line.strip(), flush=True)
-            if "ERROR" in line or "Error" in line or not last:
-                last = line.strip()
-    if process.returncode:
-        raise SetupProblem(f"{problem}: {last} (details: {log}).")
+def show_download(line: str) -> None:
+    """Print a line of pip's output about a download."""
+    if line.strip().startswith("Downloading "):
+        print("   ", line.strip(), flush=True)
 
 
 def fetch_models() -> None:
@@ -298,21 +221,6 @@ def check_disk(torch: str) -> None:
         raise SetupProblem(f"{folder} has {free:.1f} GB free and set-up needs {MIN_FREE_GB[torch]:.0f} GB; free some.")
 
 
-def check_npm() -> None:
-    """Raise `SetupProblem` when Node is missing: npm provides the mask model, and tests validate glTF with node."""
-    for program in ("node", "npm"):
-        if shutil.which(program) is None:
-            raise SetupProblem(f"`{program}` was not found; install Node 18 or newer (nodejs.org) and try again.")
-
-
-def nvidia_driver() -> bool:
-    """Return whether this computer has an NVIDIA driver."""
-    if sys.platform == "darwin":
-        return False
-    library = "nvcuda" if sys.platform == "win32" else "cuda"
-    return shutil.which("nvidia-smi") is not None or ctypes.util.find_library(library) is not None
-
-
 def works(python: Path, version: tuple[int, int]) -> bool:
     """Return whether an environment's Python starts and has the version and pip."""
     if not python.exists():
@@ -321,15 +229,11 @@ def works(python: Path, version: tuple[int, int]) -> bool:
     return subprocess.run([str(python), "-c", code], capture_output=True, check=False).returncode == 0
 
 
-def pinned(name: str) -> str:
-    """Return name and version of the only package of a locked file."""
-    lines = locked_file(name).read_text(encoding="utf-8").splitlines()
-    return next(line for line in lines if "==" in line).rstrip(" \\")
-
-
 def locked_file(name: str) -> Path:
-    """Return the path of ``requirements/locked-<name>.txt``."""
-    return REQUIREMENTS / f"locked-{name}.txt"
+    """Return the path of ``locked-<name>.txt``: the engine's own in its package, the others in ``requirements``."""
+    return next(
+        file for folder in (ENGINE_REQUIREMENTS, REQUIREMENTS) if (file := folder / f"locked-{name}.txt").exists()
+    )
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     missing = [check.name for check in checks if check.required and not check.ok]
     if missing:
         lines.append(
-            f"This machine lacks {', '.join(missing)}. Run `make setup`, then `python -m engine models fetch`."
+            f"This machine lacks {', '.join(missing)}. Set up the engine again: in Blender, or with `make setup`."
         )
     emit(Finished("\n".join(lines), outputs))
     return 1 if missing else 0

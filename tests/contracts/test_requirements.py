@@ -15,6 +15,11 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ROOT / "requirements"
+LOCKED_FILES = {
+    file.stem: file
+    for folder in (REQUIREMENTS, ROOT / "engine" / "installation", ROOT / "engine" / "models")
+    for file in folder.glob("locked-*.txt")
+}
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "cv2": "opencv-contrib-python-headless",
@@ -25,16 +30,18 @@ DISTRIBUTIONS = {
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
 LOCKED = {
-    "engine-dev": ("engine", "torch"),
+    "engine-dev": ("engine", "dev", "torch"),
     "engine": ("engine", "torch"),
     "blender-4.5": ("blender-4.5", "bpy-4.5"),
     "blender-5.2": ("blender-5.2", "bpy-5.2"),
+    "installation": ("node", "pip"),
 }
 
 
 def pins(name: str) -> dict[str, str]:
-    """The packages and versions of a file in requirements/."""
-    lines = (REQUIREMENTS / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    """The packages and versions of a file in requirements/, or a locked file."""
+    file = LOCKED_FILES.get(name, REQUIREMENTS / f"{name}.txt")
+    lines = file.read_text(encoding="utf-8").splitlines()
     pairs = [line.partition("==") for line in lines if line and not line.startswith(("#", "-r ", "    --hash="))]
     assert all(equals for _, equals, _ in pairs), f"{name}.txt holds a package without a version"
     return {normal(package): version.split()[0] for package, _, version in pairs}
@@ -69,6 +76,8 @@ def test_everything_declared_is_imported() -> None:
 def test_scripts_start_before_any_environment() -> None:
     ours = {path.stem for path in (ROOT / "scripts").glob("*.py")}
     in_blender = {"bpy", "mathutils", "numpy", "bl_ext", "addon_utils"}
+    # `engine.installation` needs nothing else, as a contract of .importlinter demands.
+    ours.add("engine")
     assert imported(ROOT / "scripts") - ours - in_blender == set()
 
 
@@ -78,7 +87,7 @@ def test_pins_and_tested_set_agree(name: str) -> None:
     assert {package: tested.get(package) for package in pins(name)} == pins(name)
 
 
-@pytest.mark.parametrize("file", sorted(REQUIREMENTS.glob("locked-*.txt")), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", sorted(LOCKED_FILES.values()), ids=lambda file: file.stem)
 def test_every_locked_package_has_hashes_and_no_index(file: Path) -> None:
     text = re.sub(r"^#.*\n", "", file.read_text(encoding="utf-8"))
     packages = re.split(r"^(?=\S)", text, flags=re.MULTILINE)[1:]

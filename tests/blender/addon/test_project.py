@@ -158,17 +158,18 @@ def test_photo_folder_is_given_to_the_engine_and_its_scene_imported(
     assert bpy.context.scene.camera is not None
 
 
-def test_error_without_an_engine_says_where_to_choose_it(
+def test_error_without_an_engine_says_what_to_press(
     project: Any, installed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("GAUSSIAN_HERITAGE_PYTHON", raising=False)
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_ENGINE", str(tmp_path / "engine"))
     open_project(project)
     for operator in (
         lambda: bpy.ops.heritage.isolate(prompt="vase"),
         lambda: bpy.ops.heritage.import_photo_folder(directory=str(tmp_path)),
         lambda: bpy.ops.heritage.check_engine(),
     ):
-        with pytest.raises(RuntimeError, match="Open Preferences > Add-ons > Gaussian Heritage"):
+        with pytest.raises(RuntimeError, match="Press Set Up Engine in the sidebar or in Preferences"):
             operator()
 
 

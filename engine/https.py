@@ -13,7 +13,7 @@ import urllib.error
 import urllib.request
 from urllib.parse import quote, urljoin, urlsplit
 
-from ..errors import ModelFileError
+from .errors import ModelFileError
 
 __all__ = ["open_https"]
 

@@ -1,0 +1,89 @@
+"""Setting up the engine from Blender: what is shown before, what is refused, and that removing keeps the rest."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import bpy
+import pytest
+
+Part = Callable[[str], ModuleType]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The place of the engine, which is not set up yet."""
+    monkeypatch.delenv("GAUSSIAN_HERITAGE_PYTHON", raising=False)
+    monkeypatch.setenv("GAUSSIAN_HERITAGE_ENGINE", str(tmp_path / "engine"))
+    return tmp_path / "engine"
+
+
+@pytest.fixture
+def preferences(blender: ModuleType, installed: str) -> Any:
+    preferences = bpy.context.preferences.addons[installed].preferences
+    yield preferences
+    for name in ("offline_bundle", "base_python", "torch_build"):
+        preferences.property_unset(name)
+
+
+def test_nothing_is_downloaded_without_online_access(
+    preferences: Any, folder: Path, part: Part, tmp_path: Path
+) -> None:
+    install_command = part("gaussian_heritage_addon.installation").install_command
+    errors = part("engine.errors")
+    with pytest.raises(errors.EnvironmentProblem, match="Allow Online Access .* or choose an Offline Bundle"):
+        install_command(sys.executable, "", "auto", "", online=False)
+    (tmp_path / "bundle.zip").touch()
+    assert "--bundle" in install_command(sys.executable, "", "auto", str(tmp_path / "bundle.zip"), online=False)
+
+
+def test_size_place_and_licences_are_shown_first(preferences: Any, folder: Path, part: Part) -> None:
+    text = "\n".join(part("gaussian_heritage_addon.installation").describe("cpu", ""))
+    assert "GB to download" in text and str(folder) in text
+    assert "PyTorch" in text and "BSD-3-Clause" in text and "Who may use them" in text
+
+
+def test_blenders_own_python_is_tried_after_the_named_one(preferences: Any, folder: Path, part: Part) -> None:
+    install_command = part("gaussian_heritage_addon.installation").install_command
+    named = install_command("blenders", sys.executable, "cpu", "", online=True)
+    assert [named[i + 1] for i, word in enumerate(named) if word == "--python"] == [sys.executable, "blenders"]
+
+
+def test_file_that_is_no_bundle_is_refused_by_the_engine(preferences: Any, folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "holiday.zip").write_bytes(b"no zip")
+    preferences.offline_bundle = str(tmp_path / "holiday.zip")
+    with pytest.raises(RuntimeError, match="holiday.zip is not an offline bundle of Gaussian Heritage"):
+        bpy.ops.heritage.set_up_engine()
+    assert not folder.exists()
+
+
+def test_bundle_that_does_not_exist_is_told_at_once(preferences: Any, folder: Path, tmp_path: Path) -> None:
+    preferences.offline_bundle = str(tmp_path / "gone.zip")
+    with pytest.raises(RuntimeError, match="offline bundle .*gone.zip does not exist"):
+        bpy.ops.heritage.set_up_engine()
+
+
+def test_label_says_what_the_button_does_now(preferences: Any, folder: Path, part: Part) -> None:
+    label = part("gaussian_heritage_addon.set_up_box").set_up_label
+    assert label() == "Set Up Engine"
+    engine = part("gaussian_heritage_addon.installation").installed_engine()
+    engine.begin()
+    assert label() == "Continue Set-Up"
+    engine.python.parent.mkdir(parents=True)
+    engine.python.touch()
+    engine.finish("3.11", "cpu")
+    assert label() == "Repair Engine"
+    assert part("gaussian_heritage_addon.preferences").current_python() == engine.python
+
+
+def test_engine_is_removed_and_the_rest_stays(preferences: Any, folder: Path, part: Part) -> None:
+    with pytest.raises(RuntimeError, match="contains no engine"):
+        bpy.ops.heritage.remove_engine()
+    part("gaussian_heritage_addon.installation").installed_engine().begin()
+    (folder.parent / "photos").mkdir()
+    assert bpy.ops.heritage.remove_engine() == {"FINISHED"}
+    assert not folder.exists() and (folder.parent / "photos").exists()

@@ -1,0 +1,39 @@
+"""A package of our own in a folder of wheels, so that pip needs no index."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+NAMES = ("our_package", "our_torch")
+
+
+@pytest.fixture
+def wheels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with two wheels that is configured as pip's only source."""
+    folder = tmp_path / "wheels"
+    folder.mkdir()
+    for name in NAMES:
+        info = f"{name}-1.0.dist-info"
+        with zipfile.ZipFile(folder / f"{name}-1.0-py3-none-any.whl", "w") as archive:
+            archive.writestr(f"{name}.py", "HERE = True\n")
+            archive.writestr(
+                f"{info}/METADATA", f"Metadata-Version: 2.1\nName: {name.replace('_', '-')}\nVersion: 1.0\n"
+            )
+            archive.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
+            archive.writestr(f"{info}/RECORD", "")
+    for name, value in {"FIND_LINKS": folder, "NO_INDEX": 1, "CONFIG_FILE": "/dev/null"}.items():
+        monkeypatch.setenv(f"PIP_{name}", str(value))
+    return folder
+
+
+def locked(folder: Path, name: str, sha256: str | None = None) -> Path:
+    """Write a locked file for one of the wheels in `folder`, with its hash or another one, and return it."""
+    (wheel,) = folder.glob(f"{name}-*.whl")
+    sha256 = sha256 or hashlib.sha256(wheel.read_bytes()).hexdigest()
+    file = folder.parent / f"locked-{name}.txt"
+    file.write_text(f"{name.replace('_', '-')}==1.0 \\\n    --hash=sha256:{sha256}\n")
+    return file
