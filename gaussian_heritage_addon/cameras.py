@@ -29,7 +29,7 @@ _MAX_SIDE, _MAX_ASPECT = 100_000, 1000.0
 
 
 def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> None:
-    """Add a Blender camera for each of `cameras`, named after its photo."""
+    """Add a hidden Blender camera for each of `cameras`, named after its photo."""
     for camera in cameras:
         fx, fy, cx, cy = focal_and_center(camera)
         data = bpy.data.cameras.new(camera.photo)
@@ -45,6 +45,7 @@ def add_cameras(cameras: Sequence[Camera], collection: bpy.types.Collection) -> 
         obj[PHOTO_KEY] = camera.photo
         obj[_SIZE_KEY] = [camera.width, camera.height]
         obj[_PIXEL_ASPECT_KEY] = fx / fy
+        obj.hide_viewport = True
         collection.objects.link(obj)
 
 
@@ -79,6 +80,11 @@ def look_through(scene: bpy.types.Scene, photo: str, longest_side: int = 0, *, s
     camera = cameras[(names.index(photo) + step) % len(names)]
     width, height, aspect = _shape_of_photo(camera)
     scene.camera = camera
+    for obj in cameras:
+        # Blender draws the photo behind or before the splats only where its camera is visible.
+        obj.hide_viewport = obj != camera
+    for collection in camera.users_collection:
+        collection.hide_viewport = False
     shrink = min(1.0, longest_side / max(width, height)) if longest_side else 1.0
     render = scene.render
     render.resolution_x, render.resolution_y = max(1, round(width * shrink)), max(1, round(height * shrink))

@@ -22,11 +22,13 @@ __all__ = [
     "TIMERS",
     "Timer",
     "add_draw_handler",
+    "add_load_handler",
     "add_menu_entry",
     "property_callbacks",
     "redraw",
     "register_class",
     "remove_draw_handler",
+    "remove_load_handler",
     "remove_menu_entry",
 ]
 
@@ -58,11 +60,15 @@ def property_callbacks(cls: type) -> list[tuple[Any, str, Function]]:
 
 
 def redraw() -> None:
-    """Draw the areas again that show what the add-on is doing."""
+    """Draw again what shows the state of a job: sidebars and preferences, not the scene, which may take minutes."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
-            if area.type in ("VIEW_3D", "PREFERENCES"):
+            if area.type == "PREFERENCES":
                 area.tag_redraw()
+            elif area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
 
 
 def _guard_method(cls: type, name: str, failed: Failed) -> None:
@@ -252,6 +258,27 @@ def remove_menu_entry(menu: type, draw: Function) -> None:
 
 
 _MENU_ENTRIES: dict[Function, Function] = {}
+
+
+def add_load_handler(function: Callable[[], None]) -> None:
+    """Call `function` after each .blend file that Blender loads."""
+
+    def after_load(*_: Any) -> None:
+        guarded()
+
+    guarded = _guarded(function, Timer._failed)
+    _LOAD_HANDLERS[function] = bpy.app.handlers.persistent(after_load)
+    bpy.app.handlers.load_post.append(_LOAD_HANDLERS[function])
+
+
+def remove_load_handler(function: Callable[[], None]) -> None:
+    """Undo `add_load_handler`; nothing happens where it was not called."""
+    handler = _LOAD_HANDLERS.pop(function, None)
+    if handler is not None:
+        bpy.app.handlers.load_post.remove(handler)
+
+
+_LOAD_HANDLERS: dict[Callable[[], None], Function] = {}
 
 
 def add_draw_handler(space: type, draw: Callable[[], None]) -> Any:

@@ -1,31 +1,46 @@
-"""Runs one engine job at a time: operators start it, a timer polls it, and its results are imported at the end."""
+"""Runs engine jobs one after the other: operators start them, a timer polls them, and their results are imported.
+
+Blender may be closed meanwhile. The running job is found again after that, and so are jobs that ended in the meantime;
+jobs that were still waiting are forgotten.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 
-from ..engine.errors import Cancelled, EnvironmentProblem, HeritageError, ProjectError
+from ..engine.errors import Cancelled, HeritageError, ProjectError
 from . import problems
 from .engine_process import engine_command
-from .guards import Timer, redraw
+from .first_view import show_job, show_scene
+from .guards import Timer, add_load_handler, redraw, remove_load_handler
 from .jobs import Job, JobState
-from .model_files import states_of
-from .preferences import (
-    current_environment,
-    current_python,
-    store_check_result,
-    store_model_states,
-    user_folder,
-)
-from .properties import heritage_objects, project_of, select_object
-from .scene_file import add_objects, open_project
+from .preferences import current_environment, current_python, user_folder
+from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
-__all__ = ["ENGINE", "MODEL_FILES", "cancel", "current", "problem", "register", "start", "start_command", "unregister"]
+__all__ = [
+    "ENGINE",
+    "MODEL_FILES",
+    "Waiting",
+    "cancel",
+    "continue_last",
+    "current",
+    "dismiss",
+    "drop",
+    "problem",
+    "register",
+    "start",
+    "start_command",
+    "take_in",
+    "undecided",
+    "unregister",
+    "waiting",
+]
 
 _LOG = logging.getLogger(__name__)
 _POLL_INTERVAL = 0.5
@@ -35,13 +50,39 @@ MODEL_FILES = Path("model files")
 ENGINE = Path("the engine")
 """Subject of jobs about the engine itself."""
 _EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """A job that starts when the one before it has ended."""
+
+    kind: str
+    subject: Path
+    command: tuple[str, ...]
+
+
 _job: Job | None = None
+_queue: list[Waiting] = []
+_found: list[Job] = []
+"""Jobs of an earlier session of Blender that are still to be polled."""
+_undecided: list[Job] = []
+"""Finished jobs whose results fit no scene of this file, so that the user decides."""
 _waits_for_object_mode = False
 
 
 def current() -> tuple[Job, JobState] | None:
     """Return the last job and its state, or None."""
     return None if _job is None else (_job, _job.poll())
+
+
+def waiting() -> list[Waiting]:
+    """Return the jobs that wait for the running one."""
+    return list(_queue)
+
+
+def undecided() -> list[Path]:
+    """Return the projects with a finished result that fits no scene of this file."""
+    return [Path(job.subject) for job in _undecided]
 
 
 def problem() -> str:
@@ -61,7 +102,7 @@ def start(kind: str, subject: Path, *arguments: str) -> JobState | None:
 
 
 def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState | None:
-    """Run a program that writes events. In background mode, wait for it and import its results.
+    """Run a program that writes events, after the running job. In background mode, wait for it and import its results.
 
     Parameters
     ----------
@@ -80,30 +121,40 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
     Raises
     ------
     HeritageError
-        When another job is running, or (in background mode) the job failed.
+        When the same job is waiting already, or (in background mode) the job failed.
     """
-    global _job
-    running = current()
-    if running is not None and running[1].running:
-        raise ProjectError(f"A job is still working on {running[0].subject}. Wait for it or cancel it first.")
+    wanted = Waiting(kind, subject, tuple(command))
     if problem():
         raise ProjectError(problem())
-    key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
-    _job = Job.start(
-        command,
-        user_folder("jobs") / key,
-        kind=kind,
-        subject=str(subject),
-        environment=current_environment(),
-    )
+    if wanted in _queue:
+        raise ProjectError(f"The same job on {subject} is waiting already.")
+    if _is_running():
+        _queue.append(wanted)
+        return None
+    job = _launch(wanted)
     if bpy.app.background:
-        state = _job.wait()
+        state = job.wait()
+        job.mark_taken()
         if state.error:
             raise HeritageError(state.error)
-        _import_results(_job, state)
+        import_results(job, state, scene_for(subject))
         return state
+    show_job()
     _poll_timer.start(_POLL_INTERVAL, persistent=True)
     return None
+
+
+def drop(number: int) -> None:
+    """Remove a waiting job by its number in `waiting`.
+
+    Raises
+    ------
+    ProjectError
+        When there is no such job.
+    """
+    if not 0 <= number < len(_queue):
+        raise ProjectError("That job is no longer waiting.")
+    del _queue[number]
 
 
 def cancel() -> None:
@@ -120,6 +171,70 @@ def cancel() -> None:
     running[0].cancel()
 
 
+def continue_last() -> None:
+    """Start the last job again, with the same command; the engine continues with the work that is finished.
+
+    Raises
+    ------
+    HeritageError
+        When there is no job, it is still running, or it cannot be started.
+    """
+    last = current()
+    if last is None or last[1].running:
+        raise ProjectError("There is no stopped job to continue.")
+    start_command(last[0].kind, Path(last[0].subject), last[0].command)
+
+
+def take_in(number: int) -> None:
+    """Open the result of a project of `undecided` in a new scene of this file, and look at it.
+
+    Raises
+    ------
+    HeritageError
+        When there is no such result, or it cannot be imported.
+    """
+    job = _undecided_job(number)
+    scene = scene_for(Path(job.subject))
+    if bpy.context.window is not None:
+        bpy.context.window.scene = scene
+    _import(job, job.poll(), scene)
+
+
+def dismiss(number: int) -> None:
+    """Do not ask about a result of `undecided` any more; it stays in its project.
+
+    Raises
+    ------
+    ProjectError
+        When there is no such result.
+    """
+    _undecided_job(number).mark_taken()
+
+
+def _undecided_job(number: int) -> Job:
+    if not 0 <= number < len(_undecided):
+        raise ProjectError("That result was opened or left already.")
+    return _undecided.pop(number)
+
+
+def _is_running() -> bool:
+    running = current()
+    return running is not None and running[1].running
+
+
+def _launch(wanted: Waiting) -> Job:
+    global _job
+    key = hashlib.sha256(f"{wanted.kind} {wanted.subject}".encode()).hexdigest()[:16]
+    _job = Job.start(
+        list(wanted.command),
+        user_folder("jobs") / key,
+        kind=wanted.kind,
+        subject=str(wanted.subject),
+        environment=current_environment(),
+    )
+    return _job
+
+
 def _poll_job() -> float | None:
     global _waits_for_object_mode
     if _job is None:
@@ -128,106 +243,76 @@ def _poll_job() -> float | None:
     redraw()
     if state.running:
         return _POLL_INTERVAL
-    _waits_for_object_mode = state.finished and _job.kind in ("reconstruct", "segment") and _is_editing()
+    is_of_project = _job.kind in PROJECT_KINDS
+    _waits_for_object_mode = state.finished and is_of_project and is_editing()
     if _waits_for_object_mode:
         return _POLL_INTERVAL
-    if state.finished:
-        problems.clear()
-        _import_results(_job, state)
-        # An import by the timer is one undo step. Blender adds none if nothing changed.
-        if _job.kind in ("reconstruct", "segment"):
-            bpy.ops.ed.undo_push(message=f"Heritage {_job.kind}")
-    return None
+    ended, was_taken = _job, _job.is_taken()
+    # The next one is polled whatever becomes of this result.
+    _poll_next()
+    if state.finished and not was_taken:
+        scene = destination(Path(ended.subject)) if is_of_project else bpy.context.scene
+        if scene is None:
+            _undecided.append(ended)
+        else:
+            _import(ended, state, scene)
+    else:
+        ended.mark_taken()
+    return _POLL_INTERVAL if _job is not ended else None
 
 
-def _is_editing() -> bool:
-    """Return whether splats are in Edit Mode, in which their mesh cannot be replaced."""
-    return any(obj.mode == "EDIT" for scene in bpy.data.scenes for obj in heritage_objects(scene))
-
-
-def _import_results(job: Job, state: JobState) -> None:
-    importer = _IMPORTERS.get(job.kind)
-    if importer is not None:
-        importer(Path(job.subject), state)
-
-
-def _import_scene(project: Path, state: JobState) -> None:
-    open_project(bpy.context.scene, project)
-
-
-def _import_objects(project: Path, state: JobState) -> None:
-    scenes = (scene for scene in bpy.data.scenes if scene.heritage.project and project_of(scene.heritage) == project)
-    scene = next(scenes, bpy.context.scene)
-    new_ids, kept_ids = _ids(state, "objects"), _ids(state, "kept")
-    present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
-    # Objects that "find all" kept in the project may be missing in this file.
-    add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
-    scene.heritage.show = "OBJECTS"
-    if new_ids:
-        select_object(scene, new_ids[0])
-
-
-def _ids(state: JobState, name: str) -> list[str]:
-    """Return the ids of objects in the outputs of a job."""
-    ids = state.outputs.get(name, [])
-    if not isinstance(ids, list) or not all(isinstance(object_id, str) for object_id in ids):
-        raise ProjectError(f"The engine did not say which objects it made ({name}). Open the project again.")
-    return ids
-
-
-def _store_model_states(subject: Path, state: JobState) -> None:
-    store_model_states(states_of(state.outputs))
-
-
-def _store_checks(subject: Path, state: JobState) -> None:
-    """Show the result of a check in the preferences.
-
-    Raises
-    ------
-    EnvironmentProblem
-        When something is missing.
-    """
-    store_check_result(state.message)
-    checks = state.outputs.get("checks")
-    if not isinstance(checks, list) or not all(isinstance(check, dict) for check in checks):
-        raise EnvironmentProblem("The engine did not say what it has and lacks. Set it up again.")
-    missing = [str(check.get("name")) for check in checks if check.get("required") and not check.get("ok")]
-    if missing:
-        raise EnvironmentProblem(f"The engine lacks {', '.join(missing)}. Set it up again, then check it again.")
-
-
-_IMPORTERS: dict[str, Callable[[Path, JobState], None]] = {
-    "reconstruct": _import_scene,
-    "segment": _import_objects,
-    "models": _store_model_states,
-    "doctor": _store_checks,
-}
-
-
-def _find_running_job() -> None:
-    """Continue to poll a job that kept running while Blender was closed. Only folders that we made are searched."""
+def _poll_next() -> None:
+    """Make the next job current: one that was found, or else one that waits."""
     global _job
-    if _job is None:
-        for folder in sorted(user_folder("jobs").iterdir()):
-            job = Job.attach(folder)
-            if job is not None and job.poll().running:
-                _LOG.info("found a running job on %s", job.subject)
-                _job = job
-                _poll_timer.start(_POLL_INTERVAL, persistent=True)
-                return
+    if _found:
+        _job = _found.pop(0)
+    elif _queue:
+        _launch(_queue.pop(0))
+
+
+def _import(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
+    # Before the import: a result that cannot be imported is told once, and not again after each start of Blender.
+    job.mark_taken()
+    problems.clear()
+    import_results(job, state, scene)
+    if job.kind in PROJECT_KINDS:
+        if job.kind == "reconstruct" and scene == bpy.context.scene:
+            show_scene(scene)
+        # An import by the timer is one undo step. Blender adds none if nothing changed.
+        bpy.ops.ed.undo_push(message=f"Heritage {job.kind}")
+
+
+def _find_jobs() -> None:
+    """Continue with jobs of an earlier session of Blender. Only folders that we made are searched."""
+    global _job
+    if _job is not None or _found:
+        return
+    jobs = [job for folder in sorted(user_folder("jobs").iterdir()) if (job := Job.attach(folder)) is not None]
+    _found.extend(job for job in jobs if not job.is_taken())
+    if _found:
+        _LOG.info("found %s jobs of an earlier session", len(_found))
+        _job = _found.pop(0)
+        _poll_timer.start(_POLL_INTERVAL, persistent=True)
 
 
 _poll_timer = Timer(_poll_job)
-_search_timer = Timer(_find_running_job)
+_search_timer = Timer(_find_jobs)
+
+
+def _search() -> None:
+    """Search once Blender has loaded a file."""
+    _search_timer.start(0.5, persistent=True)
 
 
 def register() -> None:
-    """Search for a running job of an earlier session, once Blender has started."""
+    """Search for jobs of an earlier session, now and after each file that is loaded."""
     if not bpy.app.background:
-        _search_timer.start(1.0)
+        _search()
+        add_load_handler(_search)
 
 
 def unregister() -> None:
     """Stop polling. The job itself keeps running."""
+    remove_load_handler(_search)
     _poll_timer.stop()
     _search_timer.stop()

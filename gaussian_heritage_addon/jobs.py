@@ -1,8 +1,8 @@
 """Engine jobs: start, poll without blocking, cancel, and attach again after Blender was closed. Does not import bpy.
 
 A job has a folder with ``job.json`` (its process and command), ``events.jsonl`` (the engine's standard output) and
-``errors.txt`` (its standard error). It writes to files instead of pipes and runs in its own session, so that it
-continues when Blender ends.
+``errors.txt`` (its standard error); a file ``taken`` says that the user has seen its end. It writes to files instead of
+pipes and runs in its own session, so that it continues when Blender ends.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from typing import Any
 
 from ..engine import events
 from ..engine.errors import DiskError, EnvironmentProblem, FormatError, ProjectError
-from ..engine.files import delete_derived, opened, path_within, read_json, write_json
+from ..engine.files import atomic_write, delete_derived, opened, path_within, read_json, write_json
 from .running_processes import process_runs
 
 __all__ = ["Job", "JobState"]
 
 _LOG = logging.getLogger(__name__)
-_JOB, _EVENTS, _ERRORS = "job.json", "events.jsonl", "errors.txt"
+_JOB, _EVENTS, _ERRORS, _TAKEN = "job.json", "events.jsonl", "errors.txt", "taken"
 _RECORD = {"kind": str, "subject": str, "pid": int, "command": [str]}
 _MAX_PID = 1 << 31
 _LOG_INTERVAL = 15.0
@@ -67,6 +67,8 @@ class JobState:
     warnings : list of str
     error : str
         One sentence if the job failed or was cancelled, else empty.
+    error_type : str
+        Name of the engine's exception; empty when the engine named none.
     finished : bool
         Whether the job ended successfully.
     outputs : dict
@@ -83,6 +85,7 @@ class JobState:
     curve: list[tuple[float, float]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     error: str = ""
+    error_type: str = ""
     finished: bool = False
     outputs: dict[str, Any] = field(default_factory=dict)
 
@@ -114,7 +117,7 @@ class JobState:
                 self.warnings.append(event.message)
                 del self.warnings[:-_MAX_KEPT]
             case events.ErrorEvent():
-                self.error = event.message
+                self.error, self.error_type = event.message, event.error
             case events.Finished():
                 self.finished, self.message, self.outputs = True, event.message, event.outputs
 
@@ -130,6 +133,8 @@ class Job:
         Purpose of the job. It determines what the add-on does with the results.
     subject : str
         What the job works on, usually the project folder.
+    command : list of str
+        Its command line.
     """
 
     def __init__(self, folder: Path, record: Mapping[str, Any], process: subprocess.Popen[bytes] | None) -> None:
@@ -137,7 +142,7 @@ class Job:
         self.kind: str = record["kind"]
         self.subject: str = record["subject"]
         self._pid: int = record["pid"]
-        self._command: list[str] = record["command"]
+        self.command: list[str] = record["command"]
         self._process = process
         self._state = JobState()
         self._offset = 0
@@ -177,7 +182,7 @@ class Job:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             # Opening them would follow a link.
-            for name in (_JOB, _EVENTS, _ERRORS):
+            for name in (_JOB, _EVENTS, _ERRORS, _TAKEN):
                 delete_derived(folder, name)
             with (folder / _EVENTS).open("wb") as output, (folder / _ERRORS).open("wb") as errors:
                 process = subprocess.Popen(
@@ -244,6 +249,26 @@ class Job:
             self._state.finished = self._state.finished and not self._state.error
         return self._state
 
+    @property
+    def of_earlier_session(self) -> bool:
+        """Whether another session of Blender started the job."""
+        return self._process is None
+
+    def mark_taken(self) -> None:
+        """Record that the user knows how the job ended, so that it is not told again after Blender was closed.
+
+        Raises
+        ------
+        DiskError
+            When the folder cannot be written.
+        """
+        with atomic_write(self.folder / _TAKEN):
+            pass
+
+    def is_taken(self) -> bool:
+        """Return whether the user knows how the job ended."""
+        return (self.folder / _TAKEN).exists()
+
     def cancel(self, grace_seconds: float = 10.0) -> None:
         """Interrupt the job, and let `poll` kill it if it still runs after `grace_seconds`.
 
@@ -306,11 +331,11 @@ class Job:
     def _is_alive(self) -> bool:
         if self._process is not None:
             return self._process.poll() is None
-        return process_runs(self._pid, self._command, self.folder) is not False
+        return process_runs(self._pid, self.command, self.folder) is not False
 
     def _signal(self, *, kill: bool) -> None:
         if self._process is None:
-            is_this_job = process_runs(self._pid, self._command, self.folder)
+            is_this_job = process_runs(self._pid, self.command, self.folder)
             if is_this_job is None:
                 raise EnvironmentProblem(
                     f"The system does not tell whether process {self._pid} is still the job on {self.subject}. End it "

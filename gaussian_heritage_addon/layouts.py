@@ -22,7 +22,14 @@ _DEFAULT_LINE_LENGTH = 60
 _MAX_LENGTH = 2000
 """Characters of a text that are drawn: a project from someone else may hold any text."""
 
-_MAX_METRICS = 20
+_METRICS = {
+    "registered_photos": ("Photos with a camera", "{:.0f}"),
+    "sparse_points": ("Points in space", "{:,.0f}"),
+    "reprojection_error_px": ("Error of the cameras", "{:.2f} pixels"),
+    "gaussians": ("Gaussians", "{:,.0f}"),
+    "psnr": ("PSNR of photos not trained on", "{:.1f} dB"),
+}
+"""Metrics that are shown: label and text. The others are for programs."""
 
 
 def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line_length: int | None = None) -> None:
@@ -42,15 +49,23 @@ def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line
 def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
     """Draw the progress of a job with its preview image and training curve, or its result."""
     box = layout.box()
+    if job.of_earlier_session:
+        box.label(text="Started before Blender was closed", icon="TIME")
     if state.running:
+        row = box.row(align=True)
+        row.progress(factor=state.fraction, text=state.progress_line())
+        row.operator("heritage.cancel_job", text="", icon="CANCEL")
         draw_text(box, state.message or job.subject)
-        box.progress(factor=state.fraction, text=state.progress_line())
         icon = picture_icon(Path(state.preview)) if state.preview else 0
         if icon:
             box.template_icon(icon_value=icon, scale=8.0)
-        for name, value in list(state.metrics.items())[:_MAX_METRICS]:
-            box.label(text=f"{name}: {value:.4g}")
-        box.operator("heritage.cancel_job", icon="CANCEL")
+        for name, value in state.metrics.items():
+            if name in _METRICS:
+                label, text = _METRICS[name]
+                box.label(text=f"{label}: {text.format(value)}")
+    elif state.error_type == "PromptError":
+        # The panel Objects has the sentence, with the candidates.
+        box.label(text="Not found", icon="QUESTION")
     elif state.error:
         draw_text(box, state.error, icon="ERROR")
     else:

@@ -15,6 +15,18 @@ from .properties import HeritageObject, HeritageScene, active_object, heritage_o
 __all__ = ["CLASSES"]
 
 
+_NAME_SHARE = 0.65
+"""Share of the width of a row that the name of an object gets."""
+_NEXT_STEP_HEIGHT = 1.6
+
+
+def _icon_of(properties: HeritageObject) -> str:
+    if properties.kind == "background":
+        return "WORLD"
+    # "Find all" guesses names.
+    return "QUESTION" if properties.kind == "all" else "OUTLINER_OB_POINTCLOUD"
+
+
 class HERITAGE_UL_objects(bpy.types.UIList):
     """List of the isolated objects with name, confidence and threshold."""
 
@@ -33,17 +45,19 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         flt_flag: int = 0,
     ) -> None:
         """Draw one object."""
-        row = layout.row(align=True)
-        background = item.heritage.kind == "background"
-        row.prop(item, "name", text="", emboss=False, icon="WORLD" if background else "OUTLINER_OB_POINTCLOUD")
-        row.label(text="" if background else f"{item.heritage.score:.2f}")
+        row = layout.split(factor=_NAME_SHARE, align=True)
+        row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
         row.prop(item.heritage, "threshold", text="", slider=True)
 
     def filter_items(self, context: bpy.types.Context, data: Any, property: str) -> tuple[list[int], list[int]]:
-        """Show only the isolated objects of this scene."""
-        isolated = {obj.name for obj in heritage_objects(context.scene, "OBJECT")}
-        items = getattr(data, property)
-        return [self.bitflag_filter_item if item.name in isolated else 0 for item in items], []
+        """Show only the isolated objects of this scene, the background last."""
+        isolated = {obj.name: obj.heritage.kind == "background" for obj in heritage_objects(context.scene, "OBJECT")}
+        names = [item.name for item in getattr(data, property)]
+        order = sorted(range(len(names)), key=lambda number: (isolated.get(names[number], False), number))
+        places = [0] * len(names)
+        for place, number in enumerate(order):
+            places[number] = place
+        return [self.bitflag_filter_item if name in isolated else 0 for name in names], places
 
 
 class HERITAGE_PT_objects(bpy.types.Panel):
@@ -64,13 +78,17 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         """Draw the panel."""
         layout = self.layout
         properties: HeritageScene = context.scene.heritage
-        row = layout.row(align=True)
-        row.prop(properties, "prompt", text="")
-        row.operator("heritage.isolate", text="Isolate", icon="VIEWZOOM").prompt = properties.prompt
-        row = layout.row(align=True)
-        row.operator("heritage.click_object", text="Click Object", icon="EYEDROPPER").refine = False
-        row.operator("heritage.find_objects", icon="OUTLINER_OB_GROUP_INSTANCE")
-        row.operator("heritage.isolate_background", icon="WORLD")
+        column = layout.column(align=True)
+        column.prop(properties, "prompt", text="", placeholder="vase; teapot")
+        isolate = column.column()
+        # The next step, until there are objects.
+        isolate.scale_y = 1.0 if heritage_objects(context.scene, "OBJECT") else _NEXT_STEP_HEIGHT
+        isolate.operator("heritage.isolate", text="Isolate", icon="VIEWZOOM").prompt = properties.prompt
+        column = layout.column(align=True)
+        column.operator("heritage.click_object", text="Click Object", icon="EYEDROPPER").refine = False
+        row = column.row(align=True)
+        row.operator("heritage.find_objects", text="Find All")
+        row.operator("heritage.isolate_background", text="Background")
         try:
             not_found = read_not_found(project_of(properties))
         except HeritageError as error:
@@ -82,7 +100,9 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         obj = active_object(context.scene)
         if obj is not None:
             _draw_object(layout, obj)
-        layout.operator("heritage.export_objects", icon="EXPORT")
+        export = layout.column()
+        export.scale_y = _NEXT_STEP_HEIGHT if heritage_objects(context.scene, "OBJECT") else 1.0
+        export.operator("heritage.export_objects", text="Export Objects", icon="EXPORT")
 
 
 def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound) -> None:
@@ -120,8 +140,10 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
             row.operator("heritage.refine_object", text="Keep").level = properties.level
     if properties.kind != "background":
         column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True
+        column.label(text=f"Confidence {properties.score:.2f}")
     for name in ("catalogue_number", "title", "rights", "notes"):
-        column.prop(properties, name)
+        # Beside its name, a field would have no room in a sidebar of the usual width.
+        column.prop(properties, name, text="", placeholder=properties.bl_rna.properties[name].name)
     if properties.problem:
         draw_text(column, properties.problem, icon="ERROR")
 

@@ -1,4 +1,4 @@
-"""The tab *Heritage* of the sidebar (N): the project, its running job, display options and training curve."""
+"""The tab *Heritage* of the sidebar (N): the next step, the project and its display; and below, the running job."""
 
 from __future__ import annotations
 
@@ -7,21 +7,28 @@ import bpy
 from . import job_runner, objects_panel, problems
 from .cameras import current_photo
 from .curve import stored_curve
+from .default_objects import untouched_defaults
+from .first_view import CATEGORY
 from .layouts import draw_curve, draw_job, draw_text
+from .project import report_file
 from .properties import HeritageScene, project_of
+from .results import PROJECT_KINDS
 from .set_up_box import draw_set_up
 
 __all__ = ["CLASSES"]
 
+_NEXT_STEP_HEIGHT = 1.6
+
 
 class HERITAGE_PT_scene(bpy.types.Panel):
-    """The project, its running job and display options."""
+    """The next step, the project and its display."""
 
     bl_label = "Gaussian Heritage"
     bl_idname = "HERITAGE_PT_scene"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
-    bl_category = "Heritage"
+    bl_category = CATEGORY
+    bl_order = 0
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
@@ -29,24 +36,95 @@ class HERITAGE_PT_scene(bpy.types.Panel):
         properties: HeritageScene = context.scene.heritage
         if draw_set_up(layout):
             return
-        current = job_runner.current()
-        if current is not None and current[0].kind in ("reconstruct", "segment"):
-            draw_job(layout, *current)
+        _draw_status(layout)
         for problem in (job_runner.problem(), problems.shown()):
             if problem:
                 draw_text(layout, problem, icon="ERROR")
-        layout.operator("heritage.import_photo_folder", icon="IMAGE_DATA")
-        layout.operator("heritage.open_project", icon="FILE_FOLDER")
+        _draw_undecided(layout)
+        column = layout.column(align=True)
+        if not properties.project:
+            column.scale_y = _NEXT_STEP_HEIGHT
+        column.operator("heritage.import_photo_folder", icon="IMAGE_DATA")
+        column.operator("heritage.open_project", icon="FILE_FOLDER")
+        if properties.project and untouched_defaults(context.scene):
+            layout.operator("heritage.remove_default_objects", icon="TRASH")
         if properties.project:
-            layout.label(text=properties.project)
-            layout.prop(properties, "show", expand=True)
-            layout.prop(properties, "blending")
-            row = layout.row(align=True)
-            row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
-            row.operator("heritage.look_through_photo", text=current_photo(context.scene) or "Look Through Photo")
-            row.operator("heritage.look_through_photo", text="", icon="TRIA_RIGHT").step = 1
-            if current_photo(context.scene) and any(context.scene.camera.data.background_images):
-                layout.prop(properties, "photo_opacity", slider=True)
+            _draw_project(layout, context.scene)
+
+
+def _draw_status(layout: bpy.types.UILayout) -> None:
+    """Draw one row, always, so that the buttons below stay where they are."""
+    current = job_runner.current()
+    row = layout.row(align=True)
+    if current is None:
+        row.label(text="Ready", icon="CHECKMARK")
+        return
+    job, state = current
+    if state.running:
+        row.progress(factor=state.fraction, text=state.progress_line())
+        row.operator("heritage.cancel_job", text="", icon="CANCEL")
+    elif state.error_type == "PromptError":
+        row.label(text="Not found, see Objects", icon="QUESTION")
+    elif state.error:
+        row.label(text="Stopped, see Progress", icon="ERROR")
+        if job.kind in PROJECT_KINDS:
+            row.operator("heritage.continue_job", text="Continue", icon="PLAY")
+    else:
+        row.label(text="Done", icon="CHECKMARK")
+
+
+def _draw_undecided(layout: bpy.types.UILayout) -> None:
+    for number, project in enumerate(job_runner.undecided()):
+        box = layout.box()
+        draw_text(box, f"A result of {project} is ready. This scene shows another project.", icon="QUESTION")
+        row = box.row(align=True)
+        row.operator("heritage.open_result", text="Open in New Scene").number = number
+        row.operator("heritage.dismiss_result", text="Leave").number = number
+
+
+def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    properties: HeritageScene = scene.heritage
+    project = project_of(properties)
+    layout.label(text=project.name, icon="FILE_3D")
+    row = layout.row(align=True)
+    row.operator("heritage.show_folder", text="Folder", icon="FILE_FOLDER")
+    if report_file(project).is_file():
+        row.operator("heritage.open_report", text="Report", icon="TEXT")
+    layout.row().prop(properties, "show", expand=True)
+    layout.row().prop(properties, "blending", expand=True)
+    row = layout.row(align=True)
+    row.operator("heritage.look_through_photo", text="", icon="TRIA_LEFT").step = -1
+    row.operator("heritage.look_through_photo", text=current_photo(scene) or "Look Through Photo")
+    row.operator("heritage.look_through_photo", text="", icon="TRIA_RIGHT").step = 1
+    if current_photo(scene) and any(scene.camera.data.background_images):
+        layout.prop(properties, "photo_opacity", slider=True)
+
+
+class HERITAGE_PT_progress(bpy.types.Panel):
+    """The running job with its preview and curve, and the jobs that wait. Below all buttons, as its height changes."""
+
+    bl_label = "Progress"
+    bl_idname = "HERITAGE_PT_progress"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_order = 2
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether there is a job of a project."""
+        current = job_runner.current()
+        return (current is not None and current[0].kind in PROJECT_KINDS) or bool(job_runner.waiting())
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the panel."""
+        current = job_runner.current()
+        if current is not None and current[0].kind in PROJECT_KINDS:
+            draw_job(self.layout, *current)
+        for number, one in enumerate(job_runner.waiting()):
+            row = self.layout.row(align=True)
+            row.label(text=f"Then: {one.kind} {one.subject.name}", icon="SORTTIME")
+            row.operator("heritage.drop_job", text="", icon="X").number = number
 
 
 class HERITAGE_PT_training(bpy.types.Panel):
@@ -54,9 +132,10 @@ class HERITAGE_PT_training(bpy.types.Panel):
 
     bl_label = "Error against Run Time"
     bl_idname = "HERITAGE_PT_training"
-    bl_parent_id = "HERITAGE_PT_scene"
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_order = 3
     bl_options = {"DEFAULT_CLOSED"}
 
     @classmethod
@@ -70,4 +149,4 @@ class HERITAGE_PT_training(bpy.types.Panel):
         draw_curve(self.layout, f"the training in {project}", stored_curve(project))
 
 
-CLASSES = [HERITAGE_PT_scene, HERITAGE_PT_training, *objects_panel.CLASSES]
+CLASSES = [HERITAGE_PT_scene, *objects_panel.CLASSES, HERITAGE_PT_progress, HERITAGE_PT_training]

@@ -24,6 +24,7 @@ __all__ = [
     "load_level",
     "load_membership",
     "photo_camera",
+    "report_file",
     "require_intact",
     "require_object",
     "scene_file",
@@ -81,6 +82,11 @@ def scene_file(project: Path) -> Path:
             f"{project} contains no finished scene (gaussians/scene.ply is missing). Import its photo folder first."
         )
     return file
+
+
+def report_file(project: Path) -> Path:
+    """Return the file of the project's report, which need not exist."""
+    return path_within(project, "report", "report.html")
 
 
 def list_objects(project: Path) -> list[ProjectObject]:

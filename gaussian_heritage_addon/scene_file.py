@@ -85,7 +85,6 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     if camera_set is not None:
         collection = _new_collection(scene.collection, f"{_title(project)} Cameras")
         add_cameras(camera_set.cameras, collection)
-        collection.hide_viewport = True
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", _INITIAL_RENDER_SIDE)
     prepare_cycles(scene)
@@ -226,4 +225,4 @@ def prepare_cycles(scene: bpy.types.Scene) -> None:
     cycles.min_transparent_bounces = 256
     cycles.pixel_filter_type, cycles.filter_width = "BOX", 0.01
     cycles.use_denoising = cycles.use_adaptive_sampling = False
-    cycles.samples = 1
+    cycles.samples = cycles.preview_samples = 1

@@ -9,7 +9,9 @@ from . import (
     check_engine,
     check_models,
     click_object,
+    continue_job,
     dismiss_candidates,
+    drop_job,
     export_objects,
     fetch_model,
     find_objects,
@@ -19,9 +21,12 @@ from . import (
     isolate_background,
     look_through_photo,
     open_project,
+    open_result,
     refine_object,
+    remove_default_objects,
     remove_engine,
     set_up_engine,
+    show_project,
 )
 
 __all__ = ["CLASSES", "register", "unregister"]
@@ -45,6 +50,11 @@ _MODULES = (
     check_models,
     fetch_model,
     cancel_job,
+    continue_job,
+    drop_job,
+    open_result,
+    show_project,
+    remove_default_objects,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 

@@ -20,7 +20,6 @@ class HERITAGE_OT_accept_candidate(SegmentOperator):
 
     bl_idname = "heritage.accept_candidate"
     bl_label = "Isolate Candidate"
-    bl_options = {"REGISTER", "UNDO"}
 
     number: Annotated[
         int, IntProperty(name="Number", description="Number of the candidate", min=1, options={"SKIP_SAVE"})

@@ -14,7 +14,6 @@ class HERITAGE_OT_find_objects(SegmentOperator):
 
     bl_idname = "heritage.find_objects"
     bl_label = "Find All"
-    bl_options = {"REGISTER", "UNDO"}
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""

@@ -29,7 +29,6 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
 
     bl_idname = "heritage.import_photo_folder"
     bl_label = "Import Photo Folder"
-    bl_options = {"REGISTER", "UNDO"}
 
     directory: Annotated[str, StringProperty(name="Photos", description="Folder with the photos", subtype="DIR_PATH")]
     project: Annotated[

@@ -23,7 +23,6 @@ class HERITAGE_OT_isolate(SegmentOperator):
 
     bl_idname = "heritage.isolate"
     bl_label = "Isolate"
-    bl_options = {"REGISTER", "UNDO"}
 
     # SKIP_SAVE everywhere: values of one call must not become the defaults of the next.
     prompt: Annotated[

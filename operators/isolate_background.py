@@ -14,7 +14,6 @@ class HERITAGE_OT_isolate_background(SegmentOperator):
 
     bl_idname = "heritage.isolate_background"
     bl_label = "Background"
-    bl_options = {"REGISTER", "UNDO"}
     loads_sam = False
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:

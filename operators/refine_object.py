@@ -23,7 +23,6 @@ class HERITAGE_OT_refine_object(SegmentOperator):
 
     bl_idname = "heritage.refine_object"
     bl_label = "Refine Object"
-    bl_options = {"REGISTER", "UNDO"}
 
     object_id: Annotated[
         str,

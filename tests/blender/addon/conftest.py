@@ -114,6 +114,13 @@ def fake_engine(installed: str, tmp_path: Path) -> Iterator[Callable[[str], Path
     bpy.context.preferences.addons[installed].preferences.engine_python = ""
 
 
+def forget_jobs(runner: ModuleType) -> None:
+    """Let the job runner forget all jobs; those that run are not ended."""
+    runner._job, runner._waits_for_object_mode = None, False
+    for jobs in (runner._queue, runner._found, runner._undecided):
+        jobs.clear()
+
+
 class FakeLayout:
     """Fake layout that checks calls against Blender's own description and records what is drawn.
 

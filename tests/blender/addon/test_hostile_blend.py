@@ -21,7 +21,7 @@ from conftest import FakeLayout, write_object
 
 Part = Callable[[str], ModuleType]
 Change = Callable[[], object]
-PANELS = ("HERITAGE_PT_scene", "HERITAGE_PT_objects", "HERITAGE_PT_training")
+PANELS = ("HERITAGE_PT_scene", "HERITAGE_PT_objects", "HERITAGE_PT_progress", "HERITAGE_PT_training")
 DISPLAY = "Gaussian Splats"
 
 
@@ -231,7 +231,10 @@ def finished_jobs(part: Part, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[
 
     def start(command: list[str], folder: Path, *, kind: str, subject: str, environment: Any) -> Any:
         commands.append(command)
-        return SimpleNamespace(kind=kind, subject=subject, wait=lambda: state, poll=lambda: state)
+        return SimpleNamespace(
+            kind=kind, subject=subject, command=command, of_earlier_session=False, wait=lambda: state,
+            poll=lambda: state, mark_taken=lambda: None, is_taken=lambda: False,
+        )  # fmt: skip
 
     monkeypatch.setattr(runner.Job, "start", start)
     monkeypatch.setattr(runner, "current_python", lambda: Path(sys.executable))

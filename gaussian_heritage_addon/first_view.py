@@ -1,0 +1,63 @@
+"""What the user sees when a job starts and when a scene arrives: the sidebar, and the scene through a photo."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import bpy
+
+from .cameras import current_photo
+from .guards import Timer
+
+__all__ = ["CATEGORY", "show_job", "show_scene"]
+
+CATEGORY = "Heritage"
+"""Name of the add-on's tab in the sidebar."""
+_DRAWN_AFTER = 0.3
+"""Seconds until a sidebar that was opened is drawn: only then does Blender know its tabs."""
+
+
+def show_job() -> None:
+    """Open the sidebar of the 3D viewports at the add-on's tab, where the progress is shown."""
+    if bpy.app.background:
+        return
+    for area in _viewports():
+        area.spaces.active.show_region_ui = True
+    _tab_timer.start(_DRAWN_AFTER)
+
+
+def _open_tab() -> None:
+    for area in _viewports():
+        for region in area.regions:
+            if region.type == "UI":
+                # Read-only while the sidebar shows no tabs.
+                with contextlib.suppress(AttributeError, TypeError):
+                    region.active_panel_category = CATEGORY
+                region.tag_redraw()
+
+
+_tab_timer = Timer(_open_tab)
+
+
+def show_scene(scene: bpy.types.Scene) -> None:
+    """Let the 3D viewports of `scene` show splats as the photos do: in Material Preview, through a photo.
+
+    In the mode Solid splats are grey, and the outline of a selected object is drawn around each Gaussian.
+    """
+    if bpy.app.background:
+        return
+    for area in _viewports(scene):
+        space = area.spaces.active
+        if space.shading.type in ("SOLID", "WIREFRAME"):
+            space.shading.type = "MATERIAL"
+        space.overlay.show_outline_selected = False
+        space.clip_start = min(space.clip_start, 0.01)
+        if current_photo(scene):
+            space.region_3d.view_perspective = "CAMERA"
+
+
+def _viewports(scene: bpy.types.Scene | None = None) -> Iterator[bpy.types.Area]:
+    for window in bpy.context.window_manager.windows:
+        if scene is None or window.scene == scene:
+            yield from (area for area in window.screen.areas if area.type == "VIEW_3D")
