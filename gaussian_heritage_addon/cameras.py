@@ -15,7 +15,7 @@ from .picking import FLIP
 from .properties import PHOTO_KEY, heritage_objects, photo_of
 from .splat_nodes import PIXEL, VIEW_HIGH, VIEW_LOW, set_display_input
 
-__all__ = ["add_cameras", "current_photo", "look_through"]
+__all__ = ["INITIAL_RENDER_SIDE", "add_cameras", "current_photo", "look_through"]
 
 _SENSOR_WIDTH = 36.0
 """Sensor width of the Blender cameras in millimetres. Only its ratio to the focal length matters."""
@@ -24,6 +24,8 @@ _SIZE_KEY = "heritage_size"
 _PIXEL_ASPECT_KEY = "heritage_pixel_aspect"
 """Custom property of a camera: focal length in pixels along x, divided by the one along y."""
 
+INITIAL_RENDER_SIDE = 1280
+"""Longest side of renders in pixels, as set on import. Cycles is slow at the full size of a photo."""
 _MAX_SIDE, _MAX_ASPECT = 100_000, 1000.0
 """No photo has more pixels on a side, and no lens a more uneven focal length."""
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 import bpy
 
-from .cameras import current_photo
+from .cameras import INITIAL_RENDER_SIDE, current_photo, look_through
 from .guards import Timer
+from .properties import photo_of
 
 __all__ = ["CATEGORY", "show_job", "show_scene"]
 
@@ -47,6 +48,8 @@ def show_scene(scene: bpy.types.Scene) -> None:
     """
     if bpy.app.background:
         return
+    if not current_photo(scene) and any(photo_of(obj) for obj in scene.objects):
+        look_through(scene, "", INITIAL_RENDER_SIDE)
     for area in _viewports(scene):
         space = area.spaces.active
         if space.shading.type in ("SOLID", "WIREFRAME"):

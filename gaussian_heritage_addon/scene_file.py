@@ -6,37 +6,17 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from ..engine.files import path_within
 from ..engine.formats import read_ply
-from ..engine.records import load_record
-from ..engine.scene import Gaussians, load_polished, read_camera_set
-from .cameras import add_cameras, look_through
-from .project import ProjectObject, list_objects, load_level, load_membership, require_intact, scene_file
-from .properties import (
-    COUNT_KEY,
-    HeritageObject,
-    apply_blending,
-    apply_visibility,
-    heritage_objects,
-    loading,
-    project_of,
-    scene_count,
-)
+from ..engine.scene import read_camera_set
+from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
+from .object_import import add_object, new_collection, update_object
+from .project import list_objects, scene_file
+from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, project_of
 from .splats import SplatScene
 
 __all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
-
-_INITIAL_RENDER_SIDE = 1280
-"""Longest side of renders in pixels, as set on import. Cycles is slow at the full size of a photo."""
-_MIN_COPIED_MEMBERSHIP = 0.05
-"""Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
-
-Setting the threshold below it shows no more Gaussians."""
-_OBJECT_ID_KEY = "heritage_object_id"
-"""Custom property of an object's own collection: the id of the object."""
 
 
 def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken: bool = False) -> SplatScene:
@@ -83,10 +63,10 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     splats.object.heritage.project = str(project)
     scene.heritage.project = str(project)
     if camera_set is not None:
-        collection = _new_collection(scene.collection, f"{_title(project)} Cameras")
+        collection = new_collection(scene.collection, f"{_title(project)} Cameras")
         add_cameras(camera_set.cameras, collection)
         if scene.camera is None and camera_set.cameras:
-            look_through(scene, "", _INITIAL_RENDER_SIDE)
+            look_through(scene, "", INITIAL_RENDER_SIDE)
     prepare_cycles(scene)
     add_objects(scene, project, [item.id for item in objects])
     return splats
@@ -94,12 +74,6 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
 
 def _title(project: Path) -> str:
     return project.name.removesuffix("_heritage") or project.name
-
-
-def _new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
-    collection = bpy.data.collections.new(name)
-    parent.children.link(collection)
-    return collection
 
 
 def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> list[SplatScene]:
@@ -117,10 +91,10 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
 
     Notes
     -----
-    Each object gets a copy of all Gaussians of the scene that any of its levels needs. The sliders then only change
-    which of them are drawn and exported. Gaussians that the engine has polished, those of the object at its stored
-    level and threshold, are imported in their polished form, except where they were moved by hand. All others are
-    copied from the scene with its edits.
+    Each object gets a copy of all Gaussians of the scene that any of its levels needs, and stands on its origin. The
+    sliders then only change which of them are drawn and exported. Gaussians that the engine has polished, those of the
+    object at its stored level and threshold, are imported in their polished form, except where they were moved by hand.
+    All others are copied from the scene with its edits.
     """
     present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT") if _belongs_to(obj, project)}
     id_set = set(ids)
@@ -132,9 +106,9 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
         whole = add_splat_file(scene, scene_file(project), _title(project)).object
         whole.heritage.project = str(project)
     splats = [
-        _update_object(present[item.id], project, item, whole)
+        update_object(present[item.id], project, item, whole)
         if item.id in present
-        else _add_object(scene, project, item, whole)
+        else add_object(scene, project, item, whole)
         for item in items
     ]
     apply_blending(scene)
@@ -149,66 +123,6 @@ def whole_scene(scene: bpy.types.Scene, project: Path) -> bpy.types.Object | Non
 
 def _belongs_to(obj: bpy.types.Object, project: Path) -> bool:
     return bool(obj.heritage.project) and project_of(obj.heritage) == project
-
-
-def _object_gaussians(
-    project: Path, item: ProjectObject, whole: bpy.types.Object
-) -> tuple[Gaussians, NDArray[np.int32], NDArray[np.float32]]:
-    """Return the Gaussians of an object, their rows in the project's scene, and their memberships at its level."""
-    source, count = SplatScene.of(whole), scene_count(whole)
-    index = source.index(count)
-    require_intact(project, item.id)
-    membership = load_membership(project, item.id, count)
-    highest_membership = membership
-    if item.n_levels > 1:
-        levels = [load_level(project, item.id, level, count) for level in range(item.n_levels)]
-        highest_membership = np.max([membership, *levels], axis=0)
-    # Gaussians added by hand (-1) belong to no object.
-    kept = (index >= 0) & (highest_membership[index] >= min(_MIN_COPIED_MEMBERSHIP, item.threshold))
-    rows = index[kept]
-    gaussians, polished = source.local_gaussians()[kept], load_polished(project, item.id)
-    return gaussians if polished is None else polished.with_polished(gaussians, rows), rows, membership[rows]
-
-
-def _add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
-    gaussians, index, membership = _object_gaussians(project, item, whole)
-    collection = _new_collection(scene.collection, item.name)
-    splats = SplatScene.create(item.name, gaussians, collection, index=index, membership=membership)
-    obj = splats.object
-    obj.matrix_world = whole.matrix_world
-    properties: HeritageObject = obj.heritage
-    record = load_record(project, item.id)
-    with loading(properties):
-        properties.role, properties.project, properties.object_id = "OBJECT", str(project), item.id
-        properties.threshold = item.threshold
-        for name, value in record.as_dict().items():
-            setattr(properties, name, value)
-    collection[_OBJECT_ID_KEY] = item.id
-    _write_object_properties(obj, item, whole)
-    return splats
-
-
-def _update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, whole: bpy.types.Object) -> SplatScene:
-    splats = SplatScene.of(obj)
-    gaussians, index, membership = _object_gaussians(project, item, whole)
-    splats.replace(gaussians, index=index, membership=membership)
-    _write_object_properties(obj, item, whole)
-    return splats
-
-
-def _write_object_properties(obj: bpy.types.Object, item: ProjectObject, whole: bpy.types.Object) -> None:
-    """Copy the description of an object in the project to its Blender object and collection."""
-    properties: HeritageObject = obj.heritage
-    with loading(properties):
-        properties.prompt, properties.score, properties.kind = item.prompt, item.score, item.kind
-        properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
-        properties.problem = ""
-    obj[COUNT_KEY] = scene_count(whole)
-    for collection in obj.users_collection:
-        # Not the collections that the user added the object to.
-        if collection.get(_OBJECT_ID_KEY) == item.id:
-            collection["heritage_prompt"] = item.prompt
-            collection["heritage_score"] = item.score
 
 
 def prepare_cycles(scene: bpy.types.Scene) -> None:

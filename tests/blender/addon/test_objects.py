@@ -17,6 +17,8 @@ Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
 Draw = Callable[[str], Any]
 
+FOOT = "heritage_foot"
+"""Custom property of an object: its origin in the frame of the scene."""
 PROJECT = "project = Path(sys.argv[4])\n"
 CANDIDATES = """
 folder = project / "objects"
@@ -153,8 +155,9 @@ def test_corrected_object_is_changed_in_place(opened: Any, fake_engine: StandIn,
         pytest.approx(0.7),
     )
     np.testing.assert_allclose(
-        part("gaussian_heritage_addon.splats").SplatScene.of(same).local_gaussians().means,
+        part("gaussian_heritage_addon.splats").SplatScene.of(same).local_gaussians().means + np.array(same[FOOT]),
         opened.gaussians.means[30:60],
+        atol=1e-6,
     )
     assert same.modifiers["Gaussian Splats"].node_group is not None
 
@@ -213,7 +216,8 @@ def test_level_slider_goes_from_part_to_whole_at_once(levelled: Any, part: Part,
         wanted = np.flatnonzero(LEVELS[level] >= 0.5)
         assert rows(vase) == wanted.tolist()
         bpy.ops.heritage.export_objects(directory=str(tmp_path), overwrite=True)
-        np.testing.assert_array_equal(formats.read_ply(tmp_path / "Vase.ply").means, levelled.gaussians.means[wanted])
+        exported = formats.read_ply(tmp_path / "Vase.ply").means
+        np.testing.assert_allclose(exported, levelled.gaussians.means[wanted], atol=1e-6)
     # The threshold works on the level shown.
     vase.heritage.level, vase.heritage.threshold = 2, 0.9
     assert rows(vase) == np.flatnonzero(LEVELS[2] >= np.float32(0.9)).tolist()
@@ -359,8 +363,27 @@ def test_polished_object_is_imported_and_edits_by_hand_are_kept(opened: Any, par
     whole.data.vertices[25].co.x += 3
     scene_file = part("gaussian_heritage_addon.scene_file")
     (splats,) = scene_file.add_objects(bpy.context.scene, opened.folder, ["bowl"])
-    seen, index = splats.local_gaussians(), splats.index(100).tolist()
+    seen, index = splats.gaussians(), splats.index(100).tolist()
     np.testing.assert_allclose(seen.means[index.index(30)], opened.gaussians.means[30] + 0.5, atol=1e-6)
     np.testing.assert_allclose(seen.opacities[index.index(30)], 1.0, atol=1e-3)
     np.testing.assert_allclose(seen.means[index.index(25)], opened.gaussians.means[25] + (3, 0, 0), atol=1e-6)
     np.testing.assert_allclose(seen.means[index.index(50)], opened.gaussians.means[50], atol=1e-6)
+
+
+def test_object_stands_on_its_origin_and_nothing_moves(opened: Any, part: Part) -> None:
+    vase, splats = bpy.data.objects["Vase"], part("gaussian_heritage_addon.splats").SplatScene
+    means = opened.gaussians.means[:40]
+    members = means[np.linspace(0.2, 1, 40) >= vase.heritage.threshold]
+    foot = part("gaussian_heritage_addon.object_geometry").foot_of(members)
+    np.testing.assert_allclose(vase.matrix_world.translation, foot, atol=1e-6)
+    np.testing.assert_allclose(splats.of(vase).gaussians().means, means, atol=1e-6)
+
+
+def test_gaussians_far_away_are_not_copied_into_an_object(opened: Any) -> None:
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    whole.data.vertices[70].co.z += 100
+    membership = np.where(np.arange(100) < 60, 1.0, 0.1).astype(np.float32)
+    write_object(opened.folder, "bowl", "Bowl", membership)
+    bpy.ops.heritage.open_project(directory=str(opened.folder))
+    bowl = next(obj for name, obj in isolated().items() if name == "bowl")
+    assert max(bowl.dimensions) < 20 and 60 <= len(bowl.data.vertices) <= 100
