@@ -1,0 +1,87 @@
+"""Inside the windowed Blender: runs ``commands/*.py``, records gaps of the event loop and slow calls of the add-on.
+
+Started by window.sh with ``blender --python harness.py``. WINDOW_WORK names the folder of commands, answers and logs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import io
+import json
+import os
+import time
+import traceback
+from typing import Any
+
+import bpy
+
+WORK = os.environ["WINDOW_WORK"]
+NAMES: dict[str, Any] = {"bpy": bpy}
+TICK = 0.05
+GAP = 0.3
+"""Seconds without an event from which a gap is recorded."""
+_last = time.monotonic()
+
+
+def tick() -> float:
+    """Run the commands that have arrived, and record the time since the last call."""
+    global _last
+    now = time.monotonic()
+    if now - _last > GAP:
+        record("gaps", {"seconds": round(now - _last, 2)})
+    for path in sorted(glob.glob(f"{WORK}/commands/*.py")):
+        with open(path) as source:
+            code = source.read()
+        os.unlink(path)
+        said = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(said):
+                exec(compile(code, path, "exec"), NAMES)
+        except BaseException:
+            said.write(traceback.format_exc())
+        with open(path[:-3] + ".tmp", "w") as answer:
+            answer.write(said.getvalue())
+        os.rename(path[:-3] + ".tmp", path[:-3] + ".out")
+    # A command is no gap.
+    _last = time.monotonic()
+    return TICK
+
+
+def record(kind: str, entry: dict[str, Any]) -> None:
+    """Append an entry to a log of the window."""
+    with open(f"{WORK}/{kind}.jsonl", "a") as log:
+        log.write(json.dumps({"at": round(time.time(), 2), **entry}) + "\n")
+
+
+def time_calls(package: str) -> int:
+    """Record the duration of each call that Blender makes to the add-on, and return how many functions are timed.
+
+    All of them have a guard, which looks its function up in ``__wrapped__`` at each call.
+    """
+    import gc
+
+    count = 0
+    for function in [one for one in gc.get_objects() if getattr(one, "__dict__", None) and "is_guard" in vars(one)]:
+        inner = vars(function).get("__wrapped__")
+        if inner is None or not inner.__module__.startswith(package) or hasattr(inner, "is_timed"):
+            continue
+        vars(function)["__wrapped__"] = _timed(inner)
+        count += 1
+    return count
+
+
+def _timed(inner: Any) -> Any:
+    def call(*arguments: Any) -> Any:
+        begin = time.perf_counter()
+        try:
+            return inner(*arguments)
+        finally:
+            record("calls", {"name": inner.__qualname__, "seconds": round(time.perf_counter() - begin, 4)})
+
+    call.is_timed = True  # type: ignore[attr-defined]
+    return call
+
+
+NAMES["time_calls"] = time_calls
+bpy.app.timers.register(tick, first_interval=0.5, persistent=True)

@@ -1,0 +1,61 @@
+#!/usr/bin/env bash
+# A real Blender window (Debian sid's package, 5.2) without a screen: debootstrap root, Xvfb, software OpenGL. Needs root.
+#   window.sh setup               once, about 5 minutes and 4.5 GB
+#   window.sh start [FILE.blend]  X server, window manager, Blender with harness.py
+#   window.sh py [SECONDS]        runs Python from standard input inside the window's Blender, prints its output
+#   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
+#   window.sh shot FILE.png       the whole screen
+#   window.sh crash               kills Blender
+#   window.sh stop                ends what start began, and unbinds
+# BLENDER_WINDOW_SEES: folders, with colons between, that are visible inside at the same path (checkout, environments, the engine's Python).
+set -eu
+root=${BLENDER_WINDOW_ROOT:-${TMPDIR:-/tmp}/blender_window_root}   # the Debian root
+work=${BLENDER_WINDOW_WORK:-${TMPDIR:-/tmp}/blender_window}        # commands, logs, home; same path inside
+here=$(cd "$(dirname "$0")" && pwd)
+export DISPLAY=:77
+inside() { chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@"; }
+# exec: the number of the background process is that of the program itself.
+begin() { (exec chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@") & echo $! >>"$work/pids"; }
+bind_all() { local IFS=:; for folder in /proc /dev "$work" ${BLENDER_WINDOW_SEES:-}; do bind "$folder"; done; }
+bind() { mkdir -p "$root$1"; mountpoint -q "$root$1" || mount --bind "$1" "$root$1"; }
+mkdir -p "$work/commands" "$work/home"
+case ${1:-} in
+setup)
+  mirror=$(cat /etc/apt/sources.list /etc/apt/sources.list.d/*.list /etc/apt/sources.list.d/*.sources 2>/dev/null |
+    awk '/^deb /{print $2; exit} /^URIs:/{print $2; exit}')
+  command -v debootstrap >/dev/null || { echo "debootstrap is missing; install it (Debian: apt-get install debootstrap)." >&2; exit 1; }
+  [ -x "$root/usr/bin/apt-get" ] || debootstrap --variant=minbase --include=ca-certificates sid "$root" "$mirror"
+  cp /etc/resolv.conf "$root/etc/"; cp -n /etc/apt/apt.conf.d/* "$root/etc/apt/apt.conf.d/" 2>/dev/null || true
+  bind_all
+  # python3-cattr: without it Blender's extension system does not register
+  chroot "$root" sh -c 'export DEBIAN_FRONTEND=noninteractive; apt-get update -q && apt-get install -y -q --no-install-recommends \
+    blender xvfb xdotool imagemagick x11-utils libgl1-mesa-dri libglx-mesa0 libegl1 openbox dbus-x11 procps \
+    python3-numpy python3-cattr python3-requests python3-zstandard python3-jsonschema' ;;
+start)
+  shift
+  bind_all
+  cp "$here/harness.py" "$work/"
+  rm -f "$work/pids" "$root/tmp/.X${DISPLAY#:}-lock" "$root/tmp/.X11-unix/X${DISPLAY#:}"   # of a killed X server
+  begin Xvfb $DISPLAY -screen 0 1600x1000x24 +extension GLX +render -noreset >"$work/xvfb.log" 2>&1
+  sleep 2
+  begin openbox >"$work/openbox.log" 2>&1
+  begin env WINDOW_WORK="$work" blender --gpu-backend opengl --window-geometry 0 0 1600 1000 "$@" --python "$work/harness.py" >>"$work/blender.log" 2>&1 ;;
+py)
+  name=$work/commands/$(date +%s%N); cat >"$name.part"; mv "$name.part" "$name.py"
+  for _ in $(seq 1 $(( ${2:-30} * 10 ))); do [ -e "$name.out" ] && { cat "$name.out"; exit 0; }; sleep 0.1; done
+  echo "no answer"; exit 1 ;;
+# Blender wants to see the pointer arrive before it is pressed, and a press to last.
+click) inside xdotool mousemove $(($2 - 6)) $(($3 - 3)) sleep 0.3 mousemove "$2" "$3" sleep 0.5 mousedown "${4:-1}" sleep 0.12 mouseup "${4:-1}" ;;
+drag)
+  inside xdotool mousemove $(($2 - 4)) "$3" sleep 0.8 mousemove "$2" "$3" sleep 1.5 mousedown 1 sleep 0.8
+  for i in 1 2 3 4 5 6; do inside xdotool mousemove $(($2 + ($4 - $2) * i / 6)) "$3" sleep 0.7; done
+  inside xdotool mouseup 1 ;;
+type) inside xdotool key ctrl+a; sleep 0.2; inside xdotool type --delay 25 "$2"; sleep 0.3; inside xdotool key Return ;;
+key) shift; inside xdotool key "$@" ;;
+shot) inside import -window root "$work/shot.png" && cp "$work/shot.png" "$2" ;;
+crash) kill -9 "$(tail -1 "$work/pids")" ;;
+stop)
+  [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do kill "$pid" 2>/dev/null || true; done; rm "$work/pids"; sleep 5; }
+  mount | awk -v root="$root/" 'index($3, root) == 1 {print $3}' | sort -r | while read -r point; do umount "$point" || umount -l "$point" || true; done ;;
+*) sed -n '2,11p' "$0"; exit 2 ;;
+esac

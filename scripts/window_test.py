@@ -1,0 +1,406 @@
+"""The way of a curator in a real Blender window without a screen, by real clicks: ``make window-test``.
+
+From *Install from Disk* over *Set Up Engine*, from an offline bundle, to an exported object. Writes screenshots and
+``window.md`` with the gaps of the event loop and the longest calls of the add-on. Needs root, Debian packages
+(debootstrap) and a Python 3.11 for the engine; the first run installs Blender into a folder of its own.
+
+example: python scripts/window_test.py --work /tmp/window --bundle dist/gaussian_heritage_offline.zip
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
+
+from places import ROOT, python_of
+
+PACKAGE = "bl_ext.user_default.gaussian_heritage"
+SCRIPT = ROOT / "scripts" / "window" / "window.sh"
+SCREEN_HEIGHT = 1000
+MAX_WHILE_WORKING, MAX_WHILE_ARRIVING = 0.1, 0.3
+"""Seconds that a call of the add-on may take while a job runs, and while its result arrives."""
+IMPORTERS = ("_poll_job", "HERITAGE_OT_open_project.execute")
+"""Functions that import results."""
+
+
+class Failed(Exception):
+    """Something that a curator would see is not as it should be."""
+
+
+class Window:
+    """A Blender window. Positions are pixels of the screen, from its upper left corner."""
+
+    def __init__(self, work: Path, root: Path, sees: list[Path]) -> None:
+        self.work = work
+        self._shots = work / "screenshots"
+        self._environment = {
+            **os.environ, "BLENDER_WINDOW_ROOT": str(root), "BLENDER_WINDOW_WORK": str(work),
+            "BLENDER_WINDOW_SEES": ":".join(map(str, sees)),
+        }  # fmt: skip
+
+    def run(self, *words: object, text: str | None = None) -> str:
+        """Run a command of window.sh and return what it prints."""
+        command = ["bash", str(SCRIPT), *map(str, words)]
+        done = subprocess.run(
+            command, env=self._environment, input=text, capture_output=True, text=True, check=False, timeout=1800
+        )
+        if done.returncode:
+            raise Failed(f"{' '.join(command)} failed: {done.stdout[-500:]}{done.stderr[-500:]}")
+        return done.stdout
+
+    def start(self) -> None:
+        """Start Blender and wait until it answers."""
+        self.stop()
+        # Programs started in a chroot keep the pipes of `run` open.
+        subprocess.Popen(
+            ["bash", str(SCRIPT), "start"], env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, start_new_session=True,
+        )  # fmt: skip
+        time.sleep(8)
+        self.wait_for("True", 60)
+
+    def stop(self) -> None:
+        """End Blender."""
+        subprocess.run(["bash", str(SCRIPT), "stop"], env=self._environment, capture_output=True, check=False)
+
+    def python(self, code: str, seconds: int = 300) -> str:
+        """Run Python in the window and return what it prints."""
+        answer = self.run("py", seconds, text=code)
+        if "Traceback" in answer:
+            raise Failed(answer)
+        return answer.strip()
+
+    def wait_for(self, condition: str, seconds: float) -> None:
+        """Wait until a Python expression is true in the window."""
+        end = time.monotonic() + seconds
+        while self.python(f"print(bool({condition}))") != "True":
+            if time.monotonic() > end:
+                raise Failed(f"not true within {seconds:.0f} s: {condition}")
+            time.sleep(1.0)
+
+    def click(self, x: float, y: float) -> None:
+        """Press the left mouse button at a position."""
+        self.run("click", round(x), round(y))
+        time.sleep(1.5)
+
+    def shot(self, name: str) -> None:
+        """Save the screen as ``screenshots/<name>.png``."""
+        self._shots.mkdir(exist_ok=True)
+        self.run("shot", self._shots / f"{name}.png")
+
+    def region(self, area: str, region: str) -> tuple[int, int, int, int]:
+        """Return left, top, width and height of a region on the screen."""
+        code = f"""
+for window in bpy.context.window_manager.windows:
+    for area in window.screen.areas:
+        for region in area.regions:
+            if (area.type, region.type) == {(area, region)!r} and region.height > 1:
+                print(window.x + region.x, {SCREEN_HEIGHT} - window.y - region.y - region.height, end=" ")
+                print(region.width, region.height)
+"""
+        found = self.python(code).splitlines()
+        if not found:
+            raise Failed(f"there is no region {region} of a {area}")
+        left, top, width, height = map(int, found[0].split())
+        return left, top, width, height
+
+    def newest(self) -> tuple[int, int, int, int]:
+        """Return left, top, right and bottom of the newest window of Blender on the screen."""
+        code = f"w = bpy.context.window_manager.windows[-1]; y = {SCREEN_HEIGHT} - w.y; "
+        answer = self.python(code + "print(w.x, y - w.height, w.x + w.width, y)")
+        left, top, right, bottom = map(int, answer.split())
+        return left, top, right, bottom
+
+    def press(self, right: float, below: float) -> None:
+        """Click in the sidebar, `right` of its width from its left, `below` pixels under its top."""
+        left, top, width, _ = self.region("VIEW_3D", "UI")
+        self.click(left + right * width, top + below)
+
+    def check(self, what: str, condition: str) -> None:
+        """Raise `Failed` unless a Python expression is true in the window."""
+        if self.python(f"print(bool({condition}))") != "True":
+            raise Failed(f"{what}: {condition}")
+        print(f"  {what}", flush=True)
+
+
+# ---- the steps
+
+
+def install_from_disk(window: Window) -> None:
+    """Install the zip, which lies in the home folder, through the preferences."""
+    window.run("key", "Escape")
+    time.sleep(1)
+    window.click(80, 33)  # Edit
+    window.click(132, 303)  # Preferences
+    time.sleep(1)
+    left, top, right, _ = window.newest()
+    window.click(left + 57, top + 195)  # Get Extensions
+    window.click(right - 19, top + 17)  # the arrow of the header
+    window.click(right - 128, top + 141)  # Install from Disk
+    time.sleep(1)
+    left, _, right, bottom = window.newest()
+    window.click(left + 540, bottom - 24)  # the name of the file
+    window.run("type", "gaussian_heritage.zip")
+    time.sleep(1)
+    window.shot("install_from_disk")
+    window.click(right - 75, bottom - 24)
+    window.wait_for(f"{PACKAGE!r} in bpy.context.preferences.addons", 20)
+    window.python("""
+for window in list(bpy.context.window_manager.windows)[1:]:
+    with bpy.context.temp_override(window=window): bpy.ops.wm.window_close()
+""")
+    heavy = window.python(
+        "import sys; print([m for m in ('torch', 'cv2', 'pycolmap', 'onnxruntime') if m in sys.modules])"
+    )
+    if heavy != "[]":
+        raise Failed(f"the add-on imports {heavy}")
+
+
+def set_up_engine(window: Window, python: str) -> float:
+    """Press *Set Up Engine*, read the dialog, confirm, and wait; return the seconds from the confirmation."""
+    window.python(f"""
+preferences = bpy.context.preferences.addons[{PACKAGE!r}].preferences
+preferences.base_python, preferences.offline_bundle = {python!r}, {str(window.work / "bundle.zip")!r}
+print(time_calls({PACKAGE!r}))
+for area in bpy.context.screen.areas if bpy.context.screen else bpy.context.window_manager.windows[0].screen.areas:
+    if area.type == "VIEW_3D": area.spaces.active.show_region_ui = True
+""")
+    time.sleep(2)
+    window.python("""
+for area in bpy.context.window_manager.windows[0].screen.areas:
+    for region in area.regions:
+        if (area.type, region.type) == ("VIEW_3D", "UI"): region.active_panel_category = "Heritage"
+""")
+    time.sleep(1)
+    window.shot("set_up")
+    window.press(0.4, 138)
+    window.shot("licences")
+    begin = time.monotonic()
+    window.run("key", "Return")
+    window.wait_for(f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()", 20)
+    time.sleep(8)
+    window.shot("setting_up")
+    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()[1]"
+    window.wait_for(f"not {state}.running", 600)
+    window.check("the engine is ready", f"{state}.finished")
+    return time.monotonic() - begin
+
+
+def import_photos(window: Window) -> None:
+    """Import the photos with the preset preview, and look at the scene that arrives."""
+    window.press(0.4, 79)
+    time.sleep(1)
+    window.python(f"""
+for window in bpy.context.window_manager.windows:
+    for area in window.screen.areas:
+        if area.type == "FILE_BROWSER":
+            area.spaces.active.params.directory = {str(window.work / "photos")!r}.encode()
+            area.spaces.active.active_operator.preset = "preview"
+""")
+    time.sleep(1)
+    window.shot("choose_photos")
+    _, _, right, bottom = window.newest()
+    window.click(right - 75, bottom - 24)
+    time.sleep(25)
+    window.shot("progress")
+    job = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()"
+    window.wait_for(f"{job}[0].kind == 'reconstruct' and not {job}[1].running", 1200)
+    window.check("the scene was reconstructed", f"{job}[1].finished")
+    time.sleep(5)
+    view = "[a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D'][0].spaces.active"
+    window.check("the scene is shown in Material Preview", f"{view}.shading.type == 'MATERIAL'")
+    window.check("the scene is seen through a photo", f"{view}.region_3d.view_perspective == 'CAMERA'")
+    window.check("the photo's camera is visible", "bpy.context.scene.camera.visible_get()")
+    window.check("no outline is drawn around each Gaussian", f"not {view}.overlay.show_outline_selected")
+    window.check("Cycles needs one sample in the viewport", "bpy.context.scene.cycles.preview_samples == 1")
+    window.python("bpy.ops.heritage.remove_default_objects()")
+    window.check("the default cube is gone", "'Cube' not in bpy.data.objects")
+    time.sleep(30)
+    window.shot("imported")
+
+
+def isolate_by_click(window: Window) -> None:
+    """Click the middle of the photo, press Enter, and wait for the object."""
+    window.python("bpy.context.scene.heritage.photo_opacity = 1.0")
+    left, top, width, height = window.region("VIEW_3D", "WINDOW")
+    ui_left, ui_top, ui_width, _ = window.region("VIEW_3D", "UI")
+    before = window.python("print(len(bpy.data.objects))")
+    window.python("""
+for area in bpy.context.window_manager.windows[0].screen.areas:
+    if area.type == "VIEW_3D":
+        region = [region for region in area.regions if region.type == "WINDOW"][0]
+        with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area, region=region):
+            bpy.ops.heritage.click_object("INVOKE_DEFAULT")
+""")
+    time.sleep(20)
+    window.check(
+        "the photo is in front of the splats", "bpy.context.scene.camera.data.background_images[0].image.has_data"
+    )
+    window.shot("click_object")
+    window.click(left + (ui_left - left) / 2, top + height * 0.55)
+    time.sleep(5)
+    window.run("key", "Return")
+    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()"
+    window.wait_for(f"{state}[0].kind == 'segment' and not {state}[1].running", 300)
+    window.check("the click isolated an object", f"{state}[1].finished")
+    window.wait_for(f"len(bpy.data.objects) > {before}", 60)
+    window.check(
+        "the object stands on its origin",
+        "all(abs(min(v.co.z for v in o.data.vertices)) < max(o.dimensions) for o in bpy.data.objects "
+        "if o.heritage.role == 'OBJECT')",
+    )
+    window.check(
+        "no object is larger than the room",
+        "max(max(o.dimensions) for o in bpy.data.objects if o.heritage.role == 'OBJECT') < 20",
+    )
+    time.sleep(10)
+    window.shot("object")
+
+
+def survive_a_crash(window: Window) -> None:
+    """Kill Blender while a job runs, start it again, and find the job."""
+    window.python(f"""
+bpy.ops.wm.save_as_mainfile(filepath={str(window.work / "museum.blend")!r})
+bpy.ops.heritage.find_objects()
+""")
+    time.sleep(3)
+    window.run("crash")
+    window.start()
+    window.python(f"bpy.ops.wm.open_mainfile(filepath={str(window.work / 'museum.blend')!r})")
+    module = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x'])"
+    window.wait_for(f"{module}.current() is not None", 30)
+    window.check("the job is found after a crash", f"{module}.current()[0].of_earlier_session")
+    window.wait_for(f"not {module}.current()[1].running", 600)
+    time.sleep(5)
+    window.check(
+        "its objects arrive in the file", "len([o for o in bpy.data.objects if o.heritage.role == 'OBJECT']) > 1"
+    )
+
+
+def export(window: Window) -> None:
+    """Export all objects as PLY and glTF, and look at the files."""
+    for file_format in ("PLY", "GLB"):
+        window.python(
+            f"bpy.ops.heritage.export_objects(directory={str(window.work / 'exported')!r}, format={file_format!r})"
+        )
+    files = sorted(path.name for path in (window.work / "exported").iterdir())
+    if not any(name.endswith(".ply") for name in files) or not any(name.endswith(".glb") for name in files):
+        raise Failed(f"nothing was exported: {files}")
+    print(f"  exported {len(files)} files", flush=True)
+
+
+# ---- what was measured
+
+
+def read_log(work: Path, kind: str) -> list[dict[str, float]]:
+    """Return the entries of a log of the harness."""
+    file = work / f"{kind}.jsonl"
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
+def longest_calls(work: Path) -> dict[str, float]:
+    """Return the longest call of each function of the add-on, in seconds, the slowest first."""
+    longest: dict[str, float] = defaultdict(float)
+    for entry in read_log(work, "calls"):
+        longest[str(entry["name"])] = max(longest[str(entry["name"])], entry["seconds"])
+    return dict(sorted(longest.items(), key=lambda item: -item[1]))
+
+
+def report(work: Path, set_up_seconds: float) -> str:
+    """Return the measurements as a section of docs/window.md."""
+    gaps = sorted((entry["seconds"] for entry in read_log(work, "gaps")), reverse=True)
+    lines = [
+        "```\nmake window-test\n```", "",
+        f"Set-up from the offline bundle: {set_up_seconds:.0f} s, by three presses: install, set up, confirm.", "",
+        "| longest calls of the add-on | seconds |", "| --- | ---: |",
+    ]  # fmt: skip
+    lines += [f"| `{name}` | {seconds:.3f} |" for name, seconds in list(longest_calls(work).items())[:8]]
+    lines += [
+        "",
+        f"Gaps of the event loop above 0.3 s: {len(gaps)}, the longest {max(gaps, default=0.0):.1f} s. They are "
+        "Blender's own redraws of the scene in software OpenGL, and the compilation of its shaders.",
+    ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def check_calls(work: Path) -> None:
+    """Raise `Failed` when a call of the add-on held up the window."""
+    for name, seconds in longest_calls(work).items():
+        limit = MAX_WHILE_ARRIVING if name in IMPORTERS else MAX_WHILE_WORKING
+        if seconds > limit:
+            raise Failed(f"{name} took {seconds:.2f} s, more than {limit} s")
+
+
+def main() -> int:
+    """Run all steps and return 0, or print what failed and return 1."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--work", type=Path, default=Path("/tmp/gaussian_heritage_window"), help="(default: %(default)s)"
+    )
+    parser.add_argument("--root", type=Path, help="folder of the Debian root (default: WORK/root)")
+    parser.add_argument("--bundle", type=Path, default=ROOT / "dist" / "gaussian_heritage_offline.zip")
+    parser.add_argument("--photos", type=Path, required=True, help="folder of the photos to import")
+    parser.add_argument("--doc", type=Path, metavar="FILE.md", help="file for the measurements")
+    options = parser.parse_args()
+    if os.geteuid() != 0 or shutil.which("debootstrap") is None:
+        print("The window test needs root and debootstrap (Debian: apt-get install debootstrap).", file=sys.stderr)
+        return 1
+    work, root = options.work / "work", options.root or options.work / "root"
+    shutil.rmtree(work, ignore_errors=True)
+    (work / "home").mkdir(parents=True)
+    python = Path(os.path.realpath(python_of("engine")))
+    window = Window(work, root, [python.parent.parent])
+    subprocess.run(
+        [
+            python_of("blender-4.5"),
+            ROOT / "scripts" / "build_extension.py",
+            "--out",
+            work / "home/gaussian_heritage.zip",
+        ],
+        check=True,
+    )
+    shutil.copy(options.bundle, work / "bundle.zip")
+    shutil.copytree(options.photos, work / "photos")
+    if not (root / "usr" / "bin" / "blender").exists():
+        print("installing Blender into its own root (5 minutes)", flush=True)
+        window.run("setup")
+    seconds = [0.0]
+    steps: list[tuple[str, Callable[[], object]]] = [
+        ("install from disk", lambda: install_from_disk(window)),
+        ("set up the engine", lambda: seconds.append(set_up_engine(window, str(python)))),
+        ("import photos", lambda: import_photos(window)),
+        ("isolate by a click", lambda: isolate_by_click(window)),
+        ("export", lambda: export(window)),
+        ("check the calls", lambda: check_calls(work)),
+        ("survive a crash", lambda: survive_a_crash(window)),
+    ]
+    try:
+        window.start()
+        for name, step in steps:
+            print(name, flush=True)
+            step()
+    except Failed as failure:
+        window.shot("failed")
+        print(f"{name}: {failure}. Screenshots are in {work / 'screenshots'}.", file=sys.stderr)
+        return 1
+    finally:
+        window.stop()
+    text = report(work, seconds[-1])
+    print(text)
+    if options.doc:
+        page = options.doc.read_text(encoding="utf-8")
+        head = page.partition("## Measured\n")[0]
+        options.doc.write_text(f"{head}## Measured\n\n{text}", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
