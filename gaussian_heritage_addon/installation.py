@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..engine.errors import EnvironmentProblem
 from ..engine.installation import CONTENTS, EngineEnvironment, State, default_build, default_folder, sizes
-from ..engine.models.catalogue import CATALOGUE
+from .model_files import list_models
 
 __all__ = ["describe", "install_command", "installed_engine", "installed_state", "remove_command"]
 
@@ -51,9 +51,7 @@ def describe(build: str, bundle: str) -> list[str]:
     if build == "cuda":
         lines.append("With PyTorch for NVIDIA graphics cards. Training uses the processor in this version.")
     lines += [f"{part.names}: {part.licence}" for part in CONTENTS]
-    models = {(file.licence, file.who_may_use) for file in CATALOGUE.values() if not file.optional}
-    lines += [f"Model files: {licence}. Who may use them: {users}." for licence, users in sorted(models)]
-    return lines
+    return lines + [f"{model.name}: {terms}" for model in list_models() if not model.optional for terms in model.terms]
 
 
 def install_command(python: str, preferred: str, build: str, bundle: str, *, online: bool) -> list[str]:

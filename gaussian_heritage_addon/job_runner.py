@@ -1,7 +1,7 @@
 """Runs engine jobs one after the other: operators start them, a timer polls them, and their results are imported.
 
 Blender may be closed meanwhile. The running job is found again after that, and so are jobs that ended in the meantime;
-jobs that were still waiting are forgotten.
+their results are offered where no scene of the file shows their project. Jobs that were still waiting are forgotten.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ __all__ = [
     "current",
     "dismiss",
     "drop",
+    "ended_while_away",
     "problem",
     "register",
     "start",
@@ -85,6 +86,11 @@ def undecided() -> list[Path]:
     return [Path(job.subject) for job in _undecided]
 
 
+def ended_while_away(number: int) -> bool:
+    """Return whether an earlier session of Blender started the job of a result of `undecided`."""
+    return _undecided[number].of_earlier_session
+
+
 def problem() -> str:
     """Return why the results of the last job are not imported yet; empty when nothing is in the way."""
     return _EDIT_MODE_MESSAGE if _waits_for_object_mode else ""
@@ -130,6 +136,7 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
         raise ProjectError(f"The same job on {subject} is waiting already.")
     if _is_running():
         _queue.append(wanted)
+        _poll_timer.start(_POLL_INTERVAL, persistent=True)
         return None
     job = _launch(wanted)
     if bpy.app.background:
@@ -186,7 +193,7 @@ def continue_last() -> None:
 
 
 def take_in(number: int) -> None:
-    """Open the result of a project of `undecided` in a new scene of this file, and look at it.
+    """Open the result of a project of `undecided` in the scene that it fits, or else in a new one, and look at it.
 
     Raises
     ------
@@ -224,10 +231,9 @@ def _is_running() -> bool:
 
 def _launch(wanted: Waiting) -> Job:
     global _job
-    key = hashlib.sha256(f"{wanted.kind} {wanted.subject}".encode()).hexdigest()[:16]
     _job = Job.start(
         list(wanted.command),
-        user_folder("jobs") / key,
+        _folder_for(wanted),
         kind=wanted.kind,
         subject=str(wanted.subject),
         environment=current_environment(),
@@ -235,45 +241,77 @@ def _launch(wanted: Waiting) -> Job:
     return _job
 
 
+def _folder_for(wanted: Waiting) -> Path:
+    """Return a folder for a job: that of the same running job, which `Job.start` refuses, or one that is free.
+
+    A job whose end the user does not know yet keeps its folder.
+    """
+    key = hashlib.sha256(f"{wanted.kind} {wanted.subject}".encode()).hexdigest()[:16]
+    folder, number = user_folder("jobs") / key, 0
+    while (job := Job.attach(folder)) is not None and not job.is_taken() and not job.poll().running:
+        number += 1
+        folder = folder.with_name(f"{key}-{number}")
+    return folder
+
+
 def _poll_job() -> float | None:
     global _waits_for_object_mode
     if _job is None:
         return None
-    state = _job.poll()
+    ended, state = _job, _job.poll()
     redraw()
     if state.running:
         return _POLL_INTERVAL
-    is_of_project = _job.kind in PROJECT_KINDS
-    _waits_for_object_mode = state.finished and is_of_project and is_editing()
+    _waits_for_object_mode = state.finished and ended.kind in PROJECT_KINDS and is_editing()
     if _waits_for_object_mode:
         return _POLL_INTERVAL
-    ended, was_taken = _job, _job.is_taken()
-    # The next one is polled whatever becomes of this result.
+    # The next job starts whatever becomes of this result, but after it, as it may work on the same project.
+    try:
+        _take_end(ended, state)
+    except Exception as error:
+        problems.show(problems.sentence_of(error))
     _poll_next()
-    if state.finished and not was_taken:
-        scene = destination(Path(ended.subject)) if is_of_project else bpy.context.scene
-        if scene is None:
-            _undecided.append(ended)
-        else:
-            _import(ended, state, scene)
+    if _job is ended:
+        return None
+    if state.error and state.error_type != "PromptError":
+        # The panels show the next job already. They show a refusal, with its candidates, all the same.
+        problems.show(f"{Path(ended.subject).name}: {problems.plain_text(state.error)}")
+    return _POLL_INTERVAL
+
+
+def _take_end(job: Job, state: JobState) -> None:
+    """Import the result of a job that has ended, or ask where it belongs."""
+    if not state.finished or job.is_taken():
+        job.mark_taken()
+        return
+    if job.kind not in PROJECT_KINDS:
+        _import(job, state, bpy.context.scene)
+        return
+    # The scene that Blender starts with is not the one that an earlier session worked on.
+    scene = destination(Path(job.subject), only_if_shown=job.of_earlier_session)
+    if scene is None:
+        _undecided.append(job)
     else:
-        ended.mark_taken()
-    return _POLL_INTERVAL if _job is not ended else None
+        _import(job, state, scene)
 
 
 def _poll_next() -> None:
-    """Make the next job current: one that was found, or else one that waits."""
+    """Make the next job current: one that was found, or else one that waits and can be started."""
     global _job
     if _found:
         _job = _found.pop(0)
-    elif _queue:
-        _launch(_queue.pop(0))
+        return
+    while _queue:
+        try:
+            _launch(_queue.pop(0))
+            return
+        except HeritageError as error:
+            problems.show(problems.sentence_of(error))
 
 
 def _import(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
     # Before the import: a result that cannot be imported is told once, and not again after each start of Blender.
     job.mark_taken()
-    problems.clear()
     import_results(job, state, scene)
     if job.kind in PROJECT_KINDS:
         if job.kind == "reconstruct" and scene == bpy.context.scene:

@@ -24,7 +24,7 @@ from ..engine.errors import DiskError, EnvironmentProblem, FormatError, ProjectE
 from ..engine.files import atomic_write, delete_derived, opened, path_within, read_json, write_json
 from .running_processes import process_runs
 
-__all__ = ["Job", "JobState"]
+__all__ = ["Job", "JobState", "format_seconds"]
 
 _LOG = logging.getLogger(__name__)
 _JOB, _EVENTS, _ERRORS, _TAKEN = "job.json", "events.jsonl", "errors.txt", "taken"
@@ -91,7 +91,7 @@ class JobState:
 
     def progress_line(self) -> str:
         """Return the stage, its progress and the time left, as a line of text."""
-        left = "" if self.seconds_left is None else f", {_format_seconds(self.seconds_left)} left"
+        left = "" if self.seconds_left is None else f", {format_seconds(self.seconds_left)} left"
         return f"{self.stage} {self.fraction:.0%}{left}"
 
     def update(self, event: events.Event) -> None:
@@ -352,5 +352,6 @@ class Job:
                 os.killpg(self._pid, signal.SIGKILL if kill else signal.SIGINT)
 
 
-def _format_seconds(seconds: float) -> str:
+def format_seconds(seconds: float) -> str:
+    """Return a time as text, in seconds or minutes."""
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"

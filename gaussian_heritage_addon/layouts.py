@@ -9,9 +9,10 @@ from pathlib import Path
 import bpy
 
 from .curve import Point
-from .jobs import Job, JobState
+from .jobs import Job, JobState, format_seconds
 from .pictures import curve_icon, picture_icon
 from .problems import plain_text
+from .time_left import seconds_left_in_all
 
 __all__ = ["draw_curve", "draw_job", "draw_text"]
 
@@ -56,6 +57,9 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
         row.progress(factor=state.fraction, text=state.progress_line())
         row.operator("heritage.cancel_job", text="", icon="CANCEL")
         draw_text(box, state.message or job.subject)
+        left = seconds_left_in_all(Path(job.subject), state) if job.kind == "reconstruct" else None
+        if left is not None:
+            box.label(text=f"About {format_seconds(left)} left in all", icon="TIME")
         icon = picture_icon(Path(state.preview)) if state.preview else 0
         if icon:
             box.template_icon(icon_value=icon, scale=8.0)

@@ -18,6 +18,8 @@ __all__ = ["CLASSES"]
 _NAME_SHARE = 0.65
 """Share of the width of a row that the name of an object gets."""
 _NEXT_STEP_HEIGHT = 1.6
+_MAX_MESSAGES = 3
+"""Words that were not found, each with its sentence; all of them would push the objects out of sight."""
 
 
 def _icon_of(properties: HeritageObject) -> str:
@@ -109,8 +111,10 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound) -> None:
     row = box.row()
     row.label(text="Not found", icon="QUESTION")
     row.operator("heritage.dismiss_candidates", text="", icon="X", emboss=False)
-    for message in not_found.messages:
+    for message in not_found.messages[:_MAX_MESSAGES]:
         draw_text(box, message)
+    if len(not_found.messages) > _MAX_MESSAGES:
+        box.label(text=f"... and {len(not_found.messages) - _MAX_MESSAGES} more")
     if not_found.candidates:
         box.label(text="Closest matches:")
     for candidate in not_found.candidates:

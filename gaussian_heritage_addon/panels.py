@@ -40,7 +40,7 @@ class HERITAGE_PT_scene(bpy.types.Panel):
         for problem in (job_runner.problem(), problems.shown()):
             if problem:
                 draw_text(layout, problem, icon="ERROR")
-        _draw_undecided(layout)
+        _draw_undecided(layout, is_new_scene=not properties.project)
         column = layout.column(align=True)
         if not properties.project:
             column.scale_y = _NEXT_STEP_HEIGHT
@@ -66,19 +66,23 @@ def _draw_status(layout: bpy.types.UILayout) -> None:
     elif state.error_type == "PromptError":
         row.label(text="Not found, see Objects", icon="QUESTION")
     elif state.error:
-        row.label(text="Stopped, see Progress", icon="ERROR")
+        row.label(text="Stopped", icon="ERROR")
         if job.kind in PROJECT_KINDS:
             row.operator("heritage.continue_job", text="Continue", icon="PLAY")
+        draw_text(layout, state.error)
     else:
         row.label(text="Done", icon="CHECKMARK")
 
 
-def _draw_undecided(layout: bpy.types.UILayout) -> None:
+def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
     for number, project in enumerate(job_runner.undecided()):
         box = layout.box()
-        draw_text(box, f"A result of {project} is ready. This scene shows another project.", icon="QUESTION")
+        if job_runner.ended_while_away(number):
+            draw_text(box, f"A job on {project.name} ended while you were away.", icon="TIME")
+        if not is_new_scene:
+            draw_text(box, f"The result of {project.name} is ready. This scene shows another project.", icon="QUESTION")
         row = box.row(align=True)
-        row.operator("heritage.open_result", text="Open in New Scene").number = number
+        row.operator("heritage.open_result", text="Open" if is_new_scene else "Open in Own Scene").number = number
         row.operator("heritage.dismiss_result", text="Leave").number = number
 
 
@@ -112,14 +116,15 @@ class HERITAGE_PT_progress(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether there is a job of a project."""
+        """Return whether there is a job of a project; an error is shown above."""
         current = job_runner.current()
-        return (current is not None and current[0].kind in PROJECT_KINDS) or bool(job_runner.waiting())
+        has_progress = current is not None and current[0].kind in PROJECT_KINDS and not current[1].error
+        return has_progress or bool(job_runner.waiting())
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
         current = job_runner.current()
-        if current is not None and current[0].kind in PROJECT_KINDS:
+        if current is not None and current[0].kind in PROJECT_KINDS and not current[1].error:
             draw_job(self.layout, *current)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)

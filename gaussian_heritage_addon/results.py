@@ -21,16 +21,17 @@ PROJECT_KINDS = ("reconstruct", "segment")
 """Kinds of jobs whose results enter a scene."""
 
 
-def destination(project: Path) -> bpy.types.Scene | None:
+def destination(project: Path, *, only_if_shown: bool = False) -> bpy.types.Scene | None:
     """Return the scene that results of `project` enter; None where the user has to be asked.
 
-    It is the scene that shows the project, otherwise the current scene unless that shows another project.
+    It is the scene that shows the project, otherwise the current scene unless that shows another project, or
+    `only_if_shown`.
     """
     current = bpy.context.scene
     for scene in (current, *bpy.data.scenes):
         if scene.heritage.project and project_of(scene.heritage) == project:
             return scene
-    return None if current.heritage.project else current
+    return None if current.heritage.project or only_if_shown else current
 
 
 def scene_for(project: Path) -> bpy.types.Scene:

