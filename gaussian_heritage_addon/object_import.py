@@ -50,13 +50,13 @@ def _object_gaussians(
         highest_membership = np.max([membership, *levels], axis=0)
     # Gaussians added by hand (-1) belong to no object.
     kept = (index >= 0) & (highest_membership[index] >= min(_MIN_COPIED_MEMBERSHIP, item.threshold))
+    every = source.local_gaussians()
     if item.kind != "background":
-        means = source.local_gaussians().means
         is_member = np.zeros(len(index), bool)
         is_member[kept] = highest_membership[index[kept]] >= item.threshold
-        kept &= near_object(means, is_member)
+        kept &= near_object(every.means, is_member)
     rows = index[kept]
-    gaussians, polished = source.local_gaussians()[kept], load_polished(project, item.id)
+    gaussians, polished = every[kept], load_polished(project, item.id)
     return gaussians if polished is None else polished.with_polished(gaussians, rows), rows, membership[rows]
 
 

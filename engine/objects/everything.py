@@ -23,6 +23,7 @@ from .found import ObjectRequest, new_record
 from .levels import Levels
 from .photos import SamFactory
 from .polishing import polish_each
+from .selection import without_far
 from .settings import SegmentSettings
 from .storage import save_object
 from .views import MAX_OBJECT_EXTENT, Views, spread_cameras
@@ -149,7 +150,8 @@ class _GroupNamer:
 
     def name(self, groups: tuple[int, ...]) -> DetectedObject:
         """Return the groups as one object with the name that the detector suggests from several views."""
-        membership = self._votes[:, list(groups)].max(axis=1)
+        votes = self._votes[:, list(groups)].max(axis=1)
+        membership = without_far(self.context.views.scene.gaussians.means, votes, votes >= THRESHOLD)
         suggestions = self._detector_factory().name_crops(list(self._crops(groups)))
         if not suggestions:
             return DetectedObject(membership, "", 0.0, groups)

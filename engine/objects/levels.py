@@ -19,7 +19,7 @@ from ..scene import FEATURE_DIM, Camera
 from .context import SegmentationContext
 from .hierarchy import Hierarchy
 from .lifting import Lifted, refine_by_votes
-from .selection import BELOW_HALF, HALF, connected_parts, with_members
+from .selection import BELOW_HALF, HALF, connected_parts, with_members, without_far
 from .settings import SegmentSettings
 from .support_plane import SupportedVersion, cut_at_support_planes
 from .views import Views, spread_cameras
@@ -153,7 +153,9 @@ def find_levels(
         )
         larger += refined
     parts = _parts(context.views, chosen, directions, settings)
-    return _nested(chosen, [membership, given, *larger, *scales, *parts])
+    levels = _nested(chosen, [membership, given, *larger, *scales, *parts])
+    means = context.views.scene.gaussians.means
+    return replace(levels, memberships=tuple(without_far(means, level, level >= HALF) for level in levels.memberships))
 
 
 def _outlines(

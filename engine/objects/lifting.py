@@ -14,14 +14,15 @@ from ..events import StopCheck
 from ..masks import mask_iou
 from ..pictures import find_clusters
 from .selection import (
-    BELOW_HALF,
     HALF,
+    RADIUS_PERCENTAGE,
     calibrated,
     connected_parts,
     inside_hull,
     mean_direction,
     with_members,
     within_quartiles,
+    without_far,
 )
 from .settings import SegmentSettings
 from .views import View, Views, erode_mask, spread_cameras
@@ -37,11 +38,6 @@ _MIN_PART_SHARE = 0.03  # chosen on museum_room
 
 _MAX_RADII = 2.0  # chosen on museum_room, store_room
 """Distance from the middle of a mask's Gaussians beyond which nothing belongs, in radii."""
-_RADIUS_PERCENTAGE = 90  # chosen on museum_room, store_room
-"""Percentage of a mask's Gaussians that a radius holds. The others may lie on what shines through."""
-
-_NEARBY_MARGIN = 0.25  # chosen on museum_room
-"""Margin around an object within which the threshold can add Gaussians, as a share of its extent along each axis."""
 
 
 @dataclass(frozen=True)
@@ -140,9 +136,9 @@ def lift_group(views: Views, view: View, mask: Mask, members: Mask, settings: Se
     if directions is None:
         return None
     similarity = calibrated((views.directions @ directions.T).max(axis=1), settings.cosine)
-    membership = with_members(similarity, members)
+    membership = without_far(views.scene.gaussians.means, with_members(similarity, members), members)
     evidence_weights = votes_of_mask(views, view, mask)[:, 0]
-    return Lifted(directions, _nearby(views, membership, members), evidence_weights, known=True)
+    return Lifted(directions, membership, evidence_weights, known=True)
 
 
 def _directions(
@@ -174,26 +170,14 @@ def _purity(similar: Mask, mask: Mask) -> float:
 
 def _only_connected(views: Views, membership: Float32, evidence_weights: Float32) -> Float32:
     """Return the membership with 0 for Gaussians that are far from the part that the evidence mask shows."""
+    means = views.scene.gaussians.means
     members = np.flatnonzero(membership >= HALF)
-    kept = members[connected_parts(views.scene.gaussians.means[members], evidence_weights[members])]
+    kept = members[connected_parts(means[members], evidence_weights[members])]
     if len(kept) == 0:
         return np.zeros_like(membership)
     belongs = np.zeros(len(membership), bool)
     belongs[kept] = True
-    return _nearby(views, membership, belongs)
-
-
-def _nearby(views: Views, membership: Float32, members: Mask) -> Float32:
-    """Return the membership of `members` unchanged, of Gaussians close to them below 0.5, and 0 elsewhere.
-
-    The threshold slider can then add similar Gaussians next to the object, but none elsewhere in the scene.
-    """
-    means = views.scene.gaussians.means
-    low, high = means[members].min(axis=0), means[members].max(axis=0)
-    margin = _NEARBY_MARGIN * (high - low)
-    nearby = ((means >= low - margin) & (means <= high + margin)).all(axis=1)
-    others = np.where(nearby, np.minimum(membership, BELOW_HALF), np.float32(0))
-    return np.where(members, membership, others).astype(np.float32)
+    return without_far(means, membership, belongs)
 
 
 def complete(views: Views, lifted: Lifted, settings: SegmentSettings) -> Float32:
@@ -309,7 +293,7 @@ def _excluded_by_mask(views: Views, votes: Float32) -> Mask:
     if core.any():
         means = views.scene.gaussians.means
         distances = np.linalg.norm(means - np.median(means[core], axis=0), axis=1)
-        excluded |= distances > _MAX_RADII * np.percentile(distances[core], _RADIUS_PERCENTAGE)
+        excluded |= distances > _MAX_RADII * np.percentile(distances[core], RADIUS_PERCENTAGE)
     return excluded
 
 

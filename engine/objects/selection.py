@@ -15,6 +15,7 @@ from ..pictures import normalized
 __all__ = [
     "BELOW_HALF",
     "HALF",
+    "RADIUS_PERCENTAGE",
     "calibrated",
     "connected_parts",
     "grid_components",
@@ -22,6 +23,7 @@ __all__ = [
     "mean_direction",
     "with_members",
     "within_quartiles",
+    "without_far",
 ]
 
 log = logging.getLogger(__name__)
@@ -37,6 +39,15 @@ BELOW_HALF = np.nextafter(HALF, np.float32(0))  # by definition
 
 _N_DIRECTION_ROUNDS = 3  # chosen on museum_room
 """Times that the outliers of a mean direction are removed."""
+
+_NEARBY_MARGIN = 0.25  # chosen on museum_room
+"""Margin around an object within which the threshold can add Gaussians, as a share of its extent along each axis."""
+
+RADIUS_PERCENTAGE = 90  # chosen on museum_room, store_room
+"""Percentage of the Gaussians of an object or a mask that its radius holds. Others may lie on what shines through."""
+
+_MAX_MEMBER_RADII = 4.0  # chosen on museum_room, room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Distance from the middle of an object beyond which a member is dropped, in radii."""
 
 _CELL_LINK_DISTANCE = 1.8  # by definition
 """Distance in cells up to which two cells of a grid are linked; above sqrt(3), which reaches the 26 cells around."""
@@ -180,3 +191,34 @@ def inside_hull(corners: Float32, points: Float32) -> Mask:
     for piece in np.array_split(near, max(1, len(near) // 4096)):
         inside[piece] = (points[piece].astype(np.float64) @ normals.T + offsets <= 0).all(axis=1)
     return inside
+
+
+def without_far(means: Float32, membership: Float32, members: Mask) -> Float32:
+    """Return a membership that is above 0 only on an object and next to it.
+
+    Single members far from the others are dropped. Other Gaussians stay below 0.5 next to the members, where the
+    threshold slider can add them, and get 0 elsewhere.
+
+    Parameters
+    ----------
+    means : array of shape [N, 3], float32
+    membership : array of shape [N], float32
+    members : bool array of shape [N]
+
+    Returns
+    -------
+    array of shape [N], float32
+        Zeros without members.
+    """
+    rows = np.flatnonzero(members)
+    if len(rows) == 0:
+        return np.zeros_like(membership)
+    points = means[rows]
+    distances = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    near = distances <= _MAX_MEMBER_RADII * np.percentile(distances, RADIUS_PERCENTAGE)
+    low, high = points[near].min(axis=0), points[near].max(axis=0)
+    margin = _NEARBY_MARGIN * (high - low)
+    nearby = ((means >= low - margin) & (means <= high + margin)).all(axis=1)
+    result = np.where(nearby, np.minimum(membership, BELOW_HALF), np.float32(0)).astype(np.float32)
+    result[rows] = np.where(near, membership[rows], np.float32(0))
+    return result

@@ -5,7 +5,15 @@ import pytest
 
 from engine.errors import SettingsError
 from engine.objects.lifting import snap_to_segments
-from engine.objects.selection import calibrated, connected_parts, inside_hull, mean_direction, within_quartiles
+from engine.objects.selection import (
+    HALF,
+    calibrated,
+    connected_parts,
+    inside_hull,
+    mean_direction,
+    within_quartiles,
+    without_far,
+)
 from engine.objects.settings import DEFAULT_PRESET, PRESETS, SegmentSettings
 from engine.objects.views import erode_mask, spread_cameras
 from tests.engine.pictures.blob_scene import BlobScene
@@ -115,3 +123,28 @@ def test_settings_out_of_bounds_are_refused() -> None:
     for field, value in (("cosine", 1.0), ("n_text_views", 0), ("completion", "balloon"), ("outlier_iqr", 0.0)):
         with pytest.raises(SettingsError, match=f"SegmentSettings.{field}"):
             SegmentSettings(**{field: value})  # type: ignore[arg-type]
+
+
+def _vase_on_a_plate() -> np.ndarray:
+    """300 positions of a vase 0.6 high, and 30 of a thin plate of radius 0.25 below it."""
+    rng = np.random.default_rng(3)
+    vase = rng.random((300, 3)) * (0.1, 0.1, 0.6) - (0.05, 0.05, 0)
+    angles = rng.random(30) * 2 * np.pi
+    plate = np.stack([0.25 * np.cos(angles), 0.25 * np.sin(angles), np.zeros(30)], axis=1)
+    return np.concatenate([vase, plate]).astype(np.float32)
+
+
+def test_single_gaussian_far_away_is_no_part_of_the_object() -> None:
+    points = np.concatenate([_vase_on_a_plate(), [[0.0, -3.0, 0.5], [0.0, 2.5, 1.0]]]).astype(np.float32)
+    membership = without_far(points, np.full(332, 0.9, np.float32), np.ones(332, bool))
+    assert (membership[:330] == np.float32(0.9)).all() and (membership[330:] == 0).all()
+
+
+def test_lower_threshold_adds_what_lies_next_to_the_object_and_nothing_far_away() -> None:
+    points = np.concatenate([_vase_on_a_plate(), [[0.0, 0.0, 0.65], [0.0, 0.0, 30.0]]]).astype(np.float32)
+    membership = without_far(points, np.full(332, 0.8, np.float32), np.arange(332) < 330)
+    assert 0 < membership[330] < HALF and membership[331] == 0
+
+
+def test_object_without_members_is_nowhere() -> None:
+    assert (without_far(_vase_on_a_plate(), np.full(330, 0.4, np.float32), np.zeros(330, bool)) == 0).all()
