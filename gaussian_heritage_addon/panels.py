@@ -130,6 +130,8 @@ class HERITAGE_PT_progress(bpy.types.Panel):
             row = self.layout.row(align=True)
             row.label(text=f"Then: {one.kind} {one.subject.name}", icon="SORTTIME")
             row.operator("heritage.drop_job", text="", icon="X").number = number
+        if job_runner.waiting():
+            draw_text(self.layout, "Waiting jobs are forgotten when Blender is closed.")
 
 
 class HERITAGE_PT_training(bpy.types.Panel):
