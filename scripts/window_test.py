@@ -27,6 +27,16 @@ SCRIPT = ROOT / "scripts" / "window" / "window.sh"
 SCREEN_HEIGHT = 1000
 MAX_WHILE_WORKING, MAX_WHILE_ARRIVING = 0.1, 0.3
 """Seconds that a call of the add-on may take while a job runs, and while its result arrives."""
+PICTURES = ROOT / "docs" / "pictures" / "window"
+PARTS = {
+    "set_up": "184x112+768+78",
+    "licences": "446x150+476+146",
+    "imported": "184x190+768+78",
+    "click_object": "650x20+172+58",
+}
+"""Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
+MAX_DIFFERENCE = 0.04
+"""Mean difference of a part, 0 to 1; another text or another place of a button is above."""
 IMPORTERS = ("_poll_job", "HERITAGE_OT_open_project.execute")
 """Functions that import results."""
 
@@ -268,6 +278,7 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
 def survive_a_crash(window: Window) -> None:
     """Kill Blender while a job runs, start it again, and find the job."""
     window.python(f"""
+bpy.ops.wm.save_userpref()
 bpy.ops.wm.save_as_mainfile(filepath={str(window.work / "museum.blend")!r})
 bpy.ops.heritage.find_objects()
 """)
@@ -295,6 +306,20 @@ def export(window: Window) -> None:
     if not any(name.endswith(".ply") for name in files) or not any(name.endswith(".glb") for name in files):
         raise Failed(f"nothing was exported: {files}")
     print(f"  exported {len(files)} files", flush=True)
+
+
+def compare_pictures(window: Window, *, keep: bool) -> None:
+    """Compare parts of the screenshots with the stored pictures, or store them."""
+    for name, part in PARTS.items():
+        new = window.work / "screenshots" / f"{name}.jpg"
+        window.run("small", new.with_suffix(".png"), new)
+        if keep:
+            shutil.copy(new, PICTURES / new.name)
+            continue
+        difference = float(window.run("differ", new, PICTURES / new.name, part))
+        if difference > MAX_DIFFERENCE:
+            raise Failed(f"{new} differs from {PICTURES / new.name} by {difference:.3f} in {part}")
+        print(f"  {name} looks as before ({difference:.3f})", flush=True)
 
 
 # ---- what was measured
@@ -348,6 +373,9 @@ def main() -> int:
     parser.add_argument("--root", type=Path, help="folder of the Debian root (default: WORK/root)")
     parser.add_argument("--bundle", type=Path, default=ROOT / "dist" / "gaussian_heritage_offline.zip")
     parser.add_argument("--photos", type=Path, required=True, help="folder of the photos to import")
+    parser.add_argument(
+        "--keep", action="store_true", help="store the screenshots as pictures instead of comparing them"
+    )
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="file for the measurements")
     options = parser.parse_args()
     if os.geteuid() != 0 or shutil.which("debootstrap") is None:
@@ -380,6 +408,7 @@ def main() -> int:
         ("isolate by a click", lambda: isolate_by_click(window)),
         ("export", lambda: export(window)),
         ("check the calls", lambda: check_calls(work)),
+        ("compare the pictures", lambda: compare_pictures(window, keep=options.keep)),
         ("survive a crash", lambda: survive_a_crash(window)),
     ]
     try:

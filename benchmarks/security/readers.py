@@ -6,6 +6,7 @@ A reader that calls the functions of `engine.files`, and is in no entry here, fa
 from __future__ import annotations
 
 from .reader import Reader
+from .readers_installation import INSTALLATION
 from .readers_models import MODELS
 from .readers_photos import PHOTOS
 from .readers_project import PROJECT
@@ -13,4 +14,4 @@ from .readers_scene import SCENE
 
 __all__ = ["READERS", "Reader"]
 
-READERS: tuple[Reader, ...] = (*PROJECT, *SCENE, *PHOTOS, *MODELS)
+READERS: tuple[Reader, ...] = (*PROJECT, *SCENE, *PHOTOS, *MODELS, *INSTALLATION)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..errors import EnvironmentProblem, FormatError
+from ..errors import EnvironmentProblem, FormatError, HeritageError
 from ..events import Emit, Progress
 from ..files import atomic_write, file_sha256, parse_json
 from ..models.catalogue import CATALOGUE
@@ -78,7 +78,8 @@ class Bundle:
         try:
             with zipfile.ZipFile(file) as archive, archive.open(_INFO) as stream:
                 text = stream.read(_MAX_INFO_BYTES).decode()
-        except (OSError, KeyError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
+        # zipfile and zlib raise a dozen types for a damaged archive.
+        except Exception as error:
             raise FormatError(f"{file} is not an offline bundle of Gaussian Heritage ({error}). {_ADVICE}") from error
         info = parse_json(text, _SCHEMA, source=f"{_INFO} in {file}", advice=_ADVICE)
         if info["version"] != _VERSION:
@@ -110,7 +111,9 @@ class Bundle:
                     emit(Progress("set-up", number / len(self.files), message=f"Unpacking {parts[1]}"))
                     with archive.open(name) as stream:
                         self._copy(stream, folder / parts[0] / parts[1], sha256)
-        except (KeyError, ValueError, RuntimeError, EOFError, zipfile.BadZipFile) as error:
+        except HeritageError:
+            raise
+        except Exception as error:
             raise FormatError(f"{self.file} is damaged ({error}). {_ADVICE}") from error
 
     def _copy(self, stream: Any, target: Path, sha256: str) -> None:

@@ -6,6 +6,7 @@
 #   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
 #   window.sh shot FILE.png       the whole screen
 #   window.sh crash               kills Blender
+#   window.sh small FILE.png FILE.jpg | differ FILE.jpg FILE.jpg WxH+X+Y    of screenshots, 1200x750 pixels
 #   window.sh stop                ends what start began, and unbinds
 # BLENDER_WINDOW_SEES: folders, with colons between, that are visible inside at the same path (checkout, environments, the engine's Python).
 set -eu
@@ -52,10 +53,15 @@ drag)
   inside xdotool mouseup 1 ;;
 type) inside xdotool key ctrl+a; sleep 0.2; inside xdotool type --delay 25 "$2"; sleep 0.3; inside xdotool key Return ;;
 key) shift; inside xdotool key "$@" ;;
+small) inside convert "$2" -resize 1200x750 -quality 82 "$work/small.jpg" && cp "$work/small.jpg" "$3" ;;
+differ)   # mean difference of a part of two pictures, 0 to 1
+  cp "$2" "$work/one.jpg"; cp "$3" "$work/two.jpg"
+  for name in one two; do inside convert "$work/$name.jpg" -crop "$4" +repage "$work/$name.png"; done
+  inside compare -metric MAE "$work/one.png" "$work/two.png" null: 2>&1 | sed 's/.*(\(.*\)).*/\1/' || true ;;
 shot) inside import -window root "$work/shot.png" && cp "$work/shot.png" "$2" ;;
 crash) kill -9 "$(tail -1 "$work/pids")" ;;
 stop)
   [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do kill "$pid" 2>/dev/null || true; done; rm "$work/pids"; sleep 5; }
   mount | awk -v root="$root/" 'index($3, root) == 1 {print $3}' | sort -r | while read -r point; do umount "$point" || umount -l "$point" || true; done ;;
-*) sed -n '2,11p' "$0"; exit 2 ;;
+*) sed -n '2,12p' "$0"; exit 2 ;;
 esac

@@ -1,0 +1,58 @@
+"""Readers of the engine's installation: the offline bundle, and the record of what is installed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+
+from .reader import Reader
+
+__all__ = ["INSTALLATION"]
+
+_WHEEL = b"a wheel" * 20
+
+
+def _write_bundle(folder: Path) -> None:
+    from engine.installation.bundle import this_platform
+
+    files = {"wheels/one-1.0-py3-none-any.whl": _WHEEL, "models/one.onnx": b"weights"}
+    info = {
+        "version": 1, "platform": this_platform(), "python": "3.11", "torch": "cpu",
+        "files": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
+    }  # fmt: skip
+    with zipfile.ZipFile(folder / "bundle.zip", "w") as archive:
+        archive.writestr("bundle.json", json.dumps(info))
+        for name, content in files.items():
+            archive.writestr(name, content)
+
+
+def _unpack_bundle(folder: Path) -> object:
+    from engine.events import ignore_events
+    from engine.installation.bundle import Bundle
+
+    Bundle.read(folder / "bundle.zip").unpack(folder / "unpacked", ignore_events)
+    return True
+
+
+def _write_installed(folder: Path) -> None:
+    from engine.installation import EngineEnvironment
+
+    engine = EngineEnvironment(folder)
+    engine.begin()
+    engine.python.parent.mkdir(parents=True)
+    engine.python.touch()
+    engine.finish("3.11", "cpu")
+
+
+def _installed_state(folder: Path) -> object:
+    from engine.installation import EngineEnvironment
+
+    return EngineEnvironment(folder).state() == "ready" or None
+
+
+INSTALLATION: tuple[Reader, ...] = (
+    Reader("offline-bundle", _write_bundle, _unpack_bundle, ("bundle.zip",)),
+    Reader("installed-engine", _write_installed, _installed_state, ("installed.json",)),
+)
