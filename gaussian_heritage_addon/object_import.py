@@ -25,8 +25,6 @@ _MIN_COPIED_MEMBERSHIP = 0.05
 Setting the threshold below it shows no more Gaussians."""
 _OBJECT_ID_KEY = "heritage_object_id"
 """Custom property of an object's own collection: the id of the object."""
-_FOOT_KEY = "heritage_foot"
-"""Custom property of an object: its origin in the frame of the scene. Objects of older files have none: theirs is 0."""
 
 
 def new_collection(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
@@ -75,7 +73,6 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     splats = SplatScene.create(item.name, _moved(gaussians, -foot), collection, index=index, membership=membership)
     obj = splats.object
     obj.matrix_world = whole.matrix_world @ Matrix.Translation(foot)
-    obj[_FOOT_KEY] = foot
     properties: HeritageObject = obj.heritage
     record = load_record(project, item.id)
     with loading(properties):
@@ -99,7 +96,7 @@ def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, who
     splats = SplatScene.of(obj)
     gaussians, index, membership = _object_gaussians(project, item, whole)
     # Where the user has put the object, the Gaussians keep their place relative to its origin.
-    splats.replace(_moved(gaussians, -_stored_foot(obj)), index=index, membership=membership)
+    splats.replace(_moved(gaussians, -_origin(splats, whole)), index=index, membership=membership)
     _write_object_properties(obj, item, whole)
     return splats
 
@@ -123,10 +120,20 @@ def _moved(gaussians: Gaussians, by: NDArray[np.float64]) -> Gaussians:
     return replace(gaussians, means=(gaussians.means + by).astype(np.float32))
 
 
-def _stored_foot(obj: bpy.types.Object) -> NDArray[np.float64]:
-    """Return the origin of an object in the frame of the scene; 0 where it was changed by another program."""
-    try:
-        foot = np.array(obj.get(_FOOT_KEY, (0.0, 0.0, 0.0)), np.float64)
-    except (TypeError, ValueError):
+def _origin(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
+    """Return the origin of an object in the frame of the scene.
+
+    Found from its Gaussians, as objects of older files have the origin of the scene, and *Object > Set Origin* moves
+    it. The median, because single Gaussians may be polished or moved by hand.
+    """
+    scene = SplatScene.of(whole)
+    count = scene_count(whole)
+    rows, scene_rows = splats.index(count), scene.index(count)
+    places = np.full(count, -1)
+    places[scene_rows[scene_rows >= 0]] = np.flatnonzero(scene_rows >= 0)
+    known = np.flatnonzero(rows >= 0)
+    known = known[places[rows[known]] >= 0]
+    if not len(known):
         return np.zeros(3)
-    return foot if foot.shape == (3,) and np.isfinite(foot).all() else np.zeros(3)
+    differences = scene.local_gaussians().means[places[rows[known]]] - splats.local_gaussians().means[known]
+    return np.median(differences.astype(np.float64), axis=0)

@@ -17,8 +17,6 @@ Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
 Draw = Callable[[str], Any]
 
-FOOT = "heritage_foot"
-"""Custom property of an object: its origin in the frame of the scene."""
 PROJECT = "project = Path(sys.argv[4])\n"
 CANDIDATES = """
 folder = project / "objects"
@@ -139,6 +137,10 @@ def test_corrected_object_is_changed_in_place(opened: Any, fake_engine: StandIn,
     vase.heritage.title, vase.heritage.catalogue_number = "Amphora", "1906.12"
     bpy.context.view_layer.update()
     placed, count = vase.matrix_world.copy(), len(bpy.data.objects)
+    # The user chooses another origin, by Object > Set Origin.
+    for vertex in vase.data.vertices:
+        vertex.co.x += 7
+    origin = opened.gaussians.means[0] - np.array(vase.data.vertices[0].co)
     arguments = fake_engine(REFINE)
     away = click("a b/view 1.jpg", 3.0, 4.0, wanted=False)
     assert bpy.ops.heritage.refine_object(object_id="vase", clicks=[away]) == {"FINISHED"}
@@ -154,11 +156,8 @@ def test_corrected_object_is_changed_in_place(opened: Any, fake_engine: StandIn,
         "1906.12",
         pytest.approx(0.7),
     )
-    np.testing.assert_allclose(
-        part("gaussian_heritage_addon.splats").SplatScene.of(same).local_gaussians().means + np.array(same[FOOT]),
-        opened.gaussians.means[30:60],
-        atol=1e-6,
-    )
+    local = part("gaussian_heritage_addon.splats").SplatScene.of(same).local_gaussians().means
+    np.testing.assert_allclose(local, opened.gaussians.means[30:60] - origin, atol=1e-6)
     assert same.modifiers["Gaussian Splats"].node_group is not None
 
 
