@@ -66,12 +66,13 @@ class Window:
             raise Failed(f"{' '.join(command)} failed: {done.stdout[-500:]}{done.stderr[-500:]}")
         return done.stdout
 
-    def start(self) -> None:
-        """Start Blender and wait until it answers."""
-        self.stop()
+    def start(self, how: str = "start") -> None:
+        """Start Blender, and the screen unless `how` is "again", and wait until it answers."""
+        if how == "start":
+            self.stop()
         # Programs started in a chroot keep the pipes of `run` open.
         subprocess.Popen(
-            ["bash", str(SCRIPT), "start"], env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            ["bash", str(SCRIPT), how], env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         time.sleep(8)
@@ -284,7 +285,7 @@ bpy.ops.heritage.find_objects()
 """)
     time.sleep(3)
     window.run("crash")
-    window.start()
+    window.start("again")
     window.python(f"bpy.ops.wm.open_mainfile(filepath={str(window.work / 'museum.blend')!r})")
     module = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x'])"
     window.wait_for(f"{module}.current() is not None", 30)

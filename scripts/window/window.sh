@@ -5,7 +5,7 @@
 #   window.sh py [SECONDS]        runs Python from standard input inside the window's Blender, prints its output
 #   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
 #   window.sh shot FILE.png       the whole screen
-#   window.sh crash               kills Blender
+#   window.sh crash | again       kills Blender; starts it again
 #   window.sh small FILE.png FILE.jpg | differ FILE.jpg FILE.jpg WxH+X+Y    of screenshots, 1200x750 pixels
 #   window.sh stop                ends what start began, and unbinds
 # BLENDER_WINDOW_SEES: folders, with colons between, that are visible inside at the same path (checkout, environments, the engine's Python).
@@ -19,6 +19,7 @@ inside() { chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR
 begin() { (exec chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@") & echo $! >>"$work/pids"; }
 bind_all() { local IFS=:; for folder in /proc /dev "$work" ${BLENDER_WINDOW_SEES:-}; do bind "$folder"; done; }
 bind() { mkdir -p "$root$1"; mountpoint -q "$root$1" || mount --bind "$1" "$root$1"; }
+start_blender() { begin env WINDOW_WORK="$work" blender --gpu-backend opengl --window-geometry 0 0 1600 1000 "$@" --python "$work/harness.py" >>"$work/blender.log" 2>&1; }
 mkdir -p "$work/commands" "$work/home"
 case ${1:-} in
 setup)
@@ -40,7 +41,8 @@ start)
   begin Xvfb $DISPLAY -screen 0 1600x1000x24 +extension GLX +render -noreset >"$work/xvfb.log" 2>&1
   sleep 2
   begin openbox >"$work/openbox.log" 2>&1
-  begin env WINDOW_WORK="$work" blender --gpu-backend opengl --window-geometry 0 0 1600 1000 "$@" --python "$work/harness.py" >>"$work/blender.log" 2>&1 ;;
+  start_blender "$@" ;;
+again) start_blender ;;
 py)
   name=$work/commands/$(date +%s%N); cat >"$name.part"; mv "$name.part" "$name.py"
   for _ in $(seq 1 $(( ${2:-30} * 10 ))); do [ -e "$name.out" ] && { cat "$name.out"; exit 0; }; sleep 0.1; done
