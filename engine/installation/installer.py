@@ -98,7 +98,8 @@ def install(
     emit(StageStarted(STAGE))
     packed = Bundle.read(bundle) if bundle is not None else None
     wanted = packed.torch if packed is not None else default_build() if build == "auto" else build
-    _require_space(environment, wanted)
+    if not environment.root.exists():
+        _require_space(environment, wanted)
     environment.begin()
     unpacked = environment.folder / "unpacked"
     try:
@@ -279,10 +280,8 @@ def _fetch_models(run: _Run) -> None:
 
 
 def _require_space(environment: EngineEnvironment, build: str) -> None:
-    """Raise when the disk has too little space for an environment that does not exist yet."""
+    """Raise when the disk has too little space."""
     folder = environment.folder
-    if environment.root.exists():
-        return
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free / 1e9
