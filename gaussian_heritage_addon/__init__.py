@@ -2,7 +2,7 @@
 
 import bpy
 
-from . import guards, job_runner, panels, pictures, preferences_page, problems, properties
+from . import guards, job_runner, panels, pictures, preferences_page, problems, properties, solid_mode
 from .preferences import user_folder
 
 __all__ = ["register", "unregister"]
@@ -17,10 +17,12 @@ def register() -> None:
         guards.register_class(cls)
     properties.register()
     job_runner.register()
+    solid_mode.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
+    solid_mode.unregister()
     job_runner.unregister()
     pictures.unregister()
     properties.unregister()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
 
 import bpy
 
 from .cameras import INITIAL_RENDER_SIDE, current_photo, look_through
 from .guards import Timer
 from .properties import photo_of
+from .solid_mode import OPAQUE_MODES, update_shapes, viewports
 
 __all__ = ["CATEGORY", "show_job", "show_scene"]
 
@@ -23,13 +23,13 @@ def show_job() -> None:
     """Open the sidebar of the 3D viewports at the add-on's tab, where the progress is shown."""
     if bpy.app.background:
         return
-    for area in _viewports():
+    for area in viewports():
         area.spaces.active.show_region_ui = True
     _tab_timer.start(_DRAWN_AFTER)
 
 
 def _open_tab() -> None:
-    for area in _viewports():
+    for area in viewports():
         for region in area.regions:
             if region.type == "UI":
                 # Read-only while the sidebar shows no tabs.
@@ -44,23 +44,21 @@ _tab_timer = Timer(_open_tab)
 def show_scene(scene: bpy.types.Scene) -> None:
     """Let the 3D viewports of `scene` show splats as the photos do: in Material Preview, through a photo.
 
-    In the mode Solid splats are grey, and the outline of a selected object is drawn around each Gaussian.
+    The mode Solid is prepared to show them in their colours. The outline of a selected object would be drawn around
+    each Gaussian.
     """
     if bpy.app.background:
         return
     if not current_photo(scene) and any(photo_of(obj) for obj in scene.objects):
         look_through(scene, "", INITIAL_RENDER_SIDE)
-    for area in _viewports(scene):
+    for area in viewports(scene):
         space = area.spaces.active
-        if space.shading.type in ("SOLID", "WIREFRAME"):
+        if space.shading.type in OPAQUE_MODES:
+            space.shading.color_type, space.shading.light = "VERTEX", "FLAT"  # for the return to this mode
+            space.shading.show_object_outline = False
             space.shading.type = "MATERIAL"
         space.overlay.show_outline_selected = False
         space.clip_start = min(space.clip_start, 0.01)
         if current_photo(scene):
             space.region_3d.view_perspective = "CAMERA"
-
-
-def _viewports(scene: bpy.types.Scene | None = None) -> Iterator[bpy.types.Area]:
-    for window in bpy.context.window_manager.windows:
-        if scene is None or window.scene == scene:
-            yield from (area for area in window.screen.areas if area.type == "VIEW_3D")
+    update_shapes()

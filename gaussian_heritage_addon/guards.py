@@ -1,8 +1,8 @@
 """The only way by which Blender calls our code: no error leaves as a traceback.
 
-Every class, timer, menu entry and draw handler of the add-on is registered here. Functions that Blender calls are
-wrapped: an error becomes a sentence, which an operator reports, a panel draws, and a timer or callback leaves for the
-panel, see `problems`. ``tests/addon/test_guards.py`` checks that no other module registers anything.
+Every class, timer, menu entry, handler and subscription of the add-on is registered here. Functions that Blender calls
+are wrapped: an error becomes a sentence, which an operator reports, a panel draws, and a timer or callback leaves for
+the panel, see `problems`. ``tests/addon/test_guards.py`` checks that no other module registers anything.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ __all__ = [
     "remove_draw_handler",
     "remove_load_handler",
     "remove_menu_entry",
+    "subscribe",
+    "unsubscribe",
 ]
 
 Function = Callable[..., Any]
@@ -279,6 +281,17 @@ def remove_load_handler(function: Callable[[], None]) -> None:
 
 
 _LOAD_HANDLERS: dict[Callable[[], None], Function] = {}
+
+
+def subscribe(key: Any, function: Callable[[], None]) -> None:
+    """Call `function` after each change of a property, once for all subscriptions to it; see ``bpy.msgbus``."""
+    bpy.msgbus.clear_by_owner(function)
+    bpy.msgbus.subscribe_rna(key=key, owner=function, args=(), notify=_guarded(function, Timer._failed))
+
+
+def unsubscribe(function: Callable[[], None]) -> None:
+    """Undo `subscribe`; nothing happens where it was not called."""
+    bpy.msgbus.clear_by_owner(function)
 
 
 def add_draw_handler(space: type, draw: Callable[[], None]) -> Any:

@@ -1,7 +1,7 @@
 """Runs engine jobs one after the other: operators start them, a timer polls them, and their results are imported.
 
 Blender may be closed meanwhile. The running job is found again after that, and so are jobs that ended in the meantime;
-their results are offered where no scene of the file shows their project. Jobs that were still waiting are forgotten.
+their results are offered where no scene of the file shows their project. Jobs that were still waiting start then.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -22,11 +21,11 @@ from .guards import Timer, add_load_handler, redraw, remove_load_handler
 from .jobs import Job, JobState
 from .preferences import current_environment, current_python, user_folder
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
+from .waiting_jobs import WaitingJob
 
 __all__ = [
     "ENGINE",
     "MODEL_FILES",
-    "Waiting",
     "cancel",
     "continue_last",
     "current",
@@ -46,6 +45,8 @@ __all__ = [
 _LOG = logging.getLogger(__name__)
 _POLL_INTERVAL = 0.5
 """Seconds between two polls of the job."""
+_WAITING = "waiting jobs"
+"""Folder with the records of waiting jobs, among the user's files."""
 MODEL_FILES = Path("model files")
 """Subject of jobs about model files, which belong to no project."""
 ENGINE = Path("the engine")
@@ -53,17 +54,8 @@ ENGINE = Path("the engine")
 _EDIT_MODE_MESSAGE = "Leave Edit Mode (Tab) to import the finished result."
 
 
-@dataclass(frozen=True)
-class Waiting:
-    """A job that starts when the one before it has ended."""
-
-    kind: str
-    subject: Path
-    command: tuple[str, ...]
-
-
 _job: Job | None = None
-_queue: list[Waiting] = []
+_queue: list[WaitingJob] = []
 _found: list[Job] = []
 """Jobs of an earlier session of Blender that are still to be polled."""
 _undecided: list[Job] = []
@@ -76,7 +68,7 @@ def current() -> tuple[Job, JobState] | None:
     return None if _job is None else (_job, _job.poll())
 
 
-def waiting() -> list[Waiting]:
+def waiting() -> list[WaitingJob]:
     """Return the jobs that wait for the running one."""
     return list(_queue)
 
@@ -129,16 +121,15 @@ def start_command(kind: str, subject: Path, command: Sequence[str]) -> JobState 
     HeritageError
         When the same job is waiting already, or (in background mode) the job failed.
     """
-    wanted = Waiting(kind, subject, tuple(command))
     if problem():
         raise ProjectError(problem())
-    if wanted in _queue:
+    if any((one.kind, one.subject, one.command) == (kind, subject, tuple(command)) for one in _queue):
         raise ProjectError(f"The same job on {subject} is waiting already.")
     if _is_running():
-        _queue.append(wanted)
+        _queue.append(WaitingJob.store(user_folder(_WAITING), kind, subject, command))
         _poll_timer.start(_POLL_INTERVAL, persistent=True)
         return None
-    job = _launch(wanted)
+    job = _launch(kind, subject, command)
     if bpy.app.background:
         state = job.wait()
         job.mark_taken()
@@ -161,7 +152,7 @@ def drop(number: int) -> None:
     """
     if not 0 <= number < len(_queue):
         raise ProjectError("That job is no longer waiting.")
-    del _queue[number]
+    _queue.pop(number).take()
 
 
 def cancel() -> None:
@@ -229,24 +220,24 @@ def _is_running() -> bool:
     return running is not None and running[1].running
 
 
-def _launch(wanted: Waiting) -> Job:
+def _launch(kind: str, subject: Path, command: Sequence[str]) -> Job:
     global _job
     _job = Job.start(
-        list(wanted.command),
-        _folder_for(wanted),
-        kind=wanted.kind,
-        subject=str(wanted.subject),
+        list(command),
+        _folder_for(kind, subject),
+        kind=kind,
+        subject=str(subject),
         environment=current_environment(),
     )
     return _job
 
 
-def _folder_for(wanted: Waiting) -> Path:
+def _folder_for(kind: str, subject: Path) -> Path:
     """Return a folder for a job: that of the same running job, which `Job.start` refuses, or one that is free.
 
     A job whose end the user does not know yet keeps its folder.
     """
-    key = hashlib.sha256(f"{wanted.kind} {wanted.subject}".encode()).hexdigest()[:16]
+    key = hashlib.sha256(f"{kind} {subject}".encode()).hexdigest()[:16]
     folder, number = user_folder("jobs") / key, 0
     while (job := Job.attach(folder)) is not None and not job.is_taken() and not job.poll().running:
         number += 1
@@ -302,9 +293,11 @@ def _poll_next() -> None:
         _job = _found.pop(0)
         return
     while _queue:
+        waiting_job = _queue.pop(0)
         try:
-            _launch(_queue.pop(0))
-            return
+            if waiting_job.take():
+                _launch(waiting_job.kind, waiting_job.subject, waiting_job.command)
+                return
         except HeritageError as error:
             problems.show(problems.sentence_of(error))
 
@@ -322,14 +315,15 @@ def _import(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
 
 def _find_jobs() -> None:
     """Continue with jobs of an earlier session of Blender. Only folders that we made are searched."""
-    global _job
     if _job is not None or _found:
         return
     jobs = [job for folder in sorted(user_folder("jobs").iterdir()) if (job := Job.attach(folder)) is not None]
     _found.extend(job for job in jobs if not job.is_taken())
-    if _found:
-        _LOG.info("found %s jobs of an earlier session", len(_found))
-        _job = _found.pop(0)
+    known = {one.file for one in _queue}
+    _queue.extend(one for one in WaitingJob.stored(user_folder(_WAITING)) if one.file not in known)
+    if _found or _queue:
+        _LOG.info("found %s jobs of an earlier session, and %s that wait", len(_found), len(_queue))
+        _poll_next()
         _poll_timer.start(_POLL_INTERVAL, persistent=True)
 
 

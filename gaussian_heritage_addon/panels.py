@@ -9,6 +9,7 @@ from .cameras import current_photo
 from .curve import stored_curve
 from .default_objects import untouched_defaults
 from .first_view import CATEGORY
+from .jobs import Job, JobState
 from .layouts import draw_curve, draw_job, draw_text
 from .project import report_file
 from .properties import HeritageScene, project_of
@@ -117,21 +118,22 @@ class HERITAGE_PT_progress(bpy.types.Panel):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether there is a job of a project; an error is shown above."""
-        current = job_runner.current()
-        has_progress = current is not None and current[0].kind in PROJECT_KINDS and not current[1].error
-        return has_progress or bool(job_runner.waiting())
+        return _shown_job() is not None or bool(job_runner.waiting())
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the panel."""
-        current = job_runner.current()
-        if current is not None and current[0].kind in PROJECT_KINDS and not current[1].error:
-            draw_job(self.layout, *current)
+        shown = _shown_job()
+        if shown is not None:
+            draw_job(self.layout, *shown)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)
             row.label(text=f"Then: {one.kind} {one.subject.name}", icon="SORTTIME")
             row.operator("heritage.drop_job", text="", icon="X").number = number
-        if job_runner.waiting():
-            draw_text(self.layout, "Waiting jobs are forgotten when Blender is closed.")
+
+
+def _shown_job() -> tuple[Job, JobState] | None:
+    current = job_runner.current()
+    return current if current is not None and current[0].kind in PROJECT_KINDS and not current[1].error else None
 
 
 class HERITAGE_PT_training(bpy.types.Panel):

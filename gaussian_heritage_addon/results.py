@@ -14,6 +14,7 @@ from .model_files import states_of
 from .preferences import store_check_result, store_model_states
 from .properties import heritage_objects, project_of, select_object
 from .scene_file import add_objects, open_project
+from .solid_mode import update_shapes
 
 __all__ = ["PROJECT_KINDS", "destination", "import_results", "is_editing", "scene_for"]
 
@@ -55,6 +56,7 @@ def import_results(job: Job, state: JobState, scene: bpy.types.Scene) -> None:
     importer = _IMPORTERS.get(job.kind)
     if importer is not None:
         importer(Path(job.subject), state, scene)
+        update_shapes()
         if any(word.startswith("--accept") for word in job.command):
             dismiss(Path(job.subject))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -9,26 +10,41 @@ import bpy
 from ..engine.rasterizer.settings import ALPHA_MIN
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, separate_xyz, vector
 from .splat_material import COLOR_ATTRIBUTE
-from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids
+from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids, add_solids
 
-__all__ = ["DISPLAY", "AS_TRAINED", "PIXEL", "THRESHOLD", "VIEW_HIGH", "VIEW_LOW", "add_display", "set_display_input"]
+__all__ = [
+    "DISPLAY",
+    "AS_TRAINED",
+    "PIXEL",
+    "SOLID",
+    "THRESHOLD",
+    "VIEW_HIGH",
+    "VIEW_LOW",
+    "add_display",
+    "display_input",
+    "set_display_input",
+]
 
 DISPLAY = "Gaussian Splats"
 """Name of the modifier, and prefix of the names of its node groups."""
 THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
 PIXEL = "Pixel Size"
+SOLID = "Solid Shapes"
 VIEW_LOW, VIEW_HIGH = "View Low", "View High"
 """Inputs of the modifier, see `_display_group`."""
 _INPUTS = {
     THRESHOLD: "NodeSocketFloat",
     AS_TRAINED: "NodeSocketBool",
     PIXEL: "NodeSocketFloat",
+    SOLID: "NodeSocketBool",
     VIEW_LOW: "NodeSocketVector",
     VIEW_HIGH: "NodeSocketVector",
 }
 """Type of each input."""
 _SH_C0 = 0.28209479177387814
+_SOLID_OPACITY = 0.15
+"""Fainter Gaussians are left out where all that is drawn is opaque."""
 
 
 def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
@@ -40,8 +56,7 @@ def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
 def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
     """Set an input of the display modifier of `obj`; do nothing when the user has removed or replaced it."""
     modifier = obj.modifiers.get(DISPLAY)
-    tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
-    identifier = None if tree is None else _inputs(tree).get((name, _INPUTS[name]))
+    identifier = _identifier(modifier, name)
     if identifier is None:
         return
     if bpy.app.version >= (5, 2, 0):
@@ -49,6 +64,22 @@ def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tu
     else:
         modifier[identifier] = value
     obj.update_tag()
+
+
+def display_input(obj: bpy.types.Object, name: str) -> Any:
+    """Return an input of the display modifier of `obj`; None when the user has removed or replaced it."""
+    modifier = obj.modifiers.get(DISPLAY)
+    identifier = _identifier(modifier, name)
+    if identifier is None:
+        return None
+    if bpy.app.version >= (5, 2, 0):
+        return getattr(modifier.properties.inputs, identifier).value
+    return modifier[identifier]
+
+
+def _identifier(modifier: bpy.types.Modifier | None, name: str) -> str | None:
+    tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+    return None if tree is None else _inputs(tree).get((name, _INPUTS[name]))
 
 
 def _inputs(tree: bpy.types.NodeTree) -> dict[tuple[str, str], str]:
@@ -73,6 +104,8 @@ def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     trained.description = "Blend sRGB values, as in training; needs the view transform Raw"
     pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type=_INPUTS[PIXEL])
     pixel.description = "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
+    solid = tree.interface.new_socket(SOLID, in_out="INPUT", socket_type=_INPUTS[SOLID])
+    solid.description = "Draw opaque shapes in the viewport, as the modes Solid and Wireframe need them"
     for bound, sign in ((VIEW_LOW, -1.0), (VIEW_HIGH, 1.0)):
         socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type=_INPUTS[bound])
         socket.description = (
@@ -112,17 +145,27 @@ def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
         drawn=belongs * (opacity > ALPHA_MIN),
         radius=((opacity * (1.0 / ALPHA_MIN)).maximum(1.0).log() * 2.0).sqrt(),
     )
+    solid = replace(cutoff, drawn=belongs * (opacity > _SOLID_OPACITY))
     low, high = (separate_xyz(tree, inputs[bound]) for bound in (VIEW_LOW, VIEW_HIGH))
     projection = Projection(Formula(tree, inputs[PIXEL]), low, high)
-    switch = new_node(
+    solids = add_solids(tree, solid, with_color.outputs["Geometry"])
+    viewport = _choice(tree, inputs[SOLID], solids, add_ellipsoids(tree, cutoff))
+    is_viewport = tree.nodes.new("GeometryNodeIsViewport").outputs[0]
+    shapes = _choice(tree, is_viewport, viewport, add_cards(tree, cutoff, projection))
+    output = tree.nodes.new("NodeGroupOutput")
+    tree.links.new(shapes, output.inputs["Geometry"])
+
+
+def _choice(tree: bpy.types.NodeTree, condition: Any, if_true: Any, if_false: Any) -> Any:
+    """Return one of two geometries; only that one is computed."""
+    node = new_node(
         tree,
         "GeometryNodeSwitch",
         {"input_type": "GEOMETRY"},
-        Switch=tree.nodes.new("GeometryNodeIsViewport").outputs[0],
-        **{"True": add_ellipsoids(tree, cutoff), "False": add_cards(tree, cutoff, projection)},
+        Switch=condition,
+        **{"True": if_true, "False": if_false},
     )
-    output = tree.nodes.new("NodeGroupOutput")
-    tree.links.new(switch.outputs[0], output.inputs["Geometry"])
+    return node.outputs[0]
 
 
 def _srgb_color(tree: bpy.types.NodeTree, base: Any, sh_degree: int) -> Any:

@@ -17,10 +17,13 @@ from ..engine.rasterizer.settings import RasterSettings
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, vector
 from .splat_material import splat_material
 
-__all__ = ["Cutoff", "Projection", "add_cards", "add_ellipsoids"]
+__all__ = ["Cutoff", "Projection", "add_cards", "add_ellipsoids", "add_solids"]
 
 _ICOSAHEDRON_RADIUS = 1.2584086
 """Radius of the corners of an icosahedron whose faces touch the unit sphere, so that it contains the ellipsoid."""
+_OCTAHEDRON_SEGMENTS, _OCTAHEDRON_RINGS = 4, 2
+_SOLID_RADIUS = 1.5
+"""Distance of the corners of an opaque shape from its centre, in standard deviations."""
 _RASTER = RasterSettings()
 """The engine's settings, for the low-pass filter and the near plane."""
 
@@ -75,6 +78,38 @@ def add_ellipsoids(tree: bpy.types.NodeTree, cutoff: Cutoff) -> Any:
         Scale=scale_vector(tree, named_attribute(tree, "scale", "FLOAT_VECTOR"), cutoff.radius),
     )
     return instances.outputs["Instances"]
+
+
+def add_solids(tree: bpy.types.NodeTree, cutoff: Cutoff, mesh: Any) -> Any:
+    """Return one mesh with an opaque octahedron for each Gaussian, for the viewport modes Solid and Wireframe.
+
+    Those modes draw no transparency, and the colours of a mesh but not those of instances. `mesh` is the mesh of the
+    Gaussians: the result takes over which of its attributes is its colour.
+    """
+    shape = new_node(
+        tree, "GeometryNodeMeshUVSphere", Radius=_SOLID_RADIUS, Segments=_OCTAHEDRON_SEGMENTS, Rings=_OCTAHEDRON_RINGS
+    )
+    instances = new_node(
+        tree,
+        "GeometryNodeInstanceOnPoints",
+        Points=cutoff.points,
+        Selection=cutoff.drawn,
+        Instance=shape.outputs["Mesh"],
+        Rotation=named_attribute(tree, "rotation", "QUATERNION"),
+        Scale=named_attribute(tree, "scale", "FLOAT_VECTOR"),
+    )
+    others = new_node(
+        tree,
+        "FunctionNodeCompare",
+        {"data_type": "INT", "operation": "GREATER_THAN"},
+        A=tree.nodes.new("GeometryNodeInputIndex").outputs[0],
+        B=0,
+    )
+    one_vertex = new_node(tree, "GeometryNodeDeleteGeometry", Geometry=mesh, Selection=others.outputs[0])
+    joined = tree.nodes.new("GeometryNodeJoinGeometry")
+    tree.links.new(instances.outputs["Instances"], joined.inputs[0])
+    tree.links.new(one_vertex.outputs[0], joined.inputs[0])
+    return new_node(tree, "GeometryNodeRealizeInstances", Geometry=joined.outputs[0]).outputs["Geometry"]
 
 
 def add_cards(tree: bpy.types.NodeTree, cutoff: Cutoff, projection: Projection) -> Any:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..engine.errors import ObjectError
 from ..engine.formats import logits_of, transform_gaussians
 from ..engine.scene import Gaussians
+from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import add_display
 
 __all__ = ["SplatScene"]
@@ -241,6 +242,8 @@ def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer]
     mesh.attributes.new("gaussian_index", "INT", "POINT").data.foreach_set("value", index.astype(np.int32))
     if membership is not None:
         mesh.attributes.new("membership", "FLOAT", "POINT").data.foreach_set("value", _flat(membership))
+    # The display computes the attribute; the mode Solid draws the one that has this name.
+    mesh.attributes.active_color_name = COLOR_ATTRIBUTE
 
 
 def _flat(values: NDArray[np.floating]) -> Float32:

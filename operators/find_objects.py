@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from .segmenting import SegmentOperator
+from .segmenting import SegmentOperator, replaced_background
 
 __all__ = ["CLASSES"]
 
@@ -14,6 +14,10 @@ class HERITAGE_OT_find_objects(SegmentOperator):
 
     bl_idname = "heritage.find_objects"
     bl_label = "Find All"
+
+    def replaces(self, context: bpy.types.Context) -> str:
+        """Name the background."""
+        return replaced_background(context.scene)
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from .segmenting import SegmentOperator
+from .segmenting import SegmentOperator, replaced_background
 
 __all__ = ["CLASSES"]
 
@@ -15,6 +15,10 @@ class HERITAGE_OT_isolate_background(SegmentOperator):
     bl_idname = "heritage.isolate_background"
     bl_label = "Background"
     loads_sam = False
+
+    def replaces(self, context: bpy.types.Context) -> str:
+        """Name the background."""
+        return replaced_background(context.scene)
 
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments."""

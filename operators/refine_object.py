@@ -46,6 +46,13 @@ class HERITAGE_OT_refine_object(SegmentOperator):
         ),
     ]
 
+    def replaces(self, context: bpy.types.Context) -> str:
+        """Name the object whose level is stored."""
+        obj = active_object(context.scene)
+        if self.clicks or self.object_id or obj is None:
+            return ""
+        return f"{obj.name} is stored at this level. Its present state goes to the project's trash."
+
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments for the clicks or the level."""
         object_id = self.object_id

@@ -7,9 +7,9 @@ import bpy
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.preferences import sam_arguments
 from ..gaussian_heritage_addon.prompts import Click
-from ..gaussian_heritage_addon.properties import project_of
+from ..gaussian_heritage_addon.properties import heritage_objects, project_of
 
-__all__ = ["SegmentOperator", "clicks_of"]
+__all__ = ["SegmentOperator", "clicks_of", "replaced_background"]
 
 
 class SegmentOperator(bpy.types.Operator):
@@ -24,6 +24,20 @@ class SegmentOperator(bpy.types.Operator):
         cls.poll_message_set("Import a photo folder or open a project first.")
         return bool(context.scene.heritage.project)
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask first where something is replaced."""
+        replaced = self.replaces(context)
+        if not replaced:
+            return self.execute(context)
+        answer: set[str] = context.window_manager.invoke_confirm(
+            self, event, title=self.bl_label, message=replaced, confirm_text="Replace"
+        )
+        return answer
+
+    def replaces(self, context: bpy.types.Context) -> str:
+        """Return a sentence on what goes to the project's trash; empty where nothing does."""
+        return ""
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine."""
         project = project_of(context.scene.heritage)
@@ -36,6 +50,12 @@ class SegmentOperator(bpy.types.Operator):
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the arguments of ``segment`` after the project folder."""
         raise NotImplementedError
+
+
+def replaced_background(scene: bpy.types.Scene) -> str:
+    """Return the sentence for a step that makes a new background; empty where there is none yet."""
+    names = [obj.name for obj in heritage_objects(scene, "OBJECT") if obj.heritage.kind == "background"]
+    return f"{names[0]} is made anew. The present one goes to the project's trash." if names else ""
 
 
 def clicks_of(operator: bpy.types.Operator) -> list[Click]:

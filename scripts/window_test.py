@@ -32,6 +32,7 @@ PARTS = {
     "set_up": "184x112+768+78",
     "licences": "446x150+476+146",
     "imported": "184x190+768+78",
+    "solid": "184x190+768+78",
     "click_object": "650x20+172+58",
 }
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
@@ -236,6 +237,16 @@ for window in bpy.context.window_manager.windows:
     window.check("the default cube is gone", "'Cube' not in bpy.data.objects")
     time.sleep(30)
     window.shot("imported")
+    window.python(f"{view}.shading.type = 'SOLID'")
+    time.sleep(10)
+    window.shot("solid")
+    whole = "next(one for one in bpy.context.scene.objects if one.heritage.role == 'SCENE')"
+    mesh = f"{whole}.evaluated_get(bpy.context.evaluated_depsgraph_get()).data"
+    window.check("in Solid, splats are drawn in their colours", f"len({mesh}.polygons) > 0")
+    window.check("Solid shows these colours", f"{mesh}.attributes.active_color_name == 'heritage_color'")
+    window.python(f"{view}.shading.type = 'MATERIAL'")
+    time.sleep(5)
+    window.check("in Material Preview, splats are blended", f"len({mesh}.polygons) == 0")
 
 
 def isolate_by_click(window: Window) -> None:

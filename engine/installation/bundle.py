@@ -108,7 +108,7 @@ class Bundle:
                     parts = name.split("/")
                     if len(parts) != 2 or parts[0] not in ("wheels", "models") or parts[1] in ("", ".", ".."):
                         raise FormatError(f"{self.file} contains {name!r}, which no bundle has. {_ADVICE}")
-                    emit(Progress("set-up", number / len(self.files), message=f"Unpacking {parts[1]}"))
+                    emit(Progress("unpack", number / len(self.files), message=f"Unpacking {parts[1]}"))
                     with archive.open(name) as stream:
                         self._copy(stream, folder / parts[0] / parts[1], sha256)
         except HeritageError:

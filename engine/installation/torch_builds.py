@@ -92,8 +92,8 @@ def torch_source(pip: Pip, build: str) -> TorchSource:
         return own
     if offered is None:
         raise EnvironmentProblem(
-            f"neither pip's index nor {index} offers {torch} for {pip.python}; check the network (proxy, firewall) and "
-            "try again"
+            f"Neither pip's index nor {index} offers {torch} for {pip.python}. Check the network (proxy, firewall) and "
+            "try again."
         )
     return with_cuda
 

@@ -76,6 +76,10 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("engine/models/archives.py", "tarfile.TarFile"): _ARCHIVE,
     ("engine/https.py", ".open"): "a connection, no file",
     ("engine/installation/locked.py", ".read_text"): _OWN_CODE,
+    (
+        "gaussian_heritage_addon/waiting_jobs.py",
+        ".unlink",
+    ): "a file in a folder of ours; whether it was there decides which of several Blenders starts the job",
     ("engine/installation/bundle.py", "zipfile.ZipFile"): _BUNDLE,
     ("engine/installation/bundle.py", ".open"): _BUNDLE,
     ("engine/installation/pip_command.py", ".open"): "the log of pip, whose lines are only shown",

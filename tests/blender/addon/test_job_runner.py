@@ -144,6 +144,23 @@ def test_running_job_is_found_again(runner: ModuleType, project: Any, fake_engin
     assert runner._job._pid == pid and runner.current()[1].running
 
 
+def test_jobs_that_waited_start_after_blender_was_closed(
+    runner: ModuleType, project: Any, fake_engine: StandIn
+) -> None:
+    fake_engine(FOREVER)
+    for prompt in ("vase", "bust", "drum"):
+        _segment(runner, project, prompt)
+    first = runner._job
+    forget_jobs(runner)
+    runner._find_jobs()
+    assert runner._job._pid == first._pid
+    assert [one.command[-2] for one in runner.waiting()] == ["bust", "drum"]
+    runner._job.cancel(grace_seconds=0.0)
+    first.wait()
+    assert runner._poll_job() == runner._POLL_INTERVAL
+    assert runner._job.command[-2] == "bust" and [one.command[-2] for one in runner.waiting()] == ["drum"]
+
+
 def test_jobs_are_searched_again_after_a_file_was_loaded(runner: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     searched: list[bool] = []
     monkeypatch.setattr(runner._search_timer, "start", lambda *_, **__: searched.append(True))

@@ -303,8 +303,12 @@ write_object(project, "background", "background", np.r_[np.zeros(40), np.ones(50
 say("finished", outputs={"objects": ["object-1", "background"], "background": "background", "kept": ["vase"]})
 """
     )
+    assert bpy.types.HERITAGE_OT_find_objects.replaces(None, bpy.context) == ""
     assert bpy.ops.heritage.find_objects() == {"FINISHED"}
     assert segment_arguments(arguments) == ["--all"]
+    for name in ("find_objects", "isolate_background"):
+        replaced = getattr(bpy.types, f"HERITAGE_OT_{name}").replaces(None, bpy.context)
+        assert replaced == "background is made anew. The present one goes to the project's trash."
     assert set(isolated()) == {"vase", "object-1", "background"} and tuple(vase.location) == (5, 0, 0)
     assert isolated()["object-1"].heritage.prompt == "found without a prompt"
     background = isolated()["background"]
@@ -330,6 +334,22 @@ def test_kept_objects_missing_in_the_file_are_imported(opened: Any, fake_engine:
     fake_engine("say('finished', outputs={'objects': ['vase'], 'kept': ['cup']})")
     bpy.ops.heritage.find_objects()
     assert set(isolated()) == {"vase", "cup"}
+
+
+def test_solid_mode_gets_opaque_shapes_in_the_colours_of_the_object(opened: Any, part: Part) -> None:
+    nodes = part("gaussian_heritage_addon.splat_nodes")
+    whole = next(obj for obj in bpy.context.scene.objects if obj.heritage.role == "SCENE")
+    nodes.set_display_input(whole, nodes.SOLID, True)
+    assert nodes.display_input(whole, nodes.SOLID)
+    drawn = whole.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    opacity = np.zeros(4 * len(whole.data.vertices), np.float32)
+    whole.data.attributes["radiance:base"].data.foreach_get(
+        "color" if bpy.app.version < (5, 2, 0) else "vector", opacity
+    )
+    n_drawn = int((opacity[3::4] > nodes._SOLID_OPACITY).sum())
+    assert len(drawn.vertices) == 1 + 6 * n_drawn and len(drawn.polygons) == 8 * n_drawn > 0
+    colors = drawn.attributes[drawn.attributes.active_color_name]
+    assert colors.data_type == "FLOAT_COLOR" and len(colors.data) == len(drawn.vertices)
 
 
 def test_operators_need_a_project(blender: ModuleType) -> None:
