@@ -14,14 +14,13 @@ from pathlib import Path
 import bpy
 
 from ..engine.errors import Cancelled, HeritageError, ProjectError
+from ..engine.jobs import Job, JobState, WaitingJob
 from . import problems
 from .engine_process import engine_command
 from .first_view import show_job, show_scene
 from .guards import Timer, add_load_handler, redraw, remove_load_handler
-from .jobs import Job, JobState
 from .preferences import current_environment, current_python, user_folder
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
-from .waiting_jobs import WaitingJob
 
 __all__ = [
     "ENGINE",

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import bpy
 
+from ..engine.jobs import Job, JobState, format_seconds
 from .curve import Point
-from .jobs import Job, JobState, format_seconds
 from .pictures import curve_icon, picture_icon
 from .problems import plain_text
 from .time_left import seconds_left_in_all

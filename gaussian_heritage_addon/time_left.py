@@ -7,8 +7,8 @@ import math
 from pathlib import Path
 
 from ..engine.errors import HeritageError
+from ..engine.jobs import JobState
 from ..engine.project_folder import PROJECT_FILE, ProjectFolder
-from .jobs import JobState
 
 __all__ = ["seconds_left_in_all"]
 

@@ -11,7 +11,7 @@ import pytest
 from .conftest import PACKAGE
 
 time_left = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.time_left")
-JobState = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.jobs").JobState
+JobState = importlib.import_module(f"{PACKAGE}.engine.jobs").JobState
 ESTIMATES = ("seconds", "low", "high", "cpu_seconds", "model_cpu_seconds")
 SIZES = ("memory", "memory_low", "memory_high", "model_memory")
 STAGES = [

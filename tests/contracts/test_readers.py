@@ -77,7 +77,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("engine/https.py", ".open"): "a connection, no file",
     ("engine/installation/locked.py", ".read_text"): _OWN_CODE,
     (
-        "gaussian_heritage_addon/waiting_jobs.py",
+        "engine/jobs/waiting.py",
         ".unlink",
     ): "a file in a folder of ours; whether it was there decides which of several Blenders starts the job",
     ("engine/installation/bundle.py", "zipfile.ZipFile"): _BUNDLE,

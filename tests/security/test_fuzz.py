@@ -75,7 +75,7 @@ NOT_REACHED = {
     "engine/installation/bundle.py:write_bundle": "the files that pip has just downloaded",
     "engine/models/packages.py:_run": "what npm or pip printed",
     "engine/models/download.py": "the file that was just received",
-    "gaussian_heritage_addon/running_processes.py": "what the system states",
+    "engine/jobs/running_processes.py": "what the system states",
 }
 """Functions that need no entry among the readers, with the reason: mostly what they read instead of an input."""
 

@@ -225,9 +225,7 @@ def log(part: Part) -> Path:
 def finished_jobs(part: Part, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[list[str]]]:
     """Replace each job by one that has found the vase, without starting a process; yield the commands."""
     runner, commands = part("gaussian_heritage_addon.job_runner"), list[list[str]]()
-    state = part("gaussian_heritage_addon.jobs").JobState(
-        running=False, finished=True, message="Done.", outputs={"objects": ["vase"]}
-    )
+    state = part("engine.jobs").JobState(running=False, finished=True, message="Done.", outputs={"objects": ["vase"]})
 
     def start(command: list[str], folder: Path, *, kind: str, subject: str, environment: Any) -> Any:
         commands.append(command)

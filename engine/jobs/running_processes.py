@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..engine.errors import FormatError
-from ..engine.files import read_bytes
+from ..errors import FormatError
+from ..files import read_bytes
 
 __all__ = ["process_runs"]
 

@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
-from .conftest import PACKAGE
-
-waiting_jobs = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.waiting_jobs")
+from engine.jobs import WaitingJob
 
 
 def test_stored_jobs_come_back_in_their_order(tmp_path: Path) -> None:
     stored = [
-        waiting_jobs.WaitingJob.store(tmp_path, "segment", tmp_path / "room", ["python", "-m", "engine", prompt])
+        WaitingJob.store(tmp_path, "segment", tmp_path / "room", ["python", "-m", "engine", prompt])
         for prompt in ("vase", "bust", "drum")
     ]
-    assert waiting_jobs.WaitingJob.stored(tmp_path) == stored
+    assert WaitingJob.stored(tmp_path) == stored
 
 
 def test_job_is_taken_once(tmp_path: Path) -> None:
-    waiting_jobs.WaitingJob.store(tmp_path, "segment", tmp_path, ["python"])
-    (mine,), (theirs,) = (waiting_jobs.WaitingJob.stored(tmp_path) for _ in range(2))
+    WaitingJob.store(tmp_path, "segment", tmp_path, ["python"])
+    (mine,), (theirs,) = (WaitingJob.stored(tmp_path) for _ in range(2))
     assert mine.take() and not theirs.take()
-    assert waiting_jobs.WaitingJob.stored(tmp_path) == []
+    assert WaitingJob.stored(tmp_path) == []
 
 
 def test_files_that_are_no_records_are_left_out_and_kept(tmp_path: Path) -> None:
     (tmp_path / "1.json").write_text("{")
     (tmp_path / "2.json").write_text('{"kind": "segment", "subject": "room", "command": []}')
     (tmp_path / "3.json").symlink_to(tmp_path / "2.json")
-    job = waiting_jobs.WaitingJob.store(tmp_path, "segment", tmp_path, ["python"])
-    assert waiting_jobs.WaitingJob.stored(tmp_path) == [job]
+    job = WaitingJob.store(tmp_path, "segment", tmp_path, ["python"])
+    assert WaitingJob.stored(tmp_path) == [job]
     assert len(list(tmp_path.iterdir())) == 4

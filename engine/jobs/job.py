@@ -19,9 +19,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..engine import events
-from ..engine.errors import DiskError, EnvironmentProblem, FormatError, ProjectError
-from ..engine.files import atomic_write, delete_derived, opened, path_within, read_json, write_json
+from .. import events
+from ..errors import DiskError, EnvironmentProblem, FormatError, ProjectError
+from ..files import atomic_write, delete_derived, opened, path_within, read_json, write_json
 from .running_processes import process_runs
 
 __all__ = ["Job", "JobState", "format_seconds"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import subprocess
 import sys
@@ -11,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import PACKAGE
+from engine.jobs import running_processes as processes
 
-processes = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.running_processes")
 COMMAND = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows lists processes in another way")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import subprocess
@@ -14,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from .conftest import PACKAGE, ROOT
+from engine import errors
+from engine.jobs import job as jobs
 
-jobs = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.jobs")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+ROOT = Path(__file__).resolve().parents[3]
 Script = Callable[[str], list[str]]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..engine.errors import DiskError, FormatError
-from ..engine.files import path_within, read_json, write_json
+from ..errors import DiskError, FormatError
+from ..files import path_within, read_json, write_json
 
 __all__ = ["WaitingJob"]
 
@@ -22,7 +22,7 @@ class WaitingJob:
     Attributes
     ----------
     kind : str
-        See `jobs.Job`.
+        See `Job`.
     subject : Path
     command : tuple of str
     file : Path
