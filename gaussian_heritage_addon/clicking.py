@@ -10,12 +10,12 @@ import bpy
 import numpy as np
 
 from ..engine.errors import HeritageError, ObjectError
+from ..engine.jobs import Click
+from ..engine.project_content import photo_camera
 from ..engine.scene import Camera
 from .backdrop import show_backdrop
 from .cameras import current_photo, look_through
 from .picking import View, photo_pixel, require_aligned
-from .project import photo_camera
-from .prompts import Click
 from .properties import project_of
 from .scene_file import whole_scene
 

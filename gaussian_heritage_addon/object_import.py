@@ -10,10 +10,10 @@ import numpy as np
 from mathutils import Matrix
 from numpy.typing import NDArray
 
+from ..engine.project_content import ProjectObject, load_level, load_membership, require_intact
 from ..engine.records import load_record
 from ..engine.scene import Gaussians, load_polished
 from .object_geometry import foot_of, near_object
-from .project import ProjectObject, load_level, load_membership, require_intact
 from .properties import COUNT_KEY, HeritageObject, loading, scene_count
 from .splats import SplatScene
 

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..engine.errors import HeritageError
-from .candidates import NotFound, read_not_found
+from ..engine.refused_prompts import NotFound, read_not_found
 from .layouts import draw_text
 from .pictures import picture_icon
 from .properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of

@@ -5,13 +5,13 @@ from __future__ import annotations
 import bpy
 
 from ..engine.jobs import Job, JobState
+from ..engine.project_content import report_file
 from . import job_runner, objects_panel, problems
 from .cameras import current_photo
 from .curve import stored_curve
 from .default_objects import untouched_defaults
 from .first_view import CATEGORY
 from .layouts import draw_curve, draw_job, draw_text
-from .project import report_file
 from .properties import HeritageScene, project_of
 from .results import PROJECT_KINDS
 from .set_up_box import draw_set_up

@@ -12,8 +12,8 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..engine.errors import ObjectError, ProjectError
+from ..engine.project_content import load_level, require_object
 from ..engine.records import MuseumRecord, save_record
-from .project import load_level, require_object
 from .splat_nodes import AS_TRAINED, THRESHOLD, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties

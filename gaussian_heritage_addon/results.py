@@ -9,7 +9,7 @@ import bpy
 
 from ..engine.errors import EnvironmentProblem, ProjectError
 from ..engine.jobs import Job, JobState
-from .candidates import dismiss
+from ..engine.refused_prompts import dismiss
 from .model_files import states_of
 from .preferences import store_check_result, store_model_states
 from .properties import heritage_objects, project_of, select_object

@@ -9,10 +9,10 @@ import bpy
 
 from ..engine.files import path_within
 from ..engine.formats import read_ply
+from ..engine.project_content import list_objects, scene_file
 from ..engine.scene import CameraSet, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .object_import import add_object, new_collection, update_object
-from .project import list_objects, scene_file
 from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
 from .splats import SplatScene
 

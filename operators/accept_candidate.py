@@ -7,7 +7,7 @@ from typing import Annotated
 import bpy
 from bpy.props import IntProperty, StringProperty
 
-from ..gaussian_heritage_addon.prompts import name_arguments
+from ..engine.jobs import name_arguments
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator
 

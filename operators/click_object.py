@@ -8,10 +8,11 @@ import bpy
 from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ObjectError
+from ..engine.jobs import Click
+from ..gaussian_heritage_addon.click_session import ClickSession, EventResult
 from ..gaussian_heritage_addon.clicking import Viewport
 from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
 from ..gaussian_heritage_addon.problems import sentence_of
-from ..gaussian_heritage_addon.prompts import Click, ClickSession, EventResult
 from ..gaussian_heritage_addon.properties import active_object
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator

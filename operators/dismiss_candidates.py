@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..gaussian_heritage_addon.candidates import dismiss
+from ..engine.refused_prompts import dismiss
 from ..gaussian_heritage_addon.properties import project_of
 
 __all__ = ["CLASSES"]

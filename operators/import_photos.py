@@ -9,9 +9,9 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..engine.errors import PhotoError
+from ..engine.project_content import default_project_folder
 from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
-from ..gaussian_heritage_addon.project import default_project_folder
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import CollectionProperty, FloatProperty, StringProperty
 
 from ..engine.errors import PromptError
-from ..gaussian_heritage_addon.prompts import Click, click_arguments, text_arguments
+from ..engine.jobs import Click, click_arguments, text_arguments
 from ..gaussian_heritage_addon.properties import HeritageClick
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator, clicks_of

@@ -8,8 +8,8 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
+from ..engine.project_content import scene_file
 from ..gaussian_heritage_addon.first_view import show_scene
-from ..gaussian_heritage_addon.project import scene_file
 from ..gaussian_heritage_addon.results import scene_for
 from ..gaussian_heritage_addon.scene_file import open_project
 from ..gaussian_heritage_addon.typed_properties import blender_properties

@@ -9,7 +9,7 @@ import bpy
 from bpy.props import CollectionProperty, IntProperty, StringProperty
 
 from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.prompts import refine_arguments
+from ..engine.jobs import refine_arguments
 from ..gaussian_heritage_addon.properties import HeritageClick, active_object
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator, clicks_of

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
+from ..engine.jobs import Click
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.preferences import sam_arguments
-from ..gaussian_heritage_addon.prompts import Click
 from ..gaussian_heritage_addon.properties import heritage_objects, project_of
 
 __all__ = ["SegmentOperator", "clicks_of", "replaced_background"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..engine.errors import ProjectError
-from ..gaussian_heritage_addon.project import is_project, report_file
+from ..engine.project_content import is_project, report_file
 from ..gaussian_heritage_addon.properties import project_of
 
 __all__ = ["CLASSES"]

@@ -35,6 +35,7 @@ LOCKS = {
         "3.11",
         {
             ENGINE / "locked-engine.txt": "What the engine needs, without torch",
+            REQUIREMENTS / "locked-serve.txt": "What the web server needs besides, for serve.txt",
             REQUIREMENTS / "locked-dev.txt": "What developers need besides, for engine-dev.txt",
             ENGINE / "locked-torch.txt": "torch alone",
             ENGINE / "locked-cuda.txt": "What only CUDA builds of torch need",
@@ -73,12 +74,13 @@ def main() -> int:
         return 1
     for requirements, (python, parts) in LOCKS.items():
         files = list(parts)
-        of_engine = set[str]()
+        needed = {"engine": set[str](), "serve": set[str]()}
         if requirements == "engine-dev.txt":
-            of_engine = {name for name, _ in resolve(uv, "engine.txt", python, files, upgrade=options.upgrade)}
+            for part in needed:
+                needed[part] = {name for name, _ in resolve(uv, f"{part}.txt", python, files, upgrade=options.upgrade)}
         texts = dict.fromkeys(files, "")
         for package, text in resolve(uv, requirements, python, files, upgrade=options.upgrade):
-            texts[file_of(package, files, of_engine)] += text
+            texts[file_of(package, files, needed)] += text
         for file, text in texts.items():
             file.write_text(f"# {parts[file]}. Written by scripts/lock_requirements.py.\n{text}")
             print(f"{file.name}: {len(re.findall('^[^ ]+==', text, flags=re.MULTILINE))} packages")
@@ -103,15 +105,15 @@ def resolve(uv: str, requirements: str, python: str, files: list[Path], *, upgra
                 yield name[0], text
 
 
-def file_of(package: str, files: list[Path], of_engine: set[str]) -> Path:
-    """Return the locked file of a package; `of_engine` names those that the engine needs itself."""
+def file_of(package: str, files: list[Path], needed: dict[str, set[str]]) -> Path:
+    """Return the locked file of a package; `needed` names the packages that the engine and its server need."""
     names = {file.stem.removeprefix("locked-"): file for file in files}
     if "engine" in names:
         if package == "torch":
             return names["torch"]
         if package.startswith(ONLY_FOR_CUDA):
             return names["cuda"]
-        return names["engine" if package in of_engine else "dev"]
+        return names[next((part for part, packages in needed.items() if package in packages), "dev")]
     # The other environments consist of one package that is installed alone, and of what it needs.
     alone = {"bpy": files[-1], "pip": files[-1]}
     return alone.get(package, files[0])

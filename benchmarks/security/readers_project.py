@@ -130,11 +130,24 @@ def _write_job(folder: Path) -> None:
 
 
 def _poll(folder: Path) -> object:
-    job = addon("jobs").Job.attach(folder)
+    from engine.jobs import Job
+
+    job = Job.attach(folder)
     if job is None:
         return None
     state = job.poll()
     return state, state.progress_line()
+
+
+def _write_waiting_job(folder: Path) -> None:
+    record = {"kind": "import", "subject": "out", "command": ["python", "-m", "engine"]}
+    (folder / "1.json").write_text(json.dumps(record))
+
+
+def _stored_jobs(folder: Path) -> object:
+    from engine.jobs import WaitingJob
+
+    return WaitingJob.stored(folder) or None
 
 
 def _read_project(folder: Path) -> object:
@@ -205,7 +218,8 @@ def _list_objects(folder: Path) -> object:
 
 
 def _show_objects(folder: Path) -> object:
-    project = addon("project")
+    from engine import project_content as project
+
     objects = project.list_objects(folder)
     project.require_intact(folder, "vase")
     return [
@@ -280,7 +294,8 @@ def _load_candidate(folder: Path) -> object:
 
 
 def _show_candidates(folder: Path) -> object:
-    candidates = addon("candidates")
+    from engine import refused_prompts as candidates
+
     candidates._read.cache_clear()
     return candidates.read_not_found(folder)
 
@@ -383,6 +398,7 @@ def _calibration(folder: Path, *, again: bool = True) -> object:
 PROJECT = (
     Reader("events", _write_events, _read_events, ("events.jsonl",), takes_text=True),
     Reader("job", _write_job, _poll, ("job.json", "events.jsonl", "errors.txt")),
+    Reader("waiting-job", _write_waiting_job, _stored_jobs, ("1.json",)),
     Reader("project", write_project, _read_project, ("project.json",), share=2.0),
     Reader("project-lock", write_project, _lock_project, ("project.json",)),
     Reader(

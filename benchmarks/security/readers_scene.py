@@ -89,7 +89,9 @@ def _read_cameras(folder: Path) -> object:
 
 
 def _show_cameras(folder: Path) -> object:
-    camera = addon("project").photo_camera(folder, "hall/b.jpg")
+    from engine.project_content import photo_camera
+
+    camera = photo_camera(folder, "hall/b.jpg")
     return addon("photo_frame").remove_distortion(np.zeros((15, 20, 4), np.float32), camera)
 
 

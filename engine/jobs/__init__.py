@@ -1,6 +1,17 @@
 """Engine processes as seen from outside: started, polled, stopped and found again. Blender and the server use them."""
 
 from .job import Job, JobState, format_seconds
+from .prompt_arguments import Click, click_arguments, name_arguments, refine_arguments, text_arguments
 from .waiting import WaitingJob
 
-__all__ = ["Job", "JobState", "WaitingJob", "format_seconds"]
+__all__ = [
+    "Click",
+    "Job",
+    "JobState",
+    "WaitingJob",
+    "click_arguments",
+    "format_seconds",
+    "name_arguments",
+    "refine_arguments",
+    "text_arguments",
+]

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from .conftest import PACKAGE
-
-candidates = importlib.import_module(f"{PACKAGE}.gaussian_heritage_addon.candidates")
-errors = importlib.import_module(f"{PACKAGE}.engine.errors")
+from engine import errors
+from engine import refused_prompts as candidates
 
 STORED = {
     "version": 1,

@@ -1,4 +1,7 @@
-"""Candidates for prompts that were not found: reads ``objects/candidates.json`` of a project. Does not import bpy."""
+"""Prompts that were not found, with their candidates: reads ``objects/candidates.json`` of a project.
+
+Standard library only.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..engine.errors import FormatError, ProjectError
-from ..engine.files import delete_derived, optional, path_within, read_json
-from .project import is_project
+from .errors import FormatError, ProjectError
+from .files import delete_derived, optional, path_within, read_json
+from .project_content import is_project
 
 __all__ = ["Candidate", "NotFound", "dismiss", "read_not_found"]
 

@@ -1,4 +1,7 @@
-"""Reads a project folder for Blender: scene, objects, memberships and cameras. Does not import bpy."""
+"""What a finished project holds, as Blender and the server show it: scene, objects, memberships and cameras.
+
+Standard library and NumPy only.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import CameraError, FormatError, ObjectError, ProjectError
-from ..engine.files import ArraySpec, is_as_recorded, object_file, path_within, read_array
-from ..engine.project_folder import PROJECT_FILE
-from ..engine.records import RECORD_FILE, read_record, recorded_files
-from ..engine.scene import Camera, read_camera_set
+from .errors import CameraError, FormatError, ObjectError, ProjectError
+from .files import ArraySpec, is_as_recorded, object_file, path_within, read_array
+from .project_folder import PROJECT_FILE
+from .records import RECORD_FILE, read_record, recorded_files
+from .scene import Camera, read_camera_set
 
 __all__ = [
     "ProjectObject",

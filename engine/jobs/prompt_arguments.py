@@ -1,4 +1,4 @@
-"""Prompts as arguments of ``python -m engine segment``, and the clicks of a click session. Does not import bpy.
+"""Prompts as arguments of ``python -m engine segment``.
 
 Every argument has the form ``--option=value``: names and ids, which may come from a .blend file of someone else, are
 never taken for options.
@@ -6,17 +6,13 @@ never taken for options.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from ..engine.errors import PromptError
+from ..errors import PromptError
 
 __all__ = [
     "Click",
-    "ClickSession",
-    "EventResult",
     "click_arguments",
     "name_arguments",
     "refine_arguments",
@@ -100,70 +96,3 @@ def refine_arguments(object_id: str, clicks: Sequence[Click] = (), level: int | 
         raise PromptError("Click what belongs to the object, or Shift-click what does not.")
     arguments = [f"--refine={object_id}", *(argument for click in clicks for argument in click.arguments())]
     return arguments if level is None else [*arguments, f"--level={level}"]
-
-
-class EventResult(Enum):
-    """Effect of a window event on a click session."""
-
-    IGNORED = "Blender handles the event"
-    HANDLED = "a click was added or removed"
-    CHANGE_PHOTO = "move on by `ClickSession.step` photos"
-    CONFIRMED = "the clicks are complete"
-    CANCELLED = "the user cancelled the session"
-
-
-_CONFIRM_KEYS = {"RET", "NUMPAD_ENTER"}
-_CANCEL_KEYS = {"ESC", "RIGHTMOUSE"}
-_UNDO_KEYS = {"BACK_SPACE", "DEL"}
-_PHOTO_KEYS: dict[str, Literal[-1, 1]] = {"LEFT_ARROW": -1, "RIGHT_ARROW": 1}
-
-
-@dataclass
-class ClickSession:
-    """Clicks on photos, collected until Enter is pressed.
-
-    Attributes
-    ----------
-    clicks : list of Click
-    step : int
-        Direction of `EventResult.CHANGE_PHOTO`: -1 or 1.
-    """
-
-    clicks: list[Click] = field(default_factory=list)
-    step: int = 1
-
-    def handle(self, key: str, *, pressed: bool, negative: bool, click: Callable[[bool], Click]) -> EventResult:
-        """Handle one window event.
-
-        Parameters
-        ----------
-        key : str
-            Blender's ``Event.type``.
-        pressed : bool
-            Whether the key or button is pressed, not released.
-        negative : bool
-            Whether Shift or Ctrl is held.
-        click : callable
-            Returns the `Click` under the mouse, given its `wanted`. May raise a `HeritageError`.
-        """
-        if not pressed:
-            return EventResult.IGNORED
-        if key == "LEFTMOUSE":
-            self.clicks.append(click(not negative))
-        elif key in _UNDO_KEYS:
-            del self.clicks[-1:]
-        elif key in _CONFIRM_KEYS:
-            return EventResult.CONFIRMED
-        elif key in _CANCEL_KEYS:
-            return EventResult.CANCELLED
-        elif key in _PHOTO_KEYS:
-            self.step = _PHOTO_KEYS[key]
-            return EventResult.CHANGE_PHOTO
-        else:
-            return EventResult.IGNORED
-        return EventResult.HANDLED
-
-    def summary(self) -> str:
-        """Return the number of clicks as text."""
-        positive = sum(click.wanted for click in self.clicks)
-        return f"{positive} on the object, {len(self.clicks) - positive} beside it"
