@@ -208,6 +208,7 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "jsonl": (_with_another_event, _with_another_event, _with_another_event, *_TEXT),
     "txt": _TEXT,
     "md": _TEXT,
+    "pem": _TEXT,
     "npy": ARRAYS,
     "npz": ZIP,
     "zip": ZIP,

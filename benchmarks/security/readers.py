@@ -11,7 +11,8 @@ from .readers_models import MODELS
 from .readers_photos import PHOTOS
 from .readers_project import PROJECT
 from .readers_scene import SCENE
+from .readers_serve import SERVE
 
 __all__ = ["READERS", "Reader"]
 
-READERS: tuple[Reader, ...] = (*PROJECT, *SCENE, *PHOTOS, *MODELS, *INSTALLATION)
+READERS: tuple[Reader, ...] = (*PROJECT, *SERVE, *SCENE, *PHOTOS, *MODELS, *INSTALLATION)

@@ -2,9 +2,37 @@
 
 from __future__ import annotations
 
-from . import bench, doctor, evaluate, export, models, plan, reconstruct, render, report, segment, stability, trash
+from . import (
+    bench,
+    doctor,
+    evaluate,
+    export,
+    models,
+    plan,
+    reconstruct,
+    render,
+    report,
+    segment,
+    serve,
+    stability,
+    trash,
+)
 from .deprecated import warn_of_deprecated_options
 
 __all__ = ["COMMANDS", "warn_of_deprecated_options"]
 
-COMMANDS = (plan, reconstruct, segment, trash, export, render, report, evaluate, bench, models, doctor, stability)
+COMMANDS = (
+    plan,
+    reconstruct,
+    segment,
+    trash,
+    export,
+    render,
+    report,
+    evaluate,
+    bench,
+    models,
+    doctor,
+    stability,
+    serve,
+)

@@ -5,15 +5,24 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import FormatError
-from ..files import FILE_RECORD, FileRecord, Migration, Schema, optional, read_versioned, write_json
+from ..files import FILE_RECORD, FileRecord, Migration, Schema, object_file, optional, read_versioned, write_json
 from ..settings import to_dict
 
-__all__ = ["RECORD_FILE", "ObjectRecord", "new_id", "new_name", "read_record", "recorded_files", "write_record"]
+__all__ = [
+    "RECORD_FILE",
+    "ObjectRecord",
+    "new_id",
+    "new_name",
+    "read_record",
+    "recorded_files",
+    "rename_object",
+    "write_record",
+]
 
 RECORD_FILE = "object.json"
 _ADVICE = "Delete its folder and isolate the object again."
@@ -149,6 +158,20 @@ def write_record(file: Path, record: ObjectRecord, files: dict[str, FileRecord])
         When the disk is full or read-only.
     """
     write_json(file, {"version": len(_SCHEMAS), **to_dict(record), "files": files})
+
+
+def rename_object(project: Path, object_id: str, name: str) -> None:
+    """Give an object of the project folder `project` another name; its id and files stay.
+
+    Raises
+    ------
+    FormatError
+        When its record is damaged.
+    DiskError
+        When the record cannot be written.
+    """
+    file = object_file(project, object_id, RECORD_FILE)
+    write_record(file, replace(read_record(file), name=name), recorded_files(file))
 
 
 def read_record(file: Path) -> ObjectRecord:

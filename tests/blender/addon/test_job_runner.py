@@ -156,6 +156,7 @@ def test_jobs_that_waited_start_after_blender_was_closed(
     assert runner._job._pid == first._pid
     assert [one.command[-2] for one in runner.waiting()] == ["bust", "drum"]
     runner._job.cancel(grace_seconds=0.0)
+    runner._job.wait()
     first.wait()
     assert runner._poll_job() == runner._POLL_INTERVAL
     assert runner._job.command[-2] == "bust" and [one.command[-2] for one in runner.waiting()] == ["drum"]

@@ -1,0 +1,73 @@
+"""Readers of the web server's own files."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+import tempfile
+from pathlib import Path
+
+from .reader import Reader
+
+__all__ = ["SERVE"]
+
+_USER = "ada"
+_PROJECT = "0123456789ab"
+
+
+@functools.cache
+def _data() -> Path:
+    """Return a data folder with a user and a certificate; made once, as keys take time and differ."""
+    from engine.serve import Accounts, certificate_files
+
+    folder = Path(tempfile.mkdtemp())
+    Accounts(folder).add(_USER)
+    certificate_files(folder, ["127.0.0.1"])
+    return folder
+
+
+def _write_data(folder: Path) -> None:
+    shutil.copytree(_data(), folder, dirs_exist_ok=True)
+
+
+def _read_accounts(folder: Path) -> object:
+    from engine.serve import Accounts
+
+    accounts = Accounts(folder)
+    return accounts.names(), accounts.user_of_session(accounts.new_session(_USER, 1.0)), accounts.user_of_token("x")
+
+
+def _read_certificate(folder: Path) -> object:
+    from engine.serve import certificate_files
+
+    return certificate_files(folder, ["127.0.0.1"])
+
+
+def _write_project(folder: Path) -> None:
+    project = folder / "users" / _USER / "projects" / _PROJECT
+    (project / "photos").mkdir(parents=True)
+    (project / "info.json").write_text('{"title": "Room", "created": "2026-01-01T00:00:00+00:00"}')
+    (project / "hashes.json").write_text('{"a.jpg": "00"}')
+    (project / "photos" / "a.jpg").touch()
+
+
+def _read_project(folder: Path) -> object:
+    from engine.serve import Library, ServeSettings
+
+    projects = list(Library(ServeSettings(folder), _USER).projects())
+    if not projects:
+        return None
+    (project,) = projects
+    return project.title, project.created, project.known_hashes()
+
+
+SERVE = (
+    Reader("server-users", _write_data, _read_accounts, ("users.json", "secret.bin")),
+    Reader("server-certificate", _write_data, _read_certificate, ("certificate.pem",)),
+    Reader(
+        "server-project",
+        _write_project,
+        _read_project,
+        tuple(f"users/{_USER}/projects/{_PROJECT}/{name}" for name in ("info.json", "hashes.json")),
+    ),
+)

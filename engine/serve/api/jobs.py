@@ -1,0 +1,121 @@
+"""Jobs of a project: reconstructing, isolating objects, stopping and continuing."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, Field
+
+from ...errors import ProjectError, PromptError, SettingsError
+from ...files import object_file
+from ...jobs import Click, click_arguments, refine_arguments, text_arguments
+from ...records import RECORD_FILE
+from ..access import CurrentProject, CurrentUser, server_of
+from ..contents import has_scene
+from ..library import WebProject
+from ..settings import ServeSettings
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/projects/{project_id}/jobs", tags=["jobs"])
+_Pixel = Annotated[float, Field(ge=0, le=1e5, allow_inf_nan=False)]
+
+
+class ClickedPixel(BaseModel):
+    """A click on a photo, in pixels from its top left corner after EXIF rotation."""
+
+    photo: str = Field(max_length=200)
+    x: _Pixel
+    y: _Pixel
+    wanted: bool = True
+
+
+class Reconstruction(BaseModel):
+    """Photos to a scene."""
+
+    kind: Literal["reconstruct"]
+    preset: Literal["preview", "standard", "best"] = "standard"
+
+
+class Segmentation(BaseModel):
+    """A scene to objects, by exactly one of prompt, clicks, find_all, background and accept."""
+
+    kind: Literal["segment"]
+    prompt: str = ""
+    clicks: list[ClickedPixel] = []
+    name: str = Field(default="", max_length=200)
+    object: str = Field(default="", max_length=200)
+    find_all: bool = False
+    background: bool = False
+    accept: int | None = Field(default=None, ge=0, le=1000)
+
+
+@router.post("", status_code=202)
+def start_job(
+    wanted: Annotated[Reconstruction | Segmentation, Field(discriminator="kind")],
+    project: CurrentProject,
+    request: Request,
+    user: CurrentUser,
+) -> dict[str, Any]:
+    """Start a job, after those that wait already."""
+    server = server_of(request)
+    folders = {one.folder for one in server.library(user).projects()}
+    if server.queue.n_waiting(folders) >= server.settings.max_waiting:
+        raise ProjectError(f"{server.settings.max_waiting} of your jobs are waiting, which is the limit.")
+    if isinstance(wanted, Reconstruction):
+        arguments = _reconstruction(project, wanted)
+    else:
+        arguments = _segmentation(project, wanted, server.settings)
+    return dict(vars(server.queue.submit(project, arguments)))
+
+
+@router.delete("/{job_id}", status_code=204)
+def stop_job(job_id: str, project: CurrentProject, request: Request) -> None:
+    """Stop a running job, whose finished work is kept, or remove a waiting one."""
+    server_of(request).queue.cancel(project.folder, job_id)
+
+
+@router.post("/{job_id}/continue", status_code=202)
+def continue_job(job_id: str, project: CurrentProject, request: Request) -> dict[str, Any]:
+    """Start a stopped job again; it continues with the work that is finished."""
+    return dict(vars(server_of(request).queue.resume(project, job_id)))
+
+
+def _reconstruction(project: WebProject, wanted: Reconstruction) -> list[str]:
+    if not project.photo_names():
+        raise ProjectError("Upload photos first.")
+    return ["reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}"]
+
+
+def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSettings) -> list[str]:
+    if not has_scene(project):
+        raise ProjectError("The scene is not reconstructed yet.")
+    ways = [bool(wanted.prompt.strip()), bool(wanted.clicks), wanted.find_all, wanted.background]
+    if sum(ways) + (wanted.accept is not None) != 1:
+        raise SettingsError("Give exactly one of prompt, clicks, find_all, background and accept.")
+    if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
+        raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
+    return ["segment", str(project.project), *_prompt(project, wanted)]
+
+
+def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:
+    name = wanted.name.strip()
+    if wanted.find_all:
+        return ["--all"]
+    if wanted.background:
+        return ["--complement"]
+    if wanted.accept is not None:
+        return [f"--accept={wanted.accept}"]
+    if wanted.prompt.strip():
+        return text_arguments(wanted.prompt, name)
+    known = set(project.photo_names())
+    for click in wanted.clicks:
+        if click.photo not in known:
+            raise PromptError(f"There is no photo {click.photo!r}.")
+    clicks = [Click(one.photo, one.x, one.y, one.wanted) for one in wanted.clicks]
+    if wanted.object:
+        if not object_file(project.project, wanted.object, RECORD_FILE).is_file():
+            raise PromptError("There is no such object.")
+        return refine_arguments(wanted.object, clicks)
+    return click_arguments(clicks, name)

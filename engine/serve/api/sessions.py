@@ -1,0 +1,62 @@
+"""Signing in and out, and what the page has to know before anything else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, HTTPException, Request, Response
+from pydantic import BaseModel, Field
+
+from ...training.settings import PRESETS
+from ..access import COOKIE, CurrentUser, local_user, server_of, session_user, set_session
+from ..settings import PHOTO_TYPES
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/session", tags=["session"])
+
+
+class Token(BaseModel):
+    """The token of a user, as ``serve --add-user`` printed it."""
+
+    token: str = Field(max_length=200)
+
+
+@router.get("")
+def read_session(request: Request, response: Response) -> dict[str, Any]:
+    """Return the signed-in user, the token for changing requests, and the limits."""
+    user, cookie = session_user(request), request.cookies.get(COOKIE, "")
+    if user is None and (user := local_user(request)) is not None:
+        cookie = set_session(request, response, user)
+    return _description(request, user, cookie)
+
+
+@router.post("")
+def sign_in(token: Token, request: Request, response: Response) -> dict[str, Any]:
+    """Sign in with a token."""
+    user = server_of(request).accounts.user_of_token(token.token)
+    if user is None:
+        raise HTTPException(401, "This token is not known. Ask the owner of the server for a new one.")
+    return _description(request, user, set_session(request, response, user))
+
+
+@router.delete("", status_code=204)
+def sign_out(user: CurrentUser, response: Response) -> None:
+    """Forget the session in this browser."""
+    response.delete_cookie(COOKIE)
+
+
+def _description(request: Request, user: str | None, cookie: str) -> dict[str, Any]:
+    server = server_of(request)
+    limits = {
+        "photo_bytes": server.settings.max_photo_bytes,
+        "project_photos": server.settings.max_photos,
+        "photo_types": list(PHOTO_TYPES),
+        "video_types": [],
+    }
+    return {
+        "user": user,
+        "csrf": "" if user is None else server.accounts.csrf_token(cookie),
+        "limits": limits,
+        "presets": [name for name in PRESETS if name in ("preview", "standard", "best")],
+    }

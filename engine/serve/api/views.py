@@ -1,0 +1,89 @@
+"""What the viewer shows: the scene, its cameras, the photos to click on, and the live picture of the training."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import FileResponse
+
+from ...files import path_within
+from ...refused_prompts import read_not_found
+from ...scene import Camera, focal_and_center, read_camera_set
+from ..access import CurrentProject, server_of
+from ..downloads import MEDIA_TYPES, exported_file
+from ..library import NotFound
+from ..small_photos import small_photo
+
+__all__ = ["router"]
+
+router = APIRouter(prefix="/projects/{project_id}", tags=["views"])
+_UP = (0.0, 0.0, 1.0)
+"""The engine turns scenes so that Z is up."""
+
+
+@router.get("/preview.png")
+def read_preview(project: CurrentProject, request: Request) -> FileResponse:
+    """Return the newest picture of the training."""
+    path = server_of(request).queue.preview(project.folder)
+    folder = project.project.resolve()
+    file = folder.joinpath(path) if path else folder
+    if not file.is_file() or not file.resolve().is_relative_to(folder):
+        raise NotFound("There is no picture of the training yet.")
+    return FileResponse(file, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+
+@router.get("/cameras")
+def read_cameras(project: CurrentProject) -> dict[str, Any]:
+    """Return the cameras of the photos, the point that they look at, its distance, and up.
+
+    COLMAP's cameras: x right, y down, z forward; ``world_to_camera`` has 16 numbers, row by row.
+    """
+    cameras = read_camera_set(path_within(project.project, "cameras")).cameras
+    if not cameras:
+        raise NotFound("The scene has no cameras.")
+    center, radius = _looked_at(np.array([camera.viewmat for camera in cameras], np.float64))
+    return {"up": _UP, "center": center, "radius": radius, "views": [_view(camera) for camera in cameras]}
+
+
+@router.get("/views/{photo}")
+def read_view(photo: str, project: CurrentProject, side: Annotated[int, Query(ge=1, le=1600)] = 1600) -> FileResponse:
+    """Return the photo that clicks refer to, upright, with its lens distortion."""
+    return FileResponse(small_photo(project.photo(photo), project.cache, side), media_type="image/jpeg")
+
+
+@router.get("/candidates/{number}.png")
+def read_candidate(number: int, project: CurrentProject) -> FileResponse:
+    """Return the picture of a candidate for words that were not found."""
+    not_found = read_not_found(project.project)
+    candidates = () if not_found is None else not_found.candidates
+    picture = next((one.picture for one in candidates if one.number == number), None)
+    if picture is None or not picture.is_file():
+        raise NotFound("There is no such candidate.")
+    return FileResponse(picture, media_type="image/png", headers={"Cache-Control": "no-store"})
+
+
+@router.get("/scene.ply")
+def read_scene(project: CurrentProject) -> FileResponse:
+    """Return the scene for the viewer, in the frame of the cameras."""
+    return FileResponse(exported_file(project, None, "ply"), media_type=MEDIA_TYPES["ply"])
+
+
+def _view(camera: Camera) -> dict[str, Any]:
+    fx, fy, cx, cy = focal_and_center(camera)
+    return {
+        "photo": camera.photo, "width": camera.width, "height": camera.height,
+        "fx": fx, "fy": fy, "cx": cx, "cy": cy, "world_to_camera": np.asarray(camera.viewmat).ravel().tolist(),
+    }  # fmt: skip
+
+
+def _looked_at(viewmats: np.ndarray) -> tuple[list[float], float]:
+    """Return the point nearest to all optical axes, and the median distance of the cameras from it."""
+    rotations, translations = viewmats[:, :3, :3], viewmats[:, :3, 3]
+    positions = -np.einsum("nij,ni->nj", rotations, translations)
+    forward = rotations[:, 2]
+    across = np.eye(3) - forward[:, :, None] * forward[:, None, :]
+    # With parallel axes the sum is singular; lstsq then takes the point nearest to the origin.
+    center = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=1e-6)[0]
+    return center.tolist(), float(np.median(np.linalg.norm(positions - center, axis=1)))

@@ -1,0 +1,126 @@
+"""The application: routes, the page, and how errors are told."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.middleware.trustedhost import TrustedHostMiddleware
+from fastapi.responses import JSONResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.exceptions import HTTPException
+
+from .. import __version__
+from ..errors import DiskError, FormatError, HeritageError, PhotoError, ProjectError, PromptError, SettingsError
+from ..files import delete_derived
+from .access import Server
+from .accounts import Accounts
+from .api import api_router
+from .feeds import Feeds
+from .guards import RequestLimits, SecurityHeaders
+from .job_queue import JobQueue
+from .library import NotFound
+from .settings import ServeSettings
+
+__all__ = ["PAGE", "create_app"]
+
+_LOG = logging.getLogger(__name__)
+PAGE = Path(__file__).with_name("page") / "dist"
+"""The built page."""
+_STATUS: tuple[tuple[type[HeritageError], int], ...] = (
+    (NotFound, 404),
+    (DiskError, 507),
+    (ProjectError, 409),
+    (PromptError, 422),
+    (SettingsError, 422),
+    (PhotoError, 415),
+    (FormatError, 415),
+)
+"""HTTP status of each kind of error; the first that fits. Others are 500."""
+_DAY = 86400
+
+
+def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> FastAPI:
+    """Return the server as an ASGI application.
+
+    Parameters
+    ----------
+    settings : ServeSettings
+    hosts : list of str
+        Names by which clients may address the server. Others are refused: a page of another site could make its own
+        name lead here.
+    page : Path
+        Folder of the built page.
+    """
+    feeds = Feeds()
+    server = Server(settings, Accounts(settings.data), JobQueue(settings.data, feeds), feeds)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        _delete_old_uploads(settings)
+        server.queue.start()
+        yield
+        server.queue.stop()
+
+    app = FastAPI(
+        title="Gaussian Heritage",
+        version=__version__,
+        lifespan=lifespan,
+        openapi_url="/api/v1/openapi.json",
+        # Their pages load scripts from another host.
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.server = server
+    app.include_router(api_router(settings))
+    app.mount("/", StaticFiles(directory=page, html=True))
+    app.add_exception_handler(HeritageError, _heritage_error)
+    app.add_exception_handler(RequestValidationError, _validation_error)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(Exception, _unexpected_error)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
+    app.add_middleware(RequestLimits, settings=settings)
+    app.add_middleware(SecurityHeaders, settings=settings)
+    return app
+
+
+def _delete_old_uploads(settings: ServeSettings) -> None:
+    """Delete what was begun to be uploaded and was not continued."""
+    oldest = time.time() - settings.upload_days * _DAY
+    for file in settings.data.glob("users/*/uploads/*"):
+        if file.lstat().st_mtime < oldest:
+            delete_derived(file.parent, file.name)
+
+
+async def _heritage_error(request: Request, error: Exception) -> JSONResponse:
+    status = next((status for kind, status in _STATUS if isinstance(error, kind)), 500)
+    # Where things are on the server's disk does not concern its clients.
+    data = str(request.app.state.server.settings.data)
+    return _sentence(status, str(error).replace(data, "the server"))
+
+
+async def _http_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    return _sentence(error.status_code, str(error.detail), dict(error.headers or {}))
+
+
+async def _validation_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    first: dict[str, Any] = dict(error.errors()[0])
+    place = ".".join(str(part) for part in first["loc"] if part not in ("body", "query", "path", "header"))
+    return _sentence(422, f"{place or 'The request'}: {first['msg']}.")
+
+
+async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:
+    _LOG.error("%s %s failed", request.method, request.url.path, exc_info=error)
+    return _sentence(500, "The server failed. Its log has the details; try again.")
+
+
+def _sentence(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
+    return JSONResponse({"detail": detail}, status, headers)

@@ -1,0 +1,125 @@
+"""What a project holds, as the API describes it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from ..errors import HeritageError
+from ..files import path_within
+from ..project_content import ProjectObject, is_project, list_objects
+from ..project_folder import ProjectFolder
+from ..records import load_record
+from ..refused_prompts import read_not_found
+from .job_queue import JobQueue, JobView
+from .library import WebProject
+
+__all__ = ["describe_object", "describe_project", "has_scene", "summarise_project"]
+
+
+def summarise_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
+    """Return what a list of projects shows."""
+    n_photos = len(project.photo_names())
+    return {
+        "id": project.id,
+        "title": project.title,
+        "created": project.created,
+        "n_photos": n_photos,
+        "state": _state(queue, project, n_photos),
+    }
+
+
+def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
+    """Return everything that the page of a project shows."""
+    not_found = read_not_found(project.project) if has_scene(project) else None
+    return {
+        **summarise_project(queue, project),
+        "photos": _photos(project),
+        "job": _as_dict(queue.last(project.folder)),
+        "waiting": [_as_dict(view) for view in queue.waiting(project.folder)],
+        "scene": _scene(project),
+        "objects": [describe_object(project, one) for one in _objects(project)],
+        "not_found": None if not_found is None else {
+            "messages": list(not_found.messages),
+            "candidates": [
+                {
+                    "number": one.number, "text": one.text, "score": one.score, "photo": one.photo,
+                    "picture": f"/api/v1/projects/{project.id}/candidates/{one.number}.png",
+                }
+                for one in not_found.candidates
+            ],
+        },
+    }  # fmt: skip
+
+
+def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
+    """Return an object with the record that a curator has entered."""
+    record = asdict(load_record(project.project, item.id))
+    return {"id": item.id, "name": item.name, "prompt": item.prompt, "score": item.score, "kind": item.kind, **record}
+
+
+def has_scene(project: WebProject) -> bool:
+    """Return whether the scene of a project is trained."""
+    return path_within(project.project, "gaussians", "scene.ply").is_file()
+
+
+def _objects(project: WebProject) -> list[ProjectObject]:
+    return list_objects(project.project) if has_scene(project) else []
+
+
+def _state(queue: JobQueue, project: WebProject, n_photos: int) -> str:
+    if queue.waiting(project.folder):
+        return "waiting"
+    job = queue.last(project.folder)
+    if job is not None and job.state == "running":
+        return "working"
+    if has_scene(project):
+        return "ready"
+    if job is not None and job.state == "stopped":
+        return "stopped"
+    return "uploaded" if n_photos else "empty"
+
+
+def _photos(project: WebProject) -> list[dict[str, Any]]:
+    """Return the photos; those that the engine has looked at with its verdict."""
+    rejected: dict[str, str] = {}
+    used: set[str] = set()
+    record = _stage(project, "photos")
+    if record is not None:
+        figures = record.get("figures") or {}
+        rejected = {str(one.get("name")): str(one.get("reason")) for one in figures.get("rejected", ())}
+        cameras = _stage(project, "cameras")
+        if cameras is not None:
+            without = [str(name) for name in (cameras.get("figures") or {}).get("unregistered", ())]
+            rejected.update(dict.fromkeys(without, "No camera position was found for it."))
+        used = set(project.photo_names()) - set(rejected)
+    return [
+        {
+            "name": name,
+            "bytes": project.photo(name).stat().st_size,
+            "accepted": False if name in rejected else True if name in used else None,
+            "reason": rejected.get(name, ""),
+        }
+        for name in project.photo_names()
+    ]
+
+
+def _scene(project: WebProject) -> dict[str, Any] | None:
+    record = _stage(project, "training")
+    if record is None or not has_scene(project):
+        return None
+    figures = record.get("figures") or {}
+    return {"n_gaussians": figures.get("n_gaussians"), "psnr": figures.get("psnr")}
+
+
+def _stage(project: WebProject, name: str) -> dict[str, Any] | None:
+    if not is_project(project.project):
+        return None
+    try:
+        return ProjectFolder.open_existing(project.project).stage_record(name)
+    except HeritageError:
+        return None  # what is wrong with it is said by the next job
+
+
+def _as_dict(view: JobView | None) -> dict[str, Any] | None:
+    return None if view is None else dict(vars(view))

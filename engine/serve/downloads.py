@@ -1,0 +1,95 @@
+"""Files that leave a project: exports made by the engine, and the report."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from fastapi.responses import FileResponse
+
+from ..errors import HeritageError, ProjectError
+from ..events import ErrorEvent, from_json_line
+from ..files import delete_derived, object_file
+from ..project_content import report_file, scene_file
+from ..records import RECORD_FILE
+from .library import NotFound, WebProject
+
+__all__ = ["MEDIA_TYPES", "download_name", "exported_file", "report_response"]
+
+MEDIA_TYPES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
+_ROOT = Path(__file__).resolve().parents[2]
+_MAX_SECONDS = 600
+_UNSAFE = re.compile(r"[^\w.() -]+")
+_MAX_NAME = 100
+_one_export = threading.Lock()
+"""One at a time: an export of a large scene takes much memory."""
+
+
+def exported_file(project: WebProject, object_id: str | None, file_format: str, frame: str = "upright") -> Path:
+    """Return the scene (None) or an object as a file; it is written unless it was since its last change.
+
+    Raises
+    ------
+    HeritageError
+        When there is no such object, or it cannot be exported.
+    """
+    source = scene_file(project.project)
+    if object_id is not None:
+        source = object_file(project.project, object_id, RECORD_FILE)
+        if not source.is_file():
+            raise NotFound("There is no such object.")
+    changed = [file.stat().st_mtime_ns for file in (source, scene_file(project.project))]
+    key = hashlib.sha256(repr((object_id, file_format, frame, changed)).encode()).hexdigest()[:16]
+    what = "scene" if object_id is None else f"object-{object_id}"
+    file = project.cache / f"{what}-{frame}-{key}.{file_format}"
+    with _one_export:
+        if not file.exists():
+            project.cache.mkdir(exist_ok=True)
+            for old in project.cache.glob(f"{what}-{frame}-*.{file_format}"):
+                delete_derived(project.cache, old.name)
+            _export(project, object_id, file_format, frame, file)
+    return file
+
+
+def _export(project: WebProject, object_id: str | None, file_format: str, frame: str, file: Path) -> None:
+    command = [sys.executable, "-m", "engine", "export", str(project.project), f"--format={file_format}"]
+    command += [f"--out={file}", f"--frame={frame}", "--events"]
+    command += [] if object_id is None else [f"--object={object_id}"]
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, env=environment, timeout=_MAX_SECONDS, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ProjectError(f"The export took more than {_MAX_SECONDS} seconds. Export it in Blender.") from error
+    if done.returncode:
+        events = [from_json_line(line) for line in done.stdout.splitlines()]
+        sentences = [event.message for event in events if isinstance(event, ErrorEvent)]
+        raise HeritageError(sentences[-1] if sentences else "The export failed. The server's log has the details.")
+
+
+def download_name(name: str, file_format: str) -> str:
+    """Return the name of a downloaded file: the object's, without what file systems refuse."""
+    stem = _UNSAFE.sub("_", name).strip(" .")[:_MAX_NAME]
+    return f"{stem or 'object'}.{file_format}"
+
+
+def report_response(project: WebProject) -> FileResponse:
+    """Return the report of a project.
+
+    Raises
+    ------
+    NotFound
+        When there is none yet.
+    """
+    file = report_file(project.project)
+    if not file.is_file():
+        raise NotFound("The project has no report yet.")
+    # The report is one file with its own styles and pictures, and no script.
+    policy = "default-src 'none'; img-src data: 'self'; style-src 'unsafe-inline'; sandbox"
+    return FileResponse(file, media_type="text/html", headers={"Content-Security-Policy": policy})

@@ -1,0 +1,90 @@
+"""What becomes of an uploaded file: it is checked by its content, and becomes a photo of its project or is refused."""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+from pathlib import Path
+
+from ..errors import FormatError, HeritageError, PhotoError, ProjectError
+from ..files import delete_derived, file_sha256, is_inner_name
+from .library import WebProject
+from .settings import PHOTO_TYPES, ServeSettings
+from .small_photos import write_small_photo
+
+__all__ = ["photo_name", "take_in_photo"]
+
+_MAX_NAME = 120
+_UNSAFE = re.compile(r"[^\w.() -]+")
+
+
+def photo_name(filename: str) -> str:
+    """Return the name under which an uploaded file is stored: its last part, without characters that harm.
+
+    Raises
+    ------
+    FormatError
+        When it has no suffix of a photo.
+    """
+    last = re.split(r"[/\\]", unicodedata.normalize("NFC", filename))[-1]
+    stem, suffix = os.path.splitext(_UNSAFE.sub("_", last).strip(" ."))
+    if suffix.lower() not in PHOTO_TYPES:
+        raise FormatError(f"{last[:_MAX_NAME]!r} is not a photo. Upload JPEG, PNG, TIFF, WebP or HEIC files.")
+    name = f"{stem[: _MAX_NAME - len(suffix)].strip(' .') or 'photo'}{suffix}"
+    if not is_inner_name(name):
+        raise FormatError(f"{last[:_MAX_NAME]!r} cannot be the name of a file. Rename it and upload it again.")
+    return name
+
+
+def take_in_photo(project: WebProject, upload: Path, filename: str, settings: ServeSettings) -> str:
+    """Check the complete file `upload`, move it to the photos of `project`, and return its name there.
+
+    Parameters
+    ----------
+    project : WebProject
+    upload : Path
+        On the same disk as the project. Stays where it is when the file is refused.
+    filename : str
+        As the client named it.
+    settings : ServeSettings
+
+    Raises
+    ------
+    PhotoError
+        When it is no picture that can be read.
+    ProjectError
+        When the project has this photo already, or too many.
+    DiskError
+        When it cannot be stored.
+    """
+    name = photo_name(filename)
+    present = project.photo_names()
+    if len(present) >= settings.max_photos:
+        raise ProjectError(f"The project has {len(present)} photos, which is the limit.")
+    sha256 = file_sha256(upload)
+    same = next((photo for photo, known in project.known_hashes().items() if known == sha256), None)
+    if same is not None:
+        raise ProjectError(f"{name} was uploaded already, as {same}.")
+    name = _free_name(name, present)
+    # The readers go by the suffix for HEIC only; the content must be a picture in any case.
+    staged = project.cache / f"checked-{upload.name}{Path(name).suffix}"
+    project.cache.mkdir(exist_ok=True)
+    os.replace(upload, staged)
+    try:
+        write_small_photo(staged, project.cache / f"{name}.small.jpg")
+    except HeritageError as error:
+        delete_derived(project.cache, staged.name)
+        raise PhotoError(str(error).replace(str(staged), name).replace(staged.name, name)) from error
+    os.replace(staged, project.photos / name)
+    project.note_hash(name, sha256)
+    return name
+
+
+def _free_name(name: str, present: list[str]) -> str:
+    stem, suffix = os.path.splitext(name)
+    taken = {one.casefold() for one in present}
+    number = 2
+    while name.casefold() in taken:
+        name, number = f"{stem} {number}{suffix}", number + 1
+    return name

@@ -1,0 +1,282 @@
+"""Runs the engine for all users, one job after the other, as processes that outlive the server.
+
+A waiting job is a file; a running or ended one is a folder of its project, see `engine.jobs`. The thread of the queue
+polls the running job. After a restart of the server the running job is found again and the waiting ones follow.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import HeritageError, ProjectError
+from ..files import delete_derived
+from ..jobs import Job, WaitingJob
+from .feeds import Feeds
+from .library import WebProject
+
+__all__ = ["JobQueue", "JobView"]
+
+_LOG = logging.getLogger(__name__)
+_POLL_SECONDS = 0.2
+_ROOT = Path(__file__).resolve().parents[2]
+"""The folder that contains the package `engine`."""
+_LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
+_WORDS = {"--all": "Find all objects", "--complement": "Isolate the background"}
+_CHANGES = {"reconstruct": ("scene", "photos"), "segment": ("objects",)}
+"""What of a project a finished job of each kind has changed."""
+
+
+@dataclass(frozen=True)
+class JobView:
+    """A job as clients see it; the fields are those of the API."""
+
+    id: str
+    kind: str
+    label: str
+    state: str
+    stage: str = ""
+    fraction: float = 0.0
+    seconds_left: float | None = None
+    message: str = ""
+    warnings: tuple[str, ...] = ()
+    error: str = ""
+    curve: tuple[tuple[float, float], ...] = ()
+    preview: bool = False
+
+
+class JobQueue:
+    """The jobs of all projects of a server.
+
+    Parameters
+    ----------
+    data : Path
+        The server's data folder.
+    feeds : Feeds
+        Gets an event whenever a job changes.
+    """
+
+    def __init__(self, data: Path, feeds: Feeds) -> None:
+        self._folder = data / "waiting"
+        self._feeds = feeds
+        self._lock = threading.RLock()
+        self._waiting: list[WaitingJob] = []
+        self._last: dict[Path, Job] = {}
+        self._running: Job | None = None
+        self._published: dict[tuple[Path, str], str] = {}
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="job queue", daemon=True)
+        self._found = list(_jobs_in(data))
+
+    def start(self) -> None:
+        """Find the jobs of an earlier server, and begin to run what waits."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for project, job in self._found:
+            self._last[project] = job
+        running = [job for _, job in self._found if job.poll().running]
+        self._waiting = [one for one in WaitingJob.stored(self._folder) if not self._was_started(one)]
+        # Two can run where an earlier server was killed while it started one; the second is waited for as well.
+        self._running = running[0] if running else None
+        _LOG.info("%s jobs run, %s wait", len(running), len(self._waiting))
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread. The running job goes on, and the next server finds it."""
+        self._stop.set()
+        self._thread.join()
+
+    def submit(self, project: WebProject, arguments: Sequence[str]) -> JobView:
+        """Run ``python -m engine`` with `arguments` on a project when its turn comes.
+
+        Raises
+        ------
+        ProjectError
+            When the same job is waiting already.
+        DiskError
+            When it cannot be stored.
+        """
+        command = (sys.executable, "-m", "engine", *arguments, "--events")
+        with self._lock:
+            if any(one.subject == project.folder and one.command == command for one in self._waiting):
+                raise ProjectError("The same job is waiting already.")
+            waiting = WaitingJob.store(self._folder, arguments[0], project.folder, command)
+            self._waiting.append(waiting)
+            self._publish(project.folder)
+            return _view_of_waiting(waiting)
+
+    def waiting(self, project: Path) -> list[JobView]:
+        """Return the waiting jobs of a project, the next first."""
+        with self._lock:
+            return [_view_of_waiting(one) for one in self._waiting if one.subject == project]
+
+    def n_waiting(self, projects: set[Path]) -> int:
+        """Return how many jobs of these projects wait."""
+        with self._lock:
+            return sum(one.subject in projects for one in self._waiting)
+
+    def last(self, project: Path) -> JobView | None:
+        """Return the running job of a project, or else the last one that ended."""
+        with self._lock:
+            job = self._last.get(project)
+            return None if job is None else _view_of_job(job)
+
+    def preview(self, project: Path) -> str:
+        """Return the path of the newest picture of the training; empty before the first."""
+        with self._lock:
+            job = self._last.get(project)
+            return "" if job is None else job.poll().preview
+
+    def cancel(self, project: Path, job_id: str) -> None:
+        """Stop the running job, or remove a waiting one.
+
+        Raises
+        ------
+        ProjectError
+            When it does not run or wait any more.
+        """
+        with self._lock:
+            for waiting in self._waiting:
+                if waiting.subject == project and waiting.file.stem == job_id:
+                    self._waiting.remove(waiting)
+                    waiting.take()
+                    self._publish(project)
+                    return
+            job = self._last.get(project)
+            if job is None or job.folder.name != job_id or not job.poll().running:
+                raise ProjectError("That job has ended already.")
+            job.cancel()
+
+    def cancel_all(self, project: Path) -> None:
+        """Stop and remove everything that works on a project, and wait for its end."""
+        with self._lock:
+            for view in self.waiting(project):
+                self.cancel(project, view.id)
+            job = self._last.pop(project, None)
+        if job is not None and job.poll().running:
+            job.cancel()
+            job.wait()
+
+    def resume(self, project: WebProject, job_id: str) -> JobView:
+        """Start a stopped job again; the engine continues with the work that is finished.
+
+        Raises
+        ------
+        ProjectError
+            When it is not the project's last job, or has not stopped.
+        """
+        with self._lock:
+            job = self._last.get(project.folder)
+            if job is None or job.folder.name != job_id or job.poll().running or not job.poll().error:
+                raise ProjectError("That job cannot be continued.")
+            return self.submit(project, [word for word in job.command[3:] if word != "--events"])
+
+    def _run(self) -> None:
+        while not self._stop.wait(_POLL_SECONDS):
+            try:
+                with self._lock:
+                    self._step()
+            except Exception:
+                # The queue goes on with the other jobs; the log has the error.
+                _LOG.exception("the queue failed")
+
+    def _step(self) -> None:
+        job = self._running
+        if job is not None:
+            state = job.poll()
+            project = job.folder.parent.parent
+            if not state.running:
+                self._running = None
+                job.mark_taken()
+                for kind in _CHANGES.get(job.kind, ()):
+                    self._feeds.publish(project, kind)
+            self._publish(project)
+        if self._running is None and self._waiting:
+            self._start(self._waiting.pop(0))
+
+    def _start(self, waiting: WaitingJob) -> None:
+        folder = waiting.subject / "jobs" / waiting.file.stem
+        if waiting.file.exists() and waiting.subject.is_dir():
+            try:
+                self._running = Job.start(
+                    waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
+                )
+                self._last[waiting.subject] = self._running
+            except HeritageError as error:
+                _LOG.error("%s", error)
+        # After the start: a server that is killed in between starts no job twice, see `_was_started`.
+        waiting.take()
+        self._publish(waiting.subject)
+
+    @staticmethod
+    def _was_started(waiting: WaitingJob) -> bool:
+        if Job.attach(waiting.subject / "jobs" / waiting.file.stem) is None and waiting.subject.is_dir():
+            return False
+        waiting.take()
+        return True
+
+    def _publish(self, project: Path) -> None:
+        """Send the state of a project's jobs to its watchers, if it has changed."""
+        for kind, views in (("job", self.last(project)), ("waiting", self.waiting(project))):
+            text = json.dumps(views, default=vars)
+            if self._published.get((project, kind)) != text:
+                self._published[project, kind] = text
+                self._feeds.publish(project, kind, text)
+
+
+def delete_ended_jobs(project: WebProject) -> None:
+    """Delete the records of all jobs of a project."""
+    delete_derived(project.folder, "jobs")
+
+
+def _jobs_in(data: Path) -> Iterator[tuple[Path, Job]]:
+    """Yield all jobs that have not been deleted, with the folders of their projects, the oldest of each first."""
+    for jobs in sorted(data.glob("users/*/projects/*/jobs")):
+        for folder in sorted(jobs.iterdir()):
+            job = Job.attach(folder)
+            if job is not None:
+                yield jobs.parent, job
+
+
+def _environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(_ROOT)}
+
+
+def _view_of_waiting(waiting: WaitingJob) -> JobView:
+    return JobView(waiting.file.stem, waiting.kind, _label(waiting.kind, waiting.command), "waiting")
+
+
+def _view_of_job(job: Job) -> JobView:
+    state = job.poll()
+    return JobView(
+        id=job.folder.name,
+        kind=job.kind,
+        label=_label(job.kind, job.command),
+        state="running" if state.running else "finished" if state.finished else "stopped",
+        stage=state.stage,
+        fraction=state.fraction,
+        seconds_left=state.seconds_left,
+        message=state.message,
+        warnings=tuple(state.warnings[-5:]),
+        error=state.error,
+        curve=tuple(state.curve),
+        preview=bool(state.preview),
+    )
+
+
+def _label(kind: str, command: Sequence[str]) -> str:
+    """Return what a job does, in words."""
+    if kind == "reconstruct":
+        return "Reconstruct the scene"
+    for word in command:
+        option, _, value = word.partition("=")
+        if option in _LABELS:
+            return _LABELS[option].format(value)
+        if option in _WORDS:
+            return _WORDS[option]
+    return "Isolate the clicked object"

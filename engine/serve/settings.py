@@ -1,0 +1,74 @@
+"""Settings of the web server. The limits protect the computer from mistakes and from hostile clients."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["PHOTO_TYPES", "ServeSettings"]
+
+PHOTO_TYPES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
+"""Suffixes of files that are accepted; the content decides whether a file is a picture."""
+
+
+@dataclass(frozen=True)
+class ServeSettings:
+    """Where the server keeps its data and listens, and what it accepts.
+
+    Parameters
+    ----------
+    data : Path
+        Folder of all users' projects.
+    host, port : str, int
+        Address to listen on; port 0 takes a free one.
+    lan : bool
+        Whether other computers may connect: with TLS, and with a token for each user.
+    max_photo_bytes, max_user_bytes : int
+        Largest photo, and all files that a user has uploaded.
+    max_photos : int
+        Photos of a project.
+    max_projects : int
+        Projects of a user.
+    max_open_uploads : int
+        Uploads of a user that have begun and not ended.
+    max_waiting : int
+        Jobs of a user that wait.
+    max_body_bytes : int
+        Largest body of a request that is no upload.
+    max_prompt : int
+        Characters of a text that a user enters.
+    max_clicks : int
+        Clicks of one prompt.
+    max_connections : int
+        Connections at a time; further ones are refused with status 503.
+    max_streams : int
+        Streams of events of a user at a time.
+    min_free_bytes : int
+        Free disk space below which nothing is accepted.
+    read_seconds : float
+        Longest pause of a client that sends a request.
+    session_days : float
+        Time after which a user signs in again.
+    upload_days : int
+        Time after which an unfinished upload is deleted.
+    """
+
+    data: Path
+    host: str = "127.0.0.1"
+    port: int = 8765
+    lan: bool = False
+    max_photo_bytes: int = 200 << 20
+    max_user_bytes: int = 50 << 30
+    max_photos: int = 1000
+    max_projects: int = 1000
+    max_open_uploads: int = 200
+    max_waiting: int = 50
+    max_body_bytes: int = 1 << 20
+    max_prompt: int = 500
+    max_clicks: int = 100
+    max_connections: int = 500
+    max_streams: int = 64
+    min_free_bytes: int = 2 << 30
+    read_seconds: float = 30.0
+    session_days: float = 30.0
+    upload_days: int = 2

@@ -1,0 +1,52 @@
+"""Small JPEG copies of photos for the browser, upright."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import FormatError
+from ..files import atomic_write
+
+__all__ = ["SMALL_SIDE", "small_photo", "write_small_photo"]
+
+SMALL_SIDE = 320
+"""Pixels of the longest side in lists."""
+_SIDES = (SMALL_SIDE, 1600)
+"""Sizes that are kept; other ones are rounded up, so that a client cannot fill the disk."""
+_QUALITY = 88
+
+
+def small_photo(photo: Path, cache: Path, side: int) -> Path:
+    """Return a JPEG of `photo` whose longest side is at least `side` pixels, or the largest size that is kept.
+
+    Raises
+    ------
+    PhotoError
+        When the photo cannot be read.
+    """
+    kept = next((one for one in _SIDES if one >= side), _SIDES[-1])
+    file = cache / (f"{photo.name}.small.jpg" if kept == SMALL_SIDE else f"{photo.name}.{kept}.jpg")
+    if not file.exists() or file.stat().st_mtime_ns < photo.stat().st_mtime_ns:
+        write_small_photo(photo, file, side=kept)
+    return file
+
+
+def write_small_photo(photo: Path, out: Path, *, side: int = SMALL_SIDE) -> None:
+    """Decode `photo`, which checks it too, and write it with a longest side of at most `side` pixels.
+
+    Raises
+    ------
+    PhotoError
+        When the photo cannot be read.
+    """
+    import cv2
+
+    from ..photos import load_pixels
+
+    pixels = load_pixels(photo, max_side=side)
+    ok, encoded = cv2.imencode(".jpg", pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    if not ok:
+        raise FormatError(f"{photo} could not be written as JPEG.")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(out) as stream:
+        stream.write(encoded.tobytes())

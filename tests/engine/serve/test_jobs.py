@@ -1,0 +1,197 @@
+"""Jobs run one after the other, are watched live, and survive the end of the server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from engine.serve.feeds import Feeds
+
+from .conftest import API, Client, jpeg
+
+Engine = Callable[[str], None]
+FOREVER = "while True: time.sleep(0.05)"
+
+
+@pytest.fixture
+def project(client: Client) -> str:
+    project = client.new_project()
+    client.upload(project, "vase.jpg", jpeg())
+    return project
+
+
+def reconstruct(client: Client, project: str) -> Any:
+    return client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "reconstruct", "preset": "preview"})
+
+
+def test_reconstruction_runs_the_engine_on_the_uploaded_photos(client: Client, project: str) -> None:
+    assert reconstruct(client, project).status_code == 202
+    job = client.wait_for_job(project, "finished")
+    assert job["curve"] == [[1.5, 21.5]] and job["label"] == "Reconstruct the scene"
+    words = json.loads((client.folder(project) / "project" / "words.json").read_text())
+    photos, out = client.folder(project) / "photos", client.folder(project) / "project"
+    assert words == ["reconstruct", str(photos), f"--out={out}", "--preset=preview", "--events"]
+
+
+def test_project_without_photos_is_not_reconstructed(client: Client) -> None:
+    answer = reconstruct(client, client.new_project())
+    assert (answer.status_code, answer.json()["detail"]) == (409, "Upload photos first.")
+
+
+def test_second_job_waits_and_both_can_be_stopped(client: Client, project: str, fake_engine: Engine) -> None:
+    fake_engine(FOREVER)
+    other = client.new_project()
+    client.upload(other, "vase.jpg", jpeg())
+    reconstruct(client, project)
+    running = client.wait_for_job(project, "running")
+    waiting = reconstruct(client, other).json()
+    assert waiting["state"] == "waiting"
+    assert client.http.get(f"{API}/projects/{other}").json()["state"] == "waiting"
+    assert reconstruct(client, other).json()["detail"] == "The same job is waiting already."
+    assert client.http.delete(f"{API}/projects/{other}/jobs/{waiting['id']}").status_code == 204
+    assert client.http.get(f"{API}/projects/{other}").json()["waiting"] == []
+    assert client.http.delete(f"{API}/projects/{project}/jobs/{running['id']}").status_code == 204
+    assert client.wait_for_job(project, "stopped")["error"]
+
+
+def test_failed_job_tells_its_sentence_and_continues(client: Client, project: str, fake_engine: Engine) -> None:
+    fake_engine("say('error', message='Too few photos overlap.', error='CameraError')")
+    reconstruct(client, project)
+    job = client.wait_for_job(project, "stopped")
+    assert job["error"] == "Too few photos overlap."
+    fake_engine("say('finished', message='done', outputs={})")
+    again = client.http.post(f"{API}/projects/{project}/jobs/{job['id']}/continue")
+    assert again.status_code == 202
+    client.wait_for_job(project, "finished")
+    assert client.http.post(f"{API}/projects/{project}/jobs/{job['id']}/continue").status_code == 409
+
+
+def test_server_that_ends_leaves_its_job_running_and_the_next_one_finds_it(
+    make_client: Callable[..., Client], fake_engine: Engine
+) -> None:
+    fake_engine("time.sleep(1.5)\nsay('finished', message='done', outputs={})")
+    first = make_client()
+    projects = [first.new_project() for _ in range(2)]
+    for project in projects:
+        first.upload(project, "vase.jpg", jpeg())
+        reconstruct(first, project)
+    running = first.wait_for_job(projects[0], "running")
+    first.stop()
+    # Kept until the end, as Python warns when the handle of a process that still runs is dropped.
+    process = first.http.app.state.server.queue._running._process  # type: ignore[attr-defined]
+    second = make_client()
+    assert second.wait_for_job(projects[0], "finished")["id"] == running["id"]
+    second.wait_for_job(projects[1], "finished")
+    for project in projects:
+        assert (second.folder(project) / "project" / "runs.txt").read_text() == "reconstruct\n"
+    process.wait()
+
+
+def test_killed_engine_is_told(client: Client, project: str, fake_engine: Engine) -> None:
+    fake_engine("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
+    reconstruct(client, project)
+    assert "stopped unexpectedly" in client.wait_for_job(project, "stopped")["error"]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        ({"prompt": "vase; teapot"}, ["--prompt=vase;teapot"]),
+        ({"find_all": True}, ["--all"]),
+        ({"background": True}, ["--complement"]),
+        ({"accept": 2}, ["--accept=2"]),
+        (
+            {
+                "clicks": [
+                    {"photo": "vase.jpg", "x": 3, "y": 4.5},
+                    {"photo": "vase.jpg", "x": 1, "y": 1, "wanted": False},
+                ]
+            },
+            ["--click=vase.jpg=3,4.5", "--not=vase.jpg=1,1"],
+        ),
+    ],
+)
+def test_prompts_become_arguments(client: Client, project: str, wanted: dict[str, Any], words: list[str]) -> None:
+    scene = client.folder(project) / "project" / "gaussians"
+    scene.mkdir(parents=True)
+    (scene / "scene.ply").touch()
+    answer = client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "segment", **wanted})
+    assert answer.status_code == 202
+    client.wait_for_job(project, "finished")
+    written = json.loads((client.folder(project) / "project" / "words.json").read_text())
+    assert written == ["segment", str(client.folder(project) / "project"), *words, "--events"]
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        {},
+        {"prompt": "vase", "find_all": True},
+        {"prompt": "x" * 600},
+        {"clicks": [{"photo": "other.jpg", "x": 1, "y": 1}]},
+        {"clicks": [{"photo": "vase.jpg", "x": 1, "y": 1, "wanted": False}]},
+        {"clicks": [{"photo": "vase.jpg", "x": "NaN", "y": 1}]},
+        {"clicks": [{"photo": "vase.jpg", "x": 1, "y": 1}], "object": "../../secret"},
+    ],
+)
+def test_prompts_that_mean_nothing_are_refused(client: Client, project: str, wanted: dict[str, Any]) -> None:
+    scene = client.folder(project) / "project" / "gaussians"
+    scene.mkdir(parents=True)
+    (scene / "scene.ply").touch()
+    answer = client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "segment", **wanted})
+    assert answer.status_code in (415, 422) and isinstance(answer.json()["detail"], str)
+
+
+def test_jobs_of_a_user_are_limited(make_client: Callable[..., Client], fake_engine: Engine) -> None:
+    fake_engine(FOREVER)
+    client = make_client(max_waiting=1)
+    projects = [client.new_project() for _ in range(3)]
+    for project in projects:
+        client.upload(project, "vase.jpg", jpeg())
+    reconstruct(client, projects[0])
+    client.wait_for_job(projects[0], "running")
+    assert [reconstruct(client, project).status_code for project in projects[1:]] == [202, 409]
+    for project in projects[:2]:
+        assert client.http.delete(f"{API}/projects/{project}").status_code == 204
+    assert len(list((client.data / "users" / "local" / "trash").iterdir())) == 2
+
+
+def test_deleted_project_stops_its_job(client: Client, project: str, fake_engine: Engine) -> None:
+    fake_engine("(project / 'pid').write_text(str(__import__('os').getpid()))\n" + FOREVER)
+    reconstruct(client, project)
+    client.wait_for_job(project, "running")
+    file = client.folder(project) / "project" / "pid"
+    while not file.exists():
+        time.sleep(0.02)
+    pid = int(file.read_text())
+    client.http.delete(f"{API}/projects/{project}")
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_stream_sends_what_was_missed_and_then_what_happens() -> None:
+    async def watch() -> list[str]:
+        feeds, project = Feeds(), Path("room")
+        feeds.publish(project, "job", '{"old": 1}')
+        feeds.publish(project, "job", '{"new": 1}')
+        stream = feeds.stream(project, 0)
+        seen = [await anext(stream), await anext(stream)]
+        number = int(seen[1].partition("id: ")[2].partition("\n")[0])
+        feeds.publish(project, "photos")
+        seen.append(await anext(stream))
+        await stream.aclose()
+        again = feeds.stream(project, number)
+        seen += [await anext(again), await anext(again)]
+        await again.aclose()
+        assert feeds._watchers == {}
+        return seen
+
+    retry, job, photos, _, missed = asyncio.run(watch())
+    assert retry.startswith("retry:") and '{"new": 1}' in job and "event: photos" in photos and missed == photos

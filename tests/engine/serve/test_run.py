@@ -1,0 +1,129 @@
+"""The server as a program: where it listens, that only one works with its data, and what it does when it is killed."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from engine.errors import EnvironmentProblem, ProjectError, SettingsError
+from engine.events import ignore_events
+from engine.serve import Accounts, ServeSettings, run, run_server
+from engine.serve.certificate import certificate_files
+
+ROOT = Path(__file__).resolve().parents[3]
+PROGRAM = """
+import sys
+from pathlib import Path
+from engine.serve import run
+run.PAGE = Path(sys.argv[1])
+from engine.serve import app
+app.create_app.__defaults__ = (Path(sys.argv[1]),)
+from engine.cli import main
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.fixture
+def start(page: Path, tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+    """Return a function that starts a server with options, and returns its process and address."""
+    running: list[subprocess.Popen[str]] = []
+
+    def begin(*options: str) -> tuple[subprocess.Popen[str], str]:
+        words = ["serve", "--events", f"--data={tmp_path / 'data'}", "--port=0", *options]
+        process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(page), *words], cwd=ROOT, stdout=subprocess.PIPE, text=True,
+            start_new_session=True,
+        )  # fmt: skip
+        running.append(process)
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.search(r"https?://[^ ]+/", line)
+        assert found is not None, line
+        return process, found[0]
+
+    yield begin
+    for process in running:
+        process.kill()
+        process.communicate()
+
+
+def test_server_says_where_it_is_and_ends_when_asked(start: Callable[..., tuple[subprocess.Popen[str], str]]) -> None:
+    process, address = start()
+    assert address.startswith("http://127.0.0.1:")
+    with urllib.request.urlopen(address) as answer:
+        assert b"Gaussian Heritage" in answer.read()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20) == 0
+
+
+def test_killed_server_leaves_nothing_locked(start: Callable[..., tuple[subprocess.Popen[str], str]]) -> None:
+    process, _ = start()
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    _, address = start()
+    with urllib.request.urlopen(f"{address}api/v1/session") as answer:
+        assert answer.status == 200
+
+
+def test_second_server_on_the_same_data_is_refused(
+    start: Callable[..., tuple[subprocess.Popen[str], str]], tmp_path: Path, page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start()
+    monkeypatch.setattr(run, "PAGE", page)
+    with pytest.raises(ProjectError, match="Another server works with"):
+        run_server(ServeSettings(tmp_path / "data", port=0), ignore_events, lambda: True)
+
+
+def test_taken_port_is_told(
+    start: Callable[..., tuple[subprocess.Popen[str], str]], tmp_path: Path, page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, address = start()
+    monkeypatch.setattr(run, "PAGE", page)
+    port = int(address.rstrip("/").rpartition(":")[2])
+    with pytest.raises(SettingsError, match=f"Port {port} cannot be used"):
+        run_server(ServeSettings(tmp_path / "other", port=port), ignore_events, lambda: True)
+
+
+def test_network_needs_a_user_and_gets_tls(
+    start: Callable[..., tuple[subprocess.Popen[str], str]], tmp_path: Path, page: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "PAGE", page)
+    settings = ServeSettings(tmp_path / "data", port=0, lan=True)
+    with pytest.raises(SettingsError, match="Add a user first"):
+        run_server(settings, ignore_events, lambda: True)
+    Accounts(tmp_path / "data").add("ada")
+    _, address = start("--lan")
+    assert address.startswith("https://")
+    time.sleep(0.1)
+    assert (tmp_path / "data" / "private_key.pem").stat().st_mode & 0o077 == 0
+
+
+def test_certificate_is_kept_until_the_addresses_change(tmp_path: Path) -> None:
+    certificate, key = certificate_files(tmp_path, ["127.0.0.1", "room.local"])
+    first = certificate.read_bytes()
+    assert certificate_files(tmp_path, ["127.0.0.1", "room.local"]) == (certificate, key)
+    assert certificate.read_bytes() == first
+    certificate_files(tmp_path, ["127.0.0.1"])
+    assert certificate.read_bytes() != first
+
+
+def test_page_that_is_not_built_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "PAGE", tmp_path)
+    with pytest.raises(EnvironmentProblem, match="make serve"):
+        run_server(ServeSettings(tmp_path / "data"), ignore_events, lambda: True)
+
+
+def test_server_starts_without_torch() -> None:
+    code = "import sys, engine.serve.app; print([m for m in ('torch', 'cv2', 'pycolmap', 'numba') if m in sys.modules])"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.strip() == "[]"
