@@ -8,10 +8,11 @@ from pathlib import Path
 from . import __version__
 from .cameras.settings import CameraSettings
 from .errors import ProjectError
-from .events import Emit, StopCheck
+from .events import Emit, StageStarted, StopCheck
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
-from .photos.settings import PhotoSettings
+from .photos import extract_frames, is_video
+from .photos.settings import PhotoSettings, VideoSettings
 from .planning import (
     PlanSettings,
     plan_and_forecast,
@@ -70,7 +71,7 @@ def reconstruct(
     Parameters
     ----------
     photos : Path
-        Folder with the photos.
+        Folder with the photos, or a video.
     out : Path
         Project folder, new or of an earlier run that is continued.
     settings : PipelineSettings
@@ -91,6 +92,11 @@ def reconstruct(
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
     with ProjectFolder.create(out) as project:
         runner = StageRunner(project, emit, should_stop)
+        if is_video(photos):
+            frames = project.path / "frames"
+            emit(StageStarted("frames"))
+            extract_frames(photos, frames, VideoSettings(), emit=emit, should_stop=should_stop)
+            photos = frames
         photo_set, statistics = photos_stage(runner, photos, settings.photos, photo_masks=settings.photo_masks)
         project.put("photo_folder", str(photos.resolve()))
         project.put("engine_version", __version__)

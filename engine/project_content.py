@@ -67,8 +67,8 @@ class ProjectObject:
 
 
 def default_project_folder(photos: Path) -> Path:
-    """Return the default project folder, next to the photo folder: ``<name>_heritage``."""
-    return photos.with_name(f"{photos.name}_heritage")
+    """Return the default project folder, next to the photo folder or video: ``<name>_heritage``."""
+    return photos.with_name(f"{photos.stem if photos.is_file() else photos.name}_heritage")
 
 
 def scene_file(project: Path) -> Path:

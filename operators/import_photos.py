@@ -9,6 +9,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..engine.errors import PhotoError
+from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project_content import default_project_folder
 from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
@@ -25,12 +26,21 @@ def _search_presets(operator: bpy.types.Operator, context: bpy.types.Context, ty
 
 @blender_properties
 class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
-    """Turn a folder of photos into a Gaussian scene. Resumes an earlier import of the same folder"""
+    """Turn a folder of photos, or a video, into a Gaussian scene. Resumes an earlier import of the same photos"""
 
     bl_idname = "heritage.import_photo_folder"
     bl_label = "Import Photo Folder"
 
     directory: Annotated[str, StringProperty(name="Photos", description="Folder with the photos", subtype="DIR_PATH")]
+    filepath: Annotated[
+        str,
+        StringProperty(
+            name="Video",
+            description="A video to take the photos from, instead of a folder",
+            subtype="FILE_PATH",
+            options={"SKIP_SAVE"},
+        ),
+    ]
     project: Annotated[
         str,
         StringProperty(
@@ -70,6 +80,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     ]
     filter_folder: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
     filter_image: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
+    filter_movie: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder."""
@@ -78,9 +89,16 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Start the engine. The result is imported when it has finished."""
+        video = Path(bpy.path.abspath(self.filepath)) if self.filepath else None
         photos = Path(bpy.path.abspath(self.directory))
-        if not self.directory or not photos.is_dir():
-            raise PhotoError(f"{self.directory or 'An empty path'} is not a folder. Choose a folder of photos.")
+        if video is not None and video.suffix.lower() in VIDEO_SUFFIXES:
+            photos = video
+            if not video.is_file():
+                raise PhotoError(f"There is no video {video}.")
+        elif not self.directory or not photos.is_dir():
+            raise PhotoError(
+                f"{self.directory or 'An empty path'} is not a folder. Choose a folder of photos, or a video."
+            )
         project = Path(bpy.path.abspath(self.project)) if self.project else default_project_folder(photos)
         arguments = ["reconstruct", str(photos), "--out", str(project), "--preset", self.preset]
         arguments += ["--prompts", self.prompts] if self.prompts.strip() else []

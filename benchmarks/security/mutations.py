@@ -222,6 +222,7 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "webp": WEBP,
     # Counts and sizes of 8 bytes between numbers: changing bytes finds them.
     "bin": (_with_another_number,),
+    "mp4": (_with_another_number, _with_zeros),
     "db": (_with_another_number, _with_zeros),
 }
 """Mutations by suffix of the file."""

@@ -166,6 +166,29 @@ def _photo_reader(name: str, file: str, write: Callable[[Path], None], share: fl
     return Reader(name, write, _read_photos, (f"photos/{file}",), share)
 
 
+def _write_video(folder: Path) -> None:
+    """Write a short video of a moving camera, and the record of an earlier call."""
+    import cv2
+
+    texture = np.random.default_rng(0).integers(0, 255, (64, 256, 3), np.uint8)
+    writer = cv2.VideoWriter(str(folder / "a.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 64))
+    for step in range(20):
+        writer.write(texture[:, 8 * step : 8 * step + 64])
+    writer.release()
+    record = {"made_from": "00", "settings": {}, "files": ["frame_000001.jpg"], "complete": True}
+    (folder / "frame.frames.json").write_text(json.dumps(record))
+
+
+def _frames_of_video(folder: Path) -> object:
+    from engine.events import ignore_events, never_stop
+    from engine.photos import extract_frames
+    from engine.photos.settings import VideoSettings
+
+    return extract_frames(
+        folder / "a.mp4", folder, VideoSettings(min_frames=3), emit=ignore_events, should_stop=never_stop
+    )
+
+
 PHOTOS: tuple[Reader, ...] = (
     _photo_reader("photo-jpeg", "a.jpg", partial(_write_photo, name="a.jpg", quality=40), share=3.0),
     _photo_reader("photo-progressive", "a.jpg", partial(_write_photo, name="a.jpg", quality=40, progressive=True)),
@@ -189,4 +212,5 @@ PHOTOS: tuple[Reader, ...] = (
     Reader("truth-3d-ovs", _write_three_d_ovs, _read_truth, ("segmentations/classes.txt", "segmentations/a/vase.png")),
     Reader("truth-lerf-ovs", _write_lerf_ovs, _read_truth, ("a.json",)),
     Reader("results", _write_results, _read_results, ("results.json",)),
+    Reader("video", _write_video, _frames_of_video, ("a.mp4", "frame.frames.json"), share=2.0),
 )

@@ -7,6 +7,7 @@ from . import (
     doctor,
     evaluate,
     export,
+    frames,
     models,
     plan,
     reconstruct,
@@ -23,6 +24,7 @@ __all__ = ["COMMANDS", "warn_of_deprecated_options"]
 
 COMMANDS = (
     plan,
+    frames,
     reconstruct,
     segment,
     trash,

@@ -25,7 +25,7 @@ USES_CAMERAS = True
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
-    parser.add_argument("photos", type=Path, help="folder with the photos")
+    parser.add_argument("photos", type=Path, help="folder with the photos, or a video")
     parser.add_argument("--out", type=Path, required=True, help="project folder; an unfinished run in it is continued")
     parser.add_argument("--prompts", default="", help='objects to isolate at the end, e.g. "vase;bust"')
     add_preset_option(parser)

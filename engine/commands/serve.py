@@ -44,8 +44,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         from ..serve import Accounts, ServeSettings, run_server
     except ModuleNotFoundError as error:
         raise EnvironmentProblem(
-            f"The package {error.name} is missing, which only the server needs. Install requirements/locked-serve.txt "
-            "into the engine's environment, or run `make setup`."
+            f"The package {error.name} is missing, which only the server needs. Use a checkout of the repository: "
+            "`make serve` installs what it needs."
         ) from error
     settings = ServeSettings(data=options.data.absolute())
     if options.add_user is not None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .catalogue import CATALOGUE, ModelFile, find_model_file, find_model_files
     from .fetching import fetch
     from .onnx_session import open_session
-    from .packages import folder_contains
+    from .packages import folder_contains, npm_command
 
 __all__ = [
     "CATALOGUE",
@@ -22,6 +22,7 @@ __all__ = [
     "folder_contains",
     "locate",
     "models_folder",
+    "npm_command",
     "open_session",
 ]
 

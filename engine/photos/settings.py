@@ -1,4 +1,4 @@
-"""Settings that decide which photos are used."""
+"""Settings that decide which photos are used, and which frames of a video."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from dataclasses import dataclass
 
 from ..settings import require
 
-__all__ = ["PhotoSettings"]
+__all__ = ["VIDEO_SUFFIXES", "PhotoSettings", "VideoSettings"]
+
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+"""Files that count as videos."""
 
 
 @dataclass(frozen=True)
@@ -42,3 +45,30 @@ class PhotoSettings:
         require(self, "max_blurred_share", 0.0 <= self.max_blurred_share <= 0.5, "between 0 and 0.5")
         require(self, "min_photos_for_blur", self.min_photos_for_blur >= 3, "at least 3")
         require(self, "flat_share", 0.0 <= self.flat_share < 1.0, "at least 0 and below 1")
+
+
+@dataclass(frozen=True)
+class VideoSettings:
+    """Which frames of a video become photos.
+
+    Attributes
+    ----------
+    min_frames, max_frames : int
+        Fewest and most photos that a video gives.
+    motion_between : float
+        Camera motion between two photos, as a share of the width of the picture. Not chosen on data: neighbours then
+        share nine tenths of what they show.
+    looks_per_second : float
+        Frames per second of which motion and sharpness are measured.
+    """
+
+    min_frames: int = 8
+    max_frames: int = 150
+    motion_between: float = 0.1
+    looks_per_second: float = 10.0
+
+    def __post_init__(self) -> None:
+        require(self, "min_frames", self.min_frames >= 3, "at least 3")
+        require(self, "max_frames", self.max_frames >= self.min_frames, "at least min_frames")
+        require(self, "motion_between", self.motion_between > 0.0, "above 0")
+        require(self, "looks_per_second", self.looks_per_second > 0.0, "above 0")

@@ -70,7 +70,7 @@ class RequestLimits:
             await self._app(scope, receive, send)
             return
         is_upload = scope["method"] in ("PATCH", "POST") and scope["path"].startswith("/api/v1/uploads")
-        limit = self._settings.max_photo_bytes if is_upload else self._settings.max_body_bytes
+        limit = self._settings.max_video_bytes if is_upload else self._settings.max_body_bytes
         stated = dict(scope["headers"]).get(b"content-length", b"0")
         if not stated.isdigit() or len(stated) > 18 or int(stated) > limit:
             await _refuse(send, 413, f"The request is larger than {limit:,} bytes.")

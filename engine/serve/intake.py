@@ -9,11 +9,12 @@ from pathlib import Path
 
 from ..errors import FormatError, HeritageError, PhotoError, ProjectError
 from ..files import delete_derived, file_sha256, is_inner_name
+from ..photos.settings import VIDEO_SUFFIXES
 from .library import WebProject
 from .settings import PHOTO_TYPES, ServeSettings
 from .small_photos import write_small_photo
 
-__all__ = ["photo_name", "take_in_photo"]
+__all__ = ["is_video_name", "photo_name", "take_in_photo", "take_in_video"]
 
 _MAX_NAME = 120
 _UNSAFE = re.compile(r"[^\w.() -]+")
@@ -29,8 +30,10 @@ def photo_name(filename: str) -> str:
     """
     last = re.split(r"[/\\]", unicodedata.normalize("NFC", filename))[-1]
     stem, suffix = os.path.splitext(_UNSAFE.sub("_", last).strip(" ."))
-    if suffix.lower() not in PHOTO_TYPES:
-        raise FormatError(f"{last[:_MAX_NAME]!r} is not a photo. Upload JPEG, PNG, TIFF, WebP or HEIC files.")
+    if suffix.lower() not in (*PHOTO_TYPES, *VIDEO_SUFFIXES):
+        raise FormatError(
+            f"{last[:_MAX_NAME]!r} is not a photo or video. Upload JPEG, PNG, TIFF, WebP, HEIC, MP4 or MOV files."
+        )
     name = f"{stem[: _MAX_NAME - len(suffix)].strip(' .') or 'photo'}{suffix}"
     if not is_inner_name(name):
         raise FormatError(f"{last[:_MAX_NAME]!r} cannot be the name of a file. Rename it and upload it again.")
@@ -79,6 +82,30 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, settings: Se
     os.replace(staged, project.photos / name)
     project.note_hash(name, sha256)
     return name
+
+
+def is_video_name(name: str) -> bool:
+    """Return whether a file of this name is taken as a video."""
+    return name.lower().endswith(VIDEO_SUFFIXES)
+
+
+def take_in_video(project: WebProject, upload: Path, filename: str) -> Path:
+    """Move the complete file `upload` to the videos of `project`; the job that takes photos from it checks it.
+
+    Raises
+    ------
+    ProjectError
+        When the project has this video already.
+    DiskError
+        When it cannot be stored.
+    """
+    name = photo_name(filename)
+    project.videos.mkdir(exist_ok=True)
+    target = project.videos / name
+    if target.exists():
+        raise ProjectError(f"{name} was uploaded already. Rename the video if it is another one.")
+    os.replace(upload, target)
+    return target
 
 
 def _free_name(name: str, present: list[str]) -> str:

@@ -29,7 +29,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 """The folder that contains the package `engine`."""
 _LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
 _WORDS = {"--all": "Find all objects", "--complement": "Isolate the background"}
-_CHANGES = {"reconstruct": ("scene", "photos"), "segment": ("objects",)}
+_CHANGES = {"frames": ("photos",), "reconstruct": ("scene", "photos"), "segment": ("objects",)}
 """What of a project a finished job of each kind has changed."""
 
 
@@ -273,6 +273,8 @@ def _label(kind: str, command: Sequence[str]) -> str:
     """Return what a job does, in words."""
     if kind == "reconstruct":
         return "Reconstruct the scene"
+    if kind == "frames":
+        return f"Take photos from {Path(command[4]).name}"
     for word in command:
         option, _, value = word.partition("=")
         if option in _LABELS:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..errors import DiskError, ProjectError
 from ..files import delete_derived, is_inner_name, path_within, read_json, write_json
-from .settings import ServeSettings
+from .settings import PHOTO_TYPES, ServeSettings
 
 __all__ = ["Library", "NotFound", "WebProject"]
 
@@ -55,6 +55,11 @@ class WebProject:
         return self.folder / "photos"
 
     @property
+    def videos(self) -> Path:
+        """Folder of the uploaded videos."""
+        return self.folder / "videos"
+
+    @property
     def project(self) -> Path:
         """The engine's project folder."""
         return self.folder / "project"
@@ -84,7 +89,11 @@ class WebProject:
         """Return the names of the uploaded photos, sorted."""
         if not self.photos.is_dir():
             return []
-        return sorted(entry.name for entry in os.scandir(self.photos) if is_inner_name(entry.name) and entry.is_file())
+        return sorted(
+            entry.name
+            for entry in os.scandir(self.photos)
+            if is_inner_name(entry.name) and entry.is_file() and entry.name.lower().endswith(PHOTO_TYPES)
+        )
 
     def photo(self, name: str) -> Path:
         """Return the file of a photo.
@@ -196,7 +205,9 @@ class Library:
 
     def used_bytes(self) -> int:
         """Return the size of everything the user has uploaded, unfinished uploads included."""
-        folders = [self.uploads, *(project.photos for project in self.projects())]
+        folders = [self.uploads]
+        for project in self.projects():
+            folders += [project.photos, project.videos]
         return sum(
             entry.stat().st_size
             for folder in folders

@@ -23,8 +23,8 @@ class ServeSettings:
         Address to listen on; port 0 takes a free one.
     lan : bool
         Whether other computers may connect: with TLS, and with a token for each user.
-    max_photo_bytes, max_user_bytes : int
-        Largest photo, and all files that a user has uploaded.
+    max_photo_bytes, max_video_bytes, max_user_bytes : int
+        Largest photo, largest video, and all files that a user has uploaded.
     max_photos : int
         Photos of a project.
     max_projects : int
@@ -58,6 +58,7 @@ class ServeSettings:
     port: int = 8765
     lan: bool = False
     max_photo_bytes: int = 200 << 20
+    max_video_bytes: int = 4 << 30
     max_user_bytes: int = 50 << 30
     max_photos: int = 1000
     max_projects: int = 1000

@@ -7,6 +7,7 @@ from typing import Any
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
+from ...photos.settings import VIDEO_SUFFIXES
 from ...training.settings import PRESETS
 from ..access import COOKIE, CurrentUser, local_user, server_of, session_user, set_session
 from ..settings import PHOTO_TYPES
@@ -52,7 +53,7 @@ def _description(request: Request, user: str | None, cookie: str) -> dict[str, A
         "photo_bytes": server.settings.max_photo_bytes,
         "project_photos": server.settings.max_photos,
         "photo_types": list(PHOTO_TYPES),
-        "video_types": [],
+        "video_types": list(VIDEO_SUFFIXES),
     }
     return {
         "user": user,

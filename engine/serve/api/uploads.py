@@ -17,7 +17,7 @@ from tuspyserver import create_tus_router
 
 from ...files import delete_derived
 from ..access import CurrentUser, current_user, server_of
-from ..intake import photo_name, take_in_photo
+from ..intake import is_video_name, photo_name, take_in_photo, take_in_video
 from ..settings import ServeSettings
 
 __all__ = ["upload_router"]
@@ -36,7 +36,7 @@ def upload_router(settings: ServeSettings) -> APIRouter:
         create_tus_router(
             prefix="/uploads",
             files_dir=str(settings.data / "uploads"),
-            max_size=settings.max_photo_bytes,
+            max_size=settings.max_video_bytes,
             days_to_keep=settings.upload_days,
             strict_offset_validation=True,
             **hooks,
@@ -68,10 +68,13 @@ def _before(request: Request, user: CurrentUser) -> Callable[[dict[str, Any], di
 
     def check(metadata: dict[str, Any], upload: dict[str, Any]) -> None:
         library.project(str(metadata.get("project", "")))
-        photo_name(str(metadata.get("filename", "")))
+        name = photo_name(str(metadata.get("filename", "")))
         size = upload.get("size")
         if not isinstance(size, int) or size <= 0:
             raise HTTPException(400, "The file is empty.")
+        limit = server.settings.max_video_bytes if is_video_name(name) else server.settings.max_photo_bytes
+        if size > limit:
+            raise HTTPException(413, f"{name} is larger than {limit / 1e6:,.0f} MB.")
         library.require_space(size)
         n_open = sum(1 for _ in library.uploads.glob("*.info")) if library.uploads.is_dir() else 0
         if n_open >= server.settings.max_open_uploads:
@@ -92,7 +95,12 @@ def _when_complete(request: Request, user: CurrentUser) -> Callable[[str, dict[s
         file = Path(path)
         try:
             project = library.project(str(metadata.get("project", "")))
-            take_in_photo(project, file, str(metadata.get("filename", "")), server.settings)
+            filename = str(metadata.get("filename", ""))
+            if is_video_name(filename):
+                video = take_in_video(project, file, filename)
+                server.queue.submit(project, ["frames", str(video), f"--out={project.photos}"])
+            else:
+                take_in_photo(project, file, filename, server.settings)
         finally:
             delete_derived(library.uploads, file.name)
             delete_derived(library.uploads, f"{file.name}.info")

@@ -160,6 +160,16 @@ def test_photo_folder_is_given_to_the_engine_and_its_scene_imported(
     assert bpy.context.scene.camera is not None
 
 
+def test_video_is_given_to_the_engine(project: Any, fake_engine: Callable[[str], Path], tmp_path: Path) -> None:
+    video = tmp_path / "müseum room.mp4"
+    video.write_bytes(b"a video")
+    arguments = fake_engine("say('finished', message='done', outputs={})")
+    assert bpy.ops.heritage.import_photo_folder(filepath=str(video), project=str(project.folder)) == {"FINISHED"}
+    assert json.loads(arguments.read_text())[2:4] == ["reconstruct", str(video)]
+    with pytest.raises(RuntimeError, match="There is no video"):
+        bpy.ops.heritage.import_photo_folder(filepath=str(tmp_path / "other.mp4"))
+
+
 def test_error_without_an_engine_says_what_to_press(
     project: Any, installed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

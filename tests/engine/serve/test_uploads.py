@@ -43,8 +43,8 @@ def test_interrupted_upload_continues_where_it_was(client: Client) -> None:
     [
         ("vase.jpg", b"no picture at all", 415, "vase.jpg is not a picture"),
         ("vase.jpg", jpeg()[:900], 415, "vase.jpg"),
-        ("vase.svg", b"<svg/>", 415, "is not a photo"),
-        ("vase.html", b"<script>", 415, "is not a photo"),
+        ("vase.svg", b"<svg/>", 415, "is not a photo or video"),
+        ("vase.html", b"<script>", 415, "is not a photo or video"),
     ],
 )
 def test_what_is_no_photo_is_refused_and_deleted(
@@ -84,7 +84,7 @@ def test_same_photo_is_taken_once_and_another_of_the_same_name_gets_a_number(cli
 )
 def test_names_are_never_paths(filename: str, stored: str | None) -> None:
     if stored is None:
-        with pytest.raises(FormatError, match="is not a photo"):
+        with pytest.raises(FormatError, match="is not a photo or video"):
             photo_name(filename)
     else:
         assert photo_name(filename) == stored
@@ -94,8 +94,8 @@ def test_photo_larger_than_allowed_is_refused_before_its_first_byte(make_client:
     client = make_client(max_photo_bytes=5000)
     project = client.new_project()
     location = client.begin(project, "vase.jpg", 4000).headers["location"]
-    assert client.send(location, b"x" * 6000).status_code == 413
-    # More than was announced, and less than is allowed.
+    assert client.begin(project, "vase.jpg", 6000).status_code == 413
+    # More than was announced.
     assert client.send(location, b"x" * 4500).status_code in (400, 413)
 
 
@@ -147,3 +147,11 @@ def test_old_unfinished_uploads_are_deleted_at_the_start(make_client: Callable[.
         os.utime(uploads / name, (os.path.getmtime(uploads / name) - age,) * 2)
     make_client()
     assert [path.name for path in uploads.iterdir()] == ["new"]
+
+
+def test_video_becomes_photos_by_a_job(client: Client) -> None:
+    project = client.new_project()
+    assert client.upload(project, "walk.mp4", b"a video").status_code == 204
+    assert client.wait_for_job(project, "finished")["label"] == "Take photos from walk.mp4"
+    assert names(client, project) == []
+    assert client.upload(project, "walk.mp4", b"a video").status_code == 409
