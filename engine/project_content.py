@@ -54,6 +54,8 @@ class ProjectObject:
         Kind of prompt: ``"text"``, ``"click"``, ``"all"``, ``"background"``...
     level, n_levels : int
         Level that ``membership.npy`` contains (0 is the smallest part), and number of nested levels, at least 1.
+    n_gaussians : int
+        Gaussians that belong to it.
     """
 
     id: str
@@ -64,6 +66,7 @@ class ProjectObject:
     kind: str = ""
     level: int = 0
     n_levels: int = 1
+    n_gaussians: int = 0
 
 
 def default_project_folder(photos: Path) -> Path:
@@ -119,6 +122,7 @@ def _read_object(file: Path) -> ProjectObject:
         kind=str(record.prompt.get("kind", ""))[:_MAX_TEXT],
         level=record.level,
         n_levels=n_levels,
+        n_gaussians=record.n_gaussians,
     )
 
 

@@ -55,7 +55,8 @@ def describe_project(queue: JobQueue, project: WebProject) -> dict[str, Any]:
 def describe_object(project: WebProject, item: ProjectObject) -> dict[str, Any]:
     """Return an object with the record that a curator has entered."""
     record = asdict(load_record(project.project, item.id))
-    return {"id": item.id, "name": item.name, "prompt": item.prompt, "score": item.score, "kind": item.kind, **record}
+    shown = {name: getattr(item, name) for name in ("id", "name", "prompt", "score", "kind", "n_gaussians")}
+    return {**shown, **record}
 
 
 def has_scene(project: WebProject) -> bool:

@@ -224,7 +224,7 @@ class JobQueue:
         """Send the state of a project's jobs to its watchers, if it has changed."""
         for kind, views in (("job", self.last(project)), ("waiting", self.waiting(project))):
             text = json.dumps(views, default=vars)
-            if self._published.get((project, kind)) != text:
+            if views is not None and self._published.get((project, kind)) != text:
                 self._published[project, kind] = text
                 self._feeds.publish(project, kind, text)
 

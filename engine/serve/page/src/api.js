@@ -1,0 +1,93 @@
+// Requests to the server. Every problem becomes an `Error` whose message is a sentence for the person.
+
+export const BASE = "/api/v1";
+
+let csrf = "";
+let signedOut = () => {};
+
+/** Call `action` when the server no longer knows the session. */
+export function onSignedOut(action) {
+  signedOut = action;
+}
+
+/** Headers that every request that changes something must carry. */
+export function headers() {
+  return { "X-CSRF-Token": csrf };
+}
+
+/** Return the address of a file of the API; each part is escaped. */
+export function address(...parts) {
+  // Photo names may contain a folder, whose slash stays one.
+  return [BASE, ...parts.map((part) => String(part).split("/").map(encodeURIComponent).join("/"))].join("/");
+}
+
+async function request(method, path, body) {
+  const options = { method, headers: {}, credentials: "same-origin" };
+  if (method !== "GET") Object.assign(options.headers, headers());
+  if (body !== undefined) {
+    options.headers["Content-Type"] = "application/json";
+    options.body = JSON.stringify(body);
+  }
+  let response;
+  try {
+    response = await fetch(path, options);
+  } catch {
+    throw new Error("The server cannot be reached. Check the connection and try again.");
+  }
+  if (!response.ok) {
+    const isSignIn = path === `${BASE}/session`;
+    if (response.status === 401 && !isSignIn) signedOut();
+    throw new Error(await problem(response));
+  }
+  return response.status === 204 ? null : response.json().catch(() => null);
+}
+
+async function problem(response) {
+  const body = await response.json().catch(() => null);
+  return problemText(response.status, body);
+}
+
+/** Return a sentence for a refused request. `body` is the parsed answer, if there is one. */
+export function problemText(status, body) {
+  if (typeof body?.detail === "string" && body.detail) return body.detail;
+  if (status === 401) return "You are signed out. Sign in again.";
+  if (status === 403) return "The server refused this. Load the page again.";
+  if (status === 404) return "This does not exist any more. Load the page again.";
+  if (status === 413) return "The file is too large for this server.";
+  if (status === 507) return "The disk of the server is full.";
+  return `The server could not do this (error ${status}). Try again later.`;
+}
+
+function remember(session) {
+  csrf = session?.csrf ?? "";
+  return session;
+}
+
+export const getSession = async () => remember(await request("GET", address("session")));
+export const signIn = async (token) => remember(await request("POST", address("session"), { token }));
+export const signOut = () => request("DELETE", address("session"));
+
+export const listProjects = () => request("GET", address("projects"));
+export const createProject = (title) => request("POST", address("projects"), { title });
+export const getProject = (id) => request("GET", address("projects", id));
+export const renameProject = (id, title) => request("PATCH", address("projects", id), { title });
+export const deleteProject = (id) => request("DELETE", address("projects", id));
+
+export const photoUrl = (id, name, side) => `${address("projects", id, "photos", name)}?side=${side}`;
+export const deletePhoto = (id, name) => request("DELETE", address("projects", id, "photos", name));
+
+export const startJob = (id, job) => request("POST", address("projects", id, "jobs"), job);
+export const stopJob = (id, job) => request("DELETE", address("projects", id, "jobs", job));
+export const continueJob = (id, job) => request("POST", address("projects", id, "jobs", job, "continue"));
+
+export const eventsUrl = (id) => address("projects", id, "events");
+export const previewUrl = (id, stamp) => `${address("projects", id, "preview.png")}?t=${stamp}`;
+export const getCameras = (id) => request("GET", address("projects", id, "cameras"));
+export const viewUrl = (id, photo, side) => `${address("projects", id, "views", photo)}?side=${side}`;
+export const sceneUrl = (id) => address("projects", id, "scene.ply");
+export const reportUrl = (id) => address("projects", id, "report");
+
+export const objectUrl = (id, object) => `${address("projects", id, "objects", `${object}.ply`)}?frame=scene`;
+export const exportUrl = (id, object, format) => `${address("projects", id, "objects", object, "export")}?format=${format}`;
+export const changeObject = (id, object, values) => request("PATCH", address("projects", id, "objects", object), values);
+export const deleteObject = (id, object) => request("DELETE", address("projects", id, "objects", object));

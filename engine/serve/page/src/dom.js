@@ -1,0 +1,128 @@
+// Small helpers for the DOM. Text from the server always becomes a text node, never HTML.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** Return a new element: h("button", {class: "main", onclick: save}, "Save"). False and null children are left out. */
+export function h(tag, props, ...children) {
+  return fill(document.createElement(tag), props, children);
+}
+
+/** Like `h`, for SVG. */
+export function svg(tag, props, ...children) {
+  return fill(document.createElementNS(SVG, tag), props, children);
+}
+
+function fill(element, props, children) {
+  for (const [name, value] of Object.entries(props ?? {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name === "value") element.value = value;
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat(3).filter((child) => child !== null && child !== undefined && child !== false));
+  return element;
+}
+
+/** Show or hide an element. */
+export function show(element, visible) {
+  element.hidden = !visible;
+}
+
+/** Change the text only if it differs, so that screen readers do not repeat it. */
+export function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+let lastId = 0;
+/** Return an id that is unique in the page. */
+export function newId(prefix) {
+  lastId += 1;
+  return `${prefix}-${lastId}`;
+}
+
+/** Return a label and its input as one block. */
+export function field(label, input, hint) {
+  input.id ||= newId("field");
+  const note = hint ? h("span", { class: "hint", id: `${input.id}-hint` }, hint) : null;
+  if (note) input.setAttribute("aria-describedby", note.id);
+  return h("div", { class: "field" }, h("label", { for: input.id }, label), input, note);
+}
+
+/** Say something to screen readers without moving the focus. */
+export function announce(text) {
+  document.getElementById("announcements").textContent = text;
+}
+
+/** Show a problem at the bottom of the page until it is closed. */
+export function notify(text) {
+  const notices = document.getElementById("notices");
+  if ([...notices.children].some((notice) => notice.firstChild.textContent === text)) return;
+  const notice = h("div", { class: "notice", role: "alert" }, h("p", null, text));
+  notice.append(h("button", { type: "button", class: "plain", onclick: () => notice.remove() }, "Close"));
+  notices.append(notice);
+}
+
+/** Run an async action of a button: it cannot be pressed twice, and a problem is shown as a sentence. */
+export async function during(button, action) {
+  if (button.getAttribute("aria-disabled") === "true") return;
+  button.setAttribute("aria-disabled", "true");
+  try {
+    await action();
+  } catch (error) {
+    notify(error.message);
+  } finally {
+    button.removeAttribute("aria-disabled");
+  }
+}
+
+/** Ask in a dialog; return true if the person agreed. */
+export function confirmed(question, explanation, action) {
+  return new Promise((resolve) => {
+    const title = h("h2", { id: newId("title") }, question);
+    const dialog = h(
+      "dialog",
+      { class: "small", "aria-labelledby": title.id, onclose: () => (dialog.remove(), resolve(dialog.returnValue === "yes")) },
+      h(
+        "form",
+        { method: "dialog" },
+        title,
+        h("p", null, explanation),
+        h(
+          "div",
+          { class: "row end" },
+          h("button", { value: "no", autofocus: true }, "Cancel"),
+          h("button", { value: "yes", class: "danger" }, action),
+        ),
+      ),
+    );
+    document.body.append(dialog);
+    dialog.showModal();
+  });
+}
+
+/** Ask for one line of text in a dialog; return it, or null when cancelled. */
+export function asked(question, label, action, value = "") {
+  return new Promise((resolve) => {
+    const input = h("input", { type: "text", required: true, maxlength: 200, value, autofocus: true, autocomplete: "off" });
+    const title = h("h2", { id: newId("title") }, question);
+    const answer = () => (dialog.returnValue === "yes" ? input.value.trim() || null : null);
+    const dialog = h(
+      "dialog",
+      { class: "small", "aria-labelledby": title.id, onclose: () => (dialog.remove(), resolve(answer())) },
+      h(
+        "form",
+        { method: "dialog" },
+        title,
+        field(label, input),
+        h(
+          "div",
+          { class: "row end" },
+          h("button", { type: "button", onclick: () => dialog.close("no") }, "Cancel"),
+          h("button", { value: "yes", class: "main" }, action),
+        ),
+      ),
+    );
+    document.body.append(dialog);
+    dialog.showModal();
+  });
+}

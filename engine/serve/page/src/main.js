@@ -1,0 +1,84 @@
+// Start of the page: who is signed in, and which screen belongs to the address.
+import { getSession, onSignedOut, signOut } from "./api.js";
+import { h, notify } from "./dom.js";
+import { projectScreen } from "./views/project.js";
+import { projectsScreen } from "./views/projects.js";
+import { signInScreen } from "./views/sign_in.js";
+
+const main = document.getElementById("main");
+let session = null;
+let leave = () => {}; // ends the present screen
+let shown = 0; // counts screens, so that a slow one does not replace a later one
+
+async function route() {
+  const turn = ++shown;
+  leave();
+  leave = () => {};
+  document.getElementById("notices").replaceChildren();
+  showTop();
+  const root = h("div", { class: "screen" });
+  try {
+    const end = await screen(root);
+    if (turn !== shown) return end();
+    leave = end;
+  } catch (error) {
+    if (turn !== shown) return;
+    root.replaceChildren(
+      h("h1", null, "This page cannot be shown"),
+      h("p", null, error.message),
+      h("p", null, h("a", { href: "#/", class: "button" }, "To the projects")),
+    );
+  }
+  main.replaceChildren(root);
+  document.title = [root.querySelector("h1")?.textContent, "Gaussian Heritage"].filter(Boolean).join(" – ");
+  // Screen readers go on from the new screen, not from the link that was pressed.
+  if (turn > 1) main.focus();
+  window.scrollTo(0, 0);
+}
+
+/** Fill `root` with the screen of the address and return the function that ends it. */
+async function screen(root) {
+  if (!session?.user) {
+    return signInScreen(root, (newSession) => {
+      session = newSession;
+      route();
+    });
+  }
+  const project = /^#\/projects\/([^/]+)$/.exec(location.hash);
+  if (project) return projectScreen(root, session, decodeURIComponent(project[1]));
+  return projectsScreen(root);
+}
+
+function showTop() {
+  const isNamed = session?.user && session.user !== "local";
+  document.getElementById("top").replaceChildren(
+    h("a", { href: "#/", class: "brand" }, "Gaussian Heritage"),
+    isNamed ? h("span", { class: "row" }, h("span", { class: "quiet" }, session.user), signOutButton()) : "",
+  );
+}
+
+function signOutButton() {
+  const action = async () => {
+    await signOut().catch((error) => notify(error.message));
+    session = await getSession().catch(() => null);
+    location.hash = "#/";
+    route();
+  };
+  return h("button", { type: "button", class: "plain", onclick: action }, "Sign out");
+}
+
+onSignedOut(async () => {
+  session = await getSession().catch(() => null);
+  if (!session?.user) route();
+});
+document.getElementById("skip").addEventListener("click", (event) => {
+  event.preventDefault(); // The hash belongs to the screens.
+  main.focus();
+});
+window.addEventListener("hashchange", route);
+try {
+  session = await getSession();
+} catch (error) {
+  notify(error.message);
+}
+route();

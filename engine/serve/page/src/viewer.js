@@ -1,0 +1,333 @@
+// Shows Gaussian splats with PlayCanvas. The only file that knows the renderer; it is bundled as viewer.js.
+import {
+  AppBase,
+  AppOptions,
+  Asset,
+  CameraComponentSystem,
+  Color,
+  Entity,
+  GAMMA_SRGB,
+  GSplatComponentSystem,
+  GSplatHandler,
+  Mat4,
+  Quat,
+  SHADERLANGUAGE_GLSL,
+  ShaderChunks,
+  TONEMAP_NONE,
+  createGraphicsDevice,
+} from "playcanvas";
+import { createOrbit, poseOf } from "./orbit.js";
+import { scale } from "./vectors.js";
+
+const FOV = (50 * Math.PI) / 180; // Of the shorter side, when no photo gives the lens.
+const SLOW_FRAME = 50; // Milliseconds. Slower pictures are drawn with fewer pixels while the camera moves.
+const REST = 250; // Milliseconds without movement until the sharp picture is drawn.
+
+/**
+ * Return a viewer that draws into `canvas`: {load(url, progress), showOnly(url|null), lookThrough(view), setScene(...),
+ * frame(center, radius, up), frameShown(), zoom(factor), picture(), dispose()}. `moved(isPhoto)` of the options is called
+ * when the camera moves.
+ */
+export async function createViewer(canvas, { moved = () => {} } = {}) {
+  const app = await createApp(canvas);
+  const device = app.graphicsDevice;
+  const camera = new Entity("camera");
+  camera.addComponent("camera", {
+    clearColor: new Color(0, 0, 0, 1), // The scene was trained on black.
+    toneMapping: TONEMAP_NONE,
+    gammaCorrection: GAMMA_SRGB, // The colours of the file are sRGB values already.
+  });
+  camera.camera.calculateProjection = (matrix) => matrix.set(projection());
+  app.root.addChild(camera);
+
+  let scene = null; // {asset, entity} of the whole scene
+  let single = null; // the same of the object that is shown alone
+  let wanted = 0; // counts showOnly and load, so that only the last one takes effect
+  let size = { center: [0, 0, 0], radius: 1 };
+  let lens = null; // the photo's camera, whose lens is used, or null
+  let pose = poseOf([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1]);
+  let resolution = 1;
+  let frameTime = 0;
+  let restTimer = 0;
+  let requested = 0;
+  let lastFrame = 0;
+
+  const orbit = createOrbit(
+    canvas,
+    (newPose) => {
+      // Only the photo's own camera has its principal point off the centre.
+      if (lens?.exact) lens = { ...lens, exact: false };
+      place(newPose);
+      moved(false);
+    },
+    () => intrinsics(canvas.clientWidth, canvas.clientHeight).f[0],
+  );
+  const resizing = new ResizeObserver(() => resize());
+  resizing.observe(canvas);
+  app.systems.gsplat.on("frame:request", draw);
+  app.systems.gsplat.on("frame:ready", (_camera, _layer, ready) => ready || draw());
+  app.start();
+  resize();
+
+  /** Focal lengths and principal point for a picture of w x h, such that the whole photo is seen. */
+  function intrinsics(w, h) {
+    if (!lens) {
+      const f = Math.min(w, h) / (2 * Math.tan(FOV / 2));
+      return { f: [f, f], c: [w / 2, h / 2] };
+    }
+    const s = Math.min(w / lens.width, h / lens.height);
+    const c = lens.exact ? [w / 2 + (lens.cx - lens.width / 2) * s, h / 2 + (lens.cy - lens.height / 2) * s] : [w / 2, h / 2];
+    return { f: [lens.fx * s, lens.fy * s], c };
+  }
+
+  /** The projection matrix of WebGL, column-major. */
+  function projection() {
+    const w = Math.max(canvas.clientWidth, 1);
+    const h = Math.max(canvas.clientHeight, 1);
+    const { f, c } = intrinsics(w, h);
+    const near = 0.01 * size.radius;
+    const far = 1000 * size.radius;
+    const depth = [-(far + near) / (far - near), (-2 * far * near) / (far - near)];
+    return [
+      ...[(2 * f[0]) / w, 0, 0, 0],
+      ...[0, (2 * f[1]) / h, 0, 0],
+      ...[1 - (2 * c[0]) / w, (2 * c[1]) / h - 1, depth[0], -1],
+      ...[0, 0, depth[1], 0],
+    ];
+  }
+
+  function place(newPose) {
+    pose = newPose;
+    const { eye, right, down, forward } = pose;
+    // WebGL cameras have y up and look along -z.
+    const matrix = new Mat4();
+    matrix.set([...right, 0, ...scale(down, -1), 0, ...scale(forward, -1), 0, ...eye, 1]);
+    camera.setPosition(...eye);
+    camera.setRotation(new Quat().setFromMat4(matrix));
+    if (frameTime > SLOW_FRAME) coarseUntilRest();
+    draw();
+  }
+
+  function coarseUntilRest() {
+    clearTimeout(restTimer);
+    restTimer = setTimeout(() => setResolution(1), REST);
+    setResolution(0.5);
+  }
+
+  function setResolution(value) {
+    if (resolution === value) return;
+    resolution = value;
+    resize();
+  }
+
+  function resize() {
+    const ratio = Math.min(window.devicePixelRatio, 2) * resolution;
+    const w = Math.max(1, Math.round(canvas.clientWidth * ratio));
+    const h = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    if (canvas.width !== w || canvas.height !== h) device.setResolution(w, h);
+    draw();
+  }
+
+  function draw() {
+    if (!app.renderNextFrame) requested = performance.now();
+    app.renderNextFrame = true;
+  }
+
+  // How fast this computer draws: the time from the request, or from the picture before, to the picture.
+  app.on("frameend", () => {
+    const now = performance.now();
+    if (resolution === 1) frameTime = 0.7 * frameTime + 0.3 * (now - Math.max(requested, lastFrame));
+    lastFrame = now;
+  });
+
+  async function addSplats(url, progress) {
+    const asset = await fetchSplats(app, url, progress);
+    const entity = new Entity("splats");
+    entity.addComponent("gsplat", { asset });
+    return { asset, entity };
+  }
+
+  function remove(splats) {
+    if (!splats) return;
+    splats.entity.destroy();
+    app.assets.remove(splats.asset);
+    splats.asset.unload();
+    draw();
+  }
+
+  /** Fetch a scene and show it in place of the one before. `progress(share)` is called meanwhile. */
+  async function load(url, progress = () => {}) {
+    const turn = ++wanted;
+    const loaded = await addSplats(url, progress);
+    if (turn !== wanted) return remove(loaded);
+    remove(scene);
+    remove(single);
+    single = null;
+    scene = loaded;
+    app.root.addChild(scene.entity);
+    await drawn();
+  }
+
+  /** Show an object alone, or the scene again with null. */
+  async function showOnly(url) {
+    const turn = ++wanted;
+    const loaded = url ? await addSplats(url, () => {}) : null;
+    if (turn !== wanted) return remove(loaded);
+    remove(single);
+    single = loaded;
+    if (single) app.root.addChild(single.entity);
+    if (scene) scene.entity.enabled = !single;
+    await drawn();
+  }
+
+  /** Resolve when the picture shows the present camera and splats, sorted by depth. */
+  function drawn() {
+    return new Promise((resolve) => {
+      let frames = 0;
+      const end = () => {
+        app.systems.gsplat.off("frame:ready", onReady);
+        clearTimeout(timer);
+        resolve();
+      };
+      const onReady = (_camera, _layer, ready, loading) => {
+        frames += 1;
+        // The first frames may still have the order of the camera before.
+        if (ready && loading === 0 && frames >= 3) app.once("frameend", end);
+        draw();
+      };
+      const timer = setTimeout(end, 3000); // A hidden page draws nothing.
+      app.systems.gsplat.on("frame:ready", onReady);
+      draw();
+    });
+  }
+
+  /** Set the vertical, centre and size of the scene, which movements depend on. */
+  function setScene(center, radius, up) {
+    size = { center, radius };
+    orbit.setScene(up, radius);
+  }
+
+  /** Look from exactly where a photo was taken. */
+  function lookThrough(view) {
+    lens = { ...view, exact: true };
+    const at = poseOf(view.world_to_camera);
+    orbit.from(at, size.center);
+    place(at);
+    moved(true);
+  }
+
+  /** Look at a sphere from the present direction. */
+  function frameSphere(center, radius) {
+    const { f } = intrinsics(canvas.clientWidth, canvas.clientHeight);
+    const shorter = Math.min(canvas.clientWidth / f[0], canvas.clientHeight / f[1]);
+    orbit.frameSphere(center, radius, Math.atan(shorter / 2));
+  }
+
+  /** Look at the scene from outside. */
+  function frame(center, radius, up) {
+    setScene(center, radius, up);
+    frameSphere(center, radius);
+  }
+
+  /** Look at what is shown now: the object alone, or the scene. */
+  function frameShown() {
+    if (single) {
+      const { center, radius } = sphereOf(single.asset.resource.centers);
+      frameSphere(center, radius);
+    } else {
+      frameSphere(size.center, size.radius);
+    }
+  }
+
+  /** Return the picture as a PNG. */
+  async function picture() {
+    clearTimeout(restTimer);
+    setResolution(1);
+    await drawn();
+    return new Promise((resolve) => {
+      // WebGL forgets the picture after the frame, so it is read in the same task.
+      app.once("frameend", () => canvas.toBlob(resolve, "image/png"));
+      draw();
+    });
+  }
+
+  function dispose() {
+    clearTimeout(restTimer);
+    resizing.disconnect();
+    orbit.dispose();
+    app.destroy();
+  }
+
+  const getPose = () => pose;
+  return { load, showOnly, lookThrough, setScene, frame, frameShown, zoom: orbit.zoom, picture, drawn, getPose, dispose };
+}
+
+async function createApp(canvas) {
+  let device;
+  try {
+    device = await createGraphicsDevice(canvas, { deviceTypes: ["webgl2"], antialias: false, alpha: false, depth: false });
+  } catch {
+    throw new Error("This browser cannot show 3D, because WebGL 2 is missing or switched off. The photos and downloads still work.");
+  }
+  const options = new AppOptions();
+  options.graphicsDevice = device;
+  options.componentSystems = [CameraComponentSystem, GSplatComponentSystem];
+  options.resourceHandlers = [GSplatHandler];
+  const app = new AppBase(canvas);
+  app.init(options);
+  app.autoRender = false; // A picture is drawn only when something changed.
+  matchTraining(app);
+  return app;
+}
+
+/** Draw as the engine's training did: no anti-aliasing factor, no size limit, the Gaussian's own fall-off to 1/255. */
+function matchTraining(app) {
+  const settings = app.scene.gsplat;
+  settings.antiAlias = false; // Low pass of 0.3 pixels^2 without change of opacity.
+  settings.minPixelSize = 0;
+  settings.useTonemap = false;
+  settings.useFog = false;
+  settings.alphaClipForward = 1 / 255;
+  settings.colorUpdateAngle = 2; // Degrees until colours that depend on the direction are computed anew.
+  // The renderer cuts each Gaussian at sqrt(8) standard deviations and lowers it to zero there. The engine goes on to
+  // an opacity of 1/255, which is sqrt(ln(255)) / 2 = 1.177 of that radius. Without these changes, objects get too dark.
+  const chunks = ShaderChunks.get(app.graphicsDevice, SHADERLANGUAGE_GLSL);
+  change(chunks, "gsplatCommonVS", "min(1.0, sqrt(", "min(1.2, sqrt(");
+  change(chunks, "gsplatPS", "if (A > 1.0)", "if (A > 1.44)");
+  change(chunks, "gsplatPS", "normExp(A) *", "exp(A * -4.0) *");
+}
+
+function change(chunks, name, from, to) {
+  const code = chunks.get(name);
+  // Fails in the tests of a new version of the renderer, before anybody sees a wrong picture.
+  if (!code.includes(from)) throw new Error(`The renderer's shader ${name} has changed.`);
+  chunks.set(name, code.replace(from, to));
+}
+
+async function fetchSplats(app, url, progress) {
+  const response = await fetch(url, { credentials: "same-origin", cache: "no-cache" }).catch(() => null);
+  if (!response?.ok) throw new Error("The 3D data could not be loaded. Check the connection and load the page again.");
+  const asset = new Asset(url, "gsplat", { url, filename: "scene.ply", contents: response });
+  app.assets.add(asset);
+  asset.on("progress", (received, total) => total > 0 && progress(received / total));
+  return new Promise((resolve, reject) => {
+    asset.once("load", () => resolve(asset));
+    asset.once("error", () => reject(new Error("The 3D data is damaged. Load the page again.")));
+    app.assets.load(asset);
+  });
+}
+
+/** Return a sphere around most of the points; a few far ones do not count. */
+function sphereOf(points) {
+  const count = points.length / 3;
+  const middle = (values, share) => values[Math.min(values.length - 1, Math.floor(share * values.length))];
+  const center = [0, 0, 0];
+  for (let axis = 0; axis < 3; axis += 1) {
+    const values = Float32Array.from({ length: count }, (_, i) => points[3 * i + axis]).sort();
+    center[axis] = (middle(values, 0.02) + middle(values, 0.98)) / 2;
+  }
+  const distances = Float32Array.from({ length: count }, (_, i) =>
+    Math.hypot(points[3 * i] - center[0], points[3 * i + 1] - center[1], points[3 * i + 2] - center[2]),
+  ).sort();
+  return { center, radius: Math.max(middle(distances, 0.97), 1e-6) };
+}

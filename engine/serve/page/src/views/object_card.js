@@ -1,0 +1,104 @@
+// One object: show it, correct it, fill in its record, download it, delete it.
+import { changeObject, deleteObject, exportUrl, objectUrl } from "../api.js";
+import { announce, confirmed, during, field, h, setText } from "../dom.js";
+import { plural } from "../format.js";
+
+const FIELDS = [
+  ["name", "Name"],
+  ["title", "Title in the catalogue"],
+  ["catalogue_number", "Catalogue number"],
+  ["rights", "Rights"],
+  ["notes", "Notes"],
+];
+
+export function createObjectCard(context, first, { stage, clicks, shownAlone }) {
+  const { id } = context;
+  let object = first;
+  let alone = false;
+  let version = Date.now(); // in the address, so that a corrected object is loaded again
+
+  const name = h("h3");
+  const facts = h("p", { class: "quiet" });
+  const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
+  const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
+  const download = (format) => h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, `Download ${format.toUpperCase()}`);
+  const inputs = Object.fromEntries(
+    FIELDS.map(([key, label]) => {
+      const props = { maxlength: key === "notes" ? 5000 : 300, autocomplete: "off", value: object[key] ?? "" };
+      const input = key === "notes" ? h("textarea", { rows: 3, ...props }) : h("input", { type: "text", required: key === "name", ...props });
+      return [key, { input, row: field(label, input) }];
+    }),
+  );
+  const save = h("button", { class: "main" }, "Save");
+  const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete object");
+  const form = h(
+    "form",
+    { onsubmit: (event) => (event.preventDefault(), during(save, saveRecord)) },
+    Object.values(inputs).map(({ row }) => row),
+    h("div", { class: "row apart" }, save, remove),
+  );
+  const details = h("details", { class: "record" }, h("summary", null, "Name and record"), form);
+  const element = h(
+    "li",
+    { class: "object" },
+    h("div", null, name, facts),
+    h("div", { class: "row" }, look, correct),
+    h("div", { class: "row" }, download("ply"), download("glb")),
+    details,
+  );
+
+  async function toggle() {
+    if (alone) return stage.showScene();
+    await stage.showObject(`${objectUrl(id, object.id)}&v=${version}`, object.name);
+    shownAlone(object.id);
+  }
+
+  async function saveRecord() {
+    const values = {};
+    for (const [key] of FIELDS) {
+      const value = inputs[key].input.value.trim();
+      if (value !== (object[key] ?? "")) values[key] = value;
+    }
+    if (Object.keys(values).length > 0) await changeObject(id, object.id, values);
+    details.open = false;
+    details.firstChild.focus();
+    announce("The record is saved.");
+    await context.refresh();
+  }
+
+  async function removeThis() {
+    const sure = await confirmed(`Delete “${object.name}”?`, "The object is moved to the server's trash. The scene stays as it is.", "Delete object");
+    if (!sure) return;
+    await deleteObject(id, object.id);
+    await context.refresh();
+  }
+
+  function setAlone(value) {
+    alone = value;
+    look.setAttribute("aria-pressed", String(value));
+    setText(look, value ? "Show in the scene" : "Show alone");
+    element.classList.toggle("current", value);
+  }
+
+  function update(news) {
+    if (news.n_gaussians !== object.n_gaussians) version = Date.now();
+    const before = object;
+    object = news;
+    setText(name, object.title || object.name);
+    setText(facts, factsOf(object));
+    for (const [key] of FIELDS) {
+      const { input } = inputs[key];
+      // What a person is typing is not overwritten.
+      if (input.value.trim() === (before[key] ?? "")) input.value = object[key] ?? "";
+    }
+  }
+
+  update(first);
+  return { element, update, setAlone, isAlone: () => alone };
+}
+
+function factsOf(object) {
+  const parts = [object.title ? object.name : "", object.catalogue_number, plural(object.n_gaussians, "Gaussian")];
+  if (object.prompt && object.prompt !== object.name) parts.push(`found as “${object.prompt}”`);
+  return parts.filter(Boolean).join(" · ");
+}

@@ -1,0 +1,113 @@
+// Isolation of objects by words, clicks or all at once, and the list of objects.
+import { startJob } from "../api.js";
+import { announce, during, field, h, show } from "../dom.js";
+import { createObjectCard } from "./object_card.js";
+import { isActive } from "./project.js";
+import { createProgress } from "./progress.js";
+
+export function createObjects(context, { stage, clicks }) {
+  const { id } = context;
+  const cards = new Map(); // id of the object -> its card
+  let names = null; // of the last update, to tell what is new
+
+  const words = h("input", { type: "text", placeholder: "vase; teapot", autocomplete: "off", maxlength: 500, required: true, enterkeyhint: "go" });
+  const isolate = h("button", { class: "main" }, "Isolate");
+  const findAll = action("Find all", () => run({ find_all: true }));
+  const click = action("Click an object", async () => clicks.open({ photo: stage.photo() }));
+  const rest = action("Background", () => run({ background: true }));
+  rest.title = "Everything that is in no object becomes an object of its own";
+  const form = h(
+    "form",
+    { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
+    h("div", { class: "row bottom" }, field("What is it?", words), isolate),
+    h("p", { class: "hint" }, "Separate several words by semicolons."),
+  );
+  const progress = createProgress(context, { compact: true });
+  const refused = h("div", { class: "not-found", hidden: true });
+  const none = h("p", { class: "quiet" }, "No objects yet. Type a word, press Find all, or click an object in a photo.");
+  const list = h("ul", { class: "objects" });
+  const element = h(
+    "div",
+    { class: "card panel" },
+    h("h2", null, "Objects"),
+    form,
+    h("div", { class: "row" }, click, findAll, rest),
+    progress.element,
+    refused,
+    none,
+    list,
+  );
+
+  function action(text, run) {
+    const button = h("button", { type: "button", onclick: () => during(button, run) }, text);
+    return button;
+  }
+
+  async function run(job) {
+    await startJob(id, { kind: "segment", ...job });
+    await context.refresh();
+  }
+
+  async function isolateWords() {
+    await run({ prompt: words.value.trim() });
+    words.value = "";
+  }
+
+  function update(project) {
+    progress.update(project.job?.kind === "reconstruct" ? null : project.job, project.job?.kind === "reconstruct" ? [] : project.waiting);
+    updateRefused(isActive(project.job) ? null : project.not_found);
+    show(none, project.objects.length === 0);
+    const present = new Set(project.objects.map((object) => object.id));
+    for (const [key, card] of cards) {
+      if (present.has(key)) continue;
+      if (card.isAlone()) stage.showScene();
+      card.element.remove();
+      cards.delete(key);
+    }
+    for (const object of project.objects) {
+      if (!cards.has(object.id)) {
+        const card = createObjectCard(context, object, { stage, clicks, shownAlone });
+        cards.set(object.id, card);
+        list.append(card.element);
+      }
+      cards.get(object.id).update(object);
+    }
+    const fresh = project.objects.filter((object) => names && !names.has(object.id));
+    if (fresh.length > 0) announce(`New: ${fresh.map((object) => object.name).join(", ")}.`);
+    names = present;
+  }
+
+  /** Mark the object that is shown alone; null for the whole scene. */
+  function shownAlone(object) {
+    for (const [key, card] of cards) card.setAlone(key === object);
+  }
+
+  function updateRefused(answer) {
+    const key = JSON.stringify(answer ?? null);
+    if (refused.key === key) return;
+    refused.key = key;
+    show(refused, Boolean(answer));
+    if (!answer) return refused.replaceChildren();
+    const candidates = answer.candidates ?? [];
+    refused.replaceChildren(
+      h("h3", null, "Not found"),
+      ...answer.messages.map((text) => h("p", null, text)),
+      candidates.length > 0 ? h("p", null, "Is it one of these?") : "",
+      h("ul", { class: "candidates" }, candidates.map(candidateItem)),
+      action(candidates.length > 0 ? "None of these: click it" : "Click it in a photo", async () => clicks.open({ photo: candidates[0]?.photo ?? stage.photo() })),
+    );
+    announce(`Not found. ${answer.messages.join(" ")}`);
+  }
+
+  function candidateItem(candidate) {
+    const button = h(
+      "button",
+      { type: "button", onclick: () => during(button, () => run({ accept: candidate.number })) },
+      h("img", { src: candidate.picture, alt: "" }),
+      h("span", null, candidate.text),
+    );
+    return h("li", null, button);
+  }
+
+  return { element, update, shownAlone };
+}

@@ -1,0 +1,145 @@
+// The job that runs: stage, bar, time left, live picture, curve, Stop and Continue.
+import { continueJob, previewUrl, stopJob } from "../api.js";
+import { announce, confirmed, during, h, setText, show } from "../dom.js";
+import { duration, percent } from "../format.js";
+import { createCurve } from "./curve.js";
+import { isActive } from "./project.js";
+
+const PICTURE_EVERY = 2000; // Milliseconds between live pictures at least.
+
+/** `compact` leaves out the picture and the curve; jobs of objects have none. */
+export function createProgress(context, { compact = false } = {}) {
+  const { id } = context;
+  let job = null;
+  let said = "";
+  let lastPicture = 0;
+
+  const heading = h(compact ? "h3" : "h2");
+  const stage = h("p", { class: "stage" });
+  const left = h("p", { class: "quiet" });
+  const bar = h("progress", { max: 1, "aria-label": "Progress" });
+  const message = h("p");
+  const warnings = h("ul", { class: "warnings" });
+  const picture = h("img", { class: "preview", alt: "The scene so far", hidden: true });
+  const curve = createCurve();
+  const stop = h("button", { type: "button", onclick: () => during(stop, stopThis) }, "Stop");
+  const goOn = h("button", { type: "button", class: "main", onclick: () => during(goOn, continueThis) }, "Continue");
+  const dismiss = h("button", { type: "button", onclick: () => during(dismiss, dismissThis) }, "Dismiss");
+  const queue = h("ul", { class: "queue" });
+  const element = h(
+    "section",
+    { class: compact ? "job" : "card job", "aria-label": "Progress", hidden: true },
+    heading,
+    bar,
+    h("div", { class: "row apart" }, stage, left),
+    message,
+    warnings,
+    compact ? null : h("div", { class: "live" }, picture, curve.element),
+    h("div", { class: "row" }, goOn, stop, dismiss),
+    queue,
+  );
+
+  async function stopThis() {
+    if (!compact) {
+      const sure = await confirmed("Stop the reconstruction?", "What is computed so far is kept. You can continue later.", "Stop");
+      if (!sure) return;
+    }
+    await stopJob(id, job.id);
+    await context.refresh();
+  }
+
+  async function dismissThis() {
+    await stopJob(id, job.id);
+    await context.refresh();
+  }
+
+  async function continueThis() {
+    await continueJob(id, job.id);
+    await context.refresh();
+  }
+
+  function update(newJob, waiting = []) {
+    job = newJob;
+    const active = isActive(job);
+    const stopped = job?.state === "stopped" || Boolean(job?.error);
+    const others = waiting.filter((each) => each.id !== job?.id);
+    show(element, active || stopped || others.length > 0);
+    updateQueue(others);
+    for (const part of [heading, bar, stage, left, message, warnings]) show(part, active || stopped);
+    show(stop, active);
+    show(goOn, stopped);
+    show(dismiss, stopped && compact);
+    if (!active && !stopped) return;
+
+    setText(heading, headingOf(job));
+    const running = job.state === "running";
+    if (running) bar.value = job.fraction ?? 0;
+    show(bar, running);
+    setText(stage, running ? `${job.stage || "Starting"} · ${percent(job.fraction ?? 0)}` : "");
+    setText(left, running && typeof job.seconds_left === "number" ? `${duration(job.seconds_left)} left` : "");
+    setText(message, job.error || waitingText(job) || job.message || "");
+    message.className = job.error ? "problem" : "";
+    const texts = (job.warnings ?? []).join("\n");
+    if (warnings.key !== texts) {
+      warnings.key = texts;
+      warnings.replaceChildren(...(job.warnings ?? []).map((text) => h("li", null, text)));
+    }
+    if (!compact) {
+      curve.update(job.curve ?? []);
+      updatePicture();
+    }
+    say();
+  }
+
+  function updateQueue(others) {
+    const key = others.map((each) => each.id).join("|");
+    if (queue.key === key) return;
+    queue.key = key;
+    queue.replaceChildren(
+      ...others.map((each) => {
+        const remove = async () => {
+          await stopJob(id, each.id);
+          await context.refresh();
+        };
+        const button = h("button", { type: "button", class: "plain", onclick: () => during(button, remove) }, "Remove");
+        return h("li", { class: "row apart" }, h("span", null, `Next: ${each.label}`), button);
+      }),
+    );
+  }
+
+  /** Load the next live picture before it replaces the last one, so that it does not flicker. */
+  function updatePicture() {
+    if (!job.preview) show(picture, false);
+    const now = Date.now();
+    if (!job.preview || now - lastPicture < PICTURE_EVERY) return;
+    lastPicture = now;
+    const next = new Image();
+    next.onload = () => {
+      picture.src = next.src;
+      show(picture, true);
+    };
+    next.src = previewUrl(id, now);
+  }
+
+  /** Screen readers hear each stage, each quarter and the end, not every step. */
+  function say() {
+    const quarter = Math.floor(4 * (job.fraction ?? 0)) * 25;
+    const text = job.state === "running" ? `${job.stage}, ${quarter} %` : headingOf(job);
+    if (text !== said) announce(text);
+    said = text;
+  }
+
+  return { element, update };
+}
+
+function headingOf(job) {
+  const name = job.label || "Work";
+  if (job.error) return `${name}: could not be finished`;
+  if (job.state === "stopped") return `${name}: stopped`;
+  if (job.state === "waiting") return `${name}: waiting`;
+  return name;
+}
+
+function waitingText(job) {
+  return job.state === "waiting" && !job.message ? "The server is busy with other work. This starts by itself." : "";
+}

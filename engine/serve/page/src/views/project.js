@@ -1,0 +1,134 @@
+// One project: photos, reconstruction, result. The server's state is read again after each event and given to the parts.
+import { deleteProject, eventsUrl, getProject, renameProject, reportUrl } from "../api.js";
+import { asked, confirmed, during, h, notify, show } from "../dom.js";
+import { listen } from "../events.js";
+import { plural } from "../format.js";
+import { createPhotos } from "./photos.js";
+import { createProgress } from "./progress.js";
+import { createReconstruct } from "./reconstruct.js";
+import { createResult } from "./result.js";
+
+export async function projectScreen(root, session, id) {
+  let project = await getProject(id);
+  let reading = false;
+  let readAgain = false;
+  let ended = false;
+
+  /** Read the project from the server; calls during a reading lead to one more. */
+  async function refresh() {
+    if (reading) {
+      readAgain = true;
+      return;
+    }
+    reading = true;
+    try {
+      do {
+        readAgain = false;
+        const news = await getProject(id);
+        if (ended) return;
+        update(news);
+      } while (readAgain);
+    } catch (error) {
+      if (!ended) notify(error.message);
+    } finally {
+      reading = false;
+    }
+  }
+
+  const context = { id, session, refresh, busy: () => isActive(project.job) };
+  const photos = createPhotos(context);
+  const reconstruct = createReconstruct(context, photos);
+  const progress = createProgress(context);
+  const result = createResult(context);
+
+  const title = h("h1", null, project.title);
+  const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
+  const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
+  const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
+  const facts = h("p", { class: "quiet" });
+  // With a scene, the photos are of less interest and are folded.
+  const summary = h("summary", null, "Photos and reconstruction");
+  const folded = h("details", { class: "card fold" }, summary);
+  const open = h("div", { class: "stack" });
+
+  async function renameThis() {
+    const newTitle = await asked("Rename the project", "Name", "Rename", project.title);
+    if (newTitle === null) return;
+    await renameProject(id, newTitle);
+    await refresh();
+  }
+
+  async function removeThis() {
+    const sure = await confirmed(
+      `Delete “${project.title}”?`,
+      "The photos, the scene and all objects are moved to the server's trash.",
+      "Delete project",
+    );
+    if (!sure) return;
+    await deleteProject(id);
+    location.hash = "#/";
+  }
+
+  function update(news) {
+    project = news;
+    title.textContent = project.title;
+    document.title = `${project.title} – Gaussian Heritage`;
+    const hasScene = Boolean(project.scene);
+    const isFirst = !hasScene || (isActive(project.job) && project.job.kind === "reconstruct");
+    show(report, hasScene);
+    facts.textContent = hasScene ? sceneFacts(project) : "";
+    const place = hasScene ? folded : open;
+    if (photos.element.parentElement !== place) place.append(photos.element, reconstruct.element);
+    show(folded, hasScene);
+    show(open, !hasScene);
+    photos.update(project);
+    reconstruct.update(project);
+    // Jobs of objects are shown beside the objects.
+    progress.update(isFirst || project.job?.kind === "reconstruct" ? project.job : null, project.waiting);
+    result.update(project);
+  }
+
+  root.append(
+    h("p", { class: "back" }, h("a", { href: "#/" }, "← All projects")),
+    h("div", { class: "row apart" }, title, h("div", { class: "row" }, report, rename)),
+    facts,
+    progress.element,
+    open,
+    result.element,
+    folded,
+    h("p", { class: "foot" }, remove),
+  );
+  update(project);
+
+  const stopListening = listen(eventsUrl(id), {
+    job: (job) => {
+      const wasActive = isActive(project.job);
+      // Finished jobs change much more than themselves.
+      if (job.id !== project.job?.id || wasActive !== isActive(job)) refresh();
+      else update({ ...project, job });
+    },
+    photos: refresh,
+    objects: refresh,
+    scene: () => {
+      result.sceneChanged();
+      refresh();
+    },
+    reconnected: refresh,
+  });
+  return () => {
+    ended = true;
+    stopListening();
+    photos.dispose();
+    result.dispose();
+  };
+}
+
+export function isActive(job) {
+  return job?.state === "running" || job?.state === "waiting";
+}
+
+function sceneFacts(project) {
+  const parts = [plural(project.n_photos, "photo"), plural(project.scene.n_gaussians, "Gaussian")];
+  if (project.scene.psnr) parts.push(`quality ${project.scene.psnr.toFixed(1)} dB (PSNR)`);
+  return parts.join(" · ");
+}

@@ -1,0 +1,64 @@
+// Choice of the preset and the one next step.
+import { startJob } from "../api.js";
+import { announce, during, h, newId, setText, show } from "../dom.js";
+import { isActive } from "./project.js";
+
+const PRESETS = {
+  preview: ["Preview", "Fastest. Shows whether the photos are good enough."],
+  standard: ["Standard", "Right for most objects."],
+  best: ["Best", "Finest detail. Takes several times as long."],
+};
+const FEWEST = 3; // Fewer photos never give a scene.
+
+export function createReconstruct(context, photos) {
+  const { id, session } = context;
+  let project = null;
+  const name = newId("preset");
+  const first = session.presets.includes("standard") ? "standard" : session.presets[0];
+  const choices = session.presets.map((preset) => {
+    const [label, text] = PRESETS[preset] ?? [preset, ""];
+    const input = h("input", { type: "radio", name, value: preset, checked: preset === first });
+    return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, text)));
+  });
+  const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, "Reconstruct");
+  const note = h("p", { class: "hint", "aria-live": "polite" });
+  const element = h(
+    "section",
+    { class: "card", "aria-label": "Reconstruction" },
+    h("fieldset", { class: "choices" }, h("legend", null, "How good should it be?"), choices),
+    h("div", { class: "next" }, button, note),
+  );
+  photos.onIdle(() => project && update(project));
+
+  async function start() {
+    const preset = element.querySelector("input:checked").value;
+    await startJob(id, { kind: "reconstruct", preset });
+    announce("The reconstruction has started.");
+    window.scrollTo({ top: 0 });
+    await context.refresh();
+  }
+
+  function update(news) {
+    project = news;
+    const usable = project.photos.filter((photo) => photo.accepted !== false).length;
+    let reason = "";
+    if (photos.busy()) reason = "Wait until all files are uploaded.";
+    else if (usable < FEWEST && !hasVideo()) reason = `Add more photos. At least ${FEWEST} are needed; 30 to 100 are best.`;
+    button.disabled = reason !== "";
+    const advice = usable < 20 && !hasVideo() ? "More photos give a better result. Best are 30 to 100." : "You can close this page meanwhile.";
+    setText(note, reason || advice);
+    // A stopped reconstruction has its own button, Continue, which is the better next step.
+    const isStopped = project.job?.kind === "reconstruct" && project.job.state === "stopped";
+    const isNext = !project.scene && !isStopped;
+    setText(button, isNext ? "Reconstruct" : isStopped ? "Start again" : "Reconstruct again");
+    button.classList.toggle("large", isNext);
+    button.classList.toggle("main", isNext);
+    show(element, project.photos.length > 0 && !isActive(project.job));
+  }
+
+  function hasVideo() {
+    return project.photos.some((photo) => session.limits.video_types.some((ending) => photo.name.toLowerCase().endsWith(ending)));
+  }
+
+  return { element, update };
+}

@@ -1,0 +1,37 @@
+// The finished scene: viewer on the left, objects on the right.
+import { getCameras } from "../api.js";
+import { h, notify, show } from "../dom.js";
+import { createClicks } from "./clicks.js";
+import { createObjects } from "./objects.js";
+import { createStage } from "./stage.js";
+
+export function createResult(context) {
+  let hasScene = false;
+  let cameras = null; // a promise, as both the viewer and the clicks need them
+  const stage = createStage(context, () => objects.shownAlone(null));
+  const clicks = createClicks(context, () => cameras);
+  const objects = createObjects(context, { stage, clicks });
+  const element = h("section", { class: "result", "aria-label": "Result", hidden: true }, stage.element, objects.element);
+
+  function readCameras() {
+    cameras = getCameras(context.id);
+    cameras.then((read) => stage.start(read)).catch((error) => notify(error.message));
+  }
+
+  function update(project) {
+    show(element, Boolean(project.scene));
+    if (!project.scene) return;
+    if (!hasScene) {
+      hasScene = true;
+      readCameras();
+    }
+    objects.update(project);
+  }
+
+  /** The server has a new scene, with new cameras. */
+  function sceneChanged() {
+    if (hasScene) readCameras();
+  }
+
+  return { element, update, sceneChanged, dispose: stage.dispose };
+}

@@ -1,0 +1,32 @@
+// Sign in with the token that the person who runs the server gave out.
+import { signIn } from "../api.js";
+import { during, field, h } from "../dom.js";
+
+export function signInScreen(root, done) {
+  const token = h("input", { type: "password", required: true, autocomplete: "current-password", name: "token" });
+  const problem = h("p", { class: "problem", role: "alert" });
+  const button = h("button", { class: "main" }, "Sign in");
+  const submit = (event) => {
+    event.preventDefault();
+    during(button, async () => {
+      problem.textContent = "";
+      try {
+        done(await signIn(token.value));
+      } catch (error) {
+        problem.textContent = error.message;
+        token.focus();
+      }
+    });
+  };
+  root.append(
+    h(
+      "form",
+      { class: "card narrow", onsubmit: submit },
+      h("h1", null, "Sign in"),
+      field("Access token", token, "You have it from the person who runs this server."),
+      problem,
+      button,
+    ),
+  );
+  return () => {};
+}
