@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help offline-bundle window-test serve page bench-serve setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help offline-bundle window-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -29,7 +29,7 @@ setup: ## make the environments and fetch the model files; again: nothing to do
 demo: setup ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
 
-test: setup lint contracts engine-tests blender-tests ## set-up, then all checks and tests
+test: setup page lint contracts engine-tests blender-tests ## set-up, then all checks and tests
 
 lint: ## format and lint
 	$(ENGINE) -m ruff format --check .
@@ -42,7 +42,7 @@ types: ## the types alone
 	$(ENGINE) scripts/check_contracts.py types scripts
 
 engine-tests: ## everything that needs no Blender
-	$(ENGINE) -m pytest -q -m "not gpu" --ignore=tests/blender tests
+	$(ENGINE) -m pytest -q -m "not gpu and not web" --ignore=tests/blender tests
 
 blender-tests: ## the add-on in each Blender at hand, against the installed zip
 	$(ENGINE) scripts/run_blender_tests.py
@@ -98,8 +98,11 @@ page: setup ## build the web page of the server; again: nothing to do
 serve: page ## the web page: upload photos from a browser; DATA=folder, LAN=1 for phones in the same network
 	$(ENGINE) -m engine serve --data $(or $(DATA),out/server) $(if $(LAN),--lan)
 
-bench-serve: page ## cost of the web server, into docs/web_speed.md; a minute
-	$(ENGINE) -m benchmarks.serve --out docs/web_speed.md
+web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 3 minutes
+	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
+
+bench-serve: page ## cost of the web server and its page, into docs/web.md; needs the project of `make demo`; 2 minutes
+	$(ENGINE) -m benchmarks.serve --project out/museum_room/project --doc docs/web.md
 
 stability: ## float32 against float64 in stiff and extreme cases; writes docs/stability.md
 	$(ENGINE) -m engine stability --out docs/stability.md

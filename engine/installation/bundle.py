@@ -75,6 +75,8 @@ class Bundle:
         EnvironmentProblem
             When it is for another kind of computer.
         """
+        if not file.is_file():  # opening a named pipe would wait for its other end
+            raise FormatError(f"{file} is not a file. Choose the offline bundle.")
         try:
             with zipfile.ZipFile(file) as archive, archive.open(_INFO) as stream:
                 text = stream.read(_MAX_INFO_BYTES).decode()
@@ -102,6 +104,8 @@ class Bundle:
         DiskError
             When `folder` cannot be written.
         """
+        if not self.file.is_file():
+            raise FormatError(f"{self.file} is not a file any more. {_ADVICE}")
         try:
             with zipfile.ZipFile(self.file) as archive:
                 for number, (name, sha256) in enumerate(self.files.items()):

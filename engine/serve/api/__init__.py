@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter
+from pydantic import BaseModel
 
 from ..settings import ServeSettings
 from . import jobs, objects, photos, projects, sessions, views
@@ -11,9 +14,35 @@ from .uploads import upload_router
 __all__ = ["api_router"]
 
 
+_STATUS = {
+    400: "The request makes no sense.",
+    401: "Nobody is signed in.",
+    403: "A page sent no token for changing requests.",
+    404: "It does not exist, or belongs to another user.",
+    408: "The request did not arrive in time.",
+    409: "The state of the project does not allow it.",
+    412: "The upload is of another version of the tus protocol.",
+    413: "It is too large.",
+    415: "It is not what it should be.",
+    422: "A value is not allowed.",
+    429: "There are too many.",
+    500: "The server failed.",
+    507: "The disk, or the user's share of it, is full.",
+}
+
+
+class Problem(BaseModel):
+    """What is wrong, as a sentence for the user."""
+
+    detail: str
+
+
 def api_router(settings: ServeSettings) -> APIRouter:
     """Return all routes."""
-    router = APIRouter(prefix="/api/v1")
+    responses: dict[int | str, dict[str, Any]] = {
+        status: {"model": Problem, "description": text} for status, text in _STATUS.items()
+    }
+    router = APIRouter(prefix="/api/v1", responses=responses)
     for module in (sessions, projects, photos, jobs, views, objects):
         router.include_router(module.router)
     router.include_router(upload_router(settings))

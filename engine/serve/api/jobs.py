@@ -44,8 +44,8 @@ class Segmentation(BaseModel):
     kind: Literal["segment"]
     prompt: str = ""
     clicks: list[ClickedPixel] = []
-    name: str = Field(default="", max_length=200)
-    object: str = Field(default="", max_length=200)
+    name: str = Field(default="", max_length=300)
+    object: str = Field(default="", max_length=300)
     find_all: bool = False
     background: bool = False
     accept: int | None = Field(default=None, ge=0, le=1000)

@@ -21,17 +21,17 @@ from ..library import NotFound, WebProject
 __all__ = ["router"]
 
 router = APIRouter(prefix="/projects/{project_id}/objects", tags=["objects"])
-_Text = Annotated[str | None, Field(max_length=2000)]
+_Text = Annotated[str | None, Field(max_length=300)]
 
 
 class ObjectChange(BaseModel):
     """The name of an object and its museum record; what is not given stays."""
 
-    name: Annotated[str | None, Field(min_length=1, max_length=200)] = None
+    name: Annotated[str | None, Field(min_length=1, max_length=300)] = None
     title: _Text = None
     catalogue_number: _Text = None
     rights: _Text = None
-    notes: _Text = None
+    notes: Annotated[str | None, Field(max_length=5000)] = None
 
 
 @router.get("/{object_id}.ply")

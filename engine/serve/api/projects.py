@@ -21,7 +21,7 @@ router = APIRouter(prefix="/projects", tags=["projects"])
 class Title(BaseModel):
     """The user's name for a project."""
 
-    title: str = Field(min_length=1, max_length=200, pattern=r"\S")
+    title: str = Field(min_length=1, max_length=300, pattern=r"\S")
 
 
 @router.get("")

@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse
 
 from ...files import path_within
 from ...refused_prompts import read_not_found
-from ...scene import Camera, focal_and_center, read_camera_set
+from ...scene import Camera, focal_and_center, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
 from ..downloads import MEDIA_TYPES, exported_file
 from ..library import NotFound
@@ -19,6 +19,7 @@ from ..small_photos import small_photo
 __all__ = ["router"]
 
 router = APIRouter(prefix="/projects/{project_id}", tags=["views"])
+_Number = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
 _UP = (0.0, 0.0, 1.0)
 """The engine turns scenes so that Z is up."""
 
@@ -51,6 +52,24 @@ def read_cameras(project: CurrentProject) -> dict[str, Any]:
 def read_view(photo: str, project: CurrentProject, side: Annotated[int, Query(ge=1, le=1600)] = 1600) -> FileResponse:
     """Return the photo that clicks refer to, upright, with its lens distortion."""
     return FileResponse(small_photo(project.photo(photo), project.cache, side), media_type="image/jpeg")
+
+
+@router.get("/views/{photo}/pixel")
+def read_pixel(photo: str, project: CurrentProject, x: _Number, y: _Number, z: _Number) -> dict[str, float] | None:
+    """Return where a photo shows a point of the scene, in pixels after EXIF rotation; null where it does not.
+
+    What may hide the point is not looked at.
+    """
+    cameras = read_camera_set(path_within(project.project, "cameras")).cameras
+    camera = next((one for one in cameras if one.photo == photo), None)
+    if camera is None:
+        raise NotFound(f"There is no camera of {photo!r}.")
+    local = np.asarray(camera.viewmat)[:3, :3] @ (x, y, z) + np.asarray(camera.viewmat)[:3, 3]
+    if local[2] <= 0:
+        return None
+    pixel = photo_pixels(camera, local[None, :2] / local[2])[0]
+    inside = bool((pixel >= 0).all() and (pixel < (camera.width, camera.height)).all())  # NaN is outside
+    return {"x": round(float(pixel[0]), 1), "y": round(float(pixel[1]), 1)} if inside else None
 
 
 @router.get("/candidates/{number}.png")

@@ -84,6 +84,9 @@ export const eventsUrl = (id) => address("projects", id, "events");
 export const previewUrl = (id, stamp) => `${address("projects", id, "preview.png")}?t=${stamp}`;
 export const getCameras = (id) => request("GET", address("projects", id, "cameras"));
 export const viewUrl = (id, photo, side) => `${address("projects", id, "views", photo)}?side=${side}`;
+/** Return where the photo of a camera shows a point, {x, y}, or null where it does not. */
+export const getPixel = (id, name, [x, y, z]) =>
+  request("GET", `${address("projects", id, "views", name, "pixel")}?x=${x}&y=${y}&z=${z}`);
 export const sceneUrl = (id) => address("projects", id, "scene.ply");
 export const reportUrl = (id) => address("projects", id, "report");
 

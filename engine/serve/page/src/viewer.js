@@ -17,7 +17,8 @@ import {
   createGraphicsDevice,
 } from "playcanvas";
 import { createOrbit, poseOf } from "./orbit.js";
-import { scale } from "./vectors.js";
+import { hitDistance, rayThrough, viewsOf } from "./pick.js";
+import { add, scale } from "./vectors.js";
 
 const FOV = (50 * Math.PI) / 180; // Of the shorter side, when no photo gives the lens.
 const SLOW_FRAME = 50; // Milliseconds. Slower pictures are drawn with fewer pixels while the camera moves.
@@ -25,7 +26,7 @@ const REST = 250; // Milliseconds without movement until the sharp picture is dr
 
 /**
  * Return a viewer that draws into `canvas`: {load(url, progress), showOnly(url|null), lookThrough(view), setScene(...),
- * frame(center, radius, up), frameShown(), zoom(factor), picture(), dispose()}. `moved(isPhoto)` of the options is called
+ * frame(center, radius, up), frameShown(), zoom(factor), pick(x, y), viewsThatShow(point, views), picture(), dispose()}. `moved(isPhoto)` of the options is called
  * when the camera moves.
  */
 export async function createViewer(canvas, { moved = () => {} } = {}) {
@@ -239,6 +240,20 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     }
   }
 
+  /** Return the point of the scene that is seen at a place of the canvas, in CSS pixels, or null where there is nothing. */
+  function pick(x, y) {
+    if (!scene) return null;
+    const { f, c } = intrinsics(canvas.clientWidth, canvas.clientHeight);
+    const { eye, direction } = rayThrough(pose, f, c, [x, y]);
+    const distance = hitDistance(scene.asset.resource.gsplatData, eye, direction);
+    return distance === null ? null : add(eye, scale(direction, distance));
+  }
+
+  /** Return those of `views` whose photos show `point`, the one that looks most like the present camera first. */
+  function viewsThatShow(point, views) {
+    return viewsOf(point, pose.eye, views, poseOf, scene.asset.resource.gsplatData);
+  }
+
   /** Return the picture as a PNG. */
   async function picture() {
     clearTimeout(restTimer);
@@ -258,8 +273,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     app.destroy();
   }
 
-  const getPose = () => pose;
-  return { load, showOnly, lookThrough, setScene, frame, frameShown, zoom: orbit.zoom, picture, drawn, getPose, dispose };
+  return { load, showOnly, lookThrough, setScene, frame, frameShown, zoom: orbit.zoom, pick, viewsThatShow, picture, dispose };
 }
 
 async function createApp(canvas) {

@@ -8,23 +8,23 @@ const HELP = "Arrow keys move the cross, Enter sets a dot, Shift and Enter sets 
 
 /** `cameras()` returns a promise of the cameras, whose views are the photos that can be clicked. */
 export function createClicks(context, cameras) {
-  /** Open the dialog: for a new object, or to correct `object`. It starts with `photo`, or with the first. */
-  async function open({ object = null, photo = "" } = {}) {
+  /** Open the dialog: for a new object, or to correct `object`. It starts with `photo`, or the first, and with `click`. */
+  async function open({ object = null, photo = "", click = null } = {}) {
     const { views } = await cameras();
     if (views.length === 0) {
       notify("There is no photo to click in.");
       return;
     }
     const first = Math.max(0, views.findIndex((view) => view.photo === photo));
-    showDialog(context, views, first, object);
+    showDialog(context, views, first, object, click ? [click] : []);
   }
 
   return { open };
 }
 
-function showDialog(context, views, first, object) {
+/** `clicks` are those that are set already: {photo, x, y, wanted}, in pixels of the photo. */
+function showDialog(context, views, first, object, clicks) {
   const { id } = context;
-  const clicks = []; // {photo, x, y, wanted}, in pixels of the undistorted photo
   let index = first;
   let cross = [0.5, 0.5]; // place of the keyboard's cross, as shares of the photo
 

@@ -19,7 +19,7 @@ export function createObjects(context, { stage, clicks }) {
   const form = h(
     "form",
     { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
-    h("div", { class: "row bottom" }, field("What is it?", words), isolate),
+    h("div", { class: "row bottom" }, field("Which object?", words), isolate),
     h("p", { class: "hint" }, "Separate several words by semicolons."),
   );
   const progress = createProgress(context, { compact: true });

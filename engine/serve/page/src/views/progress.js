@@ -68,6 +68,7 @@ export function createProgress(context, { compact = false } = {}) {
     for (const part of [heading, bar, stage, left, message, warnings]) show(part, active || stopped);
     show(stop, active);
     show(goOn, stopped);
+    setText(goOn, job?.error ? "Try again" : "Continue");
     show(dismiss, stopped && compact);
     if (!active && !stopped) return;
 

@@ -45,10 +45,11 @@ export async function projectScreen(root, session, id) {
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
-  const facts = h("p", { class: "quiet" });
+  const facts = h("p", { class: "quiet facts", hidden: true });
   // With a scene, the photos are of less interest and are folded.
   const summary = h("summary", null, "Photos and reconstruction");
-  const folded = h("details", { class: "card fold" }, summary);
+  const inside = h("div", { class: "stack" });
+  const folded = h("details", { class: "card fold" }, summary, inside);
   const open = h("div", { class: "stack" });
 
   async function renameThis() {
@@ -76,8 +77,9 @@ export async function projectScreen(root, session, id) {
     const hasScene = Boolean(project.scene);
     const isFirst = !hasScene || (isActive(project.job) && project.job.kind === "reconstruct");
     show(report, hasScene);
+    show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
-    const place = hasScene ? folded : open;
+    const place = hasScene ? inside : open;
     if (photos.element.parentElement !== place) place.append(photos.element, reconstruct.element);
     show(folded, hasScene);
     show(open, !hasScene);

@@ -8,7 +8,10 @@ import { createStage } from "./stage.js";
 export function createResult(context) {
   let hasScene = false;
   let cameras = null; // a promise, as both the viewer and the clicks need them
-  const stage = createStage(context, () => objects.shownAlone(null));
+  const stage = createStage(context, {
+    sceneShown: () => objects.shownAlone(null),
+    openPhoto: (click) => clicks.open({ photo: click.photo, click }),
+  });
   const clicks = createClicks(context, () => cameras);
   const objects = createObjects(context, { stage, clicks });
   const element = h("section", { class: "result", "aria-label": "Result", hidden: true }, stage.element, objects.element);

@@ -1,12 +1,16 @@
 // The viewer with its buttons and the strip of photos, each of which leads to its camera.
 import { sceneUrl, viewUrl } from "../api.js";
-import { announce, during, h, setText, show } from "../dom.js";
+import { announce, during, h, setText, show, svg } from "../dom.js";
 import { startViewer } from "../lazy_viewer.js";
+import { createPicked } from "./picked.js";
 
-const HELP = "Drag to turn, two fingers or Shift and drag to move, scroll or pinch to zoom. Keys: arrows turn, Shift and arrows move, + and − zoom.";
+const HELP = "Drag to turn, two fingers or Shift and drag to move, scroll or pinch to zoom, click an object to isolate it. Keys: arrows turn, Shift and arrows move, + and − zoom.";
 
-/** `sceneShown()` is called when the whole scene is shown again by a button here. */
-export function createStage(context, sceneShown) {
+/**
+ * `sceneShown()` is called when the whole scene is shown again by a button here, `openPhoto(click)` to show a click of
+ * the viewer in its photo.
+ */
+export function createStage(context, { sceneShown, openPhoto }) {
   const { id } = context;
   let viewer = null;
   let views = [];
@@ -30,9 +34,10 @@ export function createStage(context, sceneShown) {
     tool("Zoom out", "−", async () => viewer.zoom(1.3)),
     tool("Fit", "Fit", async () => viewer.frameShown()),
     tool("Save picture", "Save picture", savePicture),
-    document.fullscreenEnabled ? tool("Full screen", "⛶", fullScreen) : null,
+    document.fullscreenEnabled ? tool("Full screen", corners(), fullScreen) : null,
   );
-  const box = h("div", { class: "canvas-box" }, canvas, loading, alone, tools);
+  const picked = createPicked(context, { openPhoto, isPickable: () => alone.hidden });
+  const box = h("div", { class: "canvas-box" }, canvas, picked.dot, loading, alone, picked.element, tools);
   const strip = h("ul", { class: "strip", "aria-label": "Look from a photo's place", tabindex: 0 });
   const element = h(
     "div",
@@ -51,7 +56,10 @@ export function createStage(context, sceneShown) {
     show(loading, true);
     setText(loading, "Loading the scene…");
     try {
-      viewer ??= await startViewer(canvas, { moved: (isPhoto) => isPhoto || mark("") });
+      if (!viewer) {
+        viewer = await startViewer(canvas, { moved });
+        picked.listen(canvas, viewer, () => views);
+      }
       if (disposed) return viewer.dispose();
       viewer.setScene(cameras.center, cameras.radius, cameras.up);
       if (views.length > 0) lookFrom(views[0]);
@@ -62,6 +70,11 @@ export function createStage(context, sceneShown) {
     } catch (error) {
       setText(loading, error.message);
     }
+  }
+
+  function moved(isPhoto) {
+    picked.clear();
+    if (!isPhoto) mark("");
   }
 
   function fillStrip() {
@@ -94,6 +107,7 @@ export function createStage(context, sceneShown) {
   /** Show one object alone. */
   async function showObject(url, name) {
     if (!viewer) return;
+    picked.clear();
     setText(loading, `Loading ${name}…`);
     show(loading, true);
     try {
@@ -133,4 +147,10 @@ export function createStage(context, sceneShown) {
   }
 
   return { element, start, showObject, showScene, photo: () => photo, dispose };
+}
+
+/** The usual sign for full screen, drawn, because not every font has it. */
+function corners() {
+  const path = svg("path", { d: "M3 8V3h5M16 3h5v5M21 16v5h-5M8 21H3v-5" });
+  return svg("svg", { viewBox: "0 0 24 24", "aria-hidden": "true" }, path);
 }

@@ -1,13 +1,7 @@
-"""What the web server costs: start, uploads, memory, events. ``make bench-serve`` writes docs/web_speed.md.
-
-Timings depend on the machine; the table names it. The server runs as a program, the client in this process, over loopback.
-
-example: python -m benchmarks.serve --out docs/web_speed.md
-"""
+"""Cost of the server, which runs as a program: start, uploads over loopback, memory, events."""
 
 from __future__ import annotations
 
-import argparse
 import base64
 import json
 import os
@@ -23,23 +17,22 @@ from typing import Any
 import httpx
 import numpy as np
 
-from engine.files import atomic_write
-from engine.machine import describe_machine
+__all__ = ["Row", "server_rows"]
 
-__all__ = ["main"]
-
-ROOT = Path(__file__).resolve().parents[1]
+Row = tuple[str, str, str]
+"""What was measured, the figure, and the goal."""
+ROOT = Path(__file__).resolve().parents[2]
 N_STARTS, N_CLIENTS, N_EVENTS = 5, 32, 60
 UPLOAD_BYTES, CHUNK = 512 << 20, 8 << 20
 WATCH_SECONDS = 20.0
-ENGINE = '''
+ENGINE = """
 import json, sys, time
 for number in range({n}):
     print(json.dumps({{"v": 1, "kind": "progress", "time": time.time(), "stage": "training", "fraction": number / {n},
                       "seconds_left": None, "message": str(time.time())}}), flush=True)
     time.sleep({pause})
 print(json.dumps({{"v": 1, "kind": "finished", "time": time.time(), "message": "", "outputs": {{}}}}), flush=True)
-'''
+"""
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -112,15 +105,17 @@ def measure_events(server: Server, project: str, folder: Path) -> tuple[list[flo
     ready = threading.Barrier(N_CLIENTS + 1)
 
     def watch() -> None:
-        with httpx.Client(base_url=server.http.base_url, cookies=server.http.cookies, timeout=60) as client:
-            with client.stream("GET", f"/projects/{project}/events") as stream:
-                ready.wait()
-                for line in stream.iter_lines():
-                    data: Any = json.loads(line[5:]) if line.startswith("data: {") else None
-                    if data and data.get("message"):
-                        delays.append(time.time() - float(data["message"]))
-                    if data and data.get("state") == "finished":
-                        return
+        with (
+            httpx.Client(base_url=server.http.base_url, cookies=server.http.cookies, timeout=60) as client,
+            client.stream("GET", f"/projects/{project}/events") as stream,
+        ):
+            ready.wait()
+            for line in stream.iter_lines():
+                data: Any = json.loads(line[5:]) if line.startswith("data: {") else None
+                if data and data.get("message"):
+                    delays.append(time.time() - float(data["message"]))
+                if data and data.get("state") == "finished":
+                    return
 
     watchers = [threading.Thread(target=watch) for _ in range(N_CLIENTS)]
     for watcher in watchers:
@@ -133,11 +128,8 @@ def measure_events(server: Server, project: str, folder: Path) -> tuple[list[flo
     return delays, (server.cpu_seconds() - before) / (time.monotonic() - begin)
 
 
-def main() -> int:
-    """Measure, and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, required=True)
-    options = parser.parse_args()
+def server_rows() -> list[Row]:
+    """Measure, and return the rows of the table."""
     starts = []
     for _ in range(N_STARTS):
         with tempfile.TemporaryDirectory() as name:
@@ -150,20 +142,13 @@ def main() -> int:
         speed, memory = measure_upload(server, project)
         delays, share = measure_events(server, project, Path(name))
         server.stop()
-    rows = [
-        ("start until the page is served, median", f"{np.median(starts):.2f} s", "1.5 s"),
-        (f"upload of {UPLOAD_BYTES >> 20} MiB over loopback, in parts of {CHUNK >> 20} MiB", f"{speed / 1e6:.0f} MB/s", "120 MB/s at least"),
+    size, part = UPLOAD_BYTES >> 20, CHUNK >> 20
+    late = f"{np.median(delays):.2f} s, {np.quantile(delays, 0.99):.2f} s"
+    rate = N_EVENTS / WATCH_SECONDS
+    return [
+        (f"start until the page is served, median of {N_STARTS}", f"{np.median(starts):.2f} s", "1.5 s"),
+        (f"upload of {size} MiB over loopback, in parts of {part} MiB", f"{speed / 1e6:.0f} MB/s", "at least 120 MB/s"),
         ("memory of the server meanwhile, at most", f"{memory / 1e6:.0f} MB", "200 MB"),
-        (f"event on {N_CLIENTS} clients after the engine wrote it, median and 99 %", f"{np.median(delays):.2f} s, {np.quantile(delays, 0.99):.2f} s", "1 s"),
-        (f"CPU of the server with {N_CLIENTS} watching clients, {N_EVENTS / WATCH_SECONDS:.0f} events a second", f"{share:.1%} of one core", "5 %"),
-    ]  # fmt: skip
-    lines = ["# Cost of the web server", "", "Made by `make bench-serve`.", "", f"Machine: {describe_machine().name}, shared.", ""]
-    lines += ["| what | measured | goal |", "| --- | --- | --- |", *(f"| {a} | {b} | {c} |" for a, b, c in rows), ""]
-    with atomic_write(options.out, "w") as stream:
-        stream.write("\n".join(lines))
-    print("\n".join(lines))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        (f"event at {N_CLIENTS} clients after the engine wrote it, median and 99 %", late, "1 s"),
+        (f"CPU of the server with {N_CLIENTS} clients and {rate:.0f} events a second", f"{share:.1%} of a core", "5 %"),
+    ]

@@ -1,0 +1,49 @@
+"""Measures the web server and its page, and writes a section of docs/web.md; ``make bench-serve`` calls it.
+
+Timings depend on the machine, which the table names.
+
+example: python -m benchmarks.serve --project out/museum_room/project --doc docs/web.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from engine.evaluation import write_section
+from engine.machine import describe_machine
+
+from .page import page_rows
+from .server import Row, server_rows
+
+TITLE = "Measured"
+
+
+def main() -> int:
+    """Measure, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--project", type=Path, required=True, help="a project folder with a scene, which is copied")
+    parser.add_argument("--doc", type=Path, required=True)
+    options = parser.parse_args()
+    parts = [
+        "```\nmake bench-serve\n```",
+        f"Machine: {describe_machine().name}, shared with other work. Nothing was chosen by these figures.",
+        table("server", server_rows()),
+        table("page", page_rows(options.project)),
+    ]
+    body = "\n\n".join(parts)
+    write_section(options.doc, title=TITLE, body=body)
+    print(body)
+    return 0
+
+
+def table(what: str, rows: list[Row]) -> str:
+    """Return a table in Markdown."""
+    return "\n".join(
+        [f"| {what} | measured | goal |", "| --- | --- | --- |", *(f"| {' | '.join(row)} |" for row in rows)]
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
