@@ -130,6 +130,7 @@ def _prompt_text(prompt: dict[str, Any]) -> str:
     if prompt.get("text"):
         return str(prompt["text"])
     clicks, others = ((value if isinstance(value, list) else []) for value in map(prompt.get, ("clicks", "not")))
+    place = f"in {prompt.get('photo')}"
     match prompt.get("kind"):
         case "all":
             return "found without a prompt"
@@ -137,6 +138,10 @@ def _prompt_text(prompt: dict[str, Any]) -> str:
             return "what belongs to no object"
         case "click" if clicks:
             return f"{len(clicks)} clicks, {len(others)} beside it"
+        case "click":
+            return f"a click {place}, {len(others)} beside it" if others else f"a click {place}"
+        case "box" | "mask" as kind:
+            return f"a {kind} {place}"
     return ", ".join(f"{key} {value}" for key, value in prompt.items() if value is not None)
 
 

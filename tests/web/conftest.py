@@ -48,7 +48,6 @@ def reconstruct(page: Page) -> None:
     page.locator("input[type=file]").first.set_input_files([str(photo) for photo in PHOTOS])
     expect(page.get_by_role("list", name="Photos").get_by_role("listitem")).to_have_count(len(PHOTOS), timeout=60_000)
     page.get_by_text("Preview", exact=True).click()
-    keep_picture(page, "upload")
     page.get_by_role("button", name="Reconstruct", exact=True).click()
     expect(page.get_by_role("img", name="The scene so far")).to_be_visible(timeout=RUN_MS)
     keep_picture(page, "progress")

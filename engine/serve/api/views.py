@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from fastapi import APIRouter, Query, Request
@@ -12,7 +12,7 @@ from ...files import path_within
 from ...refused_prompts import read_not_found
 from ...scene import Camera, focal_and_center, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
-from ..downloads import MEDIA_TYPES, exported_file
+from ..downloads import MEDIA_TYPES, download_name, exported_file
 from ..library import NotFound
 from ..small_photos import small_photo
 
@@ -87,6 +87,15 @@ def read_candidate(number: int, project: CurrentProject) -> FileResponse:
 def read_scene(project: CurrentProject) -> FileResponse:
     """Return the scene for the viewer, in the frame of the cameras."""
     return FileResponse(exported_file(project, None, "ply"), media_type=MEDIA_TYPES["ply"])
+
+
+@router.get("/export")
+def download_scene(
+    project: CurrentProject, file_format: Annotated[Literal["ply", "glb"], Query(alias="format")]
+) -> FileResponse:
+    """Return the whole scene as a file to keep."""
+    file = exported_file(project, None, file_format)
+    return FileResponse(file, media_type=MEDIA_TYPES[file_format], filename=download_name(project.title, file_format))
 
 
 def _view(camera: Camera) -> dict[str, Any]:

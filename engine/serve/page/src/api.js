@@ -89,6 +89,7 @@ export const getPixel = (id, name, [x, y, z]) =>
   request("GET", `${address("projects", id, "views", name, "pixel")}?x=${x}&y=${y}&z=${z}`);
 export const sceneUrl = (id) => address("projects", id, "scene.ply");
 export const reportUrl = (id) => address("projects", id, "report");
+export const sceneExportUrl = (id, format) => `${address("projects", id, "export")}?format=${format}`;
 
 export const objectUrl = (id, object) => `${address("projects", id, "objects", `${object}.ply`)}?frame=scene`;
 export const exportUrl = (id, object, format) => `${address("projects", id, "objects", object, "export")}?format=${format}`;

@@ -166,7 +166,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     single = null;
     scene = loaded;
     app.root.addChild(scene.entity);
-    await drawn();
+    await drawn(1);
   }
 
   /** Show an object alone, or the scene again with null. */
@@ -178,11 +178,11 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     single = loaded;
     if (single) app.root.addChild(single.entity);
     if (scene) scene.entity.enabled = !single;
-    await drawn();
+    await drawn(1);
   }
 
-  /** Resolve when the picture shows the present camera and splats, sorted by depth. */
-  function drawn() {
+  /** Resolve when `least` pictures show the present splats, sorted by depth. */
+  function drawn(least) {
     return new Promise((resolve) => {
       let frames = 0;
       const end = () => {
@@ -192,8 +192,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
       };
       const onReady = (_camera, _layer, ready, loading) => {
         frames += 1;
-        // The first frames may still have the order of the camera before.
-        if (ready && loading === 0 && frames >= 3) app.once("frameend", end);
+        if (ready && loading === 0 && frames >= least) app.once("frameend", end);
         draw();
       };
       const timer = setTimeout(end, 3000); // A hidden page draws nothing.
@@ -258,7 +257,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
   async function picture() {
     clearTimeout(restTimer);
     setResolution(1);
-    await drawn();
+    await drawn(3); // The first ones may still have the order of the camera before.
     return new Promise((resolve) => {
       // WebGL forgets the picture after the frame, so it is read in the same task.
       app.once("frameend", () => canvas.toBlob(resolve, "image/png"));

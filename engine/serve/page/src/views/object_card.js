@@ -99,6 +99,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
 
 function factsOf(object) {
   const parts = [object.title ? object.name : "", object.catalogue_number, plural(object.n_gaussians, "Gaussian")];
-  if (object.prompt && object.prompt !== object.name) parts.push(`found as “${object.prompt}”`);
+  if (object.kind !== "text") parts.push(object.prompt);
+  else if (object.prompt !== object.name) parts.push(`found as “${object.prompt}”`);
   return parts.filter(Boolean).join(" · ");
 }

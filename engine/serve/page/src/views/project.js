@@ -1,5 +1,5 @@
 // One project: photos, reconstruction, result. The server's state is read again after each event and given to the parts.
-import { deleteProject, eventsUrl, getProject, renameProject, reportUrl } from "../api.js";
+import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneExportUrl } from "../api.js";
 import { asked, confirmed, during, h, notify, show } from "../dom.js";
 import { listen } from "../events.js";
 import { plural } from "../format.js";
@@ -43,6 +43,8 @@ export async function projectScreen(root, session, id) {
 
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
+  const sceneFile = (format) => h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, `Scene as ${format.toUpperCase()}`);
+  const files = [report, sceneFile("ply"), sceneFile("glb")];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
   const facts = h("p", { class: "quiet facts", hidden: true });
@@ -76,7 +78,7 @@ export async function projectScreen(root, session, id) {
     document.title = `${project.title} – Gaussian Heritage`;
     const hasScene = Boolean(project.scene);
     const isFirst = !hasScene || (isActive(project.job) && project.job.kind === "reconstruct");
-    show(report, hasScene);
+    for (const file of files) show(file, hasScene);
     show(facts, hasScene);
     facts.textContent = hasScene ? sceneFacts(project) : "";
     const place = hasScene ? inside : open;
@@ -92,7 +94,7 @@ export async function projectScreen(root, session, id) {
 
   root.append(
     h("p", { class: "back" }, h("a", { href: "#/" }, "← All projects")),
-    h("div", { class: "row apart" }, title, h("div", { class: "row" }, report, rename)),
+    h("div", { class: "row apart" }, title, h("div", { class: "row" }, files, rename)),
     facts,
     progress.element,
     open,
