@@ -33,10 +33,8 @@ def interrupted_jobs(found: Sequence[tuple[Path, Job]]) -> list[Job]:
     wanted = []
     for of_project in jobs.values():
         last = of_project[-1]
-        if not last.is_taken() and _was_ended(last):
-            same = takewhile(lambda one, last=last: one.command == last.command, reversed(of_project))
-            if sum(1 for _ in takewhile(_was_killed, same)) < _MAX_KILLED:
-                wanted.append(last)
+        if not last.is_taken() and _was_ended(last) and _times_killed(of_project) < _MAX_KILLED:
+            wanted.append(last)
     return sorted(wanted, key=lambda job: job.folder.name)
 
 
@@ -45,5 +43,7 @@ def _was_ended(job: Job) -> bool:
     return not state.running and not state.finished and state.error_type in ("", Cancelled.__name__)
 
 
-def _was_killed(job: Job) -> bool:
-    return _was_ended(job) and not job.poll().error_type
+def _times_killed(jobs: Sequence[Job]) -> int:
+    """Return how often in a row the last of these jobs was killed."""
+    same = takewhile(lambda job: job.command == jobs[-1].command, reversed(jobs))
+    return sum(1 for _ in takewhile(lambda job: _was_ended(job) and not job.poll().error_type, same))
