@@ -142,7 +142,7 @@ def check_image(root: Path, config: dict[str, Any]) -> dict[str, Any]:
     if writable:
         raise Failed(f"the user of the image owns {writable[0]}")
     sbom = json.loads((root / "opt/heritage/sbom.cdx.json").read_text())
-    kinds = Counter(one.get("purl", "model").partition("/")[0] for one in sbom["components"])
+    kinds = Counter((one.get("purl") or one["type"]).partition("/")[0] for one in sbom["components"])
     size = sum(path.lstat().st_size for path in root.rglob("*") if not path.is_dir() or path.is_symlink())
     parts = {"packages of Python and torch": "opt/heritage/engine", "model files": "opt/heritage/cache"}
     return {
@@ -172,6 +172,7 @@ class Container:
         self.port = PORT
         self._process: subprocess.Popen[bytes] | None = None
         shutil.rmtree(self.data, ignore_errors=True)
+        self.log.unlink(missing_ok=True)
         self.data.mkdir()
         os.chown(self.data, USER, USER)
 
@@ -208,9 +209,9 @@ class Container:
 
     def kill(self) -> None:
         """Kill all processes of the container at once."""
-        assert self._process is not None
-        os.kill(self.first, signal.SIGKILL)
-        self._process.wait(30)
+        if self._process is not None and self._process.poll() is None:
+            os.kill(self.first, signal.SIGKILL)
+            self._process.wait(30)
 
     def stop(self) -> float:
         """Stop the server by SIGTERM, as podman and Docker do, and return the seconds until its end."""
@@ -424,7 +425,7 @@ def report(seconds: float, image: dict[str, Any], passes: list[tuple[Container, 
         *(f"| of which {name} | {size / 1e9:.2f} GB | |" for name, size in image["parts"].items()),
         f"| time to build | {seconds:.0f} s | |",
         f"| SBOM: packages of Debian, of Python, of npm; model files | {kinds['pkg:deb']}, {kinds['pkg:pypi']}, "
-        f"{kinds['pkg:npm']}; {kinds['model']} | |",
+        f"{kinds['pkg:npm']}; {kinds['machine-learning-model']} | |",
         f"| texts of licences | {image['licences'] / 1e6:.1f} MB | |", "",
         "| | " + " | ".join(container.how for container, _, _ in passes) + " |",
         "| --- |" + " ---: |" * len(passes),
@@ -475,15 +476,20 @@ def main() -> int:
             seconds_file.write_text(str(build(work)))
         name = run("buildah", "from", "--pull-never", IMAGE)
         root = Path(run("buildah", "mount", name))
+        passes: list[tuple[Container, str, dict[str, Any]]] = []
         try:
             config = image_config()
+            # buildah would put a new volume over the folder that is mounted there.
+            run("buildah", "config", "--volume", "/data-", name)
             image = check_image(root, config)
             say(f"  {image['bytes'] / 1e9:.2f} GB unpacked")
-            passes: list[tuple[Container, str, dict[str, Any]]] = []
             for kind, end in ((ByBuildah, "SIGKILL"), (InNamespaces, "SIGTERM")):
                 say(f"{kind.how}, ended by {end}")
                 container = kind(work, root, name, config)
-                passes.append((container, end, whole_way(container, end)))
+                try:
+                    passes.append((container, end, whole_way(container, end)))
+                finally:
+                    container.kill()
         finally:
             run("buildah", "rm", name)
         text = report(float(seconds_file.read_text()), image, passes)

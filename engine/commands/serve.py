@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import EnvironmentProblem
-from ..events import Emit, Finished, Progress, StopCheck
+from ..events import Emit, Finished, StopCheck
 
 if TYPE_CHECKING:
     from ..serve import Accounts
@@ -94,4 +94,4 @@ def _add_first_user(accounts: Accounts, name: str, emit: Emit) -> None:
     """Add a user where there is none, and say the token."""
     if not accounts.names():
         token = accounts.add(name)
-        emit(Progress("serve", 0.0, message=f"The token of {name}, shown only now: {token}"))
+        emit(Finished(f"The token of {name}, shown only now: {token}"))

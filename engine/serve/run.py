@@ -11,7 +11,7 @@ import uvicorn
 from filelock import FileLock, Timeout
 
 from ..errors import DiskError, EnvironmentProblem, ProjectError, SettingsError
-from ..events import Emit, Finished, Progress, StopCheck
+from ..events import Emit, Finished, StopCheck
 from .accounts import Accounts
 from .app import PAGE, create_app
 from .certificate import certificate_files
@@ -95,13 +95,14 @@ def _announce(settings: ServeSettings, hosts: list[str], port: int, emit: Emit) 
     scheme = "https" if settings.lan else "http"
     host = hosts[-1] if settings.lan else hosts[0]
     address = f"{scheme}://{host}:{port}/"
-    emit(Progress("serve", 0.0, message=f"Open {address} in a browser. Stop with Ctrl+C."))
+    # Not `Progress`, whose messages are parts of a line: logs and terminals show these as they are.
+    emit(Finished(f"Open {address} in a browser. Stop with Ctrl+C."))
     if settings.lan:
         import segno
 
         text = io.StringIO()
         segno.make(address).terminal(text, compact=True)
-        emit(Progress("serve", 0.0, message=f"For a phone in the same network:\n{text.getvalue()}"))
+        emit(Finished(f"For a phone in the same network:\n{text.getvalue()}"))
 
 
 @contextlib.contextmanager

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import platform
 import re
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import zipfile
 from collections.abc import Iterator
@@ -44,13 +46,22 @@ def main() -> int:
     # The packages were listed for a root component that this one replaces.
     known = {one["bom-ref"] for one in sbom["components"]}
     sbom["dependencies"] = [one for one in sbom.get("dependencies", []) if one["ref"] in known]
-    sbom["components"] += [*debian_packages(), *page_packages(options.page), *model_files()]
+    sbom["components"] += [python_itself(), *debian_packages(), *page_packages(options.page), *model_files()]
     options.sbom.write_text(json.dumps(sbom, indent=1) + "\n", encoding="utf-8")
     texts = licence_texts(options.environment, options.page)
     with options.licences.open("w", encoding="utf-8") as stream:
         for name, text in texts:
             stream.write(f"{RULE}{name}{RULE}\n{text.strip()}\n")
     return 0
+
+
+def python_itself() -> dict[str, Any]:
+    """Return the interpreter, which the base image may have from another source than Debian."""
+    version = platform.python_version()
+    return {
+        "type": "platform", "bom-ref": f"python {version}", "name": "CPython", "version": version,
+        "licenses": [{"license": {"id": "PSF-2.0"}}],
+    }  # fmt: skip
 
 
 def debian_packages() -> Iterator[dict[str, Any]]:
@@ -94,6 +105,9 @@ def included_models() -> list[Any]:
 def licence_texts(environment: Path, page: Path) -> Iterator[tuple[str, str]]:
     """Yield the name of each part with the text of its licence."""
     yield "Gaussian Heritage", Path("LICENSE").read_text(encoding="utf-8")
+    python = Path(sysconfig.get_path("stdlib")) / "LICENSE.txt"
+    if python.is_file():  # else it is Debian's
+        yield "Python", python.read_text(encoding="utf-8")
     packages = next(environment.glob("lib/python*/site-packages"))
     for folder in sorted(packages.glob("*.dist-info")):
         name = folder.name.removesuffix(".dist-info").replace("-", " ")
