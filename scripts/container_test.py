@@ -90,17 +90,15 @@ def host_settings(work: Path) -> list[str]:
     npm = work / "npmrc"
     files = [file for file in (Path("/etc/npmrc"), Path.home() / ".npmrc") if file.is_file()]
     npm.write_text("\n".join(file.read_text() for file in files) + "\n")
-    mounts[Path("/root/.npmrc")] = npm
+    mounts[Path("/root", ".npmrc")] = npm
     if CERTIFICATES.is_file():
         mounts[CERTIFICATES] = CERTIFICATES
-    # Folders with packages, which the settings may name.
+    # Files, and folders with packages, which the settings may name. An index of links leads to files beside it.
     for word in " ".join(lines.values()).split():
-        folder = Path(word.removeprefix("file://"))
-        if folder.is_absolute() and folder.is_dir():
-            mounts[folder] = folder
-            # An index of links leads to files beside it.
-            if folder.name == "simple":
-                mounts[folder.parent] = folder.parent
+        path = Path(word.removeprefix("file://"))
+        path = path.parent if path.name == "simple" else path
+        if path.is_absolute() and path.exists():
+            mounts[path] = path
     return [f"--volume={source}:{target}:ro" for target, source in mounts.items()]
 
 
@@ -127,7 +125,7 @@ def check_image(root: Path, config: dict[str, Any]) -> dict[str, Any]:
         raise Failed("the image has another user or other volumes")
     if "serve" not in config["Healthcheck"]["Test"] or config["StopSignal"] != "SIGTERM":
         raise Failed("the image has no health check or another signal to stop")
-    stays = [name for name in ("/etc/pip.conf", "/root/.npmrc", "/opt/wheels", "/build") if (root / name[1:]).exists()]
+    stays = [name for name in ("etc/pip.conf", "root/.npmrc", "etc/xdg/pip", "build") if (root / name).exists()]
     tools = [
         name for name in ("node", "npm", "gcc", "pip") if (root / "opt/heritage/engine/environment/bin" / name).exists()
     ]
