@@ -35,7 +35,7 @@ WORD = "vase"
 MAX_IMAGE_GB, MAX_START_SECONDS, MAX_STOP_SECONDS = 2.5, 3.0, 45.0
 CERTIFICATES = Path("/etc/ssl/certs/ca-certificates.crt")
 REACHED = {"SIGKILL": "0.86", "SIGTERM": "0.4"}
-"""Part of the training after which the container is ended: `preview` saves at step 500 of 600, and when it is stopped."""
+"""Part of the training after which the container is ended: `preview` saves at step 500 of 600 and when it is stopped."""
 MARK = "## Measured\n"
 
 
