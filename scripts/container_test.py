@@ -10,6 +10,7 @@ example: python scripts/container_test.py --work /tmp/container --doc docs/conta
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import re
@@ -35,7 +36,7 @@ WORD = "vase"
 MAX_IMAGE_GB, MAX_START_SECONDS, MAX_STOP_SECONDS = 2.5, 3.0, 45.0
 CERTIFICATES = Path("/etc/ssl/certs/ca-certificates.crt")
 REACHED = {"SIGKILL": "0.86", "SIGTERM": "0.4"}
-"""Part of the training after which the container is ended: `preview` saves at step 500 of 600 and when it is stopped."""
+"""Part of the training after which the container is ended: `preview` saves at step 500 of 600 and when stopped."""
 MARK = "## Measured\n"
 
 
@@ -252,10 +253,12 @@ class Container:
 
 def children(number: int) -> list[int]:
     """Return the processes that a process has started."""
-    try:
-        return [int(word) for word in Path(f"/proc/{number}/task/{number}/children").read_text().split()]
-    except OSError:
-        return []
+    found = []
+    # Of each thread: programs in Go start others from any of theirs.
+    for file in Path("/proc").glob(f"{number}/task/*/children"):
+        with contextlib.suppress(OSError):
+            found += [int(word) for word in file.read_text().split()]
+    return found
 
 
 class ByBuildah(Container):
