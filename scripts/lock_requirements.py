@@ -59,6 +59,7 @@ LOCKS = {
             ENGINE / "locked-pip.txt": "pip, for a Python that brings none",
         },
     ),
+    "sbom.txt": ("3.11", {REQUIREMENTS / "locked-sbom.txt": "What writes the SBOM of the container image"}),
 }
 """Requirements: the version of Python, and the locked files with what is in each of them."""
 

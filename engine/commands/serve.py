@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import EnvironmentProblem
 from ..events import Emit, Finished, StopCheck
+
+if TYPE_CHECKING:
+    from ..serve import Accounts
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -30,6 +33,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="let other computers and phones of the network connect, with TLS; users sign in with a token",
     )
+    parser.add_argument(
+        "--name",
+        action="append",
+        default=[],
+        metavar="HOST",
+        help="with --lan: name or address by which browsers reach this server, where it is not this computer's own, as "
+        "in a container; may be repeated",
+    )
+    parser.add_argument(
+        "--first-user", metavar="NAME", help="add this user if there is none yet, and print the token once"
+    )
+    parser.add_argument(
+        "--stop-jobs",
+        action="store_true",
+        help="when the server is stopped, stop the running job too; the next server continues it (for containers)",
+    )
+    parser.add_argument("--check", action="store_true", help="say whether the server on this port answers")
     parser.add_argument("--add-user", metavar="NAME", help="add a user, or give a user a new token; prints it once")
     parser.add_argument("--remove-user", metavar="NAME", help="remove a user; the user's projects stay")
 
@@ -40,14 +60,23 @@ def project_folder(options: argparse.Namespace) -> None:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Change the users, or serve."""
+    from ..serve import ServeSettings, check_server
+
+    settings = ServeSettings(
+        data=options.data.absolute(), port=options.port, lan=options.lan, names=tuple(options.name),
+        stop_jobs=options.stop_jobs,
+    )  # fmt: skip
+    if options.check:
+        check_server(settings)
+        emit(Finished("The server answers."))
+        return 0
     try:
-        from ..serve import Accounts, ServeSettings, run_server
+        from ..serve import Accounts, run_server
     except ModuleNotFoundError as error:
         raise EnvironmentProblem(
             f"The package {error.name} is missing, which only the server needs. Use a checkout of the repository: "
             "`make serve` installs what it needs."
         ) from error
-    settings = ServeSettings(data=options.data.absolute())
     if options.add_user is not None:
         token = Accounts(settings.data).add(options.add_user)
         emit(Finished(f"The token of {options.add_user}, shown only now: {token}", {"token": token}))
@@ -55,5 +84,14 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         Accounts(settings.data).remove(options.remove_user)
         emit(Finished(f"{options.remove_user} was removed; the projects stay."))
     else:
-        run_server(replace(settings, port=options.port, lan=options.lan), emit, should_stop)
+        if options.first_user is not None:
+            _add_first_user(Accounts(settings.data), options.first_user, emit)
+        run_server(settings, emit, should_stop)
     return 0
+
+
+def _add_first_user(accounts: Accounts, name: str, emit: Emit) -> None:
+    """Add a user where there is none, and say the token."""
+    if not accounts.names():
+        token = accounts.add(name)
+        emit(Finished(f"The token of {name}, shown only now: {token}"))

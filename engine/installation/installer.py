@@ -252,7 +252,9 @@ def _pip_install(run: _Run, step: str, arguments: Sequence[object], *, one_index
 
 
 def _count_packages(folder: Path) -> int:
-    return sum(1 for _ in folder.glob("**/site-packages/*.dist-info"))
+    # Not "**": pip deletes folders meanwhile, and looking into one that disappears fails.
+    patterns = ("site-packages/*.dist-info", "python*/site-packages/*.dist-info")
+    return sum(1 for pattern in patterns for _ in folder.glob(pattern))
 
 
 def _fetch_models(run: _Run) -> None:

@@ -1,9 +1,19 @@
 """The web server: photos uploaded from a browser, reconstructed here, objects out. Imported only by `commands`."""
 
-from .accounts import Accounts
-from .certificate import certificate_files
-from .library import Library
-from .run import run_server
-from .settings import ServeSettings
+from __future__ import annotations
 
-__all__ = ["Accounts", "Library", "ServeSettings", "certificate_files", "run_server"]
+from typing import TYPE_CHECKING
+
+from ..lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .accounts import Accounts
+    from .certificate import certificate_files
+    from .health import check_server
+    from .library import Library
+    from .run import run_server
+    from .settings import ServeSettings
+
+__all__ = ["Accounts", "Library", "ServeSettings", "certificate_files", "check_server", "run_server"]
+
+__getattr__ = lazy_exports(__name__, __file__)

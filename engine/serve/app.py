@@ -59,7 +59,9 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
         Folder of the built page.
     """
     feeds = Feeds()
-    server = Server(settings, Accounts(settings.data), JobQueue(settings.data, feeds), feeds)
+    server = Server(
+        settings, Accounts(settings.data), JobQueue(settings.data, feeds, stop_jobs=settings.stop_jobs), feeds
+    )
 
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:

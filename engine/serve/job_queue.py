@@ -19,12 +19,15 @@ from ..errors import HeritageError, ProjectError
 from ..files import delete_derived
 from ..jobs import Job, WaitingJob
 from .feeds import Feeds
+from .interrupted import interrupted_jobs
 from .library import WebProject
 
 __all__ = ["JobQueue", "JobView"]
 
 _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
+_STOP_SECONDS = 30.0
+"""Time that a job has to save its work when the server ends; compose.yaml allows for it."""
 _ROOT = Path(__file__).resolve().parents[2]
 """The folder that contains the package `engine`."""
 _LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
@@ -60,11 +63,15 @@ class JobQueue:
         The server's data folder.
     feeds : Feeds
         Gets an event whenever a job changes.
+    stop_jobs : bool
+        See `ServeSettings`.
     """
 
-    def __init__(self, data: Path, feeds: Feeds) -> None:
+    def __init__(self, data: Path, feeds: Feeds, *, stop_jobs: bool = False) -> None:
         self._folder = data / "waiting"
         self._feeds = feeds
+        self._stop_jobs = stop_jobs
+        self._cancelled: Job | None = None
         self._lock = threading.RLock()
         self._waiting: list[WaitingJob] = []
         self._last: dict[Path, Job] = {}
@@ -81,15 +88,23 @@ class JobQueue:
             self._last[project] = job
         running = [job for _, job in self._found if job.poll().running]
         self._waiting = [one for one in WaitingJob.stored(self._folder) if not self._was_started(one)]
+        if self._stop_jobs:
+            self._continue_interrupted()
         # Two can run where an earlier server was killed while it started one; the second is waited for as well.
         self._running = running[0] if running else None
         _LOG.info("%s jobs run, %s wait", len(running), len(self._waiting))
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread. The running job goes on, and the next server finds it."""
+        """End the thread. The running job goes on, and the next server finds it; with `stop_jobs` it ends too."""
         self._stop.set()
         self._thread.join()
+        job = self._running
+        if self._stop_jobs and job is not None and job.poll().running:
+            job.cancel(_STOP_SECONDS)
+            job.wait()
+            if job is self._cancelled:
+                job.mark_taken()  # The user wanted its end, so that it is not continued.
 
     def submit(self, project: WebProject, arguments: Sequence[str]) -> JobView:
         """Run ``python -m engine`` with `arguments` on a project when its turn comes.
@@ -151,6 +166,7 @@ class JobQueue:
             if job is None or job.folder.name != job_id or not job.poll().running:
                 raise ProjectError("That job has ended already.")
             job.cancel()
+            self._cancelled = job
 
     def cancel_all(self, project: Path) -> None:
         """Stop and remove everything that works on a project, and wait for its end."""
@@ -175,6 +191,17 @@ class JobQueue:
             if job is None or job.folder.name != job_id or job.poll().running or not job.poll().error:
                 raise ProjectError("That job cannot be continued.")
             return self.submit(project, [word for word in job.command[3:] if word != "--events"])
+
+    def _continue_interrupted(self) -> None:
+        """Put the jobs that ended with an earlier server before those that wait."""
+        again = []
+        for job in interrupted_jobs(self._found):
+            # Named by this server's interpreter, as another version of the image may have moved it.
+            command = (sys.executable, *job.command[1:])
+            if not any(str(one.subject) == job.subject and one.command == command for one in self._waiting):
+                again.append(WaitingJob.store(self._folder, job.kind, Path(job.subject), command))
+            job.mark_taken()
+        self._waiting = [*again, *self._waiting]
 
     def _run(self) -> None:
         while not self._stop.wait(_POLL_SECONDS):

@@ -11,7 +11,7 @@ import uvicorn
 from filelock import FileLock, Timeout
 
 from ..errors import DiskError, EnvironmentProblem, ProjectError, SettingsError
-from ..events import Emit, Finished, Progress, StopCheck
+from ..events import Emit, Finished, StopCheck
 from .accounts import Accounts
 from .app import PAGE, create_app
 from .certificate import certificate_files
@@ -44,7 +44,7 @@ def run_server(settings: ServeSettings, emit: Emit, should_stop: StopCheck) -> N
         raise SettingsError("Nobody could sign in. Add a user first: python -m engine serve --add-user NAME.")
     with _only_server(settings), _listening(settings) as listener:
         port = listener.getsockname()[1]
-        hosts = [*_LOCAL_HOSTS, *(_own_addresses() if settings.lan else [])]
+        hosts = [*_LOCAL_HOSTS, *((settings.names or _own_addresses()) if settings.lan else [])]
         config = uvicorn.Config(
             create_app(settings, hosts),
             access_log=False,
@@ -61,7 +61,8 @@ def run_server(settings: ServeSettings, emit: Emit, should_stop: StopCheck) -> N
             config.ssl_certfile, config.ssl_keyfile = str(certificate), str(key)
         server = _Server(config, should_stop, lambda: _announce(settings, hosts, port, emit))
         server.run(sockets=[listener])
-    emit(Finished("The server has ended. A running job goes on, and the next server shows it."))
+    job = "is continued by the next server" if settings.stop_jobs else "goes on, and the next server shows it"
+    emit(Finished(f"The server has ended. A running job {job}."))
 
 
 class _Server(uvicorn.Server):
@@ -94,13 +95,14 @@ def _announce(settings: ServeSettings, hosts: list[str], port: int, emit: Emit) 
     scheme = "https" if settings.lan else "http"
     host = hosts[-1] if settings.lan else hosts[0]
     address = f"{scheme}://{host}:{port}/"
-    emit(Progress("serve", 0.0, message=f"Open {address} in a browser. Stop with Ctrl+C."))
+    # Not `Progress`, whose messages are parts of a line: logs and terminals show these as they are.
+    emit(Finished(f"Open {address} in a browser. Stop with Ctrl+C."))
     if settings.lan:
         import segno
 
         text = io.StringIO()
         segno.make(address).terminal(text, compact=True)
-        emit(Progress("serve", 0.0, message=f"For a phone in the same network:\n{text.getvalue()}"))
+        emit(Finished(f"For a phone in the same network:\n{text.getvalue()}"))
 
 
 @contextlib.contextmanager

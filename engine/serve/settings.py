@@ -23,6 +23,10 @@ class ServeSettings:
         Address to listen on; port 0 takes a free one.
     lan : bool
         Whether other computers may connect: with TLS, and with a token for each user.
+    names : tuple of str
+        With `lan`: names and addresses by which clients reach the server; empty takes those of this computer.
+    stop_jobs : bool
+        Whether the running job is stopped with the server and continued by the next one. Otherwise it goes on.
     max_photo_bytes, max_video_bytes, max_user_bytes : int
         Largest photo, largest video, and all files that a user has uploaded.
     max_photos : int
@@ -57,6 +61,8 @@ class ServeSettings:
     host: str = "127.0.0.1"
     port: int = 8765
     lan: bool = False
+    names: tuple[str, ...] = ()
+    stop_jobs: bool = False
     max_photo_bytes: int = 200 << 20
     max_video_bytes: int = 4 << 30
     max_user_bytes: int = 50 << 30

@@ -35,6 +35,7 @@ LOCKED = {
     "blender-4.5": ("blender-4.5", "bpy-4.5"),
     "blender-5.2": ("blender-5.2", "bpy-5.2"),
     "installation": ("node", "pip"),
+    "sbom": ("sbom",),
 }
 
 

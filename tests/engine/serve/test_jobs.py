@@ -94,6 +94,85 @@ def test_server_that_ends_leaves_its_job_running_and_the_next_one_finds_it(
     process.wait()
 
 
+ENDS_TIDILY = """
+import signal, sys
+def end(*_):
+    say('error', message='Stopped.', error='Cancelled')
+    sys.exit(130)
+signal.signal(signal.SIGINT, end)
+say('progress', stage='training', fraction=0.6, seconds_left=3.0, message='')
+while True: time.sleep(0.02)
+"""
+
+
+def test_server_of_a_container_stops_its_job_tidily_and_the_next_one_continues_it_first(
+    make_client: Callable[..., Client], fake_engine: Engine
+) -> None:
+    fake_engine(ENDS_TIDILY)
+    first = make_client(stop_jobs=True)
+    projects = [first.new_project() for _ in range(2)]
+    for project in projects:
+        first.upload(project, "vase.jpg", jpeg())
+        reconstruct(first, project)
+    while first.wait_for_job(projects[0], "running")["fraction"] < 0.6:
+        time.sleep(0.02)
+    first.stop()
+    events = next((first.folder(projects[0]) / "jobs").glob("*/events.jsonl")).read_text()
+    assert '"error": "Cancelled"' in events
+    fake_engine("say('finished', message='done', outputs={})")
+    second = make_client(stop_jobs=True)
+    for project in projects:
+        second.wait_for_job(project, "finished")
+    runs = [(second.folder(project) / "project" / "runs.txt") for project in projects]
+    assert [file.read_text() for file in runs] == ["reconstruct\n" * 2, "reconstruct\n"]
+    assert runs[0].stat().st_mtime_ns < runs[1].stat().st_mtime_ns
+    second.stop()
+    make_client(stop_jobs=True).wait_for_job(projects[0], "finished")
+    assert runs[0].read_text() == "reconstruct\n" * 2
+
+
+def kill_with_server(client: Client, project: str) -> None:
+    """End the running job of a project as the end of a container does, when no server is left to notice."""
+    client.wait_for_job(project, "running")
+    queue = client.http.app.state.server.queue  # type: ignore[attr-defined]
+    queue._stop.set()
+    queue._thread.join()
+    queue._running._process.kill()
+    queue._running._process.wait()
+    client.stop()
+
+
+def test_killed_job_is_continued_by_the_next_server_but_not_for_ever(
+    make_client: Callable[..., Client], fake_engine: Engine
+) -> None:
+    fake_engine(FOREVER)
+    client = make_client(stop_jobs=True)
+    project = client.new_project()
+    client.upload(project, "vase.jpg", jpeg())
+    reconstruct(client, project)
+    for _ in range(3):
+        kill_with_server(client, project)
+        client = make_client(stop_jobs=True)
+    # Killed three times in a row: it may be what ends the container.
+    assert "stopped unexpectedly" in client.wait_for_job(project, "stopped")["error"]
+    again = client.http.get(f"{API}/projects/{project}").json()["job"]
+    assert client.http.post(f"{API}/projects/{project}/jobs/{again['id']}/continue").status_code == 202
+
+
+def test_job_that_the_user_stopped_is_not_continued(make_client: Callable[..., Client], fake_engine: Engine) -> None:
+    fake_engine(ENDS_TIDILY)
+    client = make_client(stop_jobs=True)
+    project = client.new_project()
+    client.upload(project, "vase.jpg", jpeg())
+    reconstruct(client, project)
+    while (job := client.wait_for_job(project, "running"))["fraction"] < 0.6:
+        time.sleep(0.02)
+    client.http.delete(f"{API}/projects/{project}/jobs/{job['id']}")
+    client.stop()
+    make_client(stop_jobs=True).wait_for_job(project, "stopped")
+    assert (client.folder(project) / "project" / "runs.txt").read_text() == "reconstruct\n"
+
+
 def test_killed_engine_is_told(client: Client, project: str, fake_engine: Engine) -> None:
     fake_engine("import os, signal; os.kill(os.getpid(), signal.SIGKILL)")
     reconstruct(client, project)

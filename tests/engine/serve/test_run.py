@@ -16,7 +16,7 @@ import pytest
 
 from engine.errors import EnvironmentProblem, ProjectError, SettingsError
 from engine.events import ignore_events
-from engine.serve import Accounts, ServeSettings, run, run_server
+from engine.serve import Accounts, ServeSettings, check_server, run, run_server
 from engine.serve.certificate import certificate_files
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -45,9 +45,12 @@ def start(page: Path, tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess
         )  # fmt: skip
         running.append(process)
         assert process.stdout is not None
-        line = process.stdout.readline()
-        found = re.search(r"https?://[^ ]+/", line)
-        assert found is not None, line
+        said = ""
+        while (found := re.search(r"https?://[^ ]+/", said)) is None:
+            line = process.stdout.readline()
+            assert line, said
+            said += line
+        (tmp_path / "said.txt").write_text(said)
         return process, found[0]
 
     yield begin
@@ -127,3 +130,20 @@ def test_server_starts_without_torch() -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_first_user_is_told_once_and_the_health_check_follows_the_server(
+    start: Callable[..., tuple[subprocess.Popen[str], str]], tmp_path: Path
+) -> None:
+    options = ("--lan", "--name=museum.test", "--first-user=ada")
+    process, address = start(*options)
+    assert address.startswith("https://museum.test:")
+    assert "The token of ada, shown only now: " in (tmp_path / "said.txt").read_text()
+    settings = ServeSettings(tmp_path / "data", port=int(address.rstrip("/").rpartition(":")[2]), lan=True)
+    check_server(settings)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20) == 0
+    with pytest.raises(EnvironmentProblem, match="does not answer"):
+        check_server(settings)
+    start(*options)
+    assert "token" not in (tmp_path / "said.txt").read_text()
