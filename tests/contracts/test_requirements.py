@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -30,7 +31,9 @@ DISTRIBUTIONS = {
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
 LOCKED = {
-    "engine-dev": ("engine", "serve", "dev", "torch"),
+    "engine-dev": ("engine", "serve", "batch", "dev", "torch"),
+    "serve": ("engine", "serve"),
+    "batch": ("engine", "serve", "batch"),
     "engine": ("engine", "torch"),
     "blender-4.5": ("blender-4.5", "bpy-4.5"),
     "blender-5.2": ("blender-5.2", "bpy-5.2"),
@@ -66,11 +69,20 @@ def imported(folder: Path) -> set[str]:
 
 
 def test_everything_the_engine_imports_is_declared() -> None:
-    assert imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) - set(pins("serve")) == set()
+    assert (
+        imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) - set(pins("serve")) - set(pins("batch"))
+        == set()
+    )
 
 
 def test_everything_declared_is_imported() -> None:
-    assert set(pins("engine")) | set(pins("serve")) <= imported(ROOT / "engine")
+    assert set(pins("engine")) | set(pins("serve")) | set(pins("batch")) <= imported(ROOT / "engine")
+
+
+def test_the_extra_for_workers_is_what_batch_is_tested_with() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extra = dict(line.split("==") for line in project["optional-dependencies"]["batch"])
+    assert extra == pins("batch")
 
 
 def test_scripts_start_before_any_environment() -> None:
