@@ -32,14 +32,14 @@ ROOT = Path(__file__).resolve().parents[1]
 N_STARTS, N_CLIENTS, N_EVENTS = 5, 32, 60
 UPLOAD_BYTES, CHUNK = 512 << 20, 8 << 20
 WATCH_SECONDS = 20.0
-ENGINE = """
+ENGINE = '''
 import json, sys, time
 for number in range({n}):
     print(json.dumps({{"v": 1, "kind": "progress", "time": time.time(), "stage": "training", "fraction": number / {n},
                       "seconds_left": None, "message": str(time.time())}}), flush=True)
     time.sleep({pause})
 print(json.dumps({{"v": 1, "kind": "finished", "time": time.time(), "message": "", "outputs": {{}}}}), flush=True)
-"""
+'''
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -157,14 +157,7 @@ def main() -> int:
         (f"event on {N_CLIENTS} clients after the engine wrote it, median and 99 %", f"{np.median(delays):.2f} s, {np.quantile(delays, 0.99):.2f} s", "1 s"),
         (f"CPU of the server with {N_CLIENTS} watching clients, {N_EVENTS / WATCH_SECONDS:.0f} events a second", f"{share:.1%} of one core", "5 %"),
     ]  # fmt: skip
-    lines = [
-        "# Cost of the web server",
-        "",
-        "Made by `make bench-serve`.",
-        "",
-        f"Machine: {describe_machine().name}, shared.",
-        "",
-    ]
+    lines = ["# Cost of the web server", "", "Made by `make bench-serve`.", "", f"Machine: {describe_machine().name}, shared.", ""]
     lines += ["| what | measured | goal |", "| --- | --- | --- |", *(f"| {a} | {b} | {c} |" for a, b, c in rows), ""]
     with atomic_write(options.out, "w") as stream:
         stream.write("\n".join(lines))

@@ -107,7 +107,7 @@ def resolve(uv: str, requirements: str, python: str, files: list[Path], *, upgra
 
 
 def file_of(package: str, files: list[Path], needed: dict[str, set[str]]) -> Path:
-    """Return the locked file of a package; `needed` names the packages that the engine, its server and its batches need."""
+    """Return the locked file of a package; `needed` names those of the engine, its server and its batches."""
     names = {file.stem.removeprefix("locked-"): file for file in files}
     if "engine" in names:
         if package == "torch":

@@ -24,6 +24,13 @@ _BYTES_PER_WORKER = 4_000_000_000
 _ONE_WORKER_BYTES = 8_000_000_000
 """Reserved where the system does not say how much memory is free."""
 
+_QUIET = {
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.admin.system-monitor.interval": "30s",
+    "distributed.worker.profile.enabled": False,
+}
+"""What Dask watches of its own processes, many times a second, which would take more than scheduling does."""
+
 
 @contextlib.contextmanager
 def connected_client(settings: BatchSettings) -> Iterator[Client]:
@@ -43,7 +50,7 @@ def connected_client(settings: BatchSettings) -> Iterator[Client]:
     with contextlib.ExitStack() as stack:
         address = settings.scheduler
         if not address:
-            dask.config.set({"distributed.nanny.environ.MALLOC_TRIM_THRESHOLD_": None})
+            dask.config.set(_QUIET)
             address = stack.enter_context(_local_cluster(settings)).scheduler_address
         try:
             client = Client(

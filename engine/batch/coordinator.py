@@ -100,9 +100,9 @@ class _Coordinator:
 
     def __post_init__(self) -> None:
         self._batch = uuid.uuid4().hex
-        self._answers: queue.SimpleQueue[tuple[FolderState, Future]] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[tuple[FolderState, Future[Any]]] = queue.SimpleQueue()
         self._said: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-        self._futures: dict[int, Future] = {}
+        self._futures: dict[int, Future[Any]] = {}
         self._ready = list(self.folders)
         self._due: list[tuple[float, FolderState]] = []
         self._locks: dict[int, ProjectFolder] = {}
@@ -269,7 +269,7 @@ class _Coordinator:
                     self._take(folder, future)
                     self._drop(folder)
 
-    def _take(self, folder: FolderState, future: Future) -> None:
+    def _take(self, folder: FolderState, future: Future[Any]) -> None:
         if future.status == "finished":
             try:
                 answer = future.result(timeout=self.settings.scheduler_wait)

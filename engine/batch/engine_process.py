@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -157,11 +158,12 @@ def _main() -> int:
     # Before NumPy and torch count the cores.
     _use_cores(os.environ.get(CORES_VARIABLE, ""))
     end_with_parent(sys.stdin.buffer)
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    begin = time.perf_counter()
-    from ..__main__ import start
-
-    code = start()
+    code, begin = 0, time.perf_counter()
+    try:
+        # Exactly what `python -m engine` runs, its end included.
+        runpy.run_module(str(__package__).rpartition(".")[0], run_name="__main__")
+    except SystemExit as end:
+        code = int(end.code or 0)
     taken = Metric("batch", _CPU_SECONDS, cpu_seconds(), seconds=time.perf_counter() - begin)
     print(to_json_line(taken), flush=True)
     return code
@@ -169,8 +171,6 @@ def _main() -> int:
 
 if __name__ == "__main__":
     _code = _main()
-    for _number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(_number, signal.SIG_IGN)
-    # Not `sys.exit`: the thread that waits for the parent holds standard input.
     sys.stdout.flush()
+    # Not `sys.exit`: the thread that waits for the parent holds standard input.
     os._exit(_code)
