@@ -26,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--photos", type=int, default=8, help="photos of each (default: %(default)s)")
     parser.add_argument("--preset", default="preview", help="of the speed (default: %(default)s)")
     parser.add_argument("--kills", type=int, default=100, help="workers to kill (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, default=120.0, help="begin no batch later (default: %(default)s)")
     parser.add_argument("--doc", type=Path, help="document whose table is replaced; by default it is printed")
     options = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="heritage-batch-"))
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     elif options.part == "kills":
         from .kills import kills_table
 
-        text = kills_table(folder, options.folders, options.photos, options.kills)
+        text = kills_table(folder, options.folders, options.photos, options.kills, options.minutes)
     else:
         from .simulation import simulation_table
 

@@ -24,8 +24,9 @@ _PAUSE = (1.0, 7.0)
 _PRELOAD = "benchmarks.batch.short_engine"
 
 
-def kills_table(folder: Path, n_folders: int, n_photos: int, n_kills: int) -> str:
-    """Run batches until `n_kills` workers were killed, and return the table."""
+def kills_table(folder: Path, n_folders: int, n_photos: int, n_kills: int, minutes: float) -> str:
+    """Run batches until `n_kills` workers were killed or the minutes are over, and return the table."""
+    end = time.monotonic() + 60 * minutes
     photos = write_folders(folder / "scans", n_folders, n_photos)
     cluster = Cluster(folder / "cluster", _PRELOAD)
     cluster.start_scheduler()
@@ -40,7 +41,7 @@ def kills_table(folder: Path, n_folders: int, n_photos: int, n_kills: int) -> st
         stages = Counter[str]()
         failed: list[str] = []
         rng = random.Random(0)
-        while killed < n_kills:
+        while killed < n_kills and time.monotonic() < end:
             out = folder / "scenes"
             process = subprocess.Popen(batch_command(photos, out, *options), cwd=ROOT, stdout=subprocess.DEVNULL)
             killed += _kill_while(process, cluster, rng, n_kills - killed)

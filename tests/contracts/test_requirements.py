@@ -136,37 +136,30 @@ def test_both_versions_are_one() -> None:
     assert f'__version__ = "{version[1]}"' in init
 
 
-def test_pip_install_gives_the_engine_alone(tmp_path: Path) -> None:
-    """The wheel is built from a copy, since setuptools leaves its traces in the folder it builds."""
-    copy = tmp_path / "copy"
-    names = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split("\0")
-    for name in names:
+def repository_files() -> list[str]:
+    """The names of all files that git knows or would add."""
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    return subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+
+
+def build_wheel(folder: Path) -> Path:
+    """Build the wheel in `folder`, from a copy, since setuptools leaves its traces in the folder it builds."""
+    copy = folder / "copy"
+    for name in repository_files():
         if name.startswith(("demo/", "docs/")) or not (ROOT / name).is_file():
             continue
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_bytes((ROOT / name).read_bytes())
-    build = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-index",
-        "-w",
-        tmp_path,
-        copy,
-    ]
-    done = subprocess.run([str(part) for part in build], capture_output=True, text=True, check=False)
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "-w", str(folder), str(copy)]
+    done = subprocess.run([sys.executable, "-m", "pip", "wheel", *options], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def test_pip_install_gives_the_engine_alone(tmp_path: Path) -> None:
+    names = repository_files()
+    with zipfile.ZipFile(build_wheel(tmp_path)) as archive:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
         metadata = next(archive.read(name).decode() for name in archive.namelist() if name.endswith("METADATA"))
     assert {name.split("/")[0] for name in inside} == {"engine"}

@@ -166,6 +166,7 @@ def test_stage_that_no_worker_can_do_is_said(cluster: Cluster, make_folders: Mak
     assert "'photos' needs 100.0 GB of memory, and the largest worker has 6.0 GB" in result.folders[0].error
 
 
+@pytest.mark.faults
 def test_large_stages_never_share_a_worker(cluster: Cluster, make_folders: MakeFolders, tmp_path: Path) -> None:
     """A worker of two threads and 6 GB does two small stages at a time, and two of 4 GB one after the other."""
     cluster.start_worker(nanny=False, threads=2)
