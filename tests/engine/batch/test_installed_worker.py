@@ -37,7 +37,7 @@ def test_worker_of_the_installed_wheel_reconstructs_a_scene(tmp_path: Path) -> N
     words = [address, "--nthreads=1", "--resources", "MEMORY=6e9", "--no-nanny", "--no-dashboard"]
     worker = subprocess.Popen(
         [str(python), "-m", "distributed.cli.dask_worker", *words, f"--local-directory={tmp_path}"],
-        cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        cwd=home, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     cluster.workers.append(worker)
     try:
