@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -150,12 +151,10 @@ class Cluster:
             return sorted(client.run(os.getpid, on_error="ignore").values())
 
     def stop(self) -> None:
-        """End everything that was started."""
+        """Kill everything that was started; nothing of it is kept."""
         for process in [*self.workers, *([self.scheduler] if self.scheduler else [])]:
-            process.terminate()
-        for process in [*self.workers, *([self.scheduler] if self.scheduler else [])]:
-            try:
-                process.wait(20)
-            except subprocess.TimeoutExpired:
+            with contextlib.suppress(ProcessLookupError):
+                # A nanny leads a group of its own, and its worker is in it.
                 os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
+            process.kill()
+            process.wait()

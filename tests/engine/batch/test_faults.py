@@ -184,6 +184,7 @@ def test_large_stages_never_share_a_worker(cluster: Cluster, make_folders: MakeF
         assert together == most
 
 
+@pytest.mark.faults
 def test_shipped_photos_and_results(cluster: Cluster, make_folders: MakeFolders, tmp_path: Path) -> None:
     cluster.start_worker(nanny=False)
     (folder,) = make_folders(1)
@@ -197,6 +198,7 @@ def test_shipped_photos_and_results(cluster: Cluster, make_folders: MakeFolders,
     assert again.succeeded and again.folders[0].computed == []
 
 
+@pytest.mark.faults
 def test_interrupted_batch_stops_its_engines_and_continues(
     cluster: Cluster, make_folders: MakeFolders, tmp_path: Path
 ) -> None:
