@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-batch offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -42,7 +42,7 @@ types: ## the types alone
 	$(ENGINE) scripts/check_contracts.py types scripts
 
 engine-tests: ## everything that needs no Blender
-	$(ENGINE) -m pytest -q -m "not gpu and not web" --ignore=tests/blender tests
+	$(ENGINE) -m pytest -q -m "not gpu and not web and not faults" --ignore=tests/blender tests
 
 blender-tests: ## the add-on in each Blender at hand, against the installed zip
 	$(ENGINE) scripts/run_blender_tests.py
@@ -77,6 +77,14 @@ lock: ## write requirements/locked-*.txt with hashes; needs uv and the network
 
 kills: setup ## SIGKILL and SIGTERM at 200 random moments, continued; writes docs/security_kills.md; 40 minutes of two free cores
 	$(ENGINE) -m benchmarks.security.kills --out docs/security_kills.md
+
+batch-faults: setup ## killed workers, lost schedulers, full disks and other faults of a batch; 3 minutes
+	$(ENGINE) -m pytest -q tests/engine/batch
+
+bench-batch: setup ## cost of a batch, and workers killed at random moments, into docs/batch.md; 40 minutes of two free cores
+	$(ENGINE) -m benchmarks.batch speed --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch kills --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
 	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md

@@ -25,7 +25,7 @@ from .errors import Cancelled, HeritageError, is_out_of_memory
 from .events import StopCheck, never_stop
 from .files import parse_json, read_text
 
-__all__ = ["ChildFailure", "run_in_child"]
+__all__ = ["ChildFailure", "end_with_parent", "run_in_child"]
 
 _LOG = logging.getLogger(__name__)
 # Not `__name__`, which is `__main__` in the child.
@@ -292,6 +292,18 @@ def _answer(request: dict[str, Any], answers: int) -> dict[str, Any]:
 def _valid(text: str) -> str:
     """Return `text` with escapes for characters that are not valid; file names may have some."""
     return text.encode("utf-8", errors="backslashreplace").decode("utf-8")
+
+
+def end_with_parent(pipe: IO[bytes]) -> None:
+    """Let this process end when the process that started it dies.
+
+    Parameters
+    ----------
+    pipe : binary file
+        Reading end of a pipe that the parent holds open and does not write to. It is read in a thread.
+    """
+    _die_with_parent()
+    threading.Thread(target=_exit_at_end, args=(pipe,), daemon=True).start()
 
 
 def _die_with_parent() -> None:

@@ -14,6 +14,7 @@ engine's entry point (an ``error`` event, one sentence, a nonzero exit code) and
     |   `-- PromptError     a prompt that matched nothing or was not understood
     |-- FormatError         a PLY, glTF or JSON file with invalid content
     |-- ProjectError        the project folder: in use, not a project, changed meanwhile
+    |   |-- ProjectInUse    another job is working in it
     |   `-- DiskError       full, read-only or unreachable
     |-- ModelFileError      a weight file that is missing or damaged
     |-- EnvironmentProblem  this machine lacks something the engine needs
@@ -35,6 +36,7 @@ __all__ = [
     "ObjectError",
     "PhotoError",
     "ProjectError",
+    "ProjectInUse",
     "PromptError",
     "SettingsError",
     "TrainingError",
@@ -90,6 +92,10 @@ class FormatError(HeritageError):
 
 class ProjectError(HeritageError):
     """The project folder cannot be used as it is."""
+
+
+class ProjectInUse(ProjectError):
+    """Another job is working in the project folder."""
 
 
 class DiskError(ProjectError):

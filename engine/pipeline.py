@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from . import __version__
@@ -24,6 +24,7 @@ from .planning import (
 )
 from .project_folder import ProjectFolder
 from .stages import (
+    STAGES,
     StageRunner,
     TrainingInput,
     cameras_stage,
@@ -64,7 +65,13 @@ class PipelineSettings:
 
 
 def reconstruct(
-    photos: Path, out: Path, settings: PipelineSettings, *, emit: Emit, should_stop: StopCheck
+    photos: Path,
+    out: Path,
+    settings: PipelineSettings,
+    *,
+    emit: Emit,
+    should_stop: StopCheck,
+    until: str = "report",
 ) -> ProjectFolder:
     """Turn a folder of photos into a project: cameras, masks, Gaussians, objects and a report.
 
@@ -77,11 +84,14 @@ def reconstruct(
     settings : PipelineSettings
     emit, should_stop
         See `engine.events`.
+    until : str
+        The last stage to do, one of `STAGES`; by default the report, which is the last of all. Memory is demanded only
+        for the stages up to it.
 
     Returns
     -------
     ProjectFolder
-        With every stage done.
+        With every stage up to `until` done.
 
     Raises
     ------
@@ -109,19 +119,31 @@ def reconstruct(
             n_prompts=len(settings.prompts),
             emit=emit,
         )
-        require_enough_memory(forecast, work, calibration)
+        wanted = STAGES[: STAGES.index(until) + 1]
+        needed = tuple(stage for stage in forecast.stages if stage.stage in wanted)
+        require_enough_memory(replace(forecast, stages=needed), work, calibration)
         store_forecast(project, work, forecast)
+        if until == "photos":
+            return project
         training = training_settings(work)
         try:
             camera_set = cameras_stage(runner, photo_set, settings.cameras, camera_model=settings.camera_model)
             plan = plan_scene(work, camera_set)
             project.put("plan", asdict(plan))
+            if until == "cameras":
+                return project
             label_maps = masks_stage(runner, photo_set, camera_set, plan, settings.masks)
+            if until == "masks":
+                return project
             cameras_key = runner.key_of("cameras")
             masks_key = runner.key_of("masks") if label_maps else cameras_key
             given = TrainingInput(photo_set, camera_set, label_maps, cameras_key, masks_key)
             training_stage(runner, given, plan, training, preset=work.preset)
+            if until == "training":
+                return project
             objects_stage(runner, settings.prompts, settings.segment, sam_model=settings.masks.model)
+            if until == "objects":
+                return project
             report_stage(runner)
         finally:
             # The finished stages inform the next forecast, also when the others were stopped.

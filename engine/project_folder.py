@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import IO, Any
 
-from .errors import DiskError, FormatError, ProjectError
+from .errors import DiskError, FormatError, ProjectError, ProjectInUse
 from .files import (
     TEMPORARY_PREFIX,
     FileRecord,
@@ -120,7 +120,7 @@ class ProjectFolder:
 
         Raises
         ------
-        ProjectError
+        ProjectInUse
             When another job holds the lock.
         """
         try:
@@ -134,7 +134,7 @@ class ProjectFolder:
             ) from error
         if not _try_lock(stream):
             stream.close()
-            raise ProjectError(
+            raise ProjectInUse(
                 f"Another job is working in {self.path}. Wait for it, cancel it, or choose another folder."
             )
         self._lock = stream

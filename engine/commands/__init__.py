@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from . import (
+    batch,
     bench,
     doctor,
     evaluate,
@@ -37,4 +38,5 @@ COMMANDS = (
     doctor,
     stability,
     serve,
+    batch,
 )

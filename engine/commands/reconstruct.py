@@ -11,6 +11,7 @@ from ..events import Emit, Finished, StopCheck
 from ..masks.settings import PRESETS as MASK_PRESETS
 from ..pipeline import PipelineSettings, reconstruct
 from ..planning import PlanSettings
+from ..stages import STAGES
 from .chosen_models import add_sam_argument
 from .deprecated import add_deprecated_option
 from .scene_options import add_camera_options, add_no_objects_option, add_preset_option
@@ -38,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_deprecated_option(parser, "--passers-by", replaced_by=transients)
     add_no_objects_option(parser)
     add_sam_argument(parser)
+    parser.add_argument(
+        "--until", choices=STAGES, default=STAGES[-1], help="stop after this stage; run again for the others"
+    )
     parser.add_argument(
         "--segments",
         choices=MASK_PRESETS,
@@ -70,7 +74,13 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         photo_masks=options.photo_masks,
         prompts=prompts,
     )
-    project = reconstruct(options.photos, options.out, settings, emit=emit, should_stop=should_stop)
+    project = reconstruct(
+        options.photos, options.out, settings, emit=emit, should_stop=should_stop, until=options.until
+    )
+    if options.until != STAGES[-1]:
+        message = f"The stages up to {options.until!r} are done in {project.path}. Run again without --until for all."
+        emit(Finished(message, {"project": str(project.path)}))
+        return 0
     figures = (project.stage_record("objects") or {}).get("figures", {}) if prompts else {}
     refused = figures.get("refused", {})
     report = project.path / "report" / "report.html"

@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -30,7 +31,9 @@ DISTRIBUTIONS = {
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
 LOCKED = {
-    "engine-dev": ("engine", "serve", "dev", "torch"),
+    "engine-dev": ("engine", "serve", "batch", "dev", "torch"),
+    "serve": ("engine", "serve"),
+    "batch": ("engine", "serve", "batch"),
     "engine": ("engine", "torch"),
     "blender-4.5": ("blender-4.5", "bpy-4.5"),
     "blender-5.2": ("blender-5.2", "bpy-5.2"),
@@ -67,11 +70,20 @@ def imported(folder: Path) -> set[str]:
 
 
 def test_everything_the_engine_imports_is_declared() -> None:
-    assert imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) - set(pins("serve")) == set()
+    assert (
+        imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) - set(pins("serve")) - set(pins("batch"))
+        == set()
+    )
 
 
 def test_everything_declared_is_imported() -> None:
-    assert set(pins("engine")) | set(pins("serve")) <= imported(ROOT / "engine")
+    assert set(pins("engine")) | set(pins("serve")) | set(pins("batch")) <= imported(ROOT / "engine")
+
+
+def test_the_extra_for_workers_is_what_batch_is_tested_with() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extra = dict(line.split("==") for line in project["optional-dependencies"]["batch"])
+    assert extra == pins("batch")
 
 
 def test_scripts_start_before_any_environment() -> None:
@@ -125,37 +137,30 @@ def test_both_versions_are_one() -> None:
     assert f'__version__ = "{version[1]}"' in init
 
 
-def test_pip_install_gives_the_engine_alone(tmp_path: Path) -> None:
-    """The wheel is built from a copy, since setuptools leaves its traces in the folder it builds."""
-    copy = tmp_path / "copy"
-    names = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.split("\0")
-    for name in names:
+def repository_files() -> list[str]:
+    """The names of all files that git knows or would add."""
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    return subprocess.run(listing, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split("\0")
+
+
+def build_wheel(folder: Path) -> Path:
+    """Build the wheel in `folder`, from a copy, since setuptools leaves its traces in the folder it builds."""
+    copy = folder / "copy"
+    for name in repository_files():
         if name.startswith(("demo/", "docs/")) or not (ROOT / name).is_file():
             continue
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_bytes((ROOT / name).read_bytes())
-    build = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-index",
-        "-w",
-        tmp_path,
-        copy,
-    ]
-    done = subprocess.run([str(part) for part in build], capture_output=True, text=True, check=False)
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "-w", str(folder), str(copy)]
+    done = subprocess.run([sys.executable, "-m", "pip", "wheel", *options], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    (wheel,) = tmp_path.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def test_pip_install_gives_the_engine_alone(tmp_path: Path) -> None:
+    names = repository_files()
+    with zipfile.ZipFile(build_wheel(tmp_path)) as archive:
         inside = {name for name in archive.namelist() if ".dist-info/" not in name}
         metadata = next(archive.read(name).decode() for name in archive.namelist() if name.endswith("METADATA"))
     assert {name.split("/")[0] for name in inside} == {"engine"}

@@ -1,0 +1,67 @@
+"""``python -m benchmarks.batch PART``: each part prints its table, or puts it into docs/batch.md."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from engine.machine import describe_machine
+
+from .runs import ROOT
+
+__all__ = ["main"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure one part, and write its table between its two marks in the document."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.batch", description=__doc__)
+    parser.add_argument("part", choices=("speed", "kills", "simulation"))
+    parser.add_argument("--folders", type=int, default=8, help="photo folders (default: %(default)s)")
+    parser.add_argument("--photos", type=int, default=8, help="photos of each (default: %(default)s)")
+    parser.add_argument("--preset", default="preview", help="of the speed (default: %(default)s)")
+    parser.add_argument("--kills", type=int, default=100, help="workers to kill (default: %(default)s)")
+    parser.add_argument("--minutes", type=float, default=120.0, help="begin no batch later (default: %(default)s)")
+    parser.add_argument("--doc", type=Path, help="document whose table is replaced; by default it is printed")
+    options = parser.parse_args(arguments)
+    folder = Path(tempfile.mkdtemp(prefix="heritage-batch-"))
+    os.environ["GAUSSIAN_HERITAGE_CALIBRATION"] = str(folder / "calibration.json")
+    if options.part == "speed":
+        from .speed import speed_table
+
+        text = speed_table(folder, options.folders, options.photos, options.preset)
+    elif options.part == "kills":
+        from .kills import kills_table
+
+        text = kills_table(folder, options.folders, options.photos, options.kills, options.minutes)
+    else:
+        from .simulation import simulation_table
+
+        text = simulation_table(ROOT / "demo" / "museum_room" / "photos")
+    command = " ".join(["python -m benchmarks.batch", *(arguments or sys.argv[1:])])
+    text = f"Made by `{command}` on {describe_machine().cores} cores that other programs used as well.\n\n{text}"
+    if options.doc:
+        put_into(options.doc, options.part, text)
+    else:
+        print(text)
+    shutil.rmtree(folder)
+    return 0
+
+
+def put_into(document: Path, part: str, text: str) -> None:
+    """Replace what stands between the marks of a part."""
+    before = document.read_text(encoding="utf-8")
+    begin, end = f"<!-- {part} -->", f"<!-- end of {part} -->"
+    after, count = re.subn(f"{begin}.*?{end}", lambda _: f"{begin}\n{text}\n{end}", before, flags=re.DOTALL)
+    if count != 1:
+        raise ValueError(f"{document} has no {begin} ... {end}")
+    document.write_text(after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,168 @@
+"""What a worker does: one stage of one folder, by the engine as a child process. Answers are plain values, no errors.
+
+Whatever goes wrong with the engine is part of the answer; the coordinator decides whether another worker tries again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from distributed import get_worker
+
+from .. import __version__
+from ..errors import DiskError, EnvironmentProblem, HeritageError, ProjectInUse
+from ..events import Event, Progress
+from ..files import check, delete_derived
+from ..project_folder import ProjectFolder
+from ..stages import STAGES
+from .engine_process import EngineProcess
+from .shipping import Bundle, pack, unpack
+
+__all__ = ["topic_of", "run_stage", "stop_stages"]
+
+_SAY_SECONDS = 5.0
+"""Seconds between two messages about the progress of a stage."""
+_FORECAST = {"stages": [{"stage": str, "memory": int, "memory_high": int, "cpu_seconds": float, "seconds": float}]}
+_RUNNING: dict[str, set[EngineProcess]] = {}
+"""The engines that this worker process runs, by batch."""
+_STOPPED: set[str] = set()
+_LOCK = threading.Lock()
+
+
+def topic_of(batch: str) -> str:
+    """Return the name under which the workers send the progress of a batch."""
+    return f"gaussian-heritage-{batch}"
+
+
+def run_stage(request: dict[str, Any], bundle: Bundle | None = None) -> dict[str, Any]:
+    """Do one stage of one folder, and all stages before it that are not done.
+
+    Parameters
+    ----------
+    request : dict
+        ``version`` of the engine, ``batch``, ``folder`` (its number), ``photos``, ``out``, ``stage``, ``arguments``.
+    bundle : dict, optional
+        Files of ``photos`` and ``out``, where the worker does not share them; see `shipping`.
+
+    Returns
+    -------
+    dict
+        ``outcome``: ``done``, ``failed``, ``stopped``, ``busy`` (another job works in the folder) or ``killed``;
+        ``error`` and ``error_type``; ``computed`` and ``kept`` stages; ``done``: all stages that are done;
+        ``forecast`` by stage; ``seconds``, ``cpu_seconds``, ``worker``, ``host``, ``warnings``; ``project``: its files,
+        where they were sent.
+    """
+    worker = get_worker()
+    answer: dict[str, Any] = {
+        "outcome": "failed", "error": "", "error_type": "", "computed": [], "kept": [], "done": [], "forecast": {},
+        "seconds": 0.0, "cpu_seconds": None, "worker": worker.address, "host": socket.gethostname(), "warnings": [],
+        "project": None,
+    }  # fmt: skip
+    begin = time.monotonic()
+    scratch: Path | None = None
+    said = {"folder": request["folder"], "stage": request["stage"], "worker": worker.address}
+
+    def say(kind: str, **values: Any) -> None:
+        worker.log_event(topic_of(request["batch"]), {"kind": kind, **said, **values})
+
+    try:
+        if request["version"] != __version__:
+            raise EnvironmentProblem(
+                f"The worker {worker.address} has version {__version__} of the engine, and this computer "
+                f"{request['version']}. Install the same version on both."
+            )
+        photos, out = Path(request["photos"]), Path(request["out"])
+        say("started")
+        if bundle is not None:
+            try:
+                scratch = Path(tempfile.mkdtemp(prefix="batch-", dir=worker.local_directory))
+            except OSError as error:
+                raise DiskError(
+                    f"{worker.local_directory} cannot be written: {error.strerror or error}. Free some space."
+                ) from error
+            photos, out = scratch / "photos", scratch / "project"
+            unpack(bundle["photos"], photos)
+            unpack(bundle["project"], out)
+        _run_engine(request, photos, out, answer, say)
+        if bundle is not None:
+            answer["project"] = pack(out, None)
+    except HeritageError as error:
+        answer.update(outcome="failed", error=str(error), error_type=type(error).__name__)
+    finally:
+        if scratch is not None:
+            with contextlib.suppress(DiskError):
+                delete_derived(scratch.parent, scratch.name)
+    answer["seconds"] = time.monotonic() - begin
+    return answer
+
+
+def _run_engine(
+    request: dict[str, Any], photos: Path, out: Path, answer: dict[str, Any], say: Callable[..., None]
+) -> None:
+    last = [0.0]
+
+    def on_event(event: Event) -> None:
+        if isinstance(event, Progress) and time.monotonic() - last[0] > _SAY_SECONDS:
+            last[0] = time.monotonic()
+            say("progress", now=event.stage, fraction=event.fraction)
+
+    batch, stage = request["batch"], request["stage"]
+    command = ["reconstruct", str(photos), f"--out={out}", f"--until={stage}", *request["arguments"]]
+    with _LOCK:
+        if batch in _STOPPED:
+            answer["outcome"] = "stopped"
+            return
+        engine = EngineProcess.start(command, on_event=on_event)
+        _RUNNING.setdefault(batch, set()).add(engine)
+    try:
+        code = engine.wait()
+    finally:
+        with _LOCK:
+            _RUNNING[batch].discard(engine)
+    state = engine.state
+    answer.update(
+        error=state.error, error_type=state.error_type, computed=engine.computed, kept=engine.kept,
+        cpu_seconds=engine.cpu_seconds, warnings=state.warnings[-20:],
+    )  # fmt: skip
+    if code == 0 and state.finished:
+        answer["outcome"] = "done"
+    elif engine.stopped or state.error_type == "Cancelled":
+        answer["outcome"] = "stopped"
+    elif state.error_type == ProjectInUse.__name__:
+        answer["outcome"] = "busy"
+    elif code < 0 and not state.error:
+        answer.update(outcome="killed", error=f"The engine was killed by signal {-code}, often for lack of memory.")
+    elif not state.error:
+        answer["error"] = f"The engine ended with code {code}: {engine.last_complaint()}"
+    _add_state(out, answer)
+
+
+def _add_state(out: Path, answer: dict[str, Any]) -> None:
+    """Add the stages that are done, and the forecast."""
+    try:
+        project = ProjectFolder.open_existing(out)
+    except HeritageError:
+        return
+    answer["done"] = [stage for stage in STAGES if project.stage_record(stage) is not None]
+    stored = project.get("forecast")
+    if check(stored, _FORECAST) is None:
+        answer["forecast"] = {
+            one["stage"]: {name: one[name] for name in _FORECAST["stages"][0]} for one in stored["stages"]
+        }
+
+
+def stop_stages(batch: str) -> int:
+    """Ask the engines of a batch in this worker process to stop, and return how many run; later ones do not start."""
+    with _LOCK:
+        _STOPPED.add(batch)
+        running = list(_RUNNING.get(batch, ()))
+        for engine in running:
+            engine.stop()
+    return len(running)
