@@ -1,0 +1,3 @@
+from .adapters import open_adapter
+def open_gpu():
+    return open_adapter(software=True)
