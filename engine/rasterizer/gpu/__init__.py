@@ -12,8 +12,8 @@ from ...lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .adapters import Gpu, describe_adapters, open_adapter
-    from .frame import Frame, FrameSize
     from .autograd import rasterize_gpu
+    from .frame import Frame, FrameSize
     from .self_test import open_gpu
 
 __all__ = ["Frame", "FrameSize", "Gpu", "describe_adapters", "open_adapter", "open_gpu", "rasterize_gpu"]

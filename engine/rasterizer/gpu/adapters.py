@@ -103,7 +103,9 @@ def open_adapter(*, software: bool = False, float64: bool = True, subgroups: boo
     try:
         device = adapter.request_device_sync(required_features=features, required_limits=limits)
     except Exception as error:  # wgpu has no common class of its errors
-        raise EnvironmentProblem(f"the driver of {info['device']} refuses to open it ({error}); use the CPU.") from error
+        raise EnvironmentProblem(
+            f"the driver of {info['device']} refuses to open it ({error}); use the CPU."
+        ) from error
     return Gpu(
         device,
         str(info["device"]),

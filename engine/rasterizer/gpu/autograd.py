@@ -10,7 +10,6 @@ from torch.autograd.function import once_differentiable
 
 from ...errors import NumericalError
 from ..raster import CulledCounts, Raster, RasterInputs, check_finite
-from ..settings import RADIUS_SIGMAS
 from .adapters import Gpu
 from .frame import Frame, FrameSize, pack_sh, unpack_sh
 
@@ -42,7 +41,9 @@ class _Rasterize(torch.autograd.Function):
         rows = frame.read("gradients", (s.n, 12))
         chunks = -(-s.n_out // 4)
         totals = frame.read("totals", (s.n, 4 * (chunks + 2)))
-        by_sh = unpack_sh(frame.read("sh_gradient", (-(-s.n // 64) * 64 * 3 * s.n_sh,)), s.n, s.n_sh) if s.n_sh else None
+        by_sh = (
+            unpack_sh(frame.read("sh_gradient", (-(-s.n // 64) * 64 * 3 * s.n_sh,)), s.n, s.n_sh) if s.n_sh else None
+        )
         columns = [rows[:, :3], rows[:, 3:7], rows[:, 7:10], rows[:, 10], by_sh, totals[:, 8 + s.n_rgb : 8 + s.n_out]]
         gradients: list[torch.Tensor | None] = []
         for name, values in zip(_NAMES, columns, strict=True):
@@ -86,7 +87,6 @@ def rasterize_gpu(inputs: RasterInputs, gpu: Gpu) -> Raster:
     near, degenerate, transparent, outside = (int(np.count_nonzero(state == reason)) for reason in (1, 2, 3, 4))
     culled = CulledCounts(near, degenerate, transparent, outside)
     radii = np.where(state == 0, info[:, 1].view(np.float32), np.float32(0.0))
-    assert RADIUS_SIGMAS > 0
     return Raster(image, transmittance, torch.from_numpy(state == 0), torch.from_numpy(radii), culled)
 
 

@@ -282,7 +282,11 @@ class Frame:
             steps += self._scan(stage, length, SORT_BLOCK, "digits", 256 * groups, indirect[1])
             steps.append(
                 self._step(
-                    stage, "radix_scatter", settings, ["counts", keys, values, "digits", out_keys, out_values], groups,
+                    stage,
+                    "radix_scatter",
+                    settings,
+                    ["counts", keys, values, "digits", out_keys, out_values],
+                    groups,
                     indirect=indirect[0],
                 )  # fmt: skip
             )
@@ -314,8 +318,11 @@ class Frame:
         for first, last, at, n_bytes in self._color_ranges():
             steps.append(
                 self._step(
-                    "colours", "colors", self._view_uniform(first, last),
-                    ["means", ("sh", at, n_bytes), "channels", "info", "colors", "counts"], -(-(last - first) // _BLOCK),
+                    "colours",
+                    "colors",
+                    self._view_uniform(first, last),
+                    ["means", ("sh", at, n_bytes), "channels", "info", "colors", "counts"],
+                    -(-(last - first) // _BLOCK),
                 )  # fmt: skip
             )
         steps += self._sort("depth sort", 0, "depth_keys", "identity", 32, "order")
@@ -364,9 +371,20 @@ class Frame:
             for first, last, at, n_bytes in self._color_ranges():
                 steps.append(
                     self._step(
-                        "colours backward", "colors_backward", self._view_uniform(first, last),
-                        ["means", ("sh", at, n_bytes), "info", "colors", "totals", ("sh_gradient", at, n_bytes),
-                         "gradients", "pose"], -(-(last - first) // _BLOCK),
+                        "colours backward",
+                        "colors_backward",
+                        self._view_uniform(first, last),
+                        [
+                            "means",
+                            ("sh", at, n_bytes),
+                            "info",
+                            "colors",
+                            "totals",
+                            ("sh_gradient", at, n_bytes),
+                            "gradients",
+                            "pose",
+                        ],
+                        -(-(last - first) // _BLOCK),
                     )  # fmt: skip
                 )
         return steps

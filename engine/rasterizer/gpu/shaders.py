@@ -19,7 +19,7 @@ from ...files import read_text
 from .. import settings
 from .adapters import Gpu
 
-__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "kernel_source"]
+__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "kernel_source", "kernels_of"]
 
 SORT_BLOCK = 2048
 """Keys that a workgroup sorts."""
@@ -115,9 +115,7 @@ def _expand(text: str, n_channels: int, subgroups: bool) -> str:
             lines += [body.replace("_Q", f"_{q}").replace("Q_", f"{q}u") for q in range(-(-n_channels // 4))]
         elif line.endswith("// each C"):
             body = line[: -len("// each C")]
-            lines += [
-                body.replace("_QC", f"_{c // 4}[{c % 4}]").replace("C_", f"{c}u") for c in range(n_channels)
-            ]
+            lines += [body.replace("_QC", f"_{c // 4}[{c % 4}]").replace("C_", f"{c}u") for c in range(n_channels)]
         else:
             lines.append(line)
     return "\n".join(lines) + "\n"
