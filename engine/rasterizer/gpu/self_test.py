@@ -35,7 +35,10 @@ def check_gpu(gpu: Gpu) -> None:
     found = []
     for render in (rasterize_cpu, lambda inputs: rasterize_gpu(inputs, gpu)):
         leaves = [torch.tensor(value, dtype=torch.float32, requires_grad=True) for value in values]
-        raster = render(RasterInputs(*leaves, None, torch.eye(4).double(), camera, 3, RasterSettings()))
+        means, quats, scales, opacities, sh = leaves
+        raster = render(
+            RasterInputs(means, quats, scales, opacities, sh, None, torch.eye(4).double(), camera, 3, RasterSettings())
+        )
         (raster.image.square().sum() + raster.transmittance.sum()).backward()
         found.append([raster.image.detach(), *(leaf.grad for leaf in leaves)])
     for expected, ours in zip(*found, strict=True):
