@@ -1,7 +1,9 @@
-"""Cost of the ``gpu`` backend beside gsplat on the same card, in the same run; `make bench-gpu` writes docs/gpu.md.
+"""Cost of the ``gpu`` backend beside gsplat on the same card, in the same run, for one number of Gaussians.
 
-Each part stays under 8 minutes: ``part`` measures one number of Gaussians and appends to a JSON file, ``table`` writes
-the document from it. gsplat rows are left out where gsplat or torch's CUDA is missing.
+The figures are printed and added to a JSON file. gsplat is left out where it is not installed; where it is, torch needs
+CUDA.
+
+example: python -m benchmarks.gpu 1000000
 """
 
 from __future__ import annotations
@@ -253,7 +255,7 @@ def run_part(n: int, out: Path, *, software: bool) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one part."""
+    """Measure one number of Gaussians."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("n", type=int, help="number of Gaussians")
     parser.add_argument("--results", type=Path, default=Path("out/gpu.json"))

@@ -58,8 +58,9 @@ def rasterize(
         World-to-camera, used instead of the camera's own; float64 keeps far origins exact. The gradient is that of
         unconstrained entries: project it to the tangent space of the rotations to move a camera.
     backend : {"cpu", "gpu", "reference"}
-        ``cpu`` is fast and takes float32. ``gpu`` computes on the graphics card, see `engine.rasterizer.gpu`. ``reference`` is slow, written in plain torch, and computes in the dtype of
-        its inputs; with float64 it is the ground truth of the tests.
+        ``cpu`` is fast and takes float32. ``gpu`` takes float32 on the CPU and computes on the graphics card, see
+        `engine.rasterizer.gpu`. ``reference`` is slow, written in plain torch, and computes in the dtype of its inputs;
+        with float64 it is the ground truth of the tests.
     settings : RasterSettings, optional
 
     Returns

@@ -30,7 +30,7 @@ DISTRIBUTIONS = {
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
 LOCKED = {
-    "engine-dev": ("engine", "serve", "dev", "torch"),
+    "engine-dev": ("engine", "serve", "gpu", "dev", "torch"),
     "engine": ("engine", "torch"),
     "blender-4.5": ("blender-4.5", "bpy-4.5"),
     "blender-5.2": ("blender-5.2", "bpy-5.2"),
@@ -66,11 +66,12 @@ def imported(folder: Path) -> set[str]:
 
 
 def test_everything_the_engine_imports_is_declared() -> None:
-    assert imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) - set(pins("serve")) == set()
+    declared = {name for part in ("engine", "serve", "gpu") for name in pins(part)}
+    assert imported(ROOT / "engine") - NOT_ASKED_FOR - declared == set()
 
 
 def test_everything_declared_is_imported() -> None:
-    assert set(pins("engine")) | set(pins("serve")) <= imported(ROOT / "engine")
+    assert set(pins("engine")) | set(pins("serve")) | set(pins("gpu")) <= imported(ROOT / "engine")
 
 
 def test_scripts_start_before_any_environment() -> None:

@@ -400,9 +400,9 @@ class Frame:
         self._submit(self._backward, ["buckets"], time)
 
     def _submit(self, steps: Sequence[_Step], zeroed: Sequence[str], time: Callable[[str, Any], Any] | None) -> None:
-        """Queue `steps`, a submission for each stage on cards that share their time with the screen.
+        """Queue `steps` in one submission, or in one for each stage where the processor is the card.
 
-        A driver resets a card whose submission takes seconds, so no submission holds more than one stage there.
+        A driver resets a card whose submission takes seconds. Nothing here bounds the time of a submission yet.
         """
         encoder = self.gpu.device.create_command_encoder()
         for name in zeroed:

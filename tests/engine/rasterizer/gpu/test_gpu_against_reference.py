@@ -1,4 +1,4 @@
-"""The gpu backend gives the image and the gradients of the float64 reference, on a software adapter."""
+"""The gpu backend gives image and gradients of the float64 reference and of ``cpu``, on a software adapter or a card."""
 
 from __future__ import annotations
 
@@ -6,22 +6,11 @@ import pytest
 import torch
 
 from engine.errors import EnvironmentProblem
-from engine.rasterizer.gpu import Gpu, open_gpu
+from engine.rasterizer.gpu import Gpu
 from engine.rasterizer.gpu import self_test as gpu_self_test
 
 from ..scenes import camera, gradients, random_scene
 from ..test_cpu_against_reference import relative_errors
-
-
-@pytest.fixture(autouse=True)
-def software_gpu(monkeypatch: pytest.MonkeyPatch) -> Gpu:
-    """Let `rasterize` use any adapter, also the processor."""
-    try:
-        gpu = open_gpu(software=True)
-    except EnvironmentProblem as problem:
-        pytest.skip(f"no adapter for the gpu backend: {problem}")
-    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
-    return gpu
 
 
 @pytest.mark.parametrize(
@@ -41,6 +30,30 @@ def test_image_and_gradients_are_those_of_the_reference(colored: bool, n_feature
         assert float(errors.quantile(0.99)) <= 1e-3, name
 
 
+def agrees_with_cpu(n: int, width: int, height: int) -> None:
+    """Compare the gpu backend with ``cpu`` by quantiles: both are float32, and single pixels lie on thresholds."""
+    scene, view = random_scene(n, n_features=3), camera(width, height)
+    ours, found = gradients(scene, view, torch.float32, "gpu")
+    cpu, expected = gradients(scene, view, torch.float32, "cpu")
+    assert ours.culled == cpu.culled and torch.equal(ours.visible, cpu.visible)
+    difference = (ours.image - cpu.image).abs().amax(dim=2).flatten()
+    assert float(difference.quantile(0.999)) <= 1e-5 * float(cpu.image.abs().max())
+    assert float((ours.transmittance - cpu.transmittance).abs().flatten().quantile(0.999)) <= 1e-5
+    for name, gradient in found.items():
+        errors = relative_errors(gradient, expected[name])
+        assert float(errors.median()) <= 1e-5, name
+        assert float(errors.quantile(0.99)) <= 1e-3, name
+
+
+def test_agrees_with_cpu_by_quantiles() -> None:
+    agrees_with_cpu(500, 150, 90)
+
+
+@pytest.mark.gpu
+def test_a_card_agrees_with_cpu_by_quantiles() -> None:
+    agrees_with_cpu(20_000, 640, 480)
+
+
 def test_two_runs_give_the_same_bits() -> None:
     scene, view = random_scene(300, n_features=5), camera(90, 70)
     one, first = gradients(scene, view, torch.float32, "gpu")
@@ -55,7 +68,7 @@ def test_more_pairs_than_the_buffers_hold_grow_them() -> None:
     assert float((ours.image - truth.image).abs().quantile(0.999)) <= 1e-4
 
 
-def test_a_card_that_computes_wrongly_is_refused(software_gpu: Gpu, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_card_that_computes_wrongly_is_refused(opened_gpu: Gpu, monkeypatch: pytest.MonkeyPatch) -> None:
     original = gpu_self_test.rasterize_cpu
 
     def wrong(inputs: object) -> object:
@@ -64,4 +77,4 @@ def test_a_card_that_computes_wrongly_is_refused(software_gpu: Gpu, monkeypatch:
 
     monkeypatch.setattr(gpu_self_test, "rasterize_cpu", wrong)
     with pytest.raises(EnvironmentProblem, match="computes a test picture wrongly"):
-        gpu_self_test.check_gpu(software_gpu)
+        gpu_self_test.check_gpu(opened_gpu)
