@@ -27,7 +27,7 @@ def rasterize(
     channels: torch.Tensor | None = None,
     detached_channels: bool = False,
     viewmat: torch.Tensor | None = None,
-    backend: Literal["cpu", "reference"] = "cpu",
+    backend: Literal["cpu", "gpu", "reference"] = "cpu",
     settings: RasterSettings | None = None,
 ) -> Raster:
     """Render Gaussians front to back into an image of K = (3 if `sh`) + C channels.
@@ -57,9 +57,10 @@ def rasterize(
     viewmat : tensor of shape [4, 4], optional
         World-to-camera, used instead of the camera's own; float64 keeps far origins exact. The gradient is that of
         unconstrained entries: project it to the tangent space of the rotations to move a camera.
-    backend : {"cpu", "reference"}
-        ``cpu`` is fast and takes float32. ``reference`` is slow, written in plain torch, and computes in the dtype of
-        its inputs; with float64 it is the ground truth of the tests.
+    backend : {"cpu", "gpu", "reference"}
+        ``cpu`` is fast and takes float32. ``gpu`` takes float32 on the CPU and computes on the graphics card, see
+        `engine.rasterizer.gpu`. ``reference`` is slow, written in plain torch, and computes in the dtype of its inputs;
+        with float64 it is the ground truth of the tests.
     settings : RasterSettings, optional
 
     Returns
@@ -96,6 +97,10 @@ def rasterize(
         from .cpu import rasterize_cpu
 
         return rasterize_cpu(inputs)
+    if backend == "gpu":
+        from .gpu import open_gpu, rasterize_gpu
+
+        return rasterize_gpu(inputs, open_gpu())
     if backend == "reference":
         from .reference import rasterize_reference
 
@@ -104,7 +109,7 @@ def rasterize(
             if value is not None:
                 check_finite(name, value)
         return rasterize_reference(inputs)
-    raise ValueError(f"backend must be 'cpu' or 'reference', got {backend!r}")
+    raise ValueError(f"backend must be 'cpu', 'gpu' or 'reference', got {backend!r}")
 
 
 def _check_shapes(

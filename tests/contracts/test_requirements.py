@@ -30,8 +30,10 @@ DISTRIBUTIONS = {
 }
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
+OPTIONAL = ("engine", "serve", "batch", "gpu")
+"""The engine's own requirements and its optional ones."""
 LOCKED = {
-    "engine-dev": ("engine", "serve", "batch", "dev", "torch"),
+    "engine-dev": ("engine", "serve", "batch", "gpu", "dev", "torch"),
     "serve": ("engine", "serve"),
     "batch": ("engine", "serve", "batch"),
     "engine": ("engine", "torch"),
@@ -70,14 +72,12 @@ def imported(folder: Path) -> set[str]:
 
 
 def test_everything_the_engine_imports_is_declared() -> None:
-    assert (
-        imported(ROOT / "engine") - NOT_ASKED_FOR - set(pins("engine")) - set(pins("serve")) - set(pins("batch"))
-        == set()
-    )
+    declared = {name for part in OPTIONAL for name in pins(part)}
+    assert imported(ROOT / "engine") - NOT_ASKED_FOR - declared == set()
 
 
 def test_everything_declared_is_imported() -> None:
-    assert set(pins("engine")) | set(pins("serve")) | set(pins("batch")) <= imported(ROOT / "engine")
+    assert {name for part in OPTIONAL for name in pins(part)} <= imported(ROOT / "engine")
 
 
 def test_the_extra_for_workers_is_what_batch_is_tested_with() -> None:

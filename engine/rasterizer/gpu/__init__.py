@@ -1,0 +1,21 @@
+"""The ``gpu`` backend: one WGSL source for all graphics cards, run by wgpu over Vulkan, Metal or DirectX 12.
+
+`open_gpu` opens a card after a self-test against the ``cpu`` backend. `Frame` holds the buffers of one image size and
+encodes its forward and backward pass. See docs/design_notes/gpu.md.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...lazy_exports import lazy_exports
+
+if TYPE_CHECKING:
+    from .adapters import Gpu, describe_adapters, open_adapter
+    from .autograd import rasterize_gpu
+    from .frame import Frame, FrameSize
+    from .self_test import open_gpu
+
+__all__ = ["Frame", "FrameSize", "Gpu", "describe_adapters", "open_adapter", "open_gpu", "rasterize_gpu"]
+
+__getattr__ = lazy_exports(__name__, __file__)

@@ -1,0 +1,163 @@
+"""Assembly of the WGSL kernels for a number of channels, and their compilation.
+
+A kernel is the text of its files, in order, after the constants of `engine.rasterizer.settings`. Two notations are
+expanded, because WGSL has no loops at compile time:
+
+- A line that ends with ``// each Q`` is repeated for each chunk of four channels, with ``_Q`` and ``Q_`` replaced by
+  its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it.
+- ``//if SUBGROUPS``, ``//else``, ``//end`` choose between two variants.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from pathlib import Path
+from typing import Any
+
+from ...files import read_text
+from .. import settings
+from .adapters import Gpu
+
+__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "kernel_source", "kernels_of"]
+
+SORT_BLOCK = 2048
+"""Keys that a workgroup sorts."""
+
+SCAN_BLOCK = 1024
+"""Values that a workgroup sums."""
+
+KERNELS = {
+    "project": ("ellipse", "tiles", "project"),
+    "colors": ("sh", "colors"),
+    "radix_count": ("radix", "radix_count"),
+    "radix_scatter": ("radix", "radix_scatter"),
+    "scan": ("scan",),
+    "gather": ("gather",),
+    "prepare": ("prepare",),
+    "emit": ("tiles", "emit"),
+    "lists": ("lists",),
+    "blend": ("cover", "tile", "blend"),
+    "replay": ("cover", "tile", "replay"),
+    "bucket": ("cover", "bucket"),
+    "sum_pairs": ("sum_pairs",),
+    "project_backward": ("ellipse", "project_backward"),
+    "colors_backward": ("sh", "colors_backward"),
+}
+"""Files of each kernel, after ``common``."""
+
+_SUBGROUP_KERNELS = ("radix_scatter",)
+
+
+def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
+    chunks = -(-n_channels // 4)
+    floats = {
+        "ALPHA_MIN": settings.ALPHA_MIN,
+        "ALPHA_MAX": settings.ALPHA_MAX,
+        "T_MIN": settings.T_MIN,
+        "INVERSE_ALPHA_MIN": settings.INVERSE_ALPHA_MIN,
+        "QUAT_NORM2_MIN": settings.QUAT_NORM2_MIN,
+        "DET_MIN": settings.DET_MIN,
+        "COV_MAX": settings.COV_MAX,
+        "DIRECTION_NORM_MIN": settings.DIRECTION_NORM_MIN,
+        "RADIUS_SIGMAS": settings.RADIUS_SIGMAS,
+        "LN2": math.log(2.0),
+        "SH0": 0.5 / math.sqrt(math.pi),
+        "SH1": math.sqrt(3.0 / (4.0 * math.pi)),
+        "SH2": 0.5 * math.sqrt(15.0 / math.pi),
+        "SH20": 0.25 * math.sqrt(5.0 / math.pi),
+        "SH33": 0.25 * math.sqrt(35.0 / (2.0 * math.pi)),
+        "SH32": 0.5 * math.sqrt(105.0 / math.pi),
+        "SH31": 0.25 * math.sqrt(21.0 / (2.0 * math.pi)),
+        "SH30": 0.25 * math.sqrt(7.0 / math.pi),
+    }
+    unsigned = {
+        "CHANNELS": n_channels,
+        "CHUNKS": chunks,
+        "BUCKET_COLORS": 32 * chunks,
+        "SORT_BLOCK": SORT_BLOCK,
+        "SCAN_BLOCK": SCAN_BLOCK,
+        "CULLED_NEAR": 1,
+        "CULLED_DEGENERATE": 2,
+        "CULLED_TRANSPARENT": 3,
+        "CULLED_OUTSIDE": 4,
+        "N_PAIRS": 1,
+        "N_WANTED": 2,
+        "NOT_FINITE": 3,
+    }
+    lines = [f"alias real = {'f64' if float64 else 'f32'};"]
+    # ROOT_SCALE enters float64 formulas.
+    suffix = "lf" if float64 else "f"
+    lines.append(f"const ROOT_SCALE: real = {math.sqrt(0.5 / math.log(2.0))!r}{suffix};")
+    lines += [f"const {name}: f32 = {value!r}f;" for name, value in floats.items()]
+    lines += [f"const {name}: u32 = {value}u;" for name, value in unsigned.items()]
+    for chunk in range(chunks):
+        moves = ", ".join("1.0" if 4 * chunk + k < n_moving else "0.0" for k in range(4))
+        lines.append(f"const MOVES_{chunk} = vec4<f32>({moves});")
+    return "\n".join(lines) + "\n"
+
+
+def _expand(text: str, n_channels: int, subgroups: bool) -> str:
+    lines: list[str] = []
+    keep = True
+    for line in text.splitlines():
+        mark = line.strip()
+        if mark == "//if SUBGROUPS":
+            keep = subgroups
+        elif mark == "//else":
+            keep = not keep
+        elif mark == "//end":
+            keep = True
+        elif not keep:
+            continue
+        elif line.endswith("// each Q"):
+            body = line[: -len("// each Q")]
+            lines += [body.replace("_Q", f"_{q}").replace("Q_", f"{q}u") for q in range(-(-n_channels // 4))]
+        elif line.endswith("// each C"):
+            body = line[: -len("// each C")]
+            lines += [body.replace("_QC", f"_{c // 4}[{c % 4}]").replace("C_", f"{c}u") for c in range(n_channels)]
+        else:
+            lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+@functools.lru_cache(maxsize=64)
+def _file(name: str) -> str:
+    return read_text(Path(__file__).parent / "shaders" / f"{name}.wgsl", advice="Set up the engine again.")
+
+
+def kernel_source(name: str, n_channels: int, n_moving: int, *, float64: bool, subgroups: bool) -> str:
+    """Return the WGSL of a kernel for `n_channels` channels, of which the first `n_moving` move Gaussians."""
+    text = "".join(_file(part) for part in ("common", *KERNELS[name]))
+    return _constants(n_channels, n_moving, float64) + _expand(text, n_channels, subgroups)
+
+
+class Kernels:
+    """Compiled kernels of one card. Each is compiled when it is first asked for.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    """
+
+    def __init__(self, gpu: Gpu) -> None:
+        self._gpu = gpu
+        self._pipelines: dict[tuple[str, str, int, int], Any] = {}
+
+    def get(self, name: str, entry: str = "main", n_channels: int = 4, n_moving: int = 4) -> Any:
+        """Return the compute pipeline of a kernel's function `entry`."""
+        key = (name, entry, n_channels, n_moving)
+        if key not in self._pipelines:
+            subgroups = self._gpu.subgroups and name in _SUBGROUP_KERNELS
+            code = kernel_source(name, n_channels, n_moving, float64=self._gpu.float64, subgroups=subgroups)
+            module = self._gpu.device.create_shader_module(label=name, code=code)
+            self._pipelines[key] = self._gpu.device.create_compute_pipeline(
+                label=name, layout="auto", compute={"module": module, "entry_point": entry}
+            )
+        return self._pipelines[key]
+
+
+@functools.lru_cache(maxsize=4)
+def kernels_of(gpu: Gpu) -> Kernels:
+    """Return the kernels of a card, one set for the whole process."""
+    return Kernels(gpu)
