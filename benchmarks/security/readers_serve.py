@@ -1,4 +1,4 @@
-"""Readers of the web server's own files."""
+"""Readers of the web server's own files, and of what a batch sends to its workers."""
 
 from __future__ import annotations
 
@@ -61,7 +61,23 @@ def _read_project(folder: Path) -> object:
     return project.title, project.created, project.known_hashes()
 
 
+def _write_shipped(folder: Path) -> None:
+    (folder / "photos").mkdir(parents=True)
+    (folder / "photos" / "a.jpg").write_bytes(b"photo")
+    (folder / "project").mkdir()
+    (folder / "project" / "project.json").write_text("{}")
+
+
+def _read_shipped(folder: Path) -> object:
+    from engine.batch.shipping import pack, pack_photos, unpack
+
+    files = pack(folder / "project", None)
+    unpack(files, folder / "copy")
+    return len(files), len(pack_photos(folder / "photos", None))
+
+
 SERVE = (
+    Reader("batch-shipping", _write_shipped, _read_shipped, ("photos/a.jpg", "project/project.json")),
     Reader("server-users", _write_data, _read_accounts, ("users.json", "secret.bin")),
     Reader("server-certificate", _write_data, _read_certificate, ("certificate.pem",)),
     Reader(

@@ -61,6 +61,7 @@ NOT_REACHED = {
     "engine/child_process.py": "what the parent process and the system state",
     "engine/machine.py": "what the system states",
     "engine/rasterizer/jit.py": "our own source code",
+    "engine/rasterizer/gpu/": "the memory of the card, and our own source code",
     "engine/lazy_exports.py": "our own source code",
     "engine/cameras/model_reading.py:_converted": "reached in a child process, by colmap-binary and colmap-text",
     "engine/cameras/model_reading.py:cloud_in_child": "reached in a child process, by transforms-with-cloud",
