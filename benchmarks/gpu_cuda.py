@@ -1,6 +1,8 @@
 # ruff: noqa: E501
-"""Blending forward and backward as CUDA C through NVRTC (CuPy), on the lists of the WGSL kernels: the comparison that
-chose the backend. The kernels are those of engine/rasterizer/gpu, line by line."""
+"""Blending forward and backward as CUDA C through NVRTC (CuPy), on the lists of the WGSL kernels, to choose between them.
+
+Blending and replay are those of engine/rasterizer/gpu line by line; the pair gradients are their first version.
+"""
 
 from __future__ import annotations
 

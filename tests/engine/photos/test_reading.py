@@ -79,7 +79,10 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
         lambda path: path.write_bytes(b"II*") and None,
         "Raw camera files are not read; export it as JPEG or TIFF.",
     ),
-    "clip.mp4": (lambda path: path.write_bytes(b"x") and None, "Videos beside photos are not read; reconstruct the video itself"),
+    "clip.mp4": (
+        lambda path: path.write_bytes(b"x") and None,
+        "Videos beside photos are not read; reconstruct the video itself",
+    ),
     "old.bmp": (lambda path: save(path, textured(2)), "BMP files are not read; save it as JPEG, PNG or TIFF."),
     "soft.png": (lambda path: save(path, blurred(textured(3))), "It is blurred:"),
 }

@@ -17,8 +17,13 @@ fn whitened(first: vec4<f32>, second: vec4<f32>, x: f32, y: f32) -> vec2<f32> {
 }
 
 fn cover(w: vec2<f32>, opacity: f32, now: f32) -> Cover {
+    return cover_by(exp2(-fma(w.x, w.x, w.y * w.y)) * opacity, now);
+}
+
+// The same for an alpha before its clamp, `raw`, that is known.
+fn cover_by(raw: f32, now: f32) -> Cover {
     var c: Cover;
-    c.raw = exp2(-fma(w.x, w.x, w.y * w.y)) * opacity;
+    c.raw = raw;
     c.alpha = min(c.raw, ALPHA_MAX);
     if (c.alpha < ALPHA_MIN) {
         c.alpha = 0.0;

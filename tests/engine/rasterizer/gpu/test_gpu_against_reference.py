@@ -1,4 +1,4 @@
-"""The gpu backend gives image and gradients of the float64 reference and of `cpu`, on a software adapter or a card."""
+"""The gpu backend gives image and gradients of the float64 reference and of ``cpu``: a software adapter, or a card."""
 
 from __future__ import annotations
 
