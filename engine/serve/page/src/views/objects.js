@@ -54,7 +54,9 @@ export function createObjects(context, { stage, clicks }) {
   }
 
   function update(project) {
-    progress.update(project.job?.kind === "reconstruct" ? null : project.job, project.job?.kind === "reconstruct" ? [] : project.waiting);
+    const isElsewhere = project.job?.kind === "reconstruct";
+    const isToldBelow = project.not_found && !isActive(project.job);
+    progress.update(isElsewhere || isToldBelow ? null : project.job, isElsewhere ? [] : project.waiting);
     updateRefused(isActive(project.job) ? null : project.not_found);
     show(none, project.objects.length === 0);
     const present = new Set(project.objects.map((object) => object.id));
