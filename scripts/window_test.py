@@ -26,7 +26,7 @@ PACKAGE = "bl_ext.user_default.gaussian_heritage"
 SCRIPT = ROOT / "scripts" / "window" / "window.sh"
 SCREEN_HEIGHT = 1000
 MAX_WHILE_WORKING, MAX_WHILE_ARRIVING = 0.1, 0.3
-"""Seconds that a call of the add-on may take while a job runs, and while its result arrives."""
+"""Seconds that a call of the add-on may take while a job runs, and while its result arrives; waits for a core apart."""
 PICTURES = ROOT / "docs" / "pictures" / "window"
 PARTS = {
     "set_up": "184x112+768+78",
@@ -343,11 +343,11 @@ def read_log(work: Path, kind: str) -> list[dict[str, float]]:
     return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
 
 
-def longest_calls(work: Path) -> dict[str, float]:
-    """Return the longest call of each function of the add-on, in seconds, the slowest first."""
+def longest_calls(work: Path, what: str = "seconds") -> dict[str, float]:
+    """Return the longest call of each function of the add-on, or the longest wait for a core; the longest first."""
     longest: dict[str, float] = defaultdict(float)
     for entry in read_log(work, "calls"):
-        longest[str(entry["name"])] = max(longest[str(entry["name"])], entry["seconds"])
+        longest[str(entry["name"])] = max(longest[str(entry["name"])], entry[what])
     return dict(sorted(longest.items(), key=lambda item: -item[1]))
 
 
@@ -361,6 +361,9 @@ def report(work: Path, set_up_seconds: float) -> str:
     ]  # fmt: skip
     lines += [f"| `{name}` | {seconds:.3f} |" for name, seconds in list(longest_calls(work).items())[:8]]
     lines += [
+        "",
+        "Seconds in which other programs had all cores are not counted: at most "
+        f"{max(longest_calls(work, 'waited').values(), default=0.0):.3f} s in a call.",
         "",
         f"Gaps of the event loop above 0.3 s: {len(gaps)}, the longest {max(gaps, default=0.0):.1f} s. They are "
         "Blender's own redraws of the scene in software OpenGL, and the compilation of its shaders.",

@@ -57,7 +57,8 @@ def record(kind: str, entry: dict[str, Any]) -> None:
 def time_calls(package: str) -> int:
     """Record the duration of each call that Blender makes to the add-on, and return how many functions are timed.
 
-    All of them have a guard, which looks its function up in ``__wrapped__`` at each call.
+    All of them have a guard, which looks its function up in ``__wrapped__`` at each call. The time in which other
+    programs had all cores is recorded apart: the add-on can do nothing about it.
     """
     import gc
 
@@ -73,14 +74,22 @@ def time_calls(package: str) -> int:
 
 def _timed(inner: Any) -> Any:
     def call(*arguments: Any) -> Any:
-        begin = time.perf_counter()
+        begin, waited = time.perf_counter(), _seconds_without_a_core()
         try:
             return inner(*arguments)
         finally:
-            record("calls", {"name": inner.__qualname__, "seconds": round(time.perf_counter() - begin, 4)})
+            waited = _seconds_without_a_core() - waited
+            seconds = time.perf_counter() - begin - waited
+            record("calls", {"name": inner.__qualname__, "seconds": round(seconds, 4), "waited": round(waited, 4)})
 
     call.is_timed = True  # type: ignore[attr-defined]
     return call
+
+
+def _seconds_without_a_core() -> float:
+    """Return how long this thread was ready to run and had no core, since it started (Linux, see proc(5))."""
+    with open("/proc/thread-self/schedstat") as file:
+        return int(file.read().split()[1]) / 1e9
 
 
 NAMES["time_calls"] = time_calls
