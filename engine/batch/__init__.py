@@ -9,6 +9,7 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .coordinator import BatchResult, run_batch
     from .folder_state import FolderState
+    from .remote_job import run_remote_job
     from .settings import BatchSettings
     from .stage_task import run_stage, stop_stages
     from .summary import summary_as_dict, summary_page, summary_text
@@ -18,6 +19,7 @@ __all__ = [
     "BatchSettings",
     "FolderState",
     "run_batch",
+    "run_remote_job",
     "run_stage",
     "stop_stages",
     "summary_as_dict",

@@ -18,7 +18,7 @@ from distributed import Client, Future
 
 from .. import __version__
 from ..errors import HeritageError, ModelFileError, ProjectInUse, SettingsError
-from ..events import Emit, Progress, StageFinished, StageStarted, StopCheck, Warned
+from ..events import Emit, Progress, StageFinished, StageStarted, StopCheck, Warned, from_json_line
 from ..project_folder import ProjectFolder
 from .cluster import GPU, MEMORY, connected_client, worker_resources
 from .folder_state import WORKER_PROBLEMS, FolderState, folder_states
@@ -26,7 +26,7 @@ from .settings import BatchSettings
 from .shipping import Bundle, mirror, pack, pack_photos, size_of
 from .stage_task import run_stage, stop_stages, topic_of
 
-__all__ = ["BatchResult", "run_batch"]
+__all__ = ["BatchResult", "Coordinator", "run_batch"]
 
 _POLL_SECONDS = 0.5
 _LOOK_SECONDS = 5.0
@@ -83,19 +83,36 @@ def run_batch(folders: Sequence[Path], settings: BatchSettings, *, emit: Emit, s
         raise SettingsError("A video cannot be sent with --ship. Take photos from it first with `frames`.")
     emit(StageStarted("batch"))
     with connected_client(settings) as client:
-        coordinator = _Coordinator(client, states, settings, emit, should_stop)
+        coordinator = Coordinator(client, states, settings, emit, should_stop)
         coordinator.run()
     emit(StageFinished("batch", time.monotonic() - begin))
     return BatchResult(states, coordinator.notes, time.monotonic() - begin)
 
 
 @dataclass
-class _Coordinator:
+class Coordinator:
+    """Gives the tasks of some folders to the workers until all have ended.
+
+    Attributes
+    ----------
+    client : distributed.Client
+    folders : list of FolderState
+        Changed while they are worked on.
+    settings : BatchSettings
+    emit, should_stop
+        See `engine.events`.
+    relay : bool
+        Whether the engine's own events are emitted instead of those of a batch; for one folder.
+    notes : list of str
+        Sentences about the whole batch.
+    """
+
     client: Client
     folders: list[FolderState]
     settings: BatchSettings
     emit: Emit
     should_stop: StopCheck
+    relay: bool = False
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -114,6 +131,8 @@ class _Coordinator:
         self._workers: dict[str, dict[str, float]] = {}
         self._looked_at = self._said_at = float("-inf")
         self._no_worker_since: float | None = None
+        self._waits: set[tuple[int, str]] = set()
+        """Tasks of which it was said that they wait for a worker."""
 
     def run(self) -> None:
         """Work until every folder has ended."""
@@ -158,7 +177,7 @@ class _Coordinator:
     def _what_is_missing(self, folder: FolderState) -> str:
         most = max((has.get(MEMORY, 0) for has in self._workers.values()), default=0)
         if not self._workers:
-            return "No worker is connected to the scheduler. Start workers, then run the batch again."
+            return "No worker is connected to the scheduler. Start workers, then try again."
         if not most:
             return (
                 f"No worker has the resource {MEMORY}. Start the workers with "
@@ -214,6 +233,7 @@ class _Coordinator:
             {
                 "version": __version__, "batch": self._batch, "folder": folder.number, "photos": str(folder.photos),
                 "out": str(folder.out), "stage": folder.stage, "arguments": list(self.settings.arguments),
+                "command": list(folder.command), "relay": self.relay,
             }
         ]  # fmt: skip
         if self.settings.ship:
@@ -309,6 +329,7 @@ class _Coordinator:
         folder.forecast = answer["forecast"] or folder.forecast
         for sentence in answer["warnings"]:
             folder.note(sentence)
+        folder.message, folder.outputs = answer["message"], answer["outputs"]
         if outcome == "done":
             folder.memory, folder.busy_since = 0, None
             folder.advance()
@@ -327,21 +348,21 @@ class _Coordinator:
             self._avoided.setdefault(folder.stage, set()).add(answer["worker"])
             if answer["error_type"] == ModelFileError.__name__:
                 self._warn_all(f"The worker {answer['worker']} ({answer['host']}): {error}")
-            self._again(folder, error, f" on {answer['worker']} ({answer['host']})")
+            self._again(folder, error, f" on {answer['worker']} ({answer['host']})", answer["error_type"])
         elif outcome == "stopped":
             # Somebody else stopped the engine on the worker.
             self._again(folder, "The engine was stopped on its worker.")
         else:
-            self._fail(folder, error)
+            self._fail(folder, error, answer["error_type"])
 
-    def _again(self, folder: FolderState, why: str, where: str = "") -> None:
+    def _again(self, folder: FolderState, why: str, where: str = "", error_type: str = "") -> None:
         folder.tries += 1
         if folder.tries >= self.settings.tries:
-            self._fail(folder, why)
+            self._fail(folder, why, error_type)
             return
         sentence = f"The stage {folder.stage!r} failed{where} and is tried again: {why}"
         if folder.note(sentence):
-            self.emit(Warned(f"{folder.name}: {sentence}"))
+            self._warn(folder, sentence)
         self._ready.append(folder)
 
     def _wait_for_other_job(self, folder: FolderState, why: str) -> None:
@@ -352,12 +373,16 @@ class _Coordinator:
             self._fail(folder, why)
             return
         if folder.note("Another job worked in the project; this batch waited for it and kept what it did."):
-            self.emit(Warned(f"{folder.name}: another job is working in {folder.out}. The batch waits for it."))
+            self._warn(folder, f"Another job is working in {folder.out}, which is waited for.")
         self._due.append((now + self.settings.busy_pause, folder))
 
-    def _fail(self, folder: FolderState, why: str) -> None:
-        folder.state, folder.error = "failed", why
-        self.emit(Warned(f"{folder.name} failed: {why}"))
+    def _fail(self, folder: FolderState, why: str, error_type: str = "") -> None:
+        folder.state, folder.error, folder.error_type = "failed", why, error_type
+        if not self.relay:
+            self.emit(Warned(f"{folder.name} failed: {why}"))
+
+    def _warn(self, folder: FolderState, sentence: str) -> None:
+        self.emit(Warned(sentence if self.relay else f"{folder.name}: {sentence}"))
 
     def _warn_all(self, sentence: str) -> None:
         if sentence not in self.notes:
@@ -370,7 +395,12 @@ class _Coordinator:
         while not self._said.empty():
             said = self._said.get()
             folder = self.folders[said["folder"]]
-            if said["kind"] == "progress":
+            if said["kind"] == "event":
+                event = from_json_line(said["line"])
+                # Each task begins with the stages that are done.
+                if event is not None and getattr(event, "stage", "") not in folder.done:
+                    self.emit(event)
+            elif said["kind"] == "progress":
                 self._now[folder.number] = (said["now"], said["fraction"])
             elif said["kind"] == "started" and said["stage"] == folder.stage and folder.number in self._futures:
                 self._started[folder.number] += 1
@@ -379,10 +409,13 @@ class _Coordinator:
                     folder.restarts += 1
                     sentence = f"A worker was lost in the stage {folder.stage!r}; another one went on with it."
                     folder.note(sentence)
-                    self.emit(Warned(f"{folder.name}: {sentence}"))
+                    self._warn(folder, sentence)
 
     def _say_progress(self) -> None:
         self._read_messages()
+        if self.relay:
+            self._say_waiting()
+            return
         if time.monotonic() - self._said_at < _SAY_SECONDS:
             return
         self._said_at = time.monotonic()
@@ -391,6 +424,15 @@ class _Coordinator:
         done = sum(one.ended for one in self.folders)
         text = f"{done} of {len(self.folders)} folders" + (f"; {', '.join(running[:4])}" if running else "")
         self.emit(Progress("batch", sum(shares) / len(shares), None, text))
+
+    def _say_waiting(self) -> None:
+        """Say once for each task that no worker has begun it."""
+        for number in self._futures:
+            folder = self.folders[number]
+            key = (number, folder.stage)
+            if not self._started.get(number) and key not in self._waits:
+                self._waits.add(key)
+                self.emit(Progress(folder.stage, 0.0, None, "waiting for a free worker"))
 
     def _stop(self) -> None:
         """Stop the engines at their next safe point, so that nothing that they did is lost, and leave."""

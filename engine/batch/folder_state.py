@@ -27,6 +27,10 @@ class FolderState:
         Photo folder, and project folder.
     state : str
         ``waiting``, ``running``, ``done``, ``failed`` or ``stopped``.
+    command : tuple of str
+        A command of the engine with absolute paths, where it is not ``reconstruct`` with the options of the batch.
+    stages : tuple of str
+        Stages that are tasks, in order; a command other than ``reconstruct`` is one task.
     stage : str
         The stage that is next.
     done : list of str
@@ -43,8 +47,11 @@ class FolderState:
         How often a stage began again because its worker, or the scheduler, was lost.
     notes : list of str
         Sentences for the summary.
-    error : str
-        Why it failed.
+    error, error_type : str
+        Why it failed, and the name of the engine's exception.
+    message : str
+    outputs : dict
+        What the last task said at its end, see `engine.events.Finished`.
     seconds, cpu_seconds : float
         Sum over its tasks; killed ones do not say what they took.
     shipped_bytes : int
@@ -56,6 +63,8 @@ class FolderState:
     photos: Path
     out: Path
     state: str = "waiting"
+    command: tuple[str, ...] = ()
+    stages: tuple[str, ...] = STAGES
     stage: str = STAGES[0]
     done: list[str] = field(default_factory=list)
     computed: list[str] = field(default_factory=list)
@@ -65,6 +74,9 @@ class FolderState:
     restarts: int = 0
     notes: list[str] = field(default_factory=list)
     error: str = ""
+    error_type: str = ""
+    message: str = ""
+    outputs: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     shipped_bytes: int = 0
@@ -92,12 +104,12 @@ class FolderState:
 
         When all stages are done already, one task checks them all.
         """
-        if self.stage == STAGES[-1]:
+        if self.stage == self.stages[-1]:
             self.state = "done"
             return
-        after = STAGES[STAGES.index(self.stage) + 1 :]
+        after = self.stages[self.stages.index(self.stage) + 1 :]
         open_stages = [stage for stage in after if stage in self.forecast and stage not in self.done]
-        self.stage, self.tries = (open_stages or [STAGES[-1]])[0], 0
+        self.stage, self.tries = (open_stages or [self.stages[-1]])[0], 0
 
     def expected_memory(self, photos_memory: int) -> tuple[int, int]:
         """Return the expected and the high forecast of the bytes that the next task takes.

@@ -1,6 +1,7 @@
-"""What a worker does: one stage of one folder, by the engine as a child process. Answers are plain values, no errors.
+"""What a worker does: one stage of one folder, or one other command, by the engine as a child process.
 
-Whatever goes wrong with the engine is part of the answer; the coordinator decides whether another worker tries again.
+Answers are plain values, no errors.
+ Whatever goes wrong with the engine is part of the answer; the coordinator decides whether another worker tries again.
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ from distributed import get_worker
 
 from .. import __version__
 from ..errors import DiskError, EnvironmentProblem, HeritageError, ProjectInUse
-from ..events import Event, Progress
+from ..events import ErrorEvent, Event, Finished, Metric, Progress, to_json_line
 from ..files import check, delete_derived
 from ..project_folder import ProjectFolder
 from ..stages import STAGES
 from .engine_process import EngineProcess
 from .shipping import Bundle, pack, unpack
 
-__all__ = ["topic_of", "run_stage", "stop_stages"]
+__all__ = ["topic_of", "run_stage", "stop_stages", "stored_forecast"]
 
-_SAY_SECONDS = 5.0
-"""Seconds between two messages about the progress of a stage."""
+_SAY_SECONDS, _RELAY_SECONDS = 5.0, 1.0
+"""Seconds between two messages about the progress of a stage, and where somebody watches it."""
 _FORECAST = {"stages": [{"stage": str, "memory": int, "memory_high": int, "cpu_seconds": float, "seconds": float}]}
 _RUNNING: dict[str, set[EngineProcess]] = {}
 """The engines that this worker process runs, by batch."""
@@ -47,7 +48,8 @@ def run_stage(request: dict[str, Any], bundle: Bundle | None = None) -> dict[str
     Parameters
     ----------
     request : dict
-        ``version`` of the engine, ``batch``, ``folder`` (its number), ``photos``, ``out``, ``stage``, ``arguments``.
+        ``version`` of the engine, ``batch``, ``folder`` (its number), ``photos``, ``out``, ``stage``; ``arguments`` of
+        ``reconstruct``, or the whole ``command`` instead; ``relay``: whether all events of the engine are sent.
     bundle : dict, optional
         Files of ``photos`` and ``out``, where the worker does not share them; see `shipping`.
 
@@ -56,14 +58,14 @@ def run_stage(request: dict[str, Any], bundle: Bundle | None = None) -> dict[str
     dict
         ``outcome``: ``done``, ``failed``, ``stopped``, ``busy`` (another job works in the folder) or ``killed``;
         ``error`` and ``error_type``; ``computed`` and ``kept`` stages; ``done``: all stages that are done;
-        ``forecast`` by stage; ``seconds``, ``cpu_seconds``, ``worker``, ``host``, ``warnings``; ``project``: its files,
-        where they were sent.
+        ``forecast`` by stage; ``message`` and ``outputs`` of the end; ``seconds``, ``cpu_seconds``, ``worker``,
+        ``host``, ``warnings``; ``project``: its files, where they were sent.
     """
     worker = get_worker()
     answer: dict[str, Any] = {
         "outcome": "failed", "error": "", "error_type": "", "computed": [], "kept": [], "done": [], "forecast": {},
-        "seconds": 0.0, "cpu_seconds": None, "worker": worker.address, "host": socket.gethostname(), "warnings": [],
-        "project": None,
+        "message": "", "outputs": {}, "seconds": 0.0, "cpu_seconds": None, "worker": worker.address,
+        "host": socket.gethostname(), "warnings": [], "project": None,
     }  # fmt: skip
     begin = time.monotonic()
     scratch: Path | None = None
@@ -109,12 +111,21 @@ def _run_engine(
     last = [0.0]
 
     def on_event(event: Event) -> None:
-        if isinstance(event, Progress) and time.monotonic() - last[0] > _SAY_SECONDS:
+        # How it ends is part of the answer.
+        if isinstance(event, ErrorEvent | Finished) or (isinstance(event, Metric) and event.stage == "batch"):
+            return
+        if isinstance(event, Progress):
+            if time.monotonic() - last[0] < (_RELAY_SECONDS if request["relay"] else _SAY_SECONDS):
+                return
             last[0] = time.monotonic()
             say("progress", now=event.stage, fraction=event.fraction)
+        if request["relay"]:
+            say("event", line=to_json_line(event))
 
     batch, stage = request["batch"], request["stage"]
-    command = ["reconstruct", str(photos), f"--out={out}", f"--until={stage}", *request["arguments"]]
+    command = request["command"] or ["reconstruct", str(photos), f"--out={out}", *request["arguments"]]
+    if command[0] == "reconstruct":
+        command = [*command, f"--until={stage}"]
     with _LOCK:
         if batch in _STOPPED:
             answer["outcome"] = "stopped"
@@ -129,7 +140,7 @@ def _run_engine(
     state = engine.state
     answer.update(
         error=state.error, error_type=state.error_type, computed=engine.computed, kept=engine.kept,
-        cpu_seconds=engine.cpu_seconds, warnings=state.warnings[-20:],
+        cpu_seconds=engine.cpu_seconds, warnings=state.warnings[-20:], message=state.message, outputs=state.outputs,
     )  # fmt: skip
     if code == 0 and state.finished:
         answer["outcome"] = "done"
@@ -151,11 +162,15 @@ def _add_state(out: Path, answer: dict[str, Any]) -> None:
     except HeritageError:
         return
     answer["done"] = [stage for stage in STAGES if project.stage_record(stage) is not None]
+    answer["forecast"] = stored_forecast(project)
+
+
+def stored_forecast(project: ProjectFolder) -> dict[str, dict[str, Any]]:
+    """Return the expected memory and seconds by stage; empty where a project has no forecast yet."""
     stored = project.get("forecast")
-    if check(stored, _FORECAST) is None:
-        answer["forecast"] = {
-            one["stage"]: {name: one[name] for name in _FORECAST["stages"][0]} for one in stored["stages"]
-        }
+    if check(stored, _FORECAST) is not None:
+        return {}
+    return {one["stage"]: {name: one[name] for name in _FORECAST["stages"][0]} for one in stored["stages"]}
 
 
 def stop_stages(batch: str) -> int:

@@ -12,6 +12,7 @@ from . import (
     models,
     plan,
     reconstruct,
+    remote,
     render,
     report,
     segment,
@@ -39,4 +40,5 @@ COMMANDS = (
     stability,
     serve,
     batch,
+    remote,
 )

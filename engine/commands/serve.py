@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="when the server is stopped, stop the running job too; the next server continues it (for containers)",
     )
+    parser.add_argument(
+        "--scheduler",
+        default="",
+        metavar="ADDRESS",
+        help="do the jobs on the workers of this Dask cluster, which share the data folder; default: here, one by one",
+    )
     parser.add_argument("--check", action="store_true", help="say whether the server on this port answers")
     parser.add_argument("--add-user", metavar="NAME", help="add a user, or give a user a new token; prints it once")
     parser.add_argument("--remove-user", metavar="NAME", help="remove a user; the user's projects stay")
@@ -64,7 +71,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
     settings = ServeSettings(
         data=options.data.absolute(), port=options.port, lan=options.lan, names=tuple(options.name),
-        stop_jobs=options.stop_jobs,
+        stop_jobs=options.stop_jobs, scheduler=options.scheduler,
     )  # fmt: skip
     if options.check:
         check_server(settings)
@@ -84,6 +91,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         Accounts(settings.data).remove(options.remove_user)
         emit(Finished(f"{options.remove_user} was removed; the projects stay."))
     else:
+        if settings.scheduler and importlib.util.find_spec("distributed") is None:
+            raise EnvironmentProblem(
+                "The package distributed is missing, which --scheduler needs. Install requirements/batch.txt with pip."
+            )
         if options.first_user is not None:
             _add_first_user(Accounts(settings.data), options.first_user, emit)
         run_server(settings, emit, should_stop)

@@ -60,7 +60,10 @@ def create_app(settings: ServeSettings, hosts: list[str], page: Path = PAGE) -> 
     """
     feeds = Feeds()
     server = Server(
-        settings, Accounts(settings.data), JobQueue(settings.data, feeds, stop_jobs=settings.stop_jobs), feeds
+        settings,
+        Accounts(settings.data),
+        JobQueue(settings.data, feeds, stop_jobs=settings.stop_jobs, scheduler=settings.scheduler),
+        feeds,
     )
 
     @contextlib.asynccontextmanager

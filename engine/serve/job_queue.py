@@ -1,7 +1,8 @@
-"""Runs the engine for all users, one job after the other, as processes that outlive the server.
+"""Runs the engine for all users, as processes that outlive the server: one job after the other, or on a cluster.
 
 A waiting job is a file; a running or ended one is a folder of its project, see `engine.jobs`. The thread of the queue
-polls the running job. After a restart of the server the running job is found again and the waiting ones follow.
+polls the running jobs. After a restart of the server they are found again and the waiting ones follow. With a Dask
+cluster, the process is ``remote``, which has the work done on a worker; Dask decides when and where.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import os
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import HeritageError, ProjectError
@@ -28,6 +29,8 @@ _LOG = logging.getLogger(__name__)
 _POLL_SECONDS = 0.2
 _STOP_SECONDS = 30.0
 """Time that a job has to save its work when the server ends; compose.yaml allows for it."""
+_ON_CLUSTER = 8
+"""Jobs that a cluster gets at a time, each of another project: some 100 MB of memory each on the server."""
 _ROOT = Path(__file__).resolve().parents[2]
 """The folder that contains the package `engine`."""
 _LABELS = {"--prompt": "Isolate {}", "--refine": "Correct {}", "--accept": "Isolate candidate {}"}
@@ -63,19 +66,21 @@ class JobQueue:
         The server's data folder.
     feeds : Feeds
         Gets an event whenever a job changes.
-    stop_jobs : bool
+    stop_jobs, scheduler
         See `ServeSettings`.
     """
 
-    def __init__(self, data: Path, feeds: Feeds, *, stop_jobs: bool = False) -> None:
+    def __init__(self, data: Path, feeds: Feeds, *, stop_jobs: bool = False, scheduler: str = "") -> None:
         self._folder = data / "waiting"
         self._feeds = feeds
         self._stop_jobs = stop_jobs
-        self._cancelled: Job | None = None
+        self._prefix = ["remote", f"--scheduler={scheduler}", "--events", "--"] if scheduler else []
+        self._at_once = _ON_CLUSTER if scheduler else 1
+        self._cancelled: set[Path] = set()
         self._lock = threading.RLock()
         self._waiting: list[WaitingJob] = []
         self._last: dict[Path, Job] = {}
-        self._running: Job | None = None
+        self._running: dict[Path, Job] = {}
         self._published: dict[tuple[Path, str], str] = {}
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="job queue", daemon=True)
@@ -86,24 +91,25 @@ class JobQueue:
         self._folder.mkdir(parents=True, exist_ok=True)
         for project, job in self._found:
             self._last[project] = job
-        running = [job for _, job in self._found if job.poll().running]
-        self._waiting = [one for one in WaitingJob.stored(self._folder) if not self._was_started(one)]
+        self._running = {job.folder: job for _, job in self._found if job.poll().running}
+        stored = [one for one in WaitingJob.stored(self._folder) if not self._was_started(one)]
+        # The earlier server may have had another scheduler, or none.
+        self._waiting = [replace(one, command=self._command(_words(one.command))) for one in stored]
         if self._stop_jobs:
             self._continue_interrupted()
-        # Two can run where an earlier server was killed while it started one; the second is waited for as well.
-        self._running = running[0] if running else None
-        _LOG.info("%s jobs run, %s wait", len(running), len(self._waiting))
+        _LOG.info("%s jobs run, %s wait", len(self._running), len(self._waiting))
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread. The running job goes on, and the next server finds it; with `stop_jobs` it ends too."""
+        """End the thread. Running jobs go on, and the next server finds them; with `stop_jobs` they end too."""
         self._stop.set()
         self._thread.join()
-        job = self._running
-        if self._stop_jobs and job is not None and job.poll().running:
+        running = [job for job in self._running.values() if self._stop_jobs and job.poll().running]
+        for job in running:
             job.cancel(_STOP_SECONDS)
+        for job in running:
             job.wait()
-            if job is self._cancelled:
+            if job.folder in self._cancelled:
                 job.mark_taken()  # The user wanted its end, so that it is not continued.
 
     def submit(self, project: WebProject, arguments: Sequence[str]) -> JobView:
@@ -116,7 +122,7 @@ class JobQueue:
         DiskError
             When it cannot be stored.
         """
-        command = (sys.executable, "-m", "engine", *arguments, "--events")
+        command = self._command(arguments)
         with self._lock:
             if any(one.subject == project.folder and one.command == command for one in self._waiting):
                 raise ProjectError("The same job is waiting already.")
@@ -166,7 +172,7 @@ class JobQueue:
             if job is None or job.folder.name != job_id or not job.poll().running:
                 raise ProjectError("That job has ended already.")
             job.cancel()
-            self._cancelled = job
+            self._cancelled.add(job.folder)
 
     def cancel_all(self, project: Path) -> None:
         """Stop and remove everything that works on a project, and wait for its end."""
@@ -190,14 +196,14 @@ class JobQueue:
             job = self._last.get(project.folder)
             if job is None or job.folder.name != job_id or job.poll().running or not job.poll().error:
                 raise ProjectError("That job cannot be continued.")
-            return self.submit(project, [word for word in job.command[3:] if word != "--events"])
+            return self.submit(project, _words(job.command))
 
     def _continue_interrupted(self) -> None:
         """Put the jobs that ended with an earlier server before those that wait."""
         again = []
         for job in interrupted_jobs(self._found):
-            # Named by this server's interpreter, as another version of the image may have moved it.
-            command = (sys.executable, *job.command[1:])
+            # With this server's interpreter, as another version of the image may have moved it, and its scheduler.
+            command = self._command(_words(job.command))
             if not any(str(one.subject) == job.subject and one.command == command for one in self._waiting):
                 again.append(WaitingJob.store(self._folder, job.kind, Path(job.subject), command))
             job.mark_taken()
@@ -212,28 +218,38 @@ class JobQueue:
                 # The queue goes on with the other jobs; the log has the error.
                 _LOG.exception("the queue failed")
 
+    def _command(self, arguments: Sequence[str]) -> tuple[str, ...]:
+        """Return the command line of a job: with `_words`, the only place that knows its form."""
+        words = [*self._prefix, *arguments] if self._prefix else [*arguments, "--events"]
+        return (sys.executable, "-m", "engine", *words)
+
     def _step(self) -> None:
-        job = self._running
-        if job is not None:
+        for job in list(self._running.values()):
             state = job.poll()
-            project = job.folder.parent.parent
+            project = _project_of(job)
             if not state.running:
-                self._running = None
+                del self._running[job.folder]
                 job.mark_taken()
                 for kind in _CHANGES.get(job.kind, ()):
                     self._feeds.publish(project, kind)
             self._publish(project)
-        if self._running is None and self._waiting:
-            self._start(self._waiting.pop(0))
+        busy = {_project_of(job) for job in self._running.values()}
+        for waiting in list(self._waiting):
+            if len(self._running) >= self._at_once:
+                break
+            if waiting.subject not in busy:
+                busy.add(waiting.subject)
+                self._waiting.remove(waiting)
+                self._start(waiting)
 
     def _start(self, waiting: WaitingJob) -> None:
         folder = waiting.subject / "jobs" / waiting.file.stem
         if waiting.file.exists() and waiting.subject.is_dir():
             try:
-                self._running = Job.start(
+                job = Job.start(
                     waiting.command, folder, kind=waiting.kind, subject=str(waiting.subject), environment=_environment()
                 )
-                self._last[waiting.subject] = self._running
+                self._running[folder] = self._last[waiting.subject] = job
             except HeritageError as error:
                 _LOG.error("%s", error)
         # After the start: a server that is killed in between starts no job twice, see `_was_started`.
@@ -270,12 +286,24 @@ def _jobs_in(data: Path) -> Iterator[tuple[Path, Job]]:
                 yield jobs.parent, job
 
 
+def _project_of(job: Job) -> Path:
+    return job.folder.parent.parent
+
+
+def _words(command: Sequence[str]) -> list[str]:
+    """Return the engine's command and its arguments, of the command line of a job on this computer or on a cluster."""
+    words = list(command[3:])
+    if words[:1] == ["remote"]:
+        return words[words.index("--") + 1 :]
+    return [word for word in words if word != "--events"]
+
+
 def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(_ROOT)}
 
 
 def _view_of_waiting(waiting: WaitingJob) -> JobView:
-    return JobView(waiting.file.stem, waiting.kind, _label(waiting.kind, waiting.command), "waiting")
+    return JobView(waiting.file.stem, waiting.kind, _label(waiting.kind, _words(waiting.command)), "waiting")
 
 
 def _view_of_job(job: Job) -> JobView:
@@ -283,7 +311,7 @@ def _view_of_job(job: Job) -> JobView:
     return JobView(
         id=job.folder.name,
         kind=job.kind,
-        label=_label(job.kind, job.command),
+        label=_label(job.kind, _words(job.command)),
         state="running" if state.running else "finished" if state.finished else "stopped",
         stage=state.stage,
         fraction=state.fraction,
@@ -296,13 +324,13 @@ def _view_of_job(job: Job) -> JobView:
     )
 
 
-def _label(kind: str, command: Sequence[str]) -> str:
+def _label(kind: str, words: Sequence[str]) -> str:
     """Return what a job does, in words."""
     if kind == "reconstruct":
         return "Reconstruct the scene"
     if kind == "frames":
-        return f"Take photos from {Path(command[4]).name}"
-    for word in command:
+        return f"Take photos from {Path(words[1]).name}"
+    for word in words:
         option, _, value = word.partition("=")
         if option in _LABELS:
             return _LABELS[option].format(value)

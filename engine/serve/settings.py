@@ -27,6 +27,9 @@ class ServeSettings:
         With `lan`: names and addresses by which clients reach the server; empty takes those of this computer.
     stop_jobs : bool
         Whether the running job is stopped with the server and continued by the next one. Otherwise it goes on.
+    scheduler : str
+        Address of a Dask scheduler whose workers do the jobs; they share the data folder, by the same path. Empty: one
+        job at a time on this computer.
     max_photo_bytes, max_video_bytes, max_user_bytes : int
         Largest photo, largest video, and all files that a user has uploaded.
     max_photos : int
@@ -63,6 +66,7 @@ class ServeSettings:
     lan: bool = False
     names: tuple[str, ...] = ()
     stop_jobs: bool = False
+    scheduler: str = ""
     max_photo_bytes: int = 200 << 20
     max_video_bytes: int = 4 << 30
     max_user_bytes: int = 50 << 30

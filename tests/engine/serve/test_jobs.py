@@ -27,6 +27,12 @@ def project(client: Client) -> str:
     return project
 
 
+def only_process(client: Client) -> Any:
+    """Return the process of the job that runs."""
+    (job,) = client.http.app.state.server.queue._running.values()  # type: ignore[attr-defined]
+    return job._process
+
+
 def reconstruct(client: Client, project: str) -> Any:
     return client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "reconstruct", "preset": "preview"})
 
@@ -61,6 +67,50 @@ def test_second_job_waits_and_both_can_be_stopped(client: Client, project: str, 
     assert client.wait_for_job(project, "stopped")["error"]
 
 
+def test_jobs_of_several_projects_go_to_a_cluster_at_the_same_time(
+    make_client: Callable[..., Client], fake_engine: Engine
+) -> None:
+    fake_engine(FOREVER)
+    client = make_client(scheduler="tcp://head:8786")
+    projects = [client.new_project() for _ in range(2)]
+    for project in projects:
+        client.upload(project, "vase.jpg", jpeg())
+        reconstruct(client, project)
+    while not all(client.wait_for_job(project, "running")["stage"] for project in projects):
+        time.sleep(0.02)
+    jobs = [client.wait_for_job(project, "running") for project in projects]
+    assert [job["label"] for job in jobs] == ["Reconstruct the scene"] * 2
+    words = json.loads((client.folder(projects[1]) / "project" / "words.json").read_text())
+    assert words[:5] == ["remote", "--scheduler=tcp://head:8786", "--events", "--", "reconstruct"]
+    # Another job of the same project waits.
+    video = client.http.post(
+        f"{API}/projects/{projects[0]}/jobs", json={"kind": "reconstruct", "preset": "standard"}
+    ).json()
+    assert video["state"] == "waiting"
+    client.http.delete(f"{API}/projects/{projects[0]}/jobs/{video['id']}")
+    for project, job in zip(projects, jobs, strict=True):
+        client.http.delete(f"{API}/projects/{project}/jobs/{job['id']}")
+        client.wait_for_job(project, "stopped")
+
+
+def test_job_of_a_cluster_is_continued_here_by_a_server_without_one(
+    make_client: Callable[..., Client], fake_engine: Engine
+) -> None:
+    fake_engine("say('error', message='The scheduler does not answer.', error='EnvironmentProblem')")
+    client = make_client(scheduler="tcp://head:8786")
+    project = client.new_project()
+    client.upload(project, "vase.jpg", jpeg())
+    reconstruct(client, project)
+    job = client.wait_for_job(project, "stopped")
+    client.stop()
+    fake_engine("say('finished', message='done', outputs={})")
+    client = make_client()
+    client.http.post(f"{API}/projects/{project}/jobs/{job['id']}/continue")
+    client.wait_for_job(project, "finished")
+    words = json.loads((client.folder(project) / "project" / "words.json").read_text())
+    assert words[0] == "reconstruct" and words[-1] == "--events" and "--" not in words
+
+
 def test_failed_job_tells_its_sentence_and_continues(client: Client, project: str, fake_engine: Engine) -> None:
     fake_engine("say('error', message='Too few photos overlap.', error='CameraError')")
     reconstruct(client, project)
@@ -85,7 +135,7 @@ def test_server_that_ends_leaves_its_job_running_and_the_next_one_finds_it(
     running = first.wait_for_job(projects[0], "running")
     first.stop()
     # Kept until the end, as Python warns when the handle of a process that still runs is dropped.
-    process = first.http.app.state.server.queue._running._process  # type: ignore[attr-defined]
+    process = only_process(first)
     second = make_client()
     assert second.wait_for_job(projects[0], "finished")["id"] == running["id"]
     second.wait_for_job(projects[1], "finished")
@@ -137,8 +187,9 @@ def kill_with_server(client: Client, project: str) -> None:
     queue = client.http.app.state.server.queue  # type: ignore[attr-defined]
     queue._stop.set()
     queue._thread.join()
-    queue._running._process.kill()
-    queue._running._process.wait()
+    process = only_process(client)
+    process.kill()
+    process.wait()
     client.stop()
 
 
