@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 
 from ..engine.errors import EnvironmentProblem
-from ..engine.installation import CONTENTS, EngineEnvironment, State, default_build, default_folder, sizes
+from ..engine.installation import CONTENTS, EngineEnvironment, default_build, default_folder, sizes
 from .model_files import list_models
 
-__all__ = ["describe", "install_command", "installed_engine", "installed_state", "remove_command"]
+__all__ = ["describe", "install_command", "installed_engine", "remove_command"]
 
 _MODULE = "engine.installation"
 _OFFLINE = (
@@ -21,18 +20,6 @@ _OFFLINE = (
 def installed_engine() -> EngineEnvironment:
     """Return the engine that is set up from Blender, which need not exist yet."""
     return EngineEnvironment(default_folder())
-
-
-def installed_state() -> State:
-    """Return the state of `installed_engine`."""
-    engine = installed_engine()
-    return _state(engine.folder, engine.changed())
-
-
-# Cached, because panels call this at each redraw.
-@functools.lru_cache(maxsize=4)
-def _state(folder: Path, changed: tuple[int, ...]) -> State:
-    return EngineEnvironment(folder).state()
 
 
 def describe(build: str, bundle: str) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import job_runner
-from .installation import installed_state
+from .installation import installed_engine
 from .layouts import draw_job, draw_text
 from .preferences import engine_problem
 
@@ -16,7 +16,7 @@ _LABELS = {"missing": "Set Up Engine", "incomplete": "Continue Set-Up", "outdate
 
 def set_up_label() -> str:
     """Return what setting up means now, as a label: first set-up, continuation, update or repair."""
-    return _LABELS.get(installed_state(), "Repair Engine")
+    return _LABELS.get(installed_engine().state(), "Repair Engine")
 
 
 def draw_set_up(layout: bpy.types.UILayout) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import sys
 from dataclasses import dataclass
@@ -69,8 +70,17 @@ class EngineEnvironment:
         """The output of pip and of the other programs."""
         return self.folder / "installation.log"
 
-    def changed(self) -> tuple[int, ...]:
-        """Return numbers that differ whenever `state` may have changed; cheap enough to ask at each redraw."""
+    def state(self) -> State:
+        """Return whether the engine can run here.
+
+        "incomplete" after an installation that was stopped or failed, "outdated" when another version of the engine,
+        with other requirements, made it. Blender asks at each redraw, so files are only read again after a change:
+        reading may wait for a disk that a job is writing to.
+        """
+        return _state(self, self._changed())
+
+    def _changed(self) -> tuple[int, ...]:
+        """Return numbers that differ whenever `state` may have changed."""
         times = []
         for file in (self.folder / _MARK, self.folder / _STAMP, self.python):
             try:
@@ -78,23 +88,6 @@ class EngineEnvironment:
             except OSError:
                 times.append(0)
         return tuple(times)
-
-    def state(self) -> State:
-        """Return whether the engine can run here.
-
-        "incomplete" after an installation that was stopped or failed, "outdated" when another version of the engine,
-        with other requirements, made it.
-        """
-        if not (self.folder / _MARK).is_file():
-            return "missing"
-        try:
-            stamp = read_json(self.folder / _STAMP, _SCHEMA, advice="")
-        except FormatError:
-            return "incomplete"
-        if not self.python.is_file():
-            return "incomplete"
-        current = stamp["made_from"] == _fingerprint(stamp["python"], stamp["torch"])
-        return "ready" if current else "outdated"
 
     def begin(self) -> None:
         """Mark the folder as ours and as incomplete.
@@ -145,6 +138,20 @@ class EngineEnvironment:
             delete_derived(self.folder, name)
         with contextlib.suppress(OSError):
             self.folder.rmdir()
+
+
+@functools.lru_cache(maxsize=4)
+def _state(engine: EngineEnvironment, changed: tuple[int, ...]) -> State:
+    if not (engine.folder / _MARK).is_file():
+        return "missing"
+    try:
+        stamp = read_json(engine.folder / _STAMP, _SCHEMA, advice="")
+    except FormatError:
+        return "incomplete"
+    if not engine.python.is_file():
+        return "incomplete"
+    current = stamp["made_from"] == _fingerprint(stamp["python"], stamp["torch"])
+    return "ready" if current else "outdated"
 
 
 def _fingerprint(python: str, build: str) -> str:

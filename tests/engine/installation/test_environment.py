@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from engine.errors import ProjectError
+from engine.files import read_json
 from engine.installation import EngineEnvironment, default_folder
 from engine.installation import environment as module
 
@@ -73,12 +75,23 @@ def test_other_requirements_make_an_engine_outdated(engine: EngineEnvironment, m
     assert engine.state() == "outdated"
 
 
-def test_each_change_of_state_is_seen_without_reading_files(engine: EngineEnvironment) -> None:
-    seen = {engine.changed()}
+def test_each_change_of_state_is_seen_and_no_file_is_read_again_without_one(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read: list[Path] = []
+
+    def counted(path: Path, *schema: Any, **options: Any) -> Any:
+        read.append(path)
+        return read_json(path, *schema, **options)
+
+    monkeypatch.setattr(module, "read_json", counted)
+    states = [engine.state()]
     for step in (engine.begin, lambda: _complete(engine), engine.begin):
         step()
-        assert engine.changed() not in seen
-        seen.add(engine.changed())
+        states.append(engine.state())
+        n_read = len(read)
+        assert engine.state() == states[-1] and len(read) == n_read
+    assert states == ["missing", "incomplete", "ready", "incomplete"]
 
 
 def test_nothing_is_installed_into_a_folder_with_other_files(engine: EngineEnvironment) -> None:
