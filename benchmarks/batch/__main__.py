@@ -26,6 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--photos", type=int, default=8, help="photos of each (default: %(default)s)")
     parser.add_argument("--preset", default="preview", help="of the speed (default: %(default)s)")
     parser.add_argument("--kills", type=int, default=100, help="workers to kill (default: %(default)s)")
+    parser.add_argument("--prompts", default="", help="of the kills: objects to isolate; default: without objects")
     parser.add_argument("--minutes", type=float, default=120.0, help="begin no batch later (default: %(default)s)")
     parser.add_argument("--doc", type=Path, help="document whose table is replaced; by default it is printed")
     options = parser.parse_args(arguments)
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     elif options.part == "kills":
         from .kills import kills_table
 
-        text = kills_table(folder, options.folders, options.photos, options.kills, options.minutes)
+        text = kills_table(folder, options.folders, options.photos, options.kills, options.minutes, options.prompts)
     else:
         from .simulation import simulation_table
 
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command = " ".join(["python -m benchmarks.batch", *(arguments or sys.argv[1:])])
     text = f"Made by `{command}` on {describe_machine().cores} cores that other programs used as well.\n\n{text}"
     if options.doc:
-        put_into(options.doc, options.part, text)
+        put_into(options.doc, options.part + (" with objects" if options.prompts else ""), text)
     else:
         print(text)
     shutil.rmtree(folder)

@@ -24,8 +24,11 @@ _PAUSE = (1.0, 7.0)
 _PRELOAD = "benchmarks.batch.short_engine"
 
 
-def kills_table(folder: Path, n_folders: int, n_photos: int, n_kills: int, minutes: float) -> str:
-    """Run batches until `n_kills` workers were killed or the minutes are over, and return the table."""
+def kills_table(folder: Path, n_folders: int, n_photos: int, n_kills: int, minutes: float, prompts: str = "") -> str:
+    """Run batches until `n_kills` workers were killed or the minutes are over, and return the table.
+
+    With `prompts`, the folders get masks and these objects too.
+    """
     end = time.monotonic() + 60 * minutes
     photos = write_folders(folder / "scans", n_folders, n_photos)
     cluster = Cluster(folder / "cluster", _PRELOAD)
@@ -33,7 +36,8 @@ def kills_table(folder: Path, n_folders: int, n_photos: int, n_kills: int, minut
     for _ in range(_N_WORKERS):
         cluster.start_worker()
     try:
-        options = [f"--scheduler={cluster.address}", "--preset=test", "--no-objects", "--tries=1000"]
+        options = [f"--scheduler={cluster.address}", "--preset=test", "--tries=1000"]
+        options.append(f"--prompts={prompts}" if prompts else "--no-objects")
         reference = folder / "reference"
         if subprocess.run(batch_command(photos, reference, *options), cwd=ROOT, stdout=subprocess.DEVNULL).returncode:
             raise RuntimeError(f"The batch without kills failed: {read_summary(reference)['folders']}")

@@ -26,7 +26,7 @@ from engine.scene import Camera, focal_and_center, read_camera_set
 
 from .server import ROOT, Row
 
-__all__ = ["engine_picture", "page_rows", "read_picture"]
+__all__ = ["WEBGL", "engine_picture", "page_rows", "read_picture", "serving"]
 
 PAGE = ROOT / "engine" / "serve" / "page" / "dist"
 WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]

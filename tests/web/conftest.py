@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,11 +11,12 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
+from benchmarks.serve.page import WEBGL, serving
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "engine" / "serve" / "page"
 PHOTOS = sorted((ROOT / "demo" / "museum_room" / "photos").glob("*.jpg"))[:12]
 PLACES = {"desktop": (1280, 900), "phone": (390, 844)}
-WEBGL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 RUN_MS = 600_000
 """Longest time of a reconstruction; the machine may be busy."""
 VIEWER_MS = 30_000
@@ -70,15 +67,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def address(data: Path) -> Iterator[str]:
     """Start the server."""
     assert (PAGE / "dist" / "index.html").is_file(), "run `make page` first"
-    command = [sys.executable, "-m", "engine", "serve", "--events", f"--data={data}", "--port=0"]
-    # Its own processor time is small, and the engine's jobs end with its group.
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, start_new_session=True)
-    assert process.stdout is not None
-    found = re.search(r"http://[^ ]+/", process.stdout.readline())
-    assert found is not None
-    yield found[0]
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
+    with serving(data) as address:
+        yield address
 
 
 @pytest.fixture(scope="session")
