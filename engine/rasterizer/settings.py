@@ -6,6 +6,7 @@ This is the only place that gives these constants a value. The kernels import th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from ..settings import require
 
@@ -21,8 +22,12 @@ __all__ = [
     "QUAT_NORM2_MIN",
     "RADIUS_SIGMAS",
     "T_MIN",
+    "Backend",
     "RasterSettings",
 ]
+
+Backend = Literal["cpu", "gpu", "reference"]
+"""Implementations of `engine.rasterizer.rasterize`."""
 
 INVERSE_ALPHA_MIN = 255.0
 """Inverse of `ALPHA_MIN`. It is exact, while 1/255 is rounded, so log(opacity / ALPHA_MIN) is computed from it."""

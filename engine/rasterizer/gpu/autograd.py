@@ -10,7 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from ...errors import NumericalError
 from ..raster import CulledCounts, Raster, RasterInputs, check_finite
-from .adapters import Gpu
+from .adapters import Gpu, translate_card_errors
 from .frame import Frame, FrameSize, pack_sh, unpack_sh
 
 __all__ = ["rasterize_gpu"]
@@ -67,7 +67,7 @@ def rasterize_gpu(inputs: RasterInputs, gpu: Gpu) -> Raster:
     NumericalError
         If an input is not finite, or 2^31 pairs of a tile and a Gaussian or more are needed.
     EnvironmentProblem
-        If the picture needs larger buffers than the card has.
+        If the picture needs larger buffers than the card has, or the card stops working.
     ValueError
         If a tensor is not float32 on the CPU.
     """
@@ -80,9 +80,10 @@ def rasterize_gpu(inputs: RasterInputs, gpu: Gpu) -> Raster:
             raise ValueError(f"the gpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
     arrays = dict(zip(_NAMES, (tensor.detach().contiguous().numpy() for tensor in tensors), strict=True))
     backward = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (*tensors, inputs.viewmat))
-    frame = _forward(inputs, gpu, arrays, backward)
-    image, transmittance = _Rasterize.apply(frame, *tensors, inputs.viewmat.double())
-    info = frame.read("info", (frame.size.n, 4), np.uint32)
+    with translate_card_errors(gpu, "use the CPU"):
+        frame = _forward(inputs, gpu, arrays, backward)
+        image, transmittance = _Rasterize.apply(frame, *tensors, inputs.viewmat.double())
+        info = frame.read("info", (frame.size.n, 4), np.uint32)
     state = info[:, 0] & 7
     near, degenerate, transparent, outside = (int(np.count_nonzero(state == reason)) for reason in (1, 2, 3, 4))
     culled = CulledCounts(near, degenerate, transparent, outside)

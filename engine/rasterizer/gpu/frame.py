@@ -7,7 +7,7 @@ the image is empty and `Frame.counts` says how many are needed; the caller grows
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import EnvironmentProblem
+from ...machine import free_memory
 from ...scene import PinholeCamera
 from ..settings import JACOBIAN_MARGIN, RasterSettings
-from .adapters import Gpu
+from .adapters import Gpu, translate_card_errors
 from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of
 
 __all__ = ["Counts", "Frame", "FrameSize", "pack_sh", "unpack_sh"]
@@ -28,6 +29,9 @@ _STORAGE = 0x80 | 0x8 | 0x4  # STORAGE | COPY_DST | COPY_SRC of WebGPU
 _INDIRECT = 0x100
 _UNIFORM = 0x40 | 0x8
 _BLOCK = 64  # Gaussians in a block of `pack_sh`
+
+SMALLER = "render a smaller picture or fewer Gaussians, or use the CPU"
+"""What to do when the buffers of a picture do not fit."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,7 @@ class Frame:
     Raises
     ------
     EnvironmentProblem
-        If a buffer is larger than a kernel of this card can see.
+        If a buffer is larger than a kernel of this card can see, or memory is full.
     """
 
     def __init__(self, gpu: Gpu, size: FrameSize, *, n_moving: int | None = None, with_pose: bool = False) -> None:
@@ -157,17 +161,32 @@ class Frame:
                 "rows": 16 * (chunks + 2) * capacity, "totals": 16 * (chunks + 2) * n,
                 "gradients": 48 * n, "pose": 48 * n if self._with_pose else 4, "sh_gradient": 4 * _BLOCK * 3 * s.n_sh * -(-n // _BLOCK),
             }  # fmt: skip
-        for name, n_bytes in sizes.items():
-            if n_bytes > self.gpu.max_binding_bytes and name not in ("sh", "sh_gradient"):
-                raise EnvironmentProblem(
-                    f"{self.gpu.name} lets a kernel see {self.gpu.max_binding_bytes >> 20} MiB and this picture needs "
-                    f"{n_bytes >> 20} MiB for `{name}`; render a smaller picture, or use the CPU."
-                )
-            self.buffers[name] = self.gpu.device.create_buffer(size=max(16, n_bytes), usage=_STORAGE, label=name)
+        self._check_memory(sizes)
+        with translate_card_errors(self.gpu, SMALLER):
+            for name, n_bytes in sizes.items():
+                self.buffers[name] = self.gpu.device.create_buffer(size=max(16, n_bytes), usage=_STORAGE, label=name)
         self.buffers["dispatches"] = self.gpu.device.create_buffer(size=48, usage=_STORAGE | _INDIRECT)
         write = self.gpu.device.queue.write_buffer
         write(self.buffers["identity"], 0, np.arange(n, dtype=np.uint32))
         write(self.buffers["pair_identity"], 0, np.arange(capacity, dtype=np.uint32))
+
+    def _check_memory(self, sizes: Mapping[str, int]) -> None:
+        """Refuse buffers of these `sizes` in bytes before any is made.
+
+        A card with memory of its own does not tell through wgpu how much of it is free: there, the driver refuses.
+        """
+        for name, n_bytes in sizes.items():
+            if n_bytes > self.gpu.max_binding_bytes and name not in ("sh", "sh_gradient"):
+                raise EnvironmentProblem(
+                    f"{self.gpu.name} lets a kernel see {self.gpu.max_binding_bytes >> 20} MiB and this picture of "
+                    f"{self.size.width} x {self.size.height} pixels needs {n_bytes >> 20} MiB for `{name}`; {SMALLER}."
+                )
+        needed, free = sum(sizes.values()), free_memory() if self.gpu.shares_memory else None
+        if free is not None and needed > free:
+            raise EnvironmentProblem(
+                f"this picture of {self.size.width} x {self.size.height} pixels needs {needed >> 20} MiB on "
+                f"{self.gpu.name}, and {free >> 20} MiB of memory are free; {SMALLER}."
+            )
 
     @property
     def n_bytes(self) -> int:
