@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from engine.rasterizer.gpu import Frame, FrameSize, Gpu, open_adapter
-from engine.rasterizer.gpu.frame import pack_sh
+from engine.rasterizer.gpu.layout import pack_sh
 from engine.rasterizer.settings import RasterSettings
 from engine.scene import PinholeCamera
 

@@ -13,9 +13,24 @@ from ...lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .adapters import Gpu, describe_adapters, open_adapter
     from .autograd import rasterize_gpu
-    from .frame import Frame, FrameSize
+    from .frame import Frame
+    from .layout import FrameSize
+    from .parameters import Parameters
     from .self_test import open_gpu
+    from .step import GpuTrainer, OptimiserSettings, StepPlan
 
-__all__ = ["Frame", "FrameSize", "Gpu", "describe_adapters", "open_adapter", "open_gpu", "rasterize_gpu"]
+__all__ = [
+    "Frame",
+    "FrameSize",
+    "Gpu",
+    "GpuTrainer",
+    "OptimiserSettings",
+    "Parameters",
+    "StepPlan",
+    "describe_adapters",
+    "open_adapter",
+    "open_gpu",
+    "rasterize_gpu",
+]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -11,7 +11,8 @@ from torch.autograd.function import once_differentiable
 from ...errors import NumericalError
 from ..raster import CulledCounts, Raster, RasterInputs, check_finite
 from .adapters import Gpu, translate_card_errors
-from .frame import Frame, FrameSize, pack_sh, unpack_sh
+from .frame import Frame
+from .layout import FrameSize, grown_capacity, pack_sh, unpack_sh
 
 __all__ = ["rasterize_gpu"]
 
@@ -111,9 +112,4 @@ def _forward(inputs: RasterInputs, gpu: Gpu, arrays: dict[str, Any], backward: b
                 check_finite(name, torch.from_numpy(values))
         if counts.n_wanted <= capacity:
             return frame
-        if counts.n_wanted >= 2**31:
-            raise NumericalError(
-                f"`scales` are so large that {n} Gaussians cover {counts.n_wanted} tiles of an image; resume from the "
-                "last checkpoint with a lower learning rate for the scales."
-            )
-        capacity = counts.n_wanted + counts.n_wanted // 8
+        capacity = grown_capacity(counts.n_wanted, n)

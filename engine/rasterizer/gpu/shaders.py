@@ -15,8 +15,11 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...files import read_text
 from .. import settings
+from ..loss_kernels import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from .adapters import Gpu
 
 __all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "kernel_source", "kernels_of"]
@@ -43,6 +46,15 @@ KERNELS = {
     "sum_pairs": ("sum_pairs",),
     "project_backward": ("ellipse", "project_backward"),
     "colors_backward": ("sh", "colors_backward"),
+    "similarity": ("loss", "window", "similarity"),
+    "loss_total": ("loss", "loss_total"),
+    "loss_gradient": ("loss", "window", "loss_gradient"),
+    "activate": ("optimiser", "activate"),
+    "find_not_finite": ("find_not_finite",),
+    "verdict": ("optimiser", "verdict"),
+    "adam_rows": ("optimiser", "adam_rows"),
+    "adam_sh": ("optimiser", "adam_sh"),
+    "adam_channels": ("optimiser", "adam_channels"),
 }
 """Files of each kernel, after ``common``."""
 
@@ -61,6 +73,11 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
         "COV_MAX": settings.COV_MAX,
         "DIRECTION_NORM_MIN": settings.DIRECTION_NORM_MIN,
         "RADIUS_SIGMAS": settings.RADIUS_SIGMAS,
+        **{f"WINDOW_{i}": float(weight) for i, weight in enumerate(SSIM_WINDOW)},
+        "SSIM_C1": float(SSIM_C1),
+        "SSIM_C2": float(SSIM_C2),
+        "BYTE": float(np.float32(1.0 / 255.0)),
+        "NORM_MIN": 1e-9,
         "LN2": math.log(2.0),
         "SH0": 0.5 / math.sqrt(math.pi),
         "SH1": math.sqrt(3.0 / (4.0 * math.pi)),

@@ -9,7 +9,7 @@
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
         @builtin(local_invocation_index) lane: u32) {
-    let tile = min(group_number(group, groups), view.n_tiles - 1u);
+    let tile = min(view.first + group_number(group, groups), view.n_tiles - 1u);  // a dispatch may be a part of the tiles
     let pixel = pixel_of(tile, lane, view.columns);
     let x = f32(pixel.x);
     let y = f32(pixel.y);
