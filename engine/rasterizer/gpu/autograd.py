@@ -9,7 +9,7 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from ...errors import NumericalError
-from ..raster import CulledCounts, Raster, RasterInputs, check_finite
+from ..raster import CulledCounts, Raster, RasterInputs, check_finite, input_tensors
 from .adapters import Gpu, translate_card_errors
 from .frame import Frame
 from .layout import FrameSize, grown_capacity, pack_sh, unpack_sh
@@ -72,13 +72,7 @@ def rasterize_gpu(inputs: RasterInputs, gpu: Gpu) -> Raster:
     ValueError
         If a tensor is not float32 on the CPU.
     """
-    means = inputs.means
-    sh = means.new_zeros(len(means), 0, 3) if inputs.sh is None else inputs.sh
-    channels = means.new_zeros(len(means), 0) if inputs.channels is None else inputs.channels
-    tensors = (means, inputs.quats, inputs.scales, inputs.opacities, sh, channels)
-    for tensor in tensors:
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            raise ValueError(f"the gpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
+    tensors = input_tensors(inputs, "gpu")
     arrays = dict(zip(_NAMES, (tensor.detach().contiguous().numpy() for tensor in tensors), strict=True))
     backward = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (*tensors, inputs.viewmat))
     with translate_card_errors(gpu, "use the CPU"):

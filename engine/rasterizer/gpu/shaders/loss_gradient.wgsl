@@ -6,7 +6,6 @@
 @group(0) @binding(4) var<storage, read_write> gradient: array<f32>;
 
 var<workgroup> pixels: array<vec4<f32>, 676>;
-var<workgroup> rows: array<vec4<f32>, 416>;
 
 fn map_at(p: vec2<i32>, c: u32) -> vec4<f32> {
     if (!is_inside(p)) {
@@ -35,10 +34,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         workgroupBarrier();
         if (is_inside(own)) {
-            let m = lane + 80u;
-            let blurred = blur(rows[m - 80u] + rows[m + 80u], rows[m - 64u] + rows[m + 64u],
-                               rows[m - 48u] + rows[m + 48u], rows[m - 32u] + rows[m + 32u],
-                               rows[m - 16u] + rows[m + 16u], rows[m]);
+            let blurred = blur_column(lane + 80u);
             let at = index_of(own);
             var slope = 0.0;
             if (photo[at] >> 24u != 0u) {

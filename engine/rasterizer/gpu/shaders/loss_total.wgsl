@@ -4,24 +4,14 @@
 @group(0) @binding(2) var<storage, read_write> loss_values: array<f32>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
 
-var<workgroup> sums: array<vec2<f32>, 256>;
-
 @compute @workgroup_size(256)
 fn main(@builtin(local_invocation_index) lane: u32) {
     var total = vec2<f32>(0.0);
     for (var i = lane; i < loss.n_groups; i += 256u) {
         total += partial_sums[i];
     }
-    sums[lane] = total;
-    workgroupBarrier();
-    for (var step = 128u; step > 0u; step >>= 1u) {
-        if (lane < step) {
-            sums[lane] += sums[lane + step];
-        }
-        workgroupBarrier();
-    }
+    let found = tree_sum(lane, total);
     if (lane == 0u) {
-        let found = sums[0];
         loss_values[0] = loss.by_difference * found.y + loss.by_similarity * (1.0 - found.x);
         loss_values[1] = found.x;
         loss_values[2] = found.y;

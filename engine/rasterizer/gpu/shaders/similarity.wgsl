@@ -6,9 +6,7 @@
 @group(0) @binding(4) var<storage, read_write> partial_sums: array<vec2<f32>>;
 
 var<workgroup> pixels: array<vec2<f32>, 676>;
-var<workgroup> rows: array<vec4<f32>, 416>;   // x, y, x^2, x y, blurred along the row
-var<workgroup> squares: array<f32, 416>;      // y^2
-var<workgroup> sums: array<vec2<f32>, 256>;
+var<workgroup> squares: array<f32, 416>;  // y^2 blurred along the row; `rows` has x, y, x^2 and x y
 
 fn moments(i: u32) -> vec4<f32> {
     let p = pixels[i];
@@ -44,9 +42,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         workgroupBarrier();
         if (inside) {
             let m = lane + 80u;
-            let blurred = blur(rows[m - 80u] + rows[m + 80u], rows[m - 64u] + rows[m + 64u],
-                               rows[m - 48u] + rows[m + 48u], rows[m - 32u] + rows[m + 32u],
-                               rows[m - 16u] + rows[m + 16u], rows[m]);
+            let blurred = blur_column(m);
             let y_squared = blur(vec4<f32>(squares[m - 80u] + squares[m + 80u]),
                                  vec4<f32>(squares[m - 64u] + squares[m + 64u]),
                                  vec4<f32>(squares[m - 48u] + squares[m + 48u]),
@@ -77,15 +73,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         }
         workgroupBarrier();
     }
-    sums[lane] = total;
-    workgroupBarrier();
-    for (var step = 128u; step > 0u; step >>= 1u) {
-        if (lane < step) {
-            sums[lane] += sums[lane + step];
-        }
-        workgroupBarrier();
-    }
+    total = tree_sum(lane, total);
     if (lane == 0u) {
-        partial_sums[tile] = sums[0];
+        partial_sums[tile] = total;
     }
 }

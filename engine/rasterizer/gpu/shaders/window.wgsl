@@ -11,6 +11,14 @@ fn blur(a: vec4<f32>, b: vec4<f32>, c: vec4<f32>, d: vec4<f32>, e: vec4<f32>, mi
     return fma(a, vec4<f32>(WINDOW_0), total);
 }
 
+// The same for a column of values that are blurred along their rows, 16 to a row.
+var<workgroup> rows: array<vec4<f32>, 416>;
+
+fn blur_column(m: u32) -> vec4<f32> {
+    return blur(rows[m - 80u] + rows[m + 80u], rows[m - 64u] + rows[m + 64u], rows[m - 48u] + rows[m + 48u],
+                rows[m - 32u] + rows[m + 32u], rows[m - 16u] + rows[m + 16u], rows[m]);
+}
+
 // Corner of a tile, and of pixel `i` of the tile with its margin.
 fn corner_of(tile: u32) -> vec2<i32> {
     let columns = (loss.width + 15u) / 16u;
