@@ -1,7 +1,8 @@
 """The ``gpu`` backend: one WGSL source for all graphics cards, run by wgpu over Vulkan, Metal or DirectX 12.
 
 `open_gpu` opens a card after a self-test against the ``cpu`` backend. `Frame` holds the buffers of one image size and
-encodes its forward and backward pass. See docs/design_notes/gpu.md.
+encodes its forward and backward pass. `GpuTrainer` makes training steps whose data stay on the card. See
+docs/graphics_cards.md and docs/design_notes/gpu.md.
 """
 
 from __future__ import annotations

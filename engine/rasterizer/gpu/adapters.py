@@ -62,8 +62,8 @@ def _wgpu() -> Any:
         from wgpu.backends.wgpu_native.extras import set_instance_extras
     except ImportError as error:
         raise EnvironmentProblem(
-            f"this Python has no wgpu for graphics cards ({error}); set up the engine again, or run "
-            "`pip install -r requirements/gpu.txt`."
+            f"this Python has no wgpu for graphics cards ({error}); set up the engine again, in Blender or with "
+            "`make setup`, or use the CPU."
         ) from error
     except (OSError, RuntimeError) as error:  # its library does not fit this computer
         raise EnvironmentProblem(f"wgpu cannot be loaded ({error}); set up the engine again.") from error

@@ -25,8 +25,8 @@ meanwhile."""
 FILL = 0.5
 """Share of the limit that forecasts fill, because other cameras see more Gaussians."""
 
-FIRST_GROUPS = 512
-"""Workgroups of a part in the first run, when nothing is measured: 16 parts of a picture of 1920x1080 pixels."""
+FIRST_GROUPS = 128
+"""Workgroups of a part in the first run, when nothing is measured: 64 parts of a picture of 1920x1080 pixels."""
 
 MEASURE_INTERVAL = 64
 """Runs after which dispatches are measured again, if together they take more than a tenth of the limit."""

@@ -103,4 +103,4 @@ def test_python_without_wgpu_says_so_and_uses_the_processor(
     monkeypatch.setitem(sys.modules, "wgpu", None)
     (finished,) = render(capsys, scene, tmp_path / "out.png").of_kind("finished")
     assert "rendered on cpu, because this Python has no wgpu for graphics cards" in finished["message"]
-    assert "requirements/gpu.txt" in render(capsys, scene, tmp_path / "out.png", "--device", "gpu").error
+    assert "set up the engine again" in render(capsys, scene, tmp_path / "out.png", "--device", "gpu").error
