@@ -49,7 +49,7 @@ class Frame:
     with_pose : bool
         Whether the backward pass computes the gradient of the camera's pose.
     shared : mapping of str to wgpu.GPUBuffer, optional
-        Buffers to use in place of new ones, such as the parameters that several frames render.
+        Buffers to use in place of new ones if they are large enough, such as parameters that several frames render.
 
     Attributes
     ----------
@@ -116,16 +116,21 @@ class Frame:
         write(self.buffers["pair_identity"], 0, np.arange(capacity, dtype=np.uint32))
 
     def allocate(self, sizes: Mapping[str, int]) -> None:
-        """Make a buffer for each of `sizes` in bytes, unless it is a shared one.
+        """Make a buffer for each of `sizes` in bytes, unless a shared one is large enough.
 
         Raises
         ------
         EnvironmentProblem
             If a buffer is larger than a kernel of this card can see, or memory is full.
         """
-        own = {name: n_bytes for name, n_bytes in sizes.items() if name not in self._shared}
+        fits = {
+            name: self._shared[name]
+            for name, n_bytes in sizes.items()
+            if name in self._shared and self._shared[name].size >= n_bytes
+        }
+        own = {name: n_bytes for name, n_bytes in sizes.items() if name not in fits}
         self._check_memory(own)
-        self.buffers |= {name: self._shared[name] for name in sizes if name in self._shared}
+        self.buffers |= fits
         with translate_card_errors(self.gpu, SMALLER):
             for name, n_bytes in own.items():
                 self.buffers[name] = self.gpu.device.create_buffer(size=max(16, n_bytes), usage=STORAGE, label=name)

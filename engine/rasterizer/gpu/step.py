@@ -102,7 +102,7 @@ class GpuTrainer:
 
     Notes
     -----
-    Pictures of one size share their buffers. Each further size of picture takes the memory of a frame.
+    Pictures of all sizes share their buffers. Only the gradient of the image is kept for each size of picture.
     """
 
     def __init__(
@@ -117,6 +117,7 @@ class GpuTrainer:
         self._capacity = capacity or max(4096, 4 * parameters.n)
         self._photos: list[_Photo] = []
         self._frames: dict[tuple[int, int], TrainingFrame] = {}
+        self._scratch: dict[str, Any] = {}
         self._status = gpu.device.create_buffer(size=4 * (3 + _BATCH), usage=STORAGE, label="status")
 
     def add_photo(
@@ -192,8 +193,8 @@ class GpuTrainer:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
         if halted == _TOO_MANY_PAIRS:
-            camera = self._photos[plans[made].photo].camera
-            self._frames.pop((camera.width, camera.height))
+            self._frames.clear()
+            self._scratch.clear()
             self._capacity = grown_capacity(wanted, self.parameters.n)
         elif halted:
             self._raise(halted)
@@ -224,14 +225,21 @@ class GpuTrainer:
         frame.step()
 
     def _frame(self, camera: PinholeCamera) -> TrainingFrame:
-        key = (camera.width, camera.height)
-        if key not in self._frames:
-            size = FrameSize(
-                self.parameters.n, self.parameters.n_sh, self.parameters.n_features, *key, self._capacity, True
-            )
-            n_moving = 3 if self.settings.detached_features else None
-            self._frames[key] = TrainingFrame(self.gpu, size, self.parameters, self._status, n_moving=n_moving)
-        return self._frames[key]
+        """Return the frame of the camera's size of picture. The largest is made first, so that its buffers fit all."""
+        if not self._frames:
+            self._make_frame(max((photo.camera for photo in self._photos), key=lambda one: one.width * one.height))
+        if (camera.width, camera.height) not in self._frames:
+            self._make_frame(camera)
+        return self._frames[camera.width, camera.height]
+
+    def _make_frame(self, camera: PinholeCamera) -> None:
+        parameters, width, height = self.parameters, camera.width, camera.height
+        size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
+        n_moving = 3 if self.settings.detached_features else None
+        frame = TrainingFrame(self.gpu, size, parameters, self._status, self._scratch, n_moving=n_moving)
+        self._frames[width, height] = frame
+        for name, buffer in frame.scratch.items():
+            self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
 
     def _raise(self, found: int) -> None:
         """Raise the error for a step that was not made, as the processor's step raises it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,8 @@ class TrainingFrame(Frame):
     parameters : Parameters
     status : wgpu.GPUBuffer
         See optimiser.wgsl.
+    scratch : mapping of str to wgpu.GPUBuffer
+        The `scratch` of a frame of the same parameters, whose steps do not overlap those of this one.
     n_moving : int, optional
         See `Frame`.
 
@@ -38,9 +41,16 @@ class TrainingFrame(Frame):
     """
 
     def __init__(
-        self, gpu: Gpu, size: FrameSize, parameters: Parameters, status: Any, *, n_moving: int | None = None
+        self,
+        gpu: Gpu,
+        size: FrameSize,
+        parameters: Parameters,
+        status: Any,
+        scratch: Mapping[str, Any],
+        *,
+        n_moving: int | None = None,
     ) -> None:
-        super().__init__(gpu, size, n_moving=n_moving, shared=parameters.buffers)
+        super().__init__(gpu, size, n_moving=n_moving, shared={**scratch, **parameters.buffers})
         n_pixels = size.width * size.height
         self.allocate({"maps": 36 * n_pixels, "partial_sums": 8 * size.n_tiles, "loss_values": 16})
         self.buffers |= parameters.buffers | {"status": status}
@@ -56,6 +66,12 @@ class TrainingFrame(Frame):
         )  # fmt: skip
         self._activate = self._submissions([activate])
         self._finish = self._submissions(self._finish_steps(optimiser))
+
+    @property
+    def scratch(self) -> dict[str, Any]:
+        """The buffers that hold nothing from one step to the next."""
+        kept = {"gradient", "photo", "status", "dispatches", *self._parameters.buffers}
+        return {name: buffer for name, buffer in self.buffers.items() if name not in kept}
 
     def _optimiser_uniform(self, first: int) -> Any:
         buffer = self._uniform(64 + 16 * len(GROUPS))

@@ -24,7 +24,9 @@ def gpu_loss(
     height, width = pixels.shape[:2]
     parameters: CpuParameters = start(10)
     status = gpu.device.create_buffer(size=64, usage=STORAGE)
-    frame = TrainingFrame(gpu, FrameSize(10, 16, 0, width, height, 1000), Parameters(gpu, arrays(parameters)), status)
+    frame = TrainingFrame(
+        gpu, FrameSize(10, 16, 0, width, height, 1000), Parameters(gpu, arrays(parameters)), status, {}
+    )
     packed = np.ascontiguousarray(np.dstack([pixels, np.where(valid, 255, 0).astype(np.uint8)]))
     buffer = gpu.device.create_buffer_with_data(data=packed, usage=STORAGE)
     frame.set_photo(buffer, int(valid.sum()), lambda_dssim, None)
@@ -63,6 +65,11 @@ def test_loss_and_gradient_are_those_of_the_processor(
     # Both are float32. SSIM divides by variances, which are differences of squares, so rounding reaches 1e-5 at places.
     assert np.quantile(difference, 0.5) <= 1e-6 and difference.max() <= 1e-4
     assert not gradient[~valid].any()
+
+
+@pytest.mark.gpu
+def test_loss_on_a_card_is_that_of_the_processor(opened_gpu: Gpu) -> None:
+    test_loss_and_gradient_are_those_of_the_processor(1920, 1080, 0.2, True, opened_gpu)
 
 
 @pytest.mark.parametrize("scale", [0.0, 2.0, 30.0])

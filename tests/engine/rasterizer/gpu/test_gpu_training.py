@@ -137,6 +137,15 @@ def test_steps_give_the_parameters_of_the_processor(
         assert np.quantile(differences, 0.95) <= 2e-2, name
 
 
+@pytest.mark.gpu
+@pytest.mark.parametrize("n_steps", [1, 10, 50])
+def test_a_card_trains_like_the_processor(n_steps: int, opened_gpu: Gpu) -> None:
+    settings = OptimiserSettings(unit_features=True)
+    for name, differences in compare(n_steps, opened_gpu, settings, n_features=4).items():
+        assert np.median(differences) <= 2e-3, name
+        assert np.quantile(differences, 0.95) <= 2e-2, name
+
+
 def trained(gpu: Gpu, n_steps: int, capacity: int | None = None, size: float = 0.07) -> tuple[GpuTrainer, list[float]]:
     views = [camera(81, 50), camera(60, 70)]
     trainer = GpuTrainer(gpu, Parameters(gpu, arrays(start(size=size))), capacity=capacity)
@@ -168,6 +177,19 @@ def test_steps_that_need_larger_buffers_are_repeated_and_give_the_same_bits(open
     enough, expected = trained(opened_gpu, 5, capacity=100_000)
     assert grown._capacity > 300
     assert losses == expected and same(grown, enough)
+
+
+def test_pictures_of_many_sizes_take_the_memory_of_one(opened_gpu: Gpu) -> None:
+    def memory(sizes: list[tuple[int, int]]) -> int:
+        trainer = GpuTrainer(opened_gpu, Parameters(opened_gpu, arrays(start())))
+        for width, height in sizes:
+            trainer.add_photo(view := camera(width, height), photo(view))
+        trainer.steps([StepPlan(i, RATES, 3) for i in range(len(sizes))])
+        buffers = {id(one): one.size for frame in trainer._frames.values() for one in frame.buffers.values()}
+        return sum(buffers.values())
+
+    # Each further size has a photo and a gradient of its own: 20 bytes for each of its pixels.
+    assert memory([(50, 81), (60, 60), (81, 50), (64, 48)]) <= memory([(81, 50)]) + 3 * 20 * 81 * 50 + 1000
 
 
 def test_harmonics_beyond_the_limit_of_a_binding_give_the_same_bits(opened_gpu: Gpu) -> None:
