@@ -24,6 +24,7 @@ __all__ = [
     "T_MIN",
     "Backend",
     "RasterSettings",
+    "StepSettings",
 ]
 
 Backend = Literal["cpu", "gpu", "reference"]
@@ -102,3 +103,35 @@ class RasterSettings:
         require(self, "near", self.near >= 1e-4, "at least 0.0001")
         require(self, "low_pass", 1e-3 <= self.low_pass <= 10.0, "between 0.001 and 10")
         require(self, "threads", self.threads is None or self.threads >= 1, "at least 1 or None")
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """What is the same in all training steps on a graphics card.
+
+    Attributes
+    ----------
+    lambda_dssim : float
+        Weight of 1 - SSIM in the loss, 0 to 1; that of the mean |x - y| is 1 - lambda_dssim.
+    beta1, beta2, eps : float
+        See `engine.rasterizer.adam_step`.
+    unit_features : bool
+        Whether features are divided by their length before they are blended.
+    detached_features : bool
+        Whether the gradient of blended features changes no Gaussian.
+    raster : RasterSettings
+    """
+
+    lambda_dssim: float = 0.2
+    beta1: float = 0.9
+    beta2: float = 0.999
+    eps: float = 1e-15
+    unit_features: bool = False
+    detached_features: bool = False
+    raster: RasterSettings = RasterSettings()
+
+    def __post_init__(self) -> None:
+        require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
+        require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
+        require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
+        require(self, "eps", self.eps > 0.0, "above 0")

@@ -16,17 +16,16 @@ if TYPE_CHECKING:
     from .autograd import rasterize_gpu
     from .frame import Frame
     from .layout import FrameSize
-    from .parameters import Parameters
+    from .parameters import GpuParameters
     from .self_test import open_gpu
-    from .step import GpuTrainer, OptimiserSettings, StepPlan
+    from .step import GpuTrainer, StepPlan
 
 __all__ = [
     "Frame",
     "FrameSize",
     "Gpu",
+    "GpuParameters",
     "GpuTrainer",
-    "OptimiserSettings",
-    "Parameters",
     "StepPlan",
     "describe_adapters",
     "open_adapter",

@@ -80,8 +80,15 @@ def _adapters() -> list[Any]:
 
 
 def describe_adapters(*, software: bool = False) -> list[str]:
-    """Return one line for each graphics card, or for each `software` adapter: name, interface, driver, kind, limits."""
-    return [_describe(a) for a in _adapters() if (a.info["adapter_type"] == "CPU") == software]
+    """Return one line for each graphics card, or for each `software` adapter: name, interface, driver, kind, limits.
+
+    A card that is reached by two interfaces is described with the one that `open_adapter` takes.
+    """
+    found: dict[str, str] = {}
+    for adapter in _adapters():
+        if (adapter.info["adapter_type"] == "CPU") == software:
+            found.setdefault(adapter.info["device"], _describe(adapter))
+    return list(found.values())
 
 
 def _describe(adapter: Any) -> str:

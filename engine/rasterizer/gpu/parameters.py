@@ -14,7 +14,7 @@ from .adapters import Gpu, translate_card_errors
 from .frame import STORAGE
 from .layout import BLOCK, pack_sh, unpack_sh
 
-__all__ = ["GROUPS", "Parameters"]
+__all__ = ["GROUPS", "GpuParameters"]
 
 Float32 = NDArray[np.float32]
 
@@ -34,10 +34,10 @@ class _Group:
     step: int
 
 
-class Parameters:
+class GpuParameters:
     """N Gaussians in training.
 
-    Parameters
+    GpuParameters
     ----------
     gpu : Gpu
     values : mapping of str to float32 array of shape [N, ...]

@@ -20,45 +20,19 @@ from numpy.typing import NDArray
 from ...errors import NumericalError
 from ...scene import PinholeCamera
 from ..raster import check_camera, check_finite
-from ..settings import RasterSettings
+from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
-from .parameters import GROUPS, Parameters
+from .parameters import GROUPS, GpuParameters
 from .training_frame import TrainingFrame
 
-__all__ = ["GpuTrainer", "OptimiserSettings", "StepPlan"]
+__all__ = ["GpuTrainer", "StepPlan"]
 
 _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a failure."""
 
 _TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
-
-
-@dataclass(frozen=True)
-class OptimiserSettings:
-    """What is the same in all steps.
-
-    Attributes
-    ----------
-    lambda_dssim : float
-        Weight of 1 - SSIM in the loss; that of the mean |x - y| is 1 - lambda_dssim.
-    beta1, beta2, eps : float
-        See `adam_step`.
-    unit_features : bool
-        Whether features are divided by their length before they are blended.
-    detached_features : bool
-        Whether the gradient of blended features changes no Gaussian.
-    raster : RasterSettings
-    """
-
-    lambda_dssim: float = 0.2
-    beta1: float = 0.9
-    beta2: float = 0.999
-    eps: float = 1e-15
-    unit_features: bool = False
-    detached_features: bool = False
-    raster: RasterSettings = RasterSettings()
 
 
 @dataclass(frozen=True)
@@ -91,12 +65,12 @@ class _Photo:
 class GpuTrainer:
     """Training steps on a card.
 
-    Parameters
+    GpuParameters
     ----------
     gpu : Gpu
-    parameters : Parameters
+    parameters : GpuParameters
         Changed by `steps`.
-    settings : OptimiserSettings, optional
+    settings : StepSettings, optional
     capacity : int, optional
         Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
 
@@ -108,12 +82,12 @@ class GpuTrainer:
     def __init__(
         self,
         gpu: Gpu,
-        parameters: Parameters,
-        settings: OptimiserSettings | None = None,
+        parameters: GpuParameters,
+        settings: StepSettings | None = None,
         *,
         capacity: int | None = None,
     ) -> None:
-        self.gpu, self.parameters, self.settings = gpu, parameters, settings or OptimiserSettings()
+        self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
         self._capacity = capacity or max(4096, 4 * parameters.n)
         self._photos: list[_Photo] = []
         self._frames: dict[tuple[int, int], TrainingFrame] = {}
@@ -130,7 +104,7 @@ class GpuTrainer:
     ) -> int:
         """Copy a photo to the card, 4 bytes per pixel, and return its number.
 
-        Parameters
+        GpuParameters
         ----------
         camera : PinholeCamera
         pixels : uint8 array of shape [H, W, 3]
@@ -151,6 +125,9 @@ class GpuTrainer:
             raise ValueError(
                 f"a photo is uint8 of shape {(camera.height, camera.width, 3)}, got {pixels.dtype} {pixels.shape}"
             )
+        shape = (camera.height, camera.width, self.parameters.n_features)
+        if by_features is not None and by_features.shape != shape:
+            raise ValueError(f"`by_features` must have shape {shape}, got {by_features.shape}")
         counts = np.ones(pixels.shape[:2], bool) if valid is None else np.asarray(valid, bool)
         if counts.shape != pixels.shape[:2] or not counts.any():
             raise ValueError(f"`valid` must have shape {pixels.shape[:2]} and leave a pixel for the loss")

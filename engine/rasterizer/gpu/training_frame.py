@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .adapters import Gpu
 from .frame import Frame
 from .layout import FrameSize
-from .parameters import GROUPS, Parameters
+from .parameters import GROUPS, GpuParameters
 from .submissions import Submissions
 
 __all__ = ["TrainingFrame"]
@@ -22,11 +22,11 @@ _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
 class TrainingFrame(Frame):
     """Buffers of training steps with pictures of one size.
 
-    Parameters
+    GpuParameters
     ----------
     gpu : Gpu
     size : FrameSize
-    parameters : Parameters
+    parameters : GpuParameters
     status : wgpu.GPUBuffer
         See optimiser.wgsl.
     scratch : mapping of str to wgpu.GPUBuffer
@@ -44,7 +44,7 @@ class TrainingFrame(Frame):
         self,
         gpu: Gpu,
         size: FrameSize,
-        parameters: Parameters,
+        parameters: GpuParameters,
         status: Any,
         scratch: Mapping[str, Any],
         *,
@@ -107,7 +107,7 @@ class TrainingFrame(Frame):
     ) -> None:
         """Set the photo of the next steps.
 
-        Parameters
+        GpuParameters
         ----------
         pixels : wgpu.GPUBuffer
             uint8 [H, W, 4]: red, green, blue, and 0 where the pixel does not count.
@@ -148,7 +148,7 @@ class TrainingFrame(Frame):
     ) -> None:
         """Set the constants of the next step.
 
-        Parameters
+        GpuParameters
         ----------
         index : int
             Number of the step since the status was cleared.

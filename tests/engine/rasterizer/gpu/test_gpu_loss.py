@@ -8,7 +8,7 @@ import torch
 
 from engine.errors import NumericalError
 from engine.rasterizer import Target, photometric_loss
-from engine.rasterizer.gpu import FrameSize, Gpu, Parameters
+from engine.rasterizer.gpu import FrameSize, Gpu, GpuParameters
 from engine.rasterizer.gpu.frame import STORAGE
 from engine.rasterizer.gpu.training_frame import TrainingFrame
 from engine.training.parameters import Parameters as CpuParameters
@@ -25,7 +25,7 @@ def gpu_loss(
     parameters: CpuParameters = start(10)
     status = gpu.device.create_buffer(size=64, usage=STORAGE)
     frame = TrainingFrame(
-        gpu, FrameSize(10, 16, 0, width, height, 1000), Parameters(gpu, arrays(parameters)), status, {}
+        gpu, FrameSize(10, 16, 0, width, height, 1000), GpuParameters(gpu, arrays(parameters)), status, {}
     )
     packed = np.ascontiguousarray(np.dstack([pixels, np.where(valid, 255, 0).astype(np.uint8)]))
     buffer = gpu.device.create_buffer_with_data(data=packed, usage=STORAGE)

@@ -11,7 +11,8 @@ import torch
 
 from engine.errors import NumericalError
 from engine.rasterizer import Target, photometric_loss
-from engine.rasterizer.gpu import Gpu, GpuTrainer, OptimiserSettings, Parameters, StepPlan
+from engine.rasterizer.gpu import Gpu, GpuParameters, GpuTrainer, StepPlan
+from engine.rasterizer.settings import StepSettings
 from engine.scene import Gaussians, PinholeCamera
 from engine.training.parameters import Parameters as CpuParameters
 from engine.training.parameters import render
@@ -62,7 +63,7 @@ def cpu_step(
     view: PinholeCamera,
     target: Target,
     plan: StepPlan,
-    settings: OptimiserSettings,
+    settings: StepSettings,
     by_features: torch.Tensor | None = None,
 ) -> float:
     """Make one step with the processor's rasterizer, loss and Adam; return the loss."""
@@ -82,14 +83,14 @@ def cpu_step(
     return loss.item()
 
 
-def compare(n_steps: int, gpu: Gpu, settings: OptimiserSettings, *, n_features: int = 0) -> dict[str, np.ndarray]:
+def compare(n_steps: int, gpu: Gpu, settings: StepSettings, *, n_features: int = 0) -> dict[str, np.ndarray]:
     """Make steps on both, and return the differences of each parameter in units of its learning rate.
 
     The means of the gradients are compared here, because the first steps of Adam hardly depend on their sizes.
     """
     ours, cpu = start(n_features=n_features), start(n_features=n_features)
     views = [camera(81, 50), camera(81, 50, off_center=False), camera(60, 70)]
-    trainer = GpuTrainer(gpu, Parameters(gpu, arrays(ours)), settings)
+    trainer = GpuTrainer(gpu, GpuParameters(gpu, arrays(ours)), settings)
     targets, given = [], []
     for i, view in enumerate(views):
         pixels, valid = photo(view, i), np.ones((view.height, view.width), bool)
@@ -122,15 +123,15 @@ def compare(n_steps: int, gpu: Gpu, settings: OptimiserSettings, *, n_features: 
 @pytest.mark.parametrize(
     ("n_steps", "settings", "n_features"),
     [
-        (1, OptimiserSettings(), 0),
-        (1, OptimiserSettings(lambda_dssim=0.0), 5),
-        (1, OptimiserSettings(lambda_dssim=1.0, unit_features=True, detached_features=True), 5),
-        (10, OptimiserSettings(unit_features=True), 4),
-        (50, OptimiserSettings(), 0),
+        (1, StepSettings(), 0),
+        (1, StepSettings(lambda_dssim=0.0), 5),
+        (1, StepSettings(lambda_dssim=1.0, unit_features=True, detached_features=True), 5),
+        (10, StepSettings(unit_features=True), 4),
+        (50, StepSettings(), 0),
     ],
 )
 def test_steps_give_the_parameters_of_the_processor(
-    n_steps: int, settings: OptimiserSettings, n_features: int, opened_gpu: Gpu
+    n_steps: int, settings: StepSettings, n_features: int, opened_gpu: Gpu
 ) -> None:
     for name, differences in compare(n_steps, opened_gpu, settings, n_features=n_features).items():
         assert np.median(differences) <= 2e-3, name
@@ -140,7 +141,7 @@ def test_steps_give_the_parameters_of_the_processor(
 @pytest.mark.gpu
 @pytest.mark.parametrize("n_steps", [1, 10, 50])
 def test_a_card_trains_like_the_processor(n_steps: int, opened_gpu: Gpu) -> None:
-    settings = OptimiserSettings(unit_features=True)
+    settings = StepSettings(unit_features=True)
     for name, differences in compare(n_steps, opened_gpu, settings, n_features=4).items():
         assert np.median(differences) <= 2e-3, name
         assert np.quantile(differences, 0.95) <= 2e-2, name
@@ -148,7 +149,7 @@ def test_a_card_trains_like_the_processor(n_steps: int, opened_gpu: Gpu) -> None
 
 def trained(gpu: Gpu, n_steps: int, capacity: int | None = None, size: float = 0.07) -> tuple[GpuTrainer, list[float]]:
     views = [camera(81, 50), camera(60, 70)]
-    trainer = GpuTrainer(gpu, Parameters(gpu, arrays(start(size=size))), capacity=capacity)
+    trainer = GpuTrainer(gpu, GpuParameters(gpu, arrays(start(size=size))), capacity=capacity)
     for i, view in enumerate(views):
         trainer.add_photo(view, photo(view, i))
     return trainer, trainer.steps([StepPlan(i % 2, RATES, 3) for i in range(n_steps)])
@@ -181,7 +182,7 @@ def test_steps_that_need_larger_buffers_are_repeated_and_give_the_same_bits(open
 
 def test_pictures_of_many_sizes_take_the_memory_of_one(opened_gpu: Gpu) -> None:
     def memory(sizes: list[tuple[int, int]]) -> int:
-        trainer = GpuTrainer(opened_gpu, Parameters(opened_gpu, arrays(start())))
+        trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(start())))
         for width, height in sizes:
             trainer.add_photo(view := camera(width, height), photo(view))
         trainer.steps([StepPlan(i, RATES, 3) for i in range(len(sizes))])
@@ -196,7 +197,7 @@ def test_harmonics_beyond_the_limit_of_a_binding_give_the_same_bits(opened_gpu: 
     values, view = arrays(start(20_000, size=0.01)), camera(60, 40)
     found = []
     for gpu in (opened_gpu, replace(opened_gpu, max_binding_bytes=2 << 20)):  # the harmonics take 3.7 MiB
-        trainer = GpuTrainer(gpu, Parameters(gpu, values), capacity=30_000)
+        trainer = GpuTrainer(gpu, GpuParameters(gpu, values), capacity=30_000)
         trainer.add_photo(view, photo(view))
         trainer.steps([StepPlan(0, RATES, 3)] * 2)
         found.append(trainer)
@@ -209,7 +210,7 @@ def test_value_that_is_not_finite_changes_nothing_and_is_named(name: str, opened
     values = arrays(start(n_features=2))
     values[name][7] = np.nan
     view = camera(60, 40)
-    trainer = GpuTrainer(opened_gpu, Parameters(opened_gpu, values))
+    trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values))
     trainer.add_photo(view, photo(view))
     with pytest.raises(NumericalError, match=f"`{name}` is not finite in 1 of 250 rows"):
         trainer.steps([StepPlan(0, RATES, 3)] * 2)
@@ -220,7 +221,7 @@ def test_value_that_is_not_finite_changes_nothing_and_is_named(name: str, opened
 def test_gradient_that_is_not_finite_is_told_and_earlier_steps_count(opened_gpu: Gpu) -> None:
     values = arrays(start(n_features=2))
     view = camera(60, 40)
-    trainer = GpuTrainer(opened_gpu, Parameters(opened_gpu, values))
+    trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values))
     trainer.add_photo(view, photo(view))
     trainer.add_photo(view, photo(view), by_features=np.full((40, 60, 2), np.inf, np.float32))
     with pytest.raises(NumericalError, match="the gradient of the image is not finite"):
@@ -231,7 +232,7 @@ def test_gradient_that_is_not_finite_is_told_and_earlier_steps_count(opened_gpu:
 def test_training_continues_from_moments_that_were_read_back(opened_gpu: Gpu) -> None:
     whole, _ = trained(opened_gpu, 4)
     half, _ = trained(opened_gpu, 2)
-    rest = GpuTrainer(opened_gpu, Parameters(opened_gpu, half.parameters.values(), half.parameters.moments()))
+    rest = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, half.parameters.values(), half.parameters.moments()))
     for i, view in enumerate([camera(81, 50), camera(60, 70)]):
         rest.add_photo(view, photo(view, i))
     rest.steps([StepPlan(i % 2, RATES, 3) for i in range(2)])
@@ -240,7 +241,7 @@ def test_training_continues_from_moments_that_were_read_back(opened_gpu: Gpu) ->
 
 def test_background_trains_its_features_alone(opened_gpu: Gpu) -> None:
     values, view = arrays(start(n_features=2)), camera(60, 40)
-    trainer = GpuTrainer(opened_gpu, Parameters(opened_gpu, values, n_background=100))
+    trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values, n_background=100))
     trainer.add_photo(view, photo(view), by_features=np.full((40, 60, 2), 1e-3, np.float32))
     trainer.steps([StepPlan(0, RATES, 3)] * 2)
     for name, value in trainer.parameters.values().items():
