@@ -1,7 +1,8 @@
 # ruff: noqa: E501
 """Blending forward and backward as CUDA C through NVRTC (CuPy), on the lists of the WGSL kernels, to choose between them.
 
-Blending and replay are those of engine/rasterizer/gpu line by line; the pair gradients are their first version.
+Both kernels are those of engine/rasterizer/gpu line by line, with the same sizes. Each is compiled for 1 to 4 workgroups
+of a multiprocessor, and the quickest counts.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 
 from benchmarks.gpu import HEIGHT, REPEATS, WIDTH, Stopwatch, new_frame, scene
 from engine.rasterizer.gpu import open_adapter
+from engine.rasterizer.gpu.shaders import backward_sizes
 
 SOURCE = r"""
 #define CHUNKS ((CHANNELS + 3) / 4)
@@ -40,21 +42,21 @@ __device__ __forceinline__ bool touches(float4 f, float4 s, float x, float y) {
   float fx = clampf(-fmaf(b, sy, u0) / a, left, right);
   float r = fmaf(a, fx, fmaf(b, sy, u0)), t = fmaf(c, sy, v0);
   return fminf(p * p + q * q, r * r + t * t) <= limit * 1.0001f; }
-__device__ __forceinline__ float4 fma4(float w, float4 c, float4 s) {
+__device__ __forceinline__ float4 fma1(float w, float4 c, float4 s) {
   return make_float4(fmaf(w, c.x, s.x), fmaf(w, c.y, s.y), fmaf(w, c.z, s.z), fmaf(w, c.w, s.w)); }
 __device__ __forceinline__ float dot4(float4 a, float4 b) { return a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w; }
 #define SHARED __shared__ float4 bf[256]; __shared__ float4 bs[256]; __shared__ u32 bg[256]; __shared__ u32 bb[64];
 #define LOAD(at, end) if (lane < 64) bb[lane] = 0; __syncthreads(); \
-  if (at + lane < end) { u32 g = gaussians[at + lane]; float4 f = geometry[2 * g], s = geometry[2 * g + 1]; \
+  if (at + lane < end) { u32 g = entries[at + lane].x; float4 f = geometry[2 * g], s = geometry[2 * g + 1]; \
     bf[lane] = f; bs[lane] = s; bg[lane] = g; float x_ = (tile % columns) * 16.f, y_ = (tile / columns) * 16.f; \
     for (u32 k = 0; k < 8; k++) if (touches(f, s, x_ + (k & 1) * 8.f, y_ + (k >> 1) * 4.f)) \
       atomicOr(&bb[k * 8 + (lane >> 5)], 1u << (lane & 31)); } __syncthreads();
-extern "C" __global__ void __launch_bounds__(256) blend(u32 W, u32 H, const float4* __restrict__ geometry,
-  const u32* __restrict__ gaussians, const uint2* __restrict__ ranges, const float4* __restrict__ colors,
-  float* __restrict__ image, float* __restrict__ trans) {
+extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend(u32 W, u32 H, const float4* __restrict__ geometry,
+  const uint2* __restrict__ entries, const uint2* __restrict__ ranges, const float4* __restrict__ colors,
+  float* __restrict__ image, u32* __restrict__ trans) {
   SHARED u32 lane = threadIdx.x, tile = blockIdx.x, columns = (W + 15) / 16, block = lane >> 5;
   u32 ix = (tile % columns) * 16 + (block & 1) * 8 + (lane & 7), iy = (tile / columns) * 16 + (block >> 1) * 4 + ((lane >> 3) & 3);
-  float x = ix, y = iy; bool inside = ix < W && iy < H; uint2 r = ranges[tile]; float now = inside ? 1.f : -1.f;
+  float x = ix, y = iy; bool inside = ix < W && iy < H; uint2 r = ranges[tile]; float now = inside ? 1.f : -1.f; u32 end = 0;
   float4 sum[CHUNKS];
   #pragma unroll
   for (int q = 0; q < CHUNKS; q++) sum[q] = make_float4(0, 0, 0, 0);
@@ -64,144 +66,165 @@ extern "C" __global__ void __launch_bounds__(256) blend(u32 W, u32 H, const floa
     for (u32 word = 0; word < 8; word++) { u32 bits = bb[block * 8 + word];
       while (bits && now > 0.f) { u32 j = word * 32 + __ffs(bits) - 1; bits &= bits - 1; float4 s = bs[j];
         Cover c = cover(whitened(bf[j], s, x, y), s.y, now); now = c.next;
-        if (c.weight > 0.f) { const float4* row = colors + (size_t)bg[j] * CHUNKS;
+        if (c.weight > 0.f) { end = at + j + 1; const float4* row = colors + (size_t)bg[j] * CHUNKS;
           #pragma unroll
-          for (int q = 0; q < CHUNKS; q++) sum[q] = fma4(c.weight, row[q], sum[q]); } } }
+          for (int q = 0; q < CHUNKS; q++) sum[q] = fma1(c.weight, row[q], sum[q]); } } }
     __syncthreads(); }
-  if (inside) { size_t p = (size_t)iy * W + ix; trans[p] = fabsf(now);
+  if (inside) { size_t p = (size_t)iy * W + ix; trans[p] = __float_as_uint(fabsf(now)); trans[(size_t)W * H + p] = end;
     #pragma unroll
     for (int c = 0; c < CHANNELS; c++) image[p * CHANNELS + c] = (&sum[c / 4].x)[c % 4]; } }
-#define GRADIENT(px, py, in) float4 g[CHUNKS]; \
-  _Pragma("unroll") for (int q = 0; q < CHUNKS; q++) g[q] = make_float4(0, 0, 0, 0); \
-  if (in) { size_t p_ = ((size_t)(py) * W + (px)) * (CHANNELS + 1); \
-    _Pragma("unroll") for (int c = 0; c < CHANNELS; c++) (&g[c / 4].x)[c % 4] = gradient[p_ + c]; }
-extern "C" __global__ void __launch_bounds__(256) replay(u32 W, u32 H, const float4* __restrict__ geometry,
-  const u32* __restrict__ gaussians, const uint2* __restrict__ ranges, const float4* __restrict__ colors,
-  const float* __restrict__ gradient, float2* __restrict__ checkpoints, uint4* __restrict__ buckets) {
-  SHARED u32 lane = threadIdx.x, tile = blockIdx.x, columns = (W + 15) / 16, block = lane >> 5;
-  u32 ix = (tile % columns) * 16 + (block & 1) * 8 + (lane & 7), iy = (tile / columns) * 16 + (block >> 1) * 4 + ((lane >> 3) & 3);
-  float x = ix, y = iy; bool inside = ix < W && iy < H; uint2 r = ranges[tile]; float now = inside ? 1.f : -1.f;
-  u32 base = r.x / 32 + tile, nb = (r.y - r.x + 31) / 32;
-  GRADIENT(ix, iy, inside)
-  float byt = inside ? gradient[((size_t)iy * W + ix) * (CHANNELS + 1) + CHANNELS] : 0.f;
-  for (u32 at = r.x; at < r.y; at += 256) {
-    LOAD(at, r.y)
-    for (u32 word = 0; word < 8; word++) { if (at + word * 32 >= r.y) break;
-      u32 bucket = base + (at - r.x) / 32 + word;
-      if (lane == 0) { u32 f = at + word * 32; buckets[bucket] = make_uint4(tile + 1, f, min(f + 32, r.y), 0); }
-      float before = now, total = 0.f; u32 bits = bb[block * 8 + word];
-      while (bits && now > 0.f) { u32 j = word * 32 + __ffs(bits) - 1; bits &= bits - 1; float4 s = bs[j];
-        Cover c = cover(whitened(bf[j], s, x, y), s.y, now); now = c.next;
-        if (c.weight > 0.f) { const float4* row = colors + (size_t)bg[j] * CHUNKS; float d = 0.f;
-          #pragma unroll
-          for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], row[q]);
-          total = fmaf(c.weight, d, total); } }
-      checkpoints[(size_t)bucket * 256 + lane] = make_float2(before, total); }
-    __syncthreads(); }
-  float rest = byt * fabsf(now);
-  for (u32 k = nb; k > 0; k--) { size_t at = (size_t)(base + k - 1) * 256 + lane; float2 own = checkpoints[at];
-    checkpoints[at] = make_float2(own.x, rest); rest += own.y; } }
-extern "C" __global__ void __launch_bounds__(32) bucket(u32 W, u32 H, const float4* __restrict__ geometry,
-  const u32* __restrict__ gaussians, const u32* __restrict__ pairs, const float4* __restrict__ colors,
-  const float* __restrict__ gradient, const float2* __restrict__ checkpoints, const uint4* __restrict__ buckets,
-  float4* __restrict__ rows) {
-  __shared__ float4 first[32], second[32], color[32 * CHUNKS], pg[32 * CHUNKS];
-  __shared__ float ws[1056], es[1056], rs[1056];
-  u32 lane = threadIdx.x, b = blockIdx.x, columns = (W + 15) / 16; uint4 h = buckets[b]; if (!h.x) return;
-  u32 tile = h.x - 1, n = h.z - h.y, cx = (tile % columns) * 16, cy = (tile / columns) * 16;
-  float4 mf = make_float4(0, 0, 0, 0), ms = mf; bool own = lane < n;
-  if (own) { u32 gi = gaussians[h.y + lane]; mf = geometry[2 * gi]; ms = geometry[2 * gi + 1]; first[lane] = mf; second[lane] = ms;
-    #pragma unroll
-    for (int q = 0; q < CHUNKS; q++) color[lane * CHUNKS + q] = colors[(size_t)gi * CHUNKS + q]; }
-  float4 s0 = make_float4(0, 0, 0, 0), dc[CHUNKS]; float suv = 0.f, svv = 0.f;
+#define COLUMNS (CHANNELS + 6)
+#define SUBS (32 / COLUMNS)
+#define PITCH 9
+__device__ __forceinline__ float4 mul4(float4 w, float4 c) { return make_float4(w.x * c.x, w.y * c.y, w.z * c.z, w.w * c.w); }
+__device__ __forceinline__ float4 fma4(float4 w, float4 c, float4 s) {
+  return make_float4(fmaf(w.x, c.x, s.x), fmaf(w.y, c.y, s.y), fmaf(w.z, c.z, s.z), fmaf(w.w, c.w, s.w)); }
+__device__ __forceinline__ float4 column_values(u32 W, u32 H, const float* __restrict__ gradient, u32 c, u32 cx, u32 cy, u32 x, u32 y) {
+  if (c >= CHANNELS) { float dy = y - 1.5f; float d0 = (float)x - 3.5f, d1 = d0 + 1.f, d2 = d0 + 2.f, d3 = d0 + 3.f;
+    switch (c - CHANNELS) { case 0: return make_float4(1, 1, 1, 1); case 1: return make_float4(d0, d1, d2, d3);
+      case 2: return make_float4(dy, dy, dy, dy); case 3: return make_float4(d0 * d0, d1 * d1, d2 * d2, d3 * d3);
+      case 4: return make_float4(d0 * dy, d1 * dy, d2 * dy, d3 * dy); case 5: return make_float4(dy * dy, dy * dy, dy * dy, dy * dy);
+      default: return make_float4(0, 0, 0, 0); } }
+  float v[4];
   #pragma unroll
-  for (int q = 0; q < CHUNKS; q++) dc[q] = make_float4(0, 0, 0, 0);
-  __syncwarp();
-  for (u32 k = 0; k < 8; k++) {
-    u32 x0 = cx + (k & 1) * 8, y0 = cy + (k >> 1) * 4;
-    u32 queue = __ballot_sync(~0u, own && touches(mf, ms, (float)x0, (float)y0));
-    float2 cp = checkpoints[(size_t)b * 256 + k * 32 + lane];
-    if (!__any_sync(~0u, cp.x > 0.f)) queue = 0; if (!queue) continue;
-    u32 px = x0 + (lane & 7), py = y0 + (lane >> 3);
-    GRADIENT(px, py, px < W && py < H)
+  for (int i = 0; i < 4; i++) { u32 px = cx + x + i, py = cy + y; v[i] = px < W && py < H ? gradient[((size_t)py * W + px) * (CHANNELS + 1) + c] : 0.f; }
+  return make_float4(v[0], v[1], v[2], v[3]); }
+extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend_backward(u32 W, u32 H, const float4* __restrict__ geometry,
+  const uint2* __restrict__ entries, const uint2* __restrict__ ranges, const float4* __restrict__ colors,
+  const float* __restrict__ gradient, const u32* __restrict__ trans, float4* __restrict__ rows) {
+  __shared__ float4 bf[BATCH], bs[BATCH], bc[BATCH * CHUNKS]; __shared__ uint2 be[2 * BATCH]; __shared__ u32 touched[16], ends[8];
+  __shared__ float4 effects[8 * GROUP * 2 * PITCH]; __shared__ float sums[SLOTS * COLUMNS];
+  u32 lane = threadIdx.x, columns = (W + 15) / 16, block = lane >> 5, member = lane & 31;
+  u32 sub = min(member / COLUMNS, SUBS - 1), fc = member - sub * COLUMNS, kind = fc >= CHANNELS ? PITCH : 0;
+  u32 tile = blockIdx.x;
+  uint2 r = ranges[tile]; u32 tx = (tile % columns) * 16, ty = (tile / columns) * 16;
+  u32 cx = tx + (block & 1) * 8, cy = ty + (block >> 1) * 4, ix = cx + (member & 7), iy = cy + (member >> 3);
+  float x = ix, y = iy; u32 end = 0; float now = 0, rest = 0; float4 g[CHUNKS];
+  #pragma unroll
+  for (int q = 0; q < CHUNKS; q++) g[q] = make_float4(0, 0, 0, 0);
+  if (ix < W && iy < H) { size_t p = (size_t)iy * W + ix; now = __uint_as_float(trans[p]); end = trans[(size_t)W * H + p];
     #pragma unroll
-    for (int q = 0; q < CHUNKS; q++) pg[lane * CHUNKS + q] = g[q];
-    float now = cp.x, rest = cp.y, x = px, y = py; u32 bits = queue;
-    while (bits) { u32 j = __ffs(bits) - 1; bits &= bits - 1;
-      Cover c = cover(whitened(first[j], second[j], x, y), second[j].y, now); now = c.next; float d = 0.f;
-      #pragma unroll
-      for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], color[j * CHUNKS + q]);
-      ws[j * 33 + lane] = c.weight; es[j * 33 + lane] = c.weight > 0.f ? c.weight * d : 0.f;
-      rs[j * 33 + lane] = c.stop || c.raw > 0.99f ? 0.f : c.alpha / (1.f - c.alpha); }
-    bits = queue;
-    while (bits) { u32 j = 31 - __clz(bits); bits ^= 1u << j; u32 at = j * 33 + lane; float e = es[at], ratio = rs[at];
-      es[at] = ratio > 0.f ? fmaf(-rest, ratio, e) : 0.f; rest += e; }
-    __syncwarp();
-    if ((queue >> lane) & 1) for (u32 p = 0; p < 32; p++) { float w = ws[lane * 33 + p], s = es[lane * 33 + p];
-      float2 uv = whitened(mf, ms, (float)(x0 + (p & 7)), (float)(y0 + (p >> 3))); float su = s * uv.x, sv = s * uv.y;
-      s0.x += s; s0.y += su; s0.z += sv; s0.w = fmaf(su, uv.x, s0.w); suv = fmaf(su, uv.y, suv); svv = fmaf(sv, uv.y, svv);
-      #pragma unroll
-      for (int q = 0; q < CHUNKS; q++) dc[q] = fma4(w, pg[p * CHUNKS + q], dc[q]); }
-    __syncwarp(); }
-  if (own) { size_t row = (size_t)pairs[h.y + lane] * (CHUNKS + 2); rows[row] = s0; rows[row + 1] = make_float4(suv, svv, 0, 0);
-    #pragma unroll
-    for (int q = 0; q < CHUNKS; q++) rows[row + 2 + q] = dc[q]; } }
+    for (int c = 0; c < CHANNELS; c++) (&g[c / 4].x)[c % 4] = gradient[p * (CHANNELS + 1) + c];
+    rest = gradient[p * (CHANNELS + 1) + CHANNELS] * now; }
+  float4 c0 = column_values(W, H, gradient, fc, cx, cy, 0, 0), c1 = column_values(W, H, gradient, fc, cx, cy, 4, 0);
+  float4 c2 = column_values(W, H, gradient, fc, cx, cy, 0, 1), c3 = column_values(W, H, gradient, fc, cx, cy, 4, 1);
+  float4 c4 = column_values(W, H, gradient, fc, cx, cy, 0, 2), c5 = column_values(W, H, gradient, fc, cx, cy, 4, 2);
+  float4 c6 = column_values(W, H, gradient, fc, cx, cy, 0, 3), c7 = column_values(W, H, gradient, fc, cx, cy, 4, 3);
+  if (lane < 8) ends[lane] = r.x;
+  if (lane < 16) touched[lane] = 0;
+  __syncthreads(); atomicMax(&ends[block], end); __syncthreads();
+  u32 last = r.x;
+  #pragma unroll
+  for (int k = 0; k < 8; k++) last = max(last, ends[k]);
+  u32 nb = (last - r.x + BATCH - 1) / BATCH;
+  for (u32 i = r.x + nb * BATCH + lane; i < r.y; i += 256) { size_t row = (size_t)entries[i].y * (CHUNKS + 2);
+    for (int q = 0; q < CHUNKS + 2; q++) rows[row + q] = make_float4(0, 0, 0, 0); }
+  u32 oj = lane >> 3, ob = lane & 7; float ox = tx + (ob & 1) * 8, oy = ty + (ob >> 1) * 4;
+  uint2 e = make_uint2(0, 0); if (nb > 0) e = entries[min(r.x + (nb - 1) * BATCH + oj, r.y - 1)];
+  for (u32 b = nb; b > 0; b--) { u32 at = r.x + (b - 1) * BATCH, n = min(BATCH, r.y - at), turn = (b & 1) * 8, et = (b & 1) * BATCH;
+    if (oj < n) { float4 f = geometry[2 * e.x], s = geometry[2 * e.x + 1];
+      if (ob == 0) { bf[oj] = f; bs[oj] = s; be[et + oj] = e;
+        #pragma unroll
+        for (int q = 0; q < CHUNKS; q++) bc[oj * CHUNKS + q] = colors[(size_t)e.x * CHUNKS + q]; }
+      if (at + oj < ends[ob] && touches(f, s, ox, oy)) atomicOr(&touched[turn + ob], 1u << oj); }
+    __syncthreads();
+    if (lane < 8) touched[8 - turn + lane] = 0;
+    if (b > 1) e = entries[at - BATCH + min(oj, BATCH - 1)];
+    for (u32 left = n; left > 0;) { u32 taking = left, taken, longest, slot0 = 0, oslot0 = 0;
+      while (true) { taken = (~0u >> (32 - left)) & ~((1u << (left - taking)) - 1); longest = 0; u32 total = 0;
+        #pragma unroll
+        for (int k = 0; k < 8; k++) { if (k == block) slot0 = total; if (k == ob) oslot0 = total;
+          u32 count = __popc(touched[turn + k] & taken); longest = max(longest, count); total += count; }
+        if (SLOTS >= 8 * BATCH || total <= SLOTS) break;
+        taking = (taking + 1) / 2; }
+      u32 bits = touched[turn + block] & taken, nt = __popc(bits);
+      for (u32 done = 0; done < longest; done += GROUP) { u32 count = min(max(nt, done) - done, GROUP);
+        for (u32 k = 0; k < count; k++) { u32 j = 31 - __clz(bits); bits ^= 1u << j; float4 s4 = bs[j];
+          float2 uv = whitened(bf[j], s4, x, y); float raw = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
+          float alpha = fminf(raw, 0.99f); if (alpha < AMIN || at + j >= end) alpha = 0.f; float d = 0.f;
+          #pragma unroll
+          for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], bc[j * CHUNKS + q]);
+          float inv = 1.f / (1.f - alpha); now *= inv; float w = alpha * now, ew = w * d;
+          float s = raw <= 0.99f ? fmaf(-rest, alpha * inv, ew) : 0.f; rest += ew;
+          u32 to = (block * GROUP + k) * 2 * PITCH * 4 + member; ((float*)effects)[to] = w; ((float*)effects)[to + PITCH * 4] = s; }
+        __syncthreads();
+        for (u32 k = sub; k < count; k += SUBS) { const float4* row = effects + (block * GROUP + k) * 2 * PITCH + kind;
+          float4 t = mul4(row[0], c0); t = fma4(row[1], c1, t); t = fma4(row[2], c2, t); t = fma4(row[3], c3, t);
+          t = fma4(row[4], c4, t); t = fma4(row[5], c5, t); t = fma4(row[6], c6, t); t = fma4(row[7], c7, t);
+          if (fc < COLUMNS) sums[(slot0 + done + k) * COLUMNS + fc] = (t.x + t.y) + (t.z + t.w); }
+        __syncthreads(); }
+      u32 obits = (touched[turn + ob] & taken) >> oj;
+      if (obits & 1) { float* m = sums + (oslot0 + __popc(obits >> 1)) * COLUMNS + CHANNELS;
+        float4 f = bf[oj], s4 = bs[oj]; float2 u = whitened(f, s4, ox + 3.5f, oy + 1.5f); float a = f.z, bb = f.w, c = s4.x;
+        float s = m[0], sx = m[1], sy = m[2], sxx = m[3], sxy = m[4], syy = m[5], l = a * sx + bb * sy, h = a * sxy + bb * syy, sv = u.y * s + c * sy;
+        m[1] = u.x * s + l; m[2] = sv; m[3] = u.x * (u.x * s + 2.f * l) + (a * (a * sxx + bb * sxy) + bb * h);
+        m[4] = u.y * (u.x * s + l) + c * (u.x * sy + h); m[5] = u.y * (sv + c * sy) + c * c * syy; }
+      __syncthreads(); left -= taking;
+      for (u32 i = lane; i < taking * (CHUNKS + 2); i += 256) { u32 j = left + i / (CHUNKS + 2), q = i % (CHUNKS + 2), slot = 0;
+        u32 column = q < 2 ? CHANNELS + 4 * q : 4 * q - 8, stop = q < 2 ? COLUMNS : CHANNELS; float4 t = make_float4(0, 0, 0, 0);
+        for (u32 k = 0; k < 8; k++) { u32 mask = touched[turn + k] & taken;
+          if ((mask >> j) & 1) { const float* m = sums + (slot + __popc((mask >> j) >> 1)) * COLUMNS;
+            t.x += m[column]; if (column + 1 < stop) t.y += m[column + 1]; if (column + 2 < stop) t.z += m[column + 2]; if (column + 3 < stop) t.w += m[column + 3]; }
+          slot += __popc(mask); }
+        rows[(size_t)be[et + j].y * (CHUNKS + 2) + q] = t; } } } }
 """
 
 
-def compare(gpu: Any, arrays: dict[str, np.ndarray], case: str) -> dict[str, float]:
-    """Return medians in milliseconds of the three kernels both ways, and the largest difference of the results."""
+def compare(gpu: Any, arrays: dict[str, np.ndarray], case: str) -> dict[str, Any]:
+    """Return medians in milliseconds of both kernels both ways, and the largest difference of the results."""
     import cupy
 
     frame = new_frame(gpu, arrays, case, 4 * len(arrays["means"]))
     watch = Stopwatch(gpu)
     wgsl = []
-    for _ in range(REPEATS + 5):
+    for _ in range(10 * REPEATS):
         frame.forward(watch)
         frame.backward(watch)
         wgsl.append(watch.read())
     counts = frame.counts()
     s = frame.size
     chunks = -(-s.n_out // 4)
-    n_buckets = counts.n_pairs // 32 + s.n_tiles
 
     def copied(name: str, n: int, dtype: Any) -> Any:
         return cupy.asarray(frame.read(name, (n,), dtype))
 
     geometry = copied("geometry", 8 * s.n, np.float32)
-    gaussians = copied("gaussians", counts.n_pairs, np.uint32)
-    pairs = copied(frame._pairs, counts.n_pairs, np.uint32)
+    entries = copied("entries", 2 * counts.n_pairs, np.uint32)
     ranges = copied("tile_ranges", 2 * s.n_tiles, np.uint32)
     colors = copied("colors", 4 * chunks * s.n, np.float32)
     gradient = copied("gradient", WIDTH * HEIGHT * (s.n_out + 1), np.float32)
+    transmittance = copied("transmittance", 2 * WIDTH * HEIGHT, np.uint32)
     image = cupy.zeros(WIDTH * HEIGHT * s.n_out, np.float32)
-    trans = cupy.zeros(WIDTH * HEIGHT, np.float32)
-    checkpoints = cupy.zeros(512 * n_buckets, np.float32)
-    buckets = cupy.zeros(4 * n_buckets, np.uint32)
     rows = cupy.zeros(4 * (chunks + 2) * counts.n_pairs, np.float32)
-    module = cupy.RawModule(code=SOURCE, options=("--use_fast_math", f"-DCHANNELS={s.n_out}"), backend="nvrtc")
     size = (np.uint32(WIDTH), np.uint32(HEIGHT))
     calls = {
-        "blending": (s.n_tiles, 256, "blend", (geometry, gaussians, ranges, colors, image, trans)),
-        "replay": (s.n_tiles, 256, "replay", (geometry, gaussians, ranges, colors, gradient, checkpoints, buckets)),
-        "pair gradients": (
-            n_buckets, 32, "bucket", (geometry, gaussians, pairs, colors, gradient, checkpoints, buckets, rows),
+        "blending": ("blend", (geometry, entries, ranges, colors, image, transmittance.copy())),
+        "blending backward": (
+            "blend_backward", (geometry, entries, ranges, colors, gradient, transmittance, rows),
         ),
     }  # fmt: skip
-    result = {}
-    for stage, (groups, threads, name, arguments) in calls.items():
-        kernel = module.get_function(name)
-        times = []
-        for i in range(REPEATS + 5):
-            start, end = cupy.cuda.Event(), cupy.cuda.Event()
-            start.record()
-            kernel((groups,), (threads,), (*size, *arguments))
-            end.record()
-            end.synchronize()
-            if i >= 5:
-                times.append(cupy.cuda.get_elapsed_time(start, end))
-        result[f"cuda {stage}"] = statistics.median(times)
-        result[f"wgsl {stage}"] = statistics.median(row[stage] for row in wgsl[5:])
+    constants = backward_sizes(s.n_out)
+    result: dict[str, Any] = {name: constants[name] for name in ("GROUP", "BATCH", "SLOTS")}
+    for stage, (name, arguments) in calls.items():
+        found = []
+        for blocks in (1, 2, 3, 4):
+            options = [f"-D{key}={constants[key]}" for key in ("GROUP", "BATCH", "SLOTS")]
+            options += ["--use_fast_math", f"-DCHANNELS={s.n_out}", f"-DBLOCKS={blocks}"]
+            kernel = cupy.RawModule(code=SOURCE, options=tuple(options), backend="nvrtc").get_function(name)
+            times = []
+            for i in range(3 * REPEATS):
+                start, end = cupy.cuda.Event(), cupy.cuda.Event()
+                start.record()
+                kernel((s.n_tiles,), (256,), (*size, *arguments))
+                end.record()
+                end.synchronize()
+                if i >= REPEATS:
+                    times.append(cupy.cuda.get_elapsed_time(start, end))
+            found.append((statistics.median(times), blocks, kernel.num_regs))
+        result[f"cuda {stage}"], result[f"blocks {stage}"], result[f"registers {stage}"] = min(found)
+        result[f"cuda {stage}, 1 to 4"] = [milliseconds for milliseconds, _, _ in found]
+        result[f"wgsl {stage}"] = statistics.median(row[stage] for row in wgsl[-REPEATS:])
+        result[f"ratio {stage}"] = result[f"wgsl {stage}"] / result[f"cuda {stage}"]
     difference = np.abs(frame.read("image", (WIDTH * HEIGHT * s.n_out,)) - cupy.asnumpy(image))
     result["image difference, 99.9 %"] = float(np.quantile(difference, 0.999))
     ours = frame.read("rows", (4 * (chunks + 2) * counts.n_pairs,))

@@ -98,19 +98,17 @@ class Frame:
             "keys_0": 4 * sort, "keys_1": 4 * sort, "values_0": 4 * sort, "values_1": 4 * sort,
             "order": 4 * n, "pair_tiles": 4 * capacity, "pair_gaussians": 4 * capacity, "pair_identity": 4 * capacity,
             "digits": 1024 * -(-sort // SORT_BLOCK), "sums": 4 * (-(-max(n + 1, 256 * -(-sort // SORT_BLOCK)) // SCAN_BLOCK)),
-            "tile_ranges": 8 * s.n_tiles, "gaussians": 4 * capacity,
-            "image": 4 * s.width * s.height * s.n_out, "transmittance": 4 * s.width * s.height,
+            "tile_ranges": 8 * s.n_tiles, "entries": 8 * capacity,
+            "image": 4 * s.width * s.height * s.n_out, "transmittance": 8 * s.width * s.height,
         }  # fmt: skip
         if s.backward:
-            n_buckets = capacity // 32 + s.n_tiles
             sizes |= {
                 "gradient": 4 * s.width * s.height * (s.n_out + 1),
-                "checkpoints": 2048 * n_buckets, "buckets": 16 * n_buckets,
                 "rows": 16 * (chunks + 2) * capacity, "totals": 16 * (chunks + 2) * n,
                 "gradients": 48 * n, "pose": 48 * n if self._with_pose else 4, "sh_gradient": 4 * BLOCK * 3 * s.n_sh * -(-n // BLOCK),
             }  # fmt: skip
         self.allocate(sizes)
-        self.buffers["dispatches"] = self.gpu.device.create_buffer(size=48, usage=STORAGE | _INDIRECT)
+        self.buffers["dispatches"] = self.gpu.device.create_buffer(size=36, usage=STORAGE | _INDIRECT)
         write = self.gpu.device.queue.write_buffer
         write(self.buffers["identity"], 0, np.arange(n, dtype=np.uint32))
         write(self.buffers["pair_identity"], 0, np.arange(capacity, dtype=np.uint32))
@@ -321,7 +319,7 @@ class Frame:
                     "colours",
                     "colors",
                     self._view_uniform(first, last),
-                    ["means", ("sh", at, n_bytes), "channels", "info", "colors", "counts"],
+                    ["means", ("sh", at, n_bytes), "channels", "colors", "counts"],
                     -(-(last - first) // BLOCK),
                 )  # fmt: skip
             )
@@ -336,14 +334,13 @@ class Frame:
             )
         )  # fmt: skip
         steps += self._sort("tile sort", 1, "pair_tiles", "pair_identity", s.n_tiles.bit_length(), None)
-        self._pairs = self._sorted[1]
         steps.append(
             self._step(
-                "tile sort", "lists", view, [*self._sorted, "pair_gaussians", "counts", "tile_ranges", "gaussians"], 1,
+                "tile sort", "lists", view, [*self._sorted, "pair_gaussians", "counts", "tile_ranges", "entries"], 1,
                 indirect=6,
             )
         )  # fmt: skip
-        names = ["geometry", "gaussians", "tile_ranges", "colors", "image", "transmittance"]
+        names = ["geometry", "entries", "tile_ranges", "colors", "image", "transmittance"]
         steps.append(self._tiles_step("blending", "blend", names, 0, s.n_tiles))
         return steps
 
@@ -352,14 +349,9 @@ class Frame:
         view = self._uniforms[0][0]
         chunks = -(-s.n_out // 4)
         steps = [
-            self._step(
-                "replay", "replay", view,
-                ["geometry", "gaussians", "tile_ranges", "colors", "gradient", "checkpoints", "buckets", "counts"], s.n_tiles,
-            ),
-            self._step(
-                "pair gradients", "bucket", view,
-                ["geometry", "gaussians", self._pairs, "colors", "gradient", "checkpoints", "buckets", "rows"], 1,
-                indirect=9,
+            self._tiles_step(
+                "blending backward", "blend_backward",
+                ["geometry", "entries", "tile_ranges", "colors", "gradient", "transmittance", "rows", "counts"], 0, s.n_tiles,
             ),
             self._step("segment sum", "sum_pairs", view, ["ranges", "rows", "totals"], -(-s.n * (chunks + 2) // 128)),
             self._step(
@@ -397,7 +389,7 @@ class Frame:
 
     def backward(self, time: Callable[[str, Any], Any] | None = None) -> None:
         """Queue the backward pass, from ``gradient`` to the gradients of all inputs."""
-        self._submit(self._backward, ["buckets"], time)
+        self._submit(self._backward, [], time)
 
     def _submit(self, run: Submissions, zeroed: Sequence[str], time: Callable[[str, Any], Any] | None = None) -> None:
         """Queue the dispatches of `run` in submissions of bounded time, or with `time` in one."""

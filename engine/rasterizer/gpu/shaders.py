@@ -4,7 +4,8 @@ A kernel is the text of its files, in order, after the constants of `engine.rast
 expanded, because WGSL has no loops at compile time:
 
 - A line that ends with ``// each Q`` is repeated for each chunk of four channels, with ``_Q`` and ``Q_`` replaced by
-  its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it.
+  its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it, and ``// each P`` for
+  each 32 columns of blend_backward.wgsl.
 - ``//if SUBGROUPS``, ``//else``, ``//end`` choose between two variants.
 """
 
@@ -21,8 +22,9 @@ from ...files import read_text
 from .. import settings
 from ..loss_kernels import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from .adapters import Gpu
+from .modules import create_module
 
-__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "kernel_source", "kernels_of"]
+__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "backward_sizes", "kernel_source", "kernels_of"]
 
 SORT_BLOCK = 2048
 """Keys that a workgroup sorts."""
@@ -41,8 +43,7 @@ KERNELS = {
     "emit": ("tiles", "emit"),
     "lists": ("lists",),
     "blend": ("cover", "tile", "blend"),
-    "replay": ("cover", "tile", "replay"),
-    "bucket": ("cover", "bucket"),
+    "blend_backward": ("cover", "blend_backward"),
     "sum_pairs": ("sum_pairs",),
     "project_backward": ("ellipse", "project_backward"),
     "colors_backward": ("sh", "colors_backward"),
@@ -59,6 +60,33 @@ KERNELS = {
 """Files of each kernel, after ``common``."""
 
 _SUBGROUP_KERNELS = ("radix_scatter",)
+
+
+def backward_sizes(n_channels: int) -> dict[str, int]:
+    """Return the sizes in blend_backward.wgsl.
+
+    Workgroup memory decides how many workgroups run at a time: NVIDIA's Vulkan driver gives 48 KiB to a multiprocessor.
+    Three run with few channels and two with up to 26, as many as the registers allow; more channels take all that a
+    workgroup may have.
+    """
+    columns, chunks = n_channels + 6, -(-n_channels // 4)
+    subs = max(1, 32 // columns)
+    group = 3 if subs == 3 else 4  # a multiple of `subs` keeps all of them busy
+    batch, memory = (24, 16_000) if columns <= 10 else (32, 24_000 if columns <= 32 else 32_000)
+    effects = 8 * group * 2 * 9
+    rest = 16 * effects + batch * (48 + 16 * chunks) + 96
+    slots = min(8 * batch, (memory - rest) // (4 * columns))
+    return {
+        "COLUMNS": columns,
+        "SUBS": subs,
+        "GROUP": group,
+        "BATCH": batch,
+        "BATCH_2": 2 * batch,
+        "BATCH_COLORS": batch * chunks,
+        "SLOTS": slots,
+        "EFFECTS": effects,
+        "SUMS": slots * columns,
+    }
 
 
 def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
@@ -91,7 +119,7 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
     unsigned = {
         "CHANNELS": n_channels,
         "CHUNKS": chunks,
-        "BUCKET_COLORS": 32 * chunks,
+        **backward_sizes(n_channels),
         "SORT_BLOCK": SORT_BLOCK,
         "SCAN_BLOCK": SCAN_BLOCK,
         "CULLED_NEAR": 1,
@@ -133,6 +161,9 @@ def _expand(text: str, n_channels: int, subgroups: bool) -> str:
         elif line.endswith("// each C"):
             body = line[: -len("// each C")]
             lines += [body.replace("_QC", f"_{c // 4}[{c % 4}]").replace("C_", f"{c}u") for c in range(n_channels)]
+        elif line.endswith("// each P"):
+            body = line[: -len("// each P")]
+            lines += [body.replace("_P", f"_{p}").replace("P_", f"{p}u") for p in range(-(-(n_channels + 6) // 32))]
         else:
             lines.append(line)
     return "\n".join(lines) + "\n"
@@ -167,7 +198,7 @@ class Kernels:
         if key not in self._pipelines:
             subgroups = self._gpu.subgroups and name in _SUBGROUP_KERNELS
             code = kernel_source(name, n_channels, n_moving, float64=self._gpu.float64, subgroups=subgroups)
-            module = self._gpu.device.create_shader_module(label=name, code=code)
+            module = create_module(self._gpu.device, name, code)
             self._pipelines[key] = self._gpu.device.create_compute_pipeline(
                 label=name, layout="auto", compute={"module": module, "entry_point": entry}
             )

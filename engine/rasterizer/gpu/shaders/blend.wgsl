@@ -1,10 +1,10 @@
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> geometry: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> gaussians: array<u32>;
+@group(0) @binding(2) var<storage, read> entries: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> tile_ranges: array<vec2<u32>>;
 @group(0) @binding(4) var<storage, read> colors: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read_write> image: array<f32>;
-@group(0) @binding(6) var<storage, read_write> transmittance: array<f32>;
+@group(0) @binding(6) var<storage, read_write> transmittance: array<u32>;  // [H W] f32; [H W] end in the list of what is blended
 
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
@@ -17,6 +17,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let range = tile_ranges[tile];
     let word_base = (lane >> 5u) * 8u;
     var now = select(-1.0, 1.0, inside);
+    var end = 0u;
     var sum_Q = vec4<f32>(0.0);  // each Q
     for (var at = range.x; at < range.y; at += 256u) {
         if (lane == 0u) {
@@ -41,6 +42,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let c = cover(whitened(batch_first[j], second, x, y), second.y, now);
                 now = c.next;
                 if (c.weight > 0.0) {
+                    end = at + j + 1u;
                     let row = batch_gaussian[j] * CHUNKS;
                     sum_Q = fma(vec4<f32>(c.weight), colors[row + Q_], sum_Q);  // each Q
                 }
@@ -50,7 +52,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     if (inside) {
         let p = pixel.y * view.width + pixel.x;
-        transmittance[p] = abs(now);
+        transmittance[p] = bitcast<u32>(abs(now));
+        transmittance[view.width * view.height + p] = end;
         image[p * CHANNELS + C_] = sum_QC;  // each C
     }
 }
