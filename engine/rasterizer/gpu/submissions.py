@@ -26,7 +26,7 @@ FILL = 0.5
 """Share of the limit that forecasts fill, because other cameras see more Gaussians."""
 
 FIRST_GROUPS = 128
-"""Workgroups of a part in the first run, when nothing is measured: 64 parts of a picture of 1920x1080 pixels."""
+"""Workgroups of the first part of a dispatch that was never measured. Parts grow while they are shorter than the limit."""
 
 MEASURE_INTERVAL = 64
 """Runs after which dispatches are measured again, if together they take more than a tenth of the limit."""
@@ -92,7 +92,8 @@ class Submissions:
             encoder.clear_buffer(buffer)
         if measures:
             self._gpu.device.queue.submit([encoder.finish()])
-            self.seconds = [self._measure(one) for one in self.dispatches]
+            before: list[float | None] = [*self.seconds] or [None] * len(self.dispatches)
+            self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
             self._batches = self.batches()
             return
         for number, together in enumerate(self._batches):
@@ -106,7 +107,7 @@ class Submissions:
         batches: list[list[Dispatch]] = [[]]
         filled = 0.0
         for one, seconds in zip(self.dispatches, self.seconds, strict=True):
-            parts = one.parts(math.ceil(seconds / (FILL * LIMIT_S)))
+            parts = one.parts(_n_parts(seconds))
             for part in parts:
                 if batches[-1] and filled + seconds / len(parts) > FILL * LIMIT_S:
                     batches.append([])
@@ -115,23 +116,37 @@ class Submissions:
                 batches[-1].append(part)
         return batches
 
-    def _measure(self, dispatch: Dispatch) -> float:
-        """Run a dispatch alone, in parts if it has many workgroups, and return its time in seconds."""
-        queue = self._gpu.device.queue
+    def _measure(self, dispatch: Dispatch, before: float | None) -> float:
+        """Run a dispatch alone and return its time in seconds, measured `before` or never."""
         self._wait()
-        total = 0.0
-        for part in dispatch.parts(math.ceil(dispatch.n_groups / FIRST_GROUPS)):
-            start = time.perf_counter()
-            encoder = self._gpu.device.create_command_encoder()
-            encode(encoder, [part], self._sizes)
-            queue.submit([encoder.finish()])
-            self._wait()
-            total += time.perf_counter() - start
+        if dispatch.part is None:
+            return self._seconds_of(dispatch)
+        if before is not None:
+            return sum(self._seconds_of(part) for part in dispatch.parts(_n_parts(before)))
+        total, at, n = 0.0, 0, FIRST_GROUPS
+        while at < dispatch.n_groups:
+            end = min(at + n, dispatch.n_groups)
+            seconds = self._seconds_of(dispatch.part(at, end))
+            total, at = total + seconds, end
+            n = min(4 * n, max(FIRST_GROUPS, int(n * FILL * LIMIT_S / seconds)))  # other tiles may take longer
         return total
+
+    def _seconds_of(self, dispatch: Dispatch) -> float:
+        start = time.perf_counter()
+        encoder = self._gpu.device.create_command_encoder()
+        encode(encoder, [dispatch], self._sizes)
+        self._gpu.device.queue.submit([encoder.finish()])
+        self._wait()
+        return time.perf_counter() - start
 
     def _wait(self) -> None:
         """Wait until all that is queued is done: a read comes last. wgpu 0.32 fails in `on_submitted_work_done_sync`."""
         self._gpu.device.queue.read_buffer(self._sizes, 0, 4)
+
+
+def _n_parts(seconds: float) -> int:
+    """Return into how many submissions a dispatch of so many seconds is split."""
+    return math.ceil(seconds / (FILL * LIMIT_S))
 
 
 def encode(
