@@ -21,7 +21,8 @@ from engine.rasterizer.gpu.shaders import backward_sizes
 
 SOURCE = r"""
 #define CHUNKS ((CHANNELS + 3) / 4)
-#define WORDS (256 / BATCH)
+#define WORDS 8
+#define BATCH 32
 #define AMIN (1.0f / 255.0f)
 typedef unsigned int u32;
 struct Cover { float raw, alpha, weight, next; bool stop; };
@@ -144,28 +145,29 @@ extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend_backward(u32 W, 
         taking = (taking + 1) / 2; }
       u32 bits = touched[turn + block] & taken, nt = __popc(bits);
       for (u32 done = 0; done < longest; done += GROUP) { u32 count = min(max(nt, done) - done, GROUP);
-        u32 own = bits; for (u32 k = 0; k < count; k++) bits ^= 1u << (31 - __clz(bits));
-        own ^= bits; float now = start; u32 before = count ? touched[turn + block] & ((own & (~own + 1)) - 1) : 0;
-        while (before) { u32 j = __ffs(before) - 1; before &= before - 1; float4 s4 = bs[j];
-          float2 uv = whitened(bf[j], s4, x, y); float raw = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
-          float alpha = fminf(raw, 0.99f); if (alpha < AMIN || at + j >= end) alpha = 0.f; now = fmaf(-alpha, now, now); }
-        before = own;
-        for (u32 k = count; k > 0; k--) { u32 j = __ffs(before) - 1; before &= before - 1; float4 s4 = bs[j];
-          float2 uv = whitened(bf[j], s4, x, y); float raw = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
-          float alpha = fminf(raw, 0.99f); if (alpha < AMIN || at + j >= end) alpha = 0.f;
-          u32 to = (block * GROUP + k - 1) * 2 * PITCH * 4 + member; ((float*)effects)[to] = now;
-          ((float*)effects)[to + PITCH * 4] = raw <= 0.99f ? alpha : -alpha; now = fmaf(-alpha, now, now); }
-        for (u32 k = 0; k < count; k++) { u32 j = 31 - __clz(own); own ^= 1u << j; float d = 0.f;
+        if (count > 0) { u32 own = bits; for (u32 k = 0; k < count; k++) bits ^= 1u << (31 - __clz(bits));
+          own ^= bits; float now = start; u32 before = touched[turn + block] & ((own & (~own + 1)) - 1);
+          while (before) { u32 j = __ffs(before) - 1; before &= before - 1; float4 s4 = bs[j];
+            float2 uv = whitened(bf[j], s4, x, y); float raw = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
+            float alpha = fminf(raw, 0.99f); if (alpha < AMIN || at + j >= end) alpha = 0.f; now = fmaf(-alpha, now, now); }
+          u32 j = 0, js[GROUP]; float raws[GROUP], alphas[GROUP], nows[GROUP];
           #pragma unroll
-          for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], bc[j * CHUNKS + q]);
-          u32 to = (block * GROUP + k) * 2 * PITCH * 4 + member; float sg = ((float*)effects)[to + PITCH * 4], alpha = fabsf(sg);
-          float w = alpha * ((float*)effects)[to], ew = w * d; ((float*)effects)[to] = w;
-          ((float*)effects)[to + PITCH * 4] = sg > 0.f ? fmaf(-rest, alpha / (1.f - alpha), ew) : 0.f; rest += ew; }
+          for (int k = 0; k < GROUP; k++) { bool is_own = own != 0; j = is_own ? __ffs(own) - 1 : j; js[k] = j; own &= ~(1u << j);
+            float4 s4 = bs[j]; float2 uv = whitened(bf[j], s4, x, y); raws[k] = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
+            float alpha = fminf(raws[k], 0.99f); alphas[k] = alpha < AMIN || at + j >= end || !is_own ? 0.f : alpha;
+            nows[k] = now; now = fmaf(-alphas[k], now, now); }
+          u32 to = block * GROUP * 2 * PITCH * 4 + member;
+          #pragma unroll
+          for (int k = GROUP - 1; k >= 0; k--) { float d = 0.f;
+            #pragma unroll
+            for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], bc[js[k] * CHUNKS + q]);
+            float w = alphas[k] * nows[k], ew = w * d; ((float*)effects)[to + k * 8 * PITCH] = w;
+            ((float*)effects)[to + (k * 2 + 1) * 4 * PITCH] = raws[k] <= 0.99f ? fmaf(-rest, alphas[k] / (1.f - alphas[k]), ew) : 0.f; rest += ew; } }
         __syncthreads();
         for (u32 k = sub; k < count; k += SUBS) { const float4* row = effects + (block * GROUP + k) * 2 * PITCH + kind;
           float4 t = mul4(row[0], c0); t = fma4(row[1], c1, t); t = fma4(row[2], c2, t); t = fma4(row[3], c3, t);
           t = fma4(row[4], c4, t); t = fma4(row[5], c5, t); t = fma4(row[6], c6, t); t = fma4(row[7], c7, t);
-          if (fc < COLUMNS) sums[(slot0 + done + k) * COLUMNS + fc] = (t.x + t.y) + (t.z + t.w); }
+          if (fc < COLUMNS) sums[(slot0 + done + count - 1 - k) * COLUMNS + fc] = (t.x + t.y) + (t.z + t.w); }
         __syncthreads(); }
       u32 obits = (touched[turn + ob] & taken) >> oj;
       if (obits & 1) { float* m = sums + (oslot0 + __popc(obits >> 1)) * COLUMNS + CHANNELS;
@@ -218,11 +220,11 @@ def compare(gpu: Any, arrays: dict[str, np.ndarray], case: str) -> dict[str, Any
         ),
     }  # fmt: skip
     constants = backward_sizes(s.n_out)
-    result: dict[str, Any] = {name: constants[name] for name in ("GROUP", "BATCH", "SLOTS")}
+    result: dict[str, Any] = {name: constants[name] for name in ("GROUP", "SLOTS")}
     for stage, (name, arguments) in calls.items():
         found = []
         for blocks in (1, 2, 3, 4):
-            options = [f"-D{key}={constants[key]}" for key in ("GROUP", "BATCH", "SLOTS")]
+            options = [f"-D{key}={constants[key]}" for key in ("GROUP", "SLOTS")]
             options += ["--use_fast_math", f"-DCHANNELS={s.n_out}", f"-DBLOCKS={blocks}"]
             kernel = cupy.RawModule(code=SOURCE, options=tuple(options), backend="nvrtc").get_function(name)
             times = []
