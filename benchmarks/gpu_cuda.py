@@ -21,6 +21,8 @@ from engine.rasterizer.gpu.shaders import backward_sizes
 
 SOURCE = r"""
 #define CHUNKS ((CHANNELS + 3) / 4)
+#define WORDS 8
+#define BATCH 32
 #define AMIN (1.0f / 255.0f)
 typedef unsigned int u32;
 struct Cover { float raw, alpha, weight, next; bool stop; };
@@ -45,12 +47,12 @@ __device__ __forceinline__ bool touches(float4 f, float4 s, float x, float y) {
 __device__ __forceinline__ float4 fma1(float w, float4 c, float4 s) {
   return make_float4(fmaf(w, c.x, s.x), fmaf(w, c.y, s.y), fmaf(w, c.z, s.z), fmaf(w, c.w, s.w)); }
 __device__ __forceinline__ float dot4(float4 a, float4 b) { return a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w; }
-#define SHARED __shared__ float4 bf[256]; __shared__ float4 bs[256]; __shared__ u32 bg[256]; __shared__ u32 bb[64];
-#define LOAD(at, end) if (lane < 64) bb[lane] = 0; __syncthreads(); \
-  if (at + lane < end) { u32 g = entries[at + lane].x; float4 f = geometry[2 * g], s = geometry[2 * g + 1]; \
+#define SHARED __shared__ float4 bf[256]; __shared__ float4 bs[256]; __shared__ u32 bg[256]; __shared__ u32 bb[8 * WORDS];
+#define LOAD(at, end) if (lane < 8 * WORDS) bb[lane] = 0; __syncthreads(); \
+  if (lane < WORDS * BATCH && at + lane < end) { u32 g = entries[at + lane].x; float4 f = geometry[2 * g], s = geometry[2 * g + 1]; \
     bf[lane] = f; bs[lane] = s; bg[lane] = g; float x_ = (tile % columns) * 16.f, y_ = (tile / columns) * 16.f; \
     for (u32 k = 0; k < 8; k++) if (touches(f, s, x_ + (k & 1) * 8.f, y_ + (k >> 1) * 4.f)) \
-      atomicOr(&bb[k * 8 + (lane >> 5)], 1u << (lane & 31)); } __syncthreads();
+      atomicOr(&bb[k * WORDS + lane / BATCH], 1u << (lane % BATCH)); } __syncthreads();
 extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend(u32 W, u32 H, const float4* __restrict__ geometry,
   const uint2* __restrict__ entries, const uint2* __restrict__ ranges, const float4* __restrict__ colors,
   float* __restrict__ image, u32* __restrict__ trans) {
@@ -60,11 +62,12 @@ extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend(u32 W, u32 H, co
   float4 sum[CHUNKS];
   #pragma unroll
   for (int q = 0; q < CHUNKS; q++) sum[q] = make_float4(0, 0, 0, 0);
-  for (u32 at = r.x; at < r.y; at += 256) {
+  for (u32 at = r.x; at < r.y; at += WORDS * BATCH) {
     if (!__syncthreads_or(now > 0.f)) break;
     LOAD(at, r.y)
-    for (u32 word = 0; word < 8; word++) { u32 bits = bb[block * 8 + word];
-      while (bits && now > 0.f) { u32 j = word * 32 + __ffs(bits) - 1; bits &= bits - 1; float4 s = bs[j];
+    for (u32 word = 0; word < WORDS && at + word * BATCH < r.y; word++) { u32 bits = bb[block * WORDS + word];
+      trans[(size_t)2 * W * H + (r.x / BATCH + tile + (at - r.x) / BATCH + word) * 256 + lane] = __float_as_uint(now);
+      while (bits && now > 0.f) { u32 j = word * BATCH + __ffs(bits) - 1; bits &= bits - 1; float4 s = bs[j];
         Cover c = cover(whitened(bf[j], s, x, y), s.y, now); now = c.next;
         if (c.weight > 0.f) { end = at + j + 1; const float4* row = colors + (size_t)bg[j] * CHUNKS;
           #pragma unroll
@@ -79,8 +82,10 @@ extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend(u32 W, u32 H, co
 __device__ __forceinline__ float4 mul4(float4 w, float4 c) { return make_float4(w.x * c.x, w.y * c.y, w.z * c.z, w.w * c.w); }
 __device__ __forceinline__ float4 fma4(float4 w, float4 c, float4 s) {
   return make_float4(fmaf(w.x, c.x, s.x), fmaf(w.y, c.y, s.y), fmaf(w.z, c.z, s.z), fmaf(w.w, c.w, s.w)); }
+__device__ __forceinline__ float2 block_center(u32 W, u32 H, u32 cx, u32 cy) {
+  return make_float2(0.5f * (min(max(W, cx + 1) - cx, 8u) - 1), 0.5f * (min(max(H, cy + 1) - cy, 4u) - 1)); }
 __device__ __forceinline__ float4 column_values(u32 W, u32 H, const float* __restrict__ gradient, u32 c, u32 cx, u32 cy, u32 x, u32 y) {
-  if (c >= CHANNELS) { float dy = y - 1.5f; float d0 = (float)x - 3.5f, d1 = d0 + 1.f, d2 = d0 + 2.f, d3 = d0 + 3.f;
+  if (c >= CHANNELS) { float2 m = block_center(W, H, cx, cy); float dy = y - m.y; float d0 = (float)x - m.x, d1 = d0 + 1.f, d2 = d0 + 2.f, d3 = d0 + 3.f;
     switch (c - CHANNELS) { case 0: return make_float4(1, 1, 1, 1); case 1: return make_float4(d0, d1, d2, d3);
       case 2: return make_float4(dy, dy, dy, dy); case 3: return make_float4(d0 * d0, d1 * d1, d2 * d2, d3 * d3);
       case 4: return make_float4(d0 * dy, d1 * dy, d2 * dy, d3 * dy); case 5: return make_float4(dy * dy, dy * dy, dy * dy, dy * dy);
@@ -99,13 +104,13 @@ extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend_backward(u32 W, 
   u32 tile = blockIdx.x;
   uint2 r = ranges[tile]; u32 tx = (tile % columns) * 16, ty = (tile / columns) * 16;
   u32 cx = tx + (block & 1) * 8, cy = ty + (block >> 1) * 4, ix = cx + (member & 7), iy = cy + (member >> 3);
-  float x = ix, y = iy; u32 end = 0; float now = 0, rest = 0; float4 g[CHUNKS];
+  float x = ix, y = iy; u32 end = 0; float rest = 0; float4 g[CHUNKS];
   #pragma unroll
   for (int q = 0; q < CHUNKS; q++) g[q] = make_float4(0, 0, 0, 0);
-  if (ix < W && iy < H) { size_t p = (size_t)iy * W + ix; now = __uint_as_float(trans[p]); end = trans[(size_t)W * H + p];
+  if (ix < W && iy < H) { size_t p = (size_t)iy * W + ix; end = trans[(size_t)W * H + p];
     #pragma unroll
     for (int c = 0; c < CHANNELS; c++) (&g[c / 4].x)[c % 4] = gradient[p * (CHANNELS + 1) + c];
-    rest = gradient[p * (CHANNELS + 1) + CHANNELS] * now; }
+    rest = gradient[p * (CHANNELS + 1) + CHANNELS] * __uint_as_float(trans[p]); }
   float4 c0 = column_values(W, H, gradient, fc, cx, cy, 0, 0), c1 = column_values(W, H, gradient, fc, cx, cy, 4, 0);
   float4 c2 = column_values(W, H, gradient, fc, cx, cy, 0, 1), c3 = column_values(W, H, gradient, fc, cx, cy, 4, 1);
   float4 c4 = column_values(W, H, gradient, fc, cx, cy, 0, 2), c5 = column_values(W, H, gradient, fc, cx, cy, 4, 2);
@@ -127,6 +132,7 @@ extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend_backward(u32 W, 
         #pragma unroll
         for (int q = 0; q < CHUNKS; q++) bc[oj * CHUNKS + q] = colors[(size_t)e.x * CHUNKS + q]; }
       if (at + oj < ends[ob] && touches(f, s, ox, oy)) atomicOr(&touched[turn + ob], 1u << oj); }
+    float start = __uint_as_float(trans[(size_t)2 * W * H + (r.x / BATCH + tile + b - 1) * 256 + lane]);
     __syncthreads();
     if (lane < 8) touched[8 - turn + lane] = 0;
     if (b > 1) e = entries[at - BATCH + min(oj, BATCH - 1)];
@@ -139,23 +145,33 @@ extern "C" __global__ void __launch_bounds__(256, BLOCKS) blend_backward(u32 W, 
         taking = (taking + 1) / 2; }
       u32 bits = touched[turn + block] & taken, nt = __popc(bits);
       for (u32 done = 0; done < longest; done += GROUP) { u32 count = min(max(nt, done) - done, GROUP);
-        for (u32 k = 0; k < count; k++) { u32 j = 31 - __clz(bits); bits ^= 1u << j; float4 s4 = bs[j];
-          float2 uv = whitened(bf[j], s4, x, y); float raw = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
-          float alpha = fminf(raw, 0.99f); if (alpha < AMIN || at + j >= end) alpha = 0.f; float d = 0.f;
+        if (count > 0) { u32 own = bits; for (u32 k = 0; k < count; k++) bits ^= 1u << (31 - __clz(bits));
+          own ^= bits; float now = start; u32 before = touched[turn + block] & ((own & (~own + 1)) - 1);
+          while (before) { u32 j = __ffs(before) - 1; before &= before - 1; float4 s4 = bs[j];
+            float2 uv = whitened(bf[j], s4, x, y); float raw = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
+            float alpha = fminf(raw, 0.99f); if (alpha < AMIN || at + j >= end) alpha = 0.f; now = fmaf(-alpha, now, now); }
+          u32 j = 0, js[GROUP]; float raws[GROUP], alphas[GROUP], nows[GROUP];
           #pragma unroll
-          for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], bc[j * CHUNKS + q]);
-          float inv = 1.f / (1.f - alpha); now *= inv; float w = alpha * now, ew = w * d;
-          float s = raw <= 0.99f ? fmaf(-rest, alpha * inv, ew) : 0.f; rest += ew;
-          u32 to = (block * GROUP + k) * 2 * PITCH * 4 + member; ((float*)effects)[to] = w; ((float*)effects)[to + PITCH * 4] = s; }
+          for (int k = 0; k < GROUP; k++) { bool is_own = own != 0; j = is_own ? __ffs(own) - 1 : j; js[k] = j; own &= ~(1u << j);
+            float4 s4 = bs[j]; float2 uv = whitened(bf[j], s4, x, y); raws[k] = exp2f(-fmaf(uv.x, uv.x, uv.y * uv.y)) * s4.y;
+            float alpha = fminf(raws[k], 0.99f); alphas[k] = alpha < AMIN || at + j >= end || !is_own ? 0.f : alpha;
+            nows[k] = now; now = fmaf(-alphas[k], now, now); }
+          u32 to = block * GROUP * 2 * PITCH * 4 + member;
+          #pragma unroll
+          for (int k = GROUP - 1; k >= 0; k--) { float d = 0.f;
+            #pragma unroll
+            for (int q = 0; q < CHUNKS; q++) d += dot4(g[q], bc[js[k] * CHUNKS + q]);
+            float w = alphas[k] * nows[k], ew = w * d; ((float*)effects)[to + k * 8 * PITCH] = w;
+            ((float*)effects)[to + (k * 2 + 1) * 4 * PITCH] = raws[k] <= 0.99f ? fmaf(-rest, alphas[k] / (1.f - alphas[k]), ew) : 0.f; rest += ew; } }
         __syncthreads();
         for (u32 k = sub; k < count; k += SUBS) { const float4* row = effects + (block * GROUP + k) * 2 * PITCH + kind;
           float4 t = mul4(row[0], c0); t = fma4(row[1], c1, t); t = fma4(row[2], c2, t); t = fma4(row[3], c3, t);
           t = fma4(row[4], c4, t); t = fma4(row[5], c5, t); t = fma4(row[6], c6, t); t = fma4(row[7], c7, t);
-          if (fc < COLUMNS) sums[(slot0 + done + k) * COLUMNS + fc] = (t.x + t.y) + (t.z + t.w); }
+          if (fc < COLUMNS) sums[(slot0 + done + count - 1 - k) * COLUMNS + fc] = (t.x + t.y) + (t.z + t.w); }
         __syncthreads(); }
       u32 obits = (touched[turn + ob] & taken) >> oj;
       if (obits & 1) { float* m = sums + (oslot0 + __popc(obits >> 1)) * COLUMNS + CHANNELS;
-        float4 f = bf[oj], s4 = bs[oj]; float2 u = whitened(f, s4, ox + 3.5f, oy + 1.5f); float a = f.z, bb = f.w, c = s4.x;
+        float4 f = bf[oj], s4 = bs[oj]; float2 o = block_center(W, H, (u32)ox, (u32)oy), u = whitened(f, s4, ox + o.x, oy + o.y); float a = f.z, bb = f.w, c = s4.x;
         float s = m[0], sx = m[1], sy = m[2], sxx = m[3], sxy = m[4], syy = m[5], l = a * sx + bb * sy, h = a * sxy + bb * syy, sv = u.y * s + c * sy;
         m[1] = u.x * s + l; m[2] = sv; m[3] = u.x * (u.x * s + 2.f * l) + (a * (a * sxx + bb * sxy) + bb * h);
         m[4] = u.y * (u.x * s + l) + c * (u.x * sy + h); m[5] = u.y * (sv + c * sy) + c * c * syy; }
@@ -193,7 +209,7 @@ def compare(gpu: Any, arrays: dict[str, np.ndarray], case: str) -> dict[str, Any
     ranges = copied("tile_ranges", 2 * s.n_tiles, np.uint32)
     colors = copied("colors", 4 * chunks * s.n, np.float32)
     gradient = copied("gradient", WIDTH * HEIGHT * (s.n_out + 1), np.float32)
-    transmittance = copied("transmittance", 2 * WIDTH * HEIGHT, np.uint32)
+    transmittance = copied("transmittance", frame.buffers["transmittance"].size // 4, np.uint32)
     image = cupy.zeros(WIDTH * HEIGHT * s.n_out, np.float32)
     rows = cupy.zeros(4 * (chunks + 2) * counts.n_pairs, np.float32)
     size = (np.uint32(WIDTH), np.uint32(HEIGHT))
@@ -204,11 +220,11 @@ def compare(gpu: Any, arrays: dict[str, np.ndarray], case: str) -> dict[str, Any
         ),
     }  # fmt: skip
     constants = backward_sizes(s.n_out)
-    result: dict[str, Any] = {name: constants[name] for name in ("GROUP", "BATCH", "SLOTS")}
+    result: dict[str, Any] = {name: constants[name] for name in ("GROUP", "SLOTS")}
     for stage, (name, arguments) in calls.items():
         found = []
         for blocks in (1, 2, 3, 4):
-            options = [f"-D{key}={constants[key]}" for key in ("GROUP", "BATCH", "SLOTS")]
+            options = [f"-D{key}={constants[key]}" for key in ("GROUP", "SLOTS")]
             options += ["--use_fast_math", f"-DCHANNELS={s.n_out}", f"-DBLOCKS={blocks}"]
             kernel = cupy.RawModule(code=SOURCE, options=tuple(options), backend="nvrtc").get_function(name)
             times = []

@@ -102,6 +102,7 @@ class Frame:
             "image": 4 * s.width * s.height * s.n_out, "transmittance": 8 * s.width * s.height,
         }  # fmt: skip
         if s.backward:
+            sizes["transmittance"] += 1024 * (capacity // 32 + s.n_tiles)  # T in front of each batch of 32 Gaussians
             sizes |= {
                 "gradient": 4 * s.width * s.height * (s.n_out + 1),
                 "rows": 16 * (chunks + 2) * capacity, "totals": 16 * (chunks + 2) * n,

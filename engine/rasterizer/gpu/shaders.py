@@ -6,6 +6,8 @@ expanded, because WGSL has no loops at compile time:
 - A line that ends with ``// each Q`` is repeated for each chunk of four channels, with ``_Q`` and ``Q_`` replaced by
   its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it, and ``// each P`` for
   each 32 columns of blend_backward.wgsl.
+- Lines from ``//for G up`` or ``//for G down`` to ``//done`` are repeated for each Gaussian of a group in
+  blend_backward.wgsl, with ``_G`` and ``G_`` replaced by its number.
 - ``//if SUBGROUPS``, ``//else``, ``//end`` choose between two variants.
 """
 
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,25 +69,21 @@ def backward_sizes(n_channels: int) -> dict[str, int]:
     """Return the sizes in blend_backward.wgsl.
 
     Workgroup memory decides how many workgroups run at a time: NVIDIA's Vulkan driver gives 48 KiB to a multiprocessor.
-    Three run with few channels and two with up to 26, as many as the registers allow; more channels take all that a
-    workgroup may have.
+    Two run with up to 26 channels, as many as the registers allow; more channels take all that a workgroup may have.
     """
     columns, chunks = n_channels + 6, -(-n_channels // 4)
     subs = max(1, 32 // columns)
-    group = 3 if subs == 3 else 4  # a multiple of `subs` keeps all of them busy
-    batch, memory = (24, 16_000) if columns <= 10 else (32, 24_000 if columns <= 32 else 32_000)
+    group = 6 if subs >= 3 else 4
     effects = 8 * group * 2 * 9
-    rest = 16 * effects + batch * (48 + 16 * chunks) + 96
-    slots = min(8 * batch, (memory - rest) // (4 * columns))
+    memory = 24_000 if columns <= 32 else 32_000
+    slots = min(256, (memory - 16 * effects - 32 * (48 + 16 * chunks) - 96) // (4 * columns))
     return {
         "COLUMNS": columns,
         "SUBS": subs,
         "GROUP": group,
-        "BATCH": batch,
-        "BATCH_2": 2 * batch,
-        "BATCH_COLORS": batch * chunks,
-        "SLOTS": slots,
+        "BATCH_COLORS": 32 * chunks,
         "EFFECTS": effects,
+        "SLOTS": slots,
         "SUMS": slots * columns,
     }
 
@@ -142,10 +141,25 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _unroll(text: str, group: int) -> str:
+    lines: list[str] = []
+    block: list[str] = []
+    order: Sequence[int] = (-1,)  # outside of a block
+    for line in text.splitlines():
+        if line.startswith("//for G "):
+            order = range(group) if line.endswith("up") else range(group)[::-1]
+        elif line == "//done":
+            lines += [row.replace("_G", f"_{k}").replace("G_", f"{k}u") for k in order for row in block]
+            block, order = [], (-1,)
+        else:
+            (lines if -1 in order else block).append(line)
+    return "\n".join(lines)
+
+
 def _expand(text: str, n_channels: int, subgroups: bool) -> str:
     lines: list[str] = []
     keep = True
-    for line in text.splitlines():
+    for line in _unroll(text, backward_sizes(n_channels)["GROUP"]).splitlines():
         mark = line.strip()
         if mark == "//if SUBGROUPS":
             keep = subgroups

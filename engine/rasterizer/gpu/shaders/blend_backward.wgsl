@@ -1,11 +1,11 @@
 // Backward pass of blending, a tile a workgroup: 256 invocations, 8 blocks of 8x4 pixels. The list is taken in batches of
-// BATCH Gaussians from the back. With g = dL/dC of a pixel and e_i = w_i (color_i . g):
+// 32 Gaussians from the back. With g = dL/dC of a pixel and e_i = w_i (color_i . g):
 //   R_i = dL/dT_final T_final + sum of e behind i,   s_i = alpha_i dL/dalpha_i = e_i - R_i alpha_i / (1 - alpha_i).
-// Summed from the back, R keeps its digits behind Gaussians that are nearly opaque. T is recovered by division from T_final,
-// which is at least T_MIN, so its relative error is that of rounding alone.
+// Summed from the back, R keeps its digits behind Gaussians that are nearly opaque. T is multiplied from the front again, from
+// what the forward pass kept at each batch, so it has the same bits.
 // Each block takes the Gaussians of the batch that touch it in groups of GROUP. First an invocation is a pixel: it writes w
 // and s to workgroup memory. Then an invocation is a column: the sums over the pixels of w times g, and of s times 1, x, y,
-// x^2, x y, y^2 from the centre of the block, are a matrix product, whose right side each invocation keeps in registers.
+// x^2, x y, y^2 from the centre of the block (of its pixels in the image), are a matrix product, whose right side each invocation keeps in registers.
 // SUBS Gaussians are summed at a time. The sums are then shifted to the Gaussian's centre and added over the blocks, in order.
 // Row of a pair: s, s u, s v, s u^2; s u v, s v^2, 0, 0; dL/dcolor. Channels whose bit in MOVES is 0 do not move Gaussians.
 @group(0) @binding(0) var<uniform> view: View;
@@ -14,25 +14,32 @@
 @group(0) @binding(3) var<storage, read> tile_ranges: array<vec2<u32>>;
 @group(0) @binding(4) var<storage, read> colors: array<vec4<f32>>;
 @group(0) @binding(5) var<storage, read> gradient: array<f32>;  // [H W][CHANNELS + 1], the last is dL/dT_final
-@group(0) @binding(6) var<storage, read> transmittance: array<u32>;
+@group(0) @binding(6) var<storage, read> transmittance: array<u32>;  // as in blend.wgsl
 @group(0) @binding(7) var<storage, read_write> rows: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read_write> counts: array<atomic<u32>>;
 
 const PITCH: u32 = 9u;  // vec4 of 32 pixels, and one more: rows that are read together start in different banks
-var<workgroup> batch_first: array<vec4<f32>, BATCH>;
-var<workgroup> batch_second: array<vec4<f32>, BATCH>;
-var<workgroup> batch_entries: array<vec2<u32>, BATCH_2>;  // two batches in turn
+var<workgroup> batch_first: array<vec4<f32>, 32>;
+var<workgroup> batch_second: array<vec4<f32>, 32>;
+var<workgroup> batch_entries: array<vec2<u32>, 64>;  // two batches in turn
 var<workgroup> batch_colors: array<vec4<f32>, BATCH_COLORS>;
 var<workgroup> touched: array<atomic<u32>, 16>;  // two batches in turn, 8 blocks: bits of Gaussians
 var<workgroup> block_ends: array<atomic<u32>, 8>;
 var<workgroup> effects: array<vec4<f32>, EFFECTS>;  // [8 blocks][GROUP][w, s][PITCH]
 var<workgroup> sums: array<f32, SUMS>;  // [SLOTS][COLUMNS], for each block the Gaussians that touch it, from the back
 
+// Centre of the pixels of the block at `corner` that are in the image, relative to `corner`.
+fn block_center(corner: vec2<u32>) -> vec2<f32> {
+    let size = vec2<u32>(view.width, view.height);
+    return 0.5 * vec2<f32>(min(max(size, corner + 1u) - corner, vec2<u32>(8u, 4u)) - 1u);
+}
+
 // Values of column `c` at 4 neighbouring pixels, the first at (x, y) of the block at `corner`.
 fn column_values(c: u32, corner: vec2<u32>, x: u32, y: u32) -> vec4<f32> {
     if (c >= CHANNELS) {
-        let dy = f32(y) - 1.5;
-        let dx = vec4<f32>(f32(x)) + vec4<f32>(-3.5, -2.5, -1.5, -0.5);
+        let center = block_center(corner);
+        let dy = f32(y) - center.y;
+        let dx = vec4<f32>(f32(x) - center.x) + vec4<f32>(0.0, 1.0, 2.0, 3.0);
         switch (c - CHANNELS) {
             case 0u: { return vec4<f32>(1.0); }
             case 1u: { return dx; }
@@ -67,17 +74,17 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let x = f32(pixel.x);
     let y = f32(pixel.y);
     // As a pixel.
+    let n_pixels = view.width * view.height;
+    let first_batch = range.x / 32u + tile;
     var end = 0u;
-    var now = 0.0;
     var rest = 0.0;
     var g_Q = vec4<f32>(0.0);  // each Q
     if (pixel.x < view.width && pixel.y < view.height) {
         let p = pixel.y * view.width + pixel.x;
-        now = bitcast<f32>(transmittance[p]);
-        end = transmittance[view.width * view.height + p];
+        end = transmittance[n_pixels + p];
         g_QC = gradient[p * (CHANNELS + 1u) + C_];  // each C
         let by_transmittance = gradient[p * (CHANNELS + 1u) + CHANNELS];
-        rest = by_transmittance * now;
+        rest = by_transmittance * bitcast<f32>(transmittance[p]);
         var finite = is_finite(by_transmittance);
         finite = finite && is_finite(g_QC);  // each C
         if (!finite) {
@@ -111,9 +118,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     for (var k = 0u; k < 8u; k++) {
         last = max(last, atomicLoad(&block_ends[k]));
     }
-    let n_batches = (last - range.x + BATCH - 1u) / BATCH;
+    let n_batches = (last - range.x + 32u - 1u) / 32u;
     // Rows behind the last Gaussian that any pixel blends.
-    for (var i = range.x + n_batches * BATCH + lane; i < range.y; i += 256u) {
+    for (var i = range.x + n_batches * 32u + lane; i < range.y; i += 256u) {
         let row = entries[i].y * (CHUNKS + 2u);
         for (var q = 0u; q < CHUNKS + 2u; q++) {
             rows[row + q] = vec4<f32>(0.0);
@@ -125,13 +132,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let own_corner = tile_corner + vec2<u32>((own_block & 1u) * 8u, (own_block >> 1u) * 4u);
     var next = vec2<u32>(0u);  // read one batch ahead
     if (n_batches > 0u) {
-        next = entries[min(range.x + (n_batches - 1u) * BATCH + own_j, range.y - 1u)];
+        next = entries[min(range.x + (n_batches - 1u) * 32u + own_j, range.y - 1u)];
     }
     for (var batch = n_batches; batch > 0u; batch--) {
-        let at = range.x + (batch - 1u) * BATCH;
-        let n = min(BATCH, range.y - at);
+        let at = range.x + (batch - 1u) * 32u;
+        let n = min(32u, range.y - at);
         let turn = (batch & 1u) * 8u;
-        let entry_turn = (batch & 1u) * BATCH;
+        let entry_turn = (batch & 1u) * 32u;
         if (own_j < n) {
             let first = geometry[2u * next.x];
             let second = geometry[2u * next.x + 1u];
@@ -146,12 +153,13 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 atomicOr(&touched[turn + own_block], 1u << own_j);
             }
         }
+        let start = bitcast<f32>(transmittance[2u * n_pixels + (first_batch + batch - 1u) * 256u + lane]);
         workgroupBarrier();
         if (lane < 8u) {
             atomicStore(&touched[(8u - turn) + lane], 0u);
         }
         if (batch > 1u) {
-            next = entries[at - BATCH + min(own_j, BATCH - 1u)];
+            next = entries[at - 32u + own_j];
         }
         // As many Gaussians as `sums` has room for, from the back; half as many always touch fewer blocks.
         for (var n_left = n; n_left > 0u;) {
@@ -171,37 +179,61 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                     longest = max(longest, count);
                     total += count;
                 }
-                if (SLOTS >= 8u * BATCH || total <= SLOTS) {
+                if (total <= SLOTS) {
                     break;
                 }
                 n_taken = (n_taken + 1u) / 2u;
             }
+            n_left -= n_taken;
             var bits = atomicLoad(&touched[turn + block]) & taken;
             let n_touched = countOneBits(bits);
             for (var done = 0u; done < longest; done += GROUP) {
                 let count = min(max(n_touched, done) - done, GROUP);
-                for (var k = 0u; k < count; k++) {
-                    let j = firstLeadingBit(bits);
-                    bits ^= 1u << j;
-                    let second = batch_second[j];
-                    let raw = raw_alpha(whitened(batch_first[j], second, x, y), second.y);
-                    let alpha = select(0.0, blended_alpha(raw), at + j < end);
-                    var d = 0.0;
-                    d += dot(g_Q, batch_colors[j * CHUNKS + Q_]);  // each Q
-                    let inverse = 1.0 / (1.0 - alpha);
-                    now *= inverse;
-                    let w = alpha * now;
-                    let e = w * d;
-                    let s = select(0.0, fma(-rest, alpha * inverse, e), raw <= ALPHA_MAX);
-                    rest += e;
-                    let to = (block * GROUP + k) * 2u * PITCH + (member >> 2u);
-                    effects[to][member & 3u] = w;
-                    effects[to + PITCH][member & 3u] = s;
+                if (count > 0u) {
+                    var own = bits;  // the last `count` of them
+                    for (var k = 0u; k < count; k++) {
+                        bits ^= 1u << firstLeadingBit(bits);
+                    }
+                    own ^= bits;
+                    var now = start;
+                    var before = atomicLoad(&touched[turn + block]) & ((own & (~own + 1u)) - 1u);
+                    while (before != 0u) {
+                        let j = countTrailingZeros(before);
+                        before &= before - 1u;
+                        let second = batch_second[j];
+                        let raw = raw_alpha(whitened(batch_first[j], second, x, y), second.y);
+                        let alpha = select(0.0, blended_alpha(raw), at + j < end);
+                        now = fma(-alpha, now, now);
+                    }
+                    // Unrolled over the group, from the front and then from the back. Behind the last member alpha is 0.
+                    var j = 0u;
+//for G up
+                    let is_own_G = own != 0u;
+                    j = select(j, countTrailingZeros(own), is_own_G);
+                    let j_G = j;
+                    own &= ~(1u << j);
+                    let second_G = batch_second[j];
+                    let raw_G = raw_alpha(whitened(batch_first[j], second_G, x, y), second_G.y);
+                    let alpha_G = select(0.0, blended_alpha(raw_G), is_own_G && at + j < end);
+                    let now_G = now;
+                    now = fma(-alpha_G, now, now);
+//done
+                    let to = block * GROUP * 2u * PITCH + (member >> 2u);
+//for G down
+                    var d_G = 0.0;
+                    d_G += dot(g_Q, batch_colors[j_G * CHUNKS + Q_]);  // each Q
+                    let w_G = alpha_G * now_G;
+                    let e_G = w_G * d_G;
+                    effects[to + G_ * 2u * PITCH][member & 3u] = w_G;
+                    effects[to + (G_ * 2u + 1u) * PITCH][member & 3u] =
+                        select(0.0, fma(-rest, alpha_G / (1.0 - alpha_G), e_G), raw_G <= ALPHA_MAX);
+                    rest += e_G;
+//done
                 }
                 workgroupBarrier();
                 for (var k = sub; k < count; k += SUBS) {
                     let row = (block * GROUP + k) * 2u * PITCH;
-                    let to = (slot_0 + done + k) * COLUMNS + first_column;
+                    let to = (slot_0 + done + count - 1u - k) * COLUMNS + first_column;
                     var sum_P = effects[row + kind_P] * c_P_0;  // each P
                     sum_P = fma(effects[row + kind_P + 1u], c_P_1, sum_P);  // each P
                     sum_P = fma(effects[row + kind_P + 2u], c_P_2, sum_P);  // each P
@@ -220,7 +252,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 let m = (own_slot_0 + countOneBits(own_bits >> 1u)) * COLUMNS + CHANNELS;
                 let first = batch_first[own_j];
                 let second = batch_second[own_j];
-                let center = whitened(first, second, f32(own_corner.x) + 3.5, f32(own_corner.y) + 1.5);
+                let origin = vec2<f32>(own_corner) + block_center(own_corner);
+                let center = whitened(first, second, origin.x, origin.y);
                 let a = first.z;
                 let b = first.w;
                 let c = second.x;
@@ -241,7 +274,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 sums[m + 5u] = center.y * (s_v + c * s_y) + c * c * s_yy;
             }
             workgroupBarrier();
-            n_left -= n_taken;
             for (var i = lane; i < n_taken * (CHUNKS + 2u); i += 256u) {
                 let j = n_left + i / (CHUNKS + 2u);
                 let q = i % (CHUNKS + 2u);
