@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import EnvironmentProblem
+from .modules import checks_can_be_left_out
 
 __all__ = ["Gpu", "adapter_count", "describe_adapters", "open_adapter"]
 
@@ -59,13 +60,14 @@ def adapter_count(*, software: bool = False) -> int:
 
 
 def describe_adapters() -> list[str]:
-    """Return one line for each adapter: name, driver, interface, kind, and largest buffer."""
+    """Return one line for each adapter: name, driver, interface, kind, largest buffer, and whether wgpu adds its checks."""
+    checks = "" if checks_can_be_left_out() else ", kernels with the checks of wgpu"
     lines = []
     for adapter in _adapters():
         info, size = adapter.info, adapter.limits["max-storage-buffer-binding-size"]
         lines.append(
             f"{info['device']} ({info['backend_type']}, {info['description'] or 'driver unknown'}, "
-            f"{info['adapter_type']}, buffers to {size / 2**20:.0f} MiB)"
+            f"{info['adapter_type']}, buffers to {size / 2**20:.0f} MiB{checks})"
         )
     return lines
 

@@ -22,6 +22,9 @@ from .test_gpu_stability import gpu_for_cpu, test_case_ends_as_expected  # noqa:
 
 pytestmark = pytest.mark.gpu
 
+FLOAT32_IS_TOO_COARSE = ("needle_centre_off", "quats_1e+20", "origin_500_km_raw")
+"""Stiff cases that need the projection in float64: cards without it (Metal) render them wrongly."""
+
 
 @pytest.fixture(autouse=True, params=[True, False], ids=["f64", "f32"])
 def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gpu:
@@ -33,5 +36,8 @@ def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     if request.param and not gpu.float64:
         pytest.skip(f"{gpu.name} has no float64")
     check_gpu(gpu)
+    case = getattr(request.node, "callspec", None) and request.node.callspec.params.get("case")
+    if not request.param and case is not None and case.name in FLOAT32_IS_TOO_COARSE:
+        request.applymarker(pytest.mark.xfail(reason="the projection in float32 is too coarse", strict=True))
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
     return gpu
