@@ -14,6 +14,7 @@ from engine.rasterizer.gpu.self_test import check_gpu
 from .test_gpu_against_reference import (  # noqa: F401
     test_a_card_that_computes_wrongly_is_refused,
     test_agrees_with_cpu_by_quantiles,
+    test_gradients_of_large_gaussians_are_those_of_the_reference,
     test_image_and_gradients_are_those_of_the_reference,
     test_more_pairs_than_the_buffers_hold_grow_them,
     test_two_runs_give_the_same_bits,
