@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...errors import EnvironmentProblem
+from .modules import checks_can_be_left_out
 
 __all__ = ["Gpu", "describe_adapters", "open_adapter", "translate_card_errors"]
 
@@ -93,11 +94,12 @@ def describe_adapters(*, software: bool = False) -> list[str]:
 
 def _describe(adapter: Any) -> str:
     info, limits = adapter.info, adapter.limits
+    checks = "" if checks_can_be_left_out() else ", kernels with the checks of wgpu"
     float64 = "float64" if "shader-f64" in adapter.features else "no float64"
     return (
         f"{info['device']} ({info['backend_type']}, driver {info['description'] or 'unknown'}, {info['adapter_type']}, "
         f"buffers to {limits['max-storage-buffer-binding-size'] / 2**20:.0f} MiB, workgroup memory "
-        f"{limits['max-compute-workgroup-storage-size'] / 2**10:.0f} KiB, {float64})"
+        f"{limits['max-compute-workgroup-storage-size'] / 2**10:.0f} KiB, {float64}{checks})"
     )
 
 
