@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-batch offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-batch bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -86,6 +86,14 @@ bench-batch: setup ## cost of a batch, and workers killed at random moments, int
 	$(ENGINE) -m benchmarks.batch kills --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch kills --folders 2 --kills 30 --prompts vase --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
+
+bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; needs a graphics card; 5 minutes
+	$(ENGINE) -m benchmarks.gpu start
+	$(ENGINE) -m benchmarks.gpu ceilings
+	$(ENGINE) -m benchmarks.gpu scene 200000
+	$(ENGINE) -m benchmarks.gpu scene 1000000
+	$(ENGINE) -m benchmarks.gpu scene 3000000
+	$(ENGINE) -m benchmarks.gpu document --doc docs/gpu.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
 	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md

@@ -1,9 +1,9 @@
-"""Cost of the ``gpu`` backend beside gsplat on the same card, in the same run, for one number of Gaussians.
+"""Cost of the ``gpu`` backend beside gsplat on the same card, in the same run: ``make bench-gpu``.
 
-The figures are printed and added to a JSON file. gsplat is left out where it is not installed; where it is, torch needs
-CUDA.
+Each part takes minutes and writes a JSON file; ``document`` merges them into docs/gpu.md. gsplat is left out where it
+is not installed or torch has no CUDA.
 
-example: python -m benchmarks.gpu 1000000
+example: python -m benchmarks.gpu scene 1000000
 """
 
 from __future__ import annotations
@@ -12,16 +12,23 @@ import argparse
 import importlib.util
 import json
 import math
+import os
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.gpu_document import document
 from engine.rasterizer.gpu import Frame, FrameSize, Gpu, open_adapter
-from engine.rasterizer.gpu.frame import pack_sh
+from engine.rasterizer.gpu.layout import pack_sh
+from engine.rasterizer.gpu.modules import create_module
 from engine.rasterizer.settings import RasterSettings
 from engine.scene import PinholeCamera
 
@@ -100,11 +107,26 @@ def new_frame(gpu: Gpu, arrays: dict[str, np.ndarray], case: str, capacity: int)
     return frame
 
 
-def measure_ours(gpu: Gpu, arrays: dict[str, np.ndarray], case: str) -> dict[str, Any]:
+def n_pairs(gpu: Gpu, arrays: dict[str, np.ndarray]) -> int:
+    """Return the number of pairs of a tile and a Gaussian."""
+    n = len(arrays["means"])
+    frame = Frame(gpu, FrameSize(n, 0, 1, WIDTH, HEIGHT, 1, backward=False))
+    for name in ("means", "quats", "scales", "opacities"):
+        frame.write(name, arrays[name])
+    frame.write("channels", np.zeros((n, 1), np.float32))
+    frame.set_view(camera(), RasterSettings(), 0)
+    frame.forward()
+    return frame.counts().n_wanted
+
+
+def measure_ours(gpu: Gpu, arrays: dict[str, np.ndarray], case: str, capacity: int) -> dict[str, Any]:
     """Return medians in milliseconds: stages, forward, forward and backward, wall time a step; and memory."""
-    frame = new_frame(gpu, arrays, case, 4 * len(arrays["means"]))
+    frame = new_frame(gpu, arrays, case, capacity)
     watch = Stopwatch(gpu)
     rows: list[dict[str, float]] = []
+    for _ in range(100):  # the card reaches its clock
+        frame.forward()
+        frame.backward()
     for i in range(REPEATS + 5):
         frame.forward(watch)
         forward = watch.read()
@@ -125,7 +147,7 @@ def measure_ours(gpu: Gpu, arrays: dict[str, np.ndarray], case: str) -> dict[str
         "wall": (time.perf_counter() - start) / WALL_STEPS * 1e3,
         "encoding": encoded / WALL_STEPS * 1e3,
         "memory_mib": frame.n_bytes / 2**20,
-        "pairs": counts.n_pairs,
+        "n_pairs": counts.n_pairs,
     }
     assert counts.n_pairs == counts.n_wanted and counts.not_finite == 0
     return result
@@ -217,52 +239,145 @@ def measure_gsplat(arrays: dict[str, np.ndarray]) -> dict[str, dict[str, float]]
     return results
 
 
-def measure_start(gpu: Gpu) -> float:
-    """Return the seconds that compiling all kernels and a first small picture take."""
+def _kernel_ms(gpu: Gpu, code: str, buffers: Sequence[Any], groups: int) -> float:
+    pipeline = gpu.device.create_compute_pipeline(
+        layout="auto", compute={"module": create_module(gpu.device, "ceiling", code), "entry_point": "main"}
+    )
+    entries = [
+        {"binding": i, "resource": {"buffer": buffer, "offset": 0, "size": buffer.size}}
+        for i, buffer in enumerate(buffers)
+    ]
+    bindings = gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries)
+    watch = Stopwatch(gpu)
+    times = []
+    for _ in range(REPEATS):
+        encoder = gpu.device.create_command_encoder()
+        compute = encoder.begin_compute_pass(timestamp_writes=watch("kernel", encoder))
+        compute.set_pipeline(pipeline)
+        compute.set_bind_group(0, bindings)
+        compute.dispatch_workgroups(groups, 1, 1)
+        compute.end()
+        gpu.device.queue.submit([encoder.finish()])
+        times.append(watch.read()["kernel"])
+    return min(times)
+
+
+def measure_ceilings(gpu: Gpu) -> dict[str, float]:
+    """Return what simple kernels reach: bytes copied, float32 operations; and torch.sort where there is CUDA."""
+    size = min(1 << 28, gpu.max_binding_bytes)
+    buffers = [gpu.device.create_buffer(size=size, usage=0x80 | 0x8 | 0x4) for _ in range(2)]
+    copy = """@group(0) @binding(0) var<storage, read> from_: array<vec4<f32>>;
+@group(0) @binding(1) var<storage, read_write> to: array<vec4<f32>>;
+@compute @workgroup_size(256)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    for (var i = id.x; i < arrayLength(&to); i += groups.x * 256u) { to[i] = from_[i]; }
+}"""
+    fma = """@group(0) @binding(0) var<storage, read_write> to: array<vec4<f32>>;
+@compute @workgroup_size(256)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    var a = vec4<f32>(f32(id.x)); var b = a + 1.0; var c = a + 2.0; var d = a + 3.0;
+    for (var i = 0u; i < 1024u; i++) {
+        a = fma(a, vec4<f32>(0.5), b); b = fma(b, vec4<f32>(0.5), c);
+        c = fma(c, vec4<f32>(0.5), d); d = fma(d, vec4<f32>(0.5), a);
+    }
+    to[id.x] = a + b + c + d;
+}"""
+    groups = min(32768, size // 4096)
+    found = {
+        "copy_gb_s": 2 * size / _kernel_ms(gpu, copy, buffers, groups) * 1e-6,
+        "fma_tflop_s": groups * 256 * 1024 * 16 * 2 / _kernel_ms(gpu, fma, buffers[:1], groups) * 1e-9,
+    }
+    if has_cuda():
+        import torch
+
+        for n in (1_000_000, 2_000_000):
+            keys = torch.randint(0, 2**31 - 1, (n,), dtype=torch.int32, device="cuda")
+            found[f"torch_sort_{n}_ms"] = _cuda_ms(lambda keys=keys: torch.sort(keys))  # type: ignore[misc]
+    return found
+
+
+def first_picture() -> dict[str, float]:
+    """Return the seconds to open the card, and to compile all kernels and render a small picture and its gradients."""
     start = time.perf_counter()
-    frame = Frame(gpu, FrameSize(64, 16, 0, 32, 32, 4096))
+    gpu = open_adapter(software=True)
+    opened = time.perf_counter()
+    frame = Frame(gpu, FrameSize(64, 16, 16, 32, 32, 4096))
     rng = np.random.default_rng(0)
-    for name, width in (("means", 3), ("quats", 4), ("scales", 3)):
+    for name, width in (("means", 3), ("quats", 4), ("scales", 3), ("channels", 16)):
         frame.write(name, rng.uniform(1.0, 2.0, (64, width)).astype(np.float32))
     frame.write("opacities", np.full(64, 0.5, np.float32))
     frame.set_view(PinholeCamera(np.eye(4), np.diag([32.0, 32.0, 1.0]), 32, 32), RasterSettings(), 3)
     frame.forward()
     frame.backward()
     frame.counts()
-    return time.perf_counter() - start
+    return {"open": opened - start, "compile": time.perf_counter() - opened}
 
 
-def run_part(n: int, out: Path, *, software: bool) -> None:
-    """Measure `n` Gaussians and write the results to `out`, beside those that are there."""
+def measure_starts() -> dict[str, dict[str, float]]:
+    """Return `first_picture` of two processes: with an empty cache of the driver, and with what the first one left."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        caches = ("__GL_SHADER_DISK_CACHE_PATH", "MESA_SHADER_CACHE_DIR", "XDG_CACHE_HOME")
+        environment = {**os.environ, **{name: folder for name in caches}}
+        for which in ("first", "second"):
+            command = [sys.executable, "-m", "benchmarks.gpu", "first-picture"]
+            child = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+            found[which] = json.loads(child.stdout.splitlines()[-1])
+    return found
+
+
+def has_cuda() -> bool:
+    """Return whether torch can use a card."""
+    import torch
+
+    return bool(torch.cuda.is_available())
+
+
+def measure_scene(gpu: Gpu, n: int) -> dict[str, Any]:
+    """Return the results of all cases with `n` Gaussians, ours and where possible gsplat's."""
     started = time.perf_counter()
-    gpu = open_adapter(software=software)
-    start_s = measure_start(gpu)
     arrays = scene(n)
-    results = json.loads(out.read_text()) if out.exists() else {"machine": {}, "parts": {}}
-    results["machine"] |= {"card": gpu.name, "driver": gpu.driver, "interface": gpu.backend}
-    results["machine"].setdefault("starts", []).append(start_s)
-    part: dict[str, Any] = {"ours": {case: measure_ours(gpu, arrays, case) for case in CASES}}
-    if importlib.util.find_spec("gsplat") is not None:
+    pairs = n_pairs(gpu, arrays)
+    capacity = pairs + pairs // 8  # as `rasterize_gpu` grows its buffers
+    part: dict[str, Any] = {"ours": {case: measure_ours(gpu, arrays, case, capacity) for case in CASES}}
+    if importlib.util.find_spec("gsplat") is not None and has_cuda():
         import gsplat
         import torch
 
-        results["machine"] |= {"gsplat": gsplat.__version__, "torch": torch.__version__}
+        part["versions"] = {"gsplat": gsplat.__version__, "torch": torch.__version__}
         part["gsplat"] = measure_gsplat(arrays)
     part["seconds"] = time.perf_counter() - started
-    results["parts"][str(n)] = part
-    out.write_text(json.dumps(results, indent=1))
-    print(json.dumps(part, indent=1))
+    return part
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure one number of Gaussians."""
+    """Measure one part, or write the document."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("n", type=int, help="number of Gaussians")
-    parser.add_argument("--results", type=Path, default=Path("out/gpu.json"))
-    parser.add_argument("--software", action="store_true")
+    parser.add_argument("part", choices=("scene", "start", "ceilings", "document", "first-picture"))
+    parser.add_argument("n", type=int, nargs="?", default=1_000_000, help="number of Gaussians of a scene")
+    parser.add_argument("--results", type=Path, default=Path("out/gpu"))
+    parser.add_argument("--doc", type=Path, default=Path("docs/gpu.md"))
+    parser.add_argument("--software", action="store_true", help="accept the processor as a card")
     options = parser.parse_args(arguments)
-    options.results.parent.mkdir(parents=True, exist_ok=True)
-    run_part(options.n, options.results, software=options.software)
+    if options.part == "first-picture":
+        print(json.dumps(first_picture()))
+        return
+    if options.part == "document":
+        from benchmarks.batch.__main__ import put_into
+
+        put_into(options.doc, "figures", document(options.results))
+        return
+    gpu = open_adapter(software=options.software)
+    if options.part == "start":
+        name, found = "start", measure_starts()
+    elif options.part == "ceilings":
+        name, found = "ceilings", measure_ceilings(gpu)
+    else:
+        name, found = f"scene_{options.n}", measure_scene(gpu, options.n)
+    machine = {"card": gpu.name, "driver": gpu.driver, "interface": gpu.backend, "wgpu": version("wgpu")}
+    options.results.mkdir(parents=True, exist_ok=True)
+    (options.results / f"{name}.json").write_text(json.dumps({"machine": machine, **found}, indent=1))
+    print(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

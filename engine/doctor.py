@@ -89,16 +89,11 @@ def _package(module: str, distribution: str) -> Check:
 
 
 def _gpu() -> Check:
-    import torch
+    from .rasterizer import describe_cards
 
-    try:
-        if torch.cuda.is_available():
-            return Check(
-                "NVIDIA GPU", True, False, f"{torch.cuda.get_device_name()}; training uses the CPU in this version"
-            )
-    except RuntimeError as error:  # a driver that does not fit
-        return Check("NVIDIA GPU", False, False, f"{error}; training uses the CPU")
-    return Check("NVIDIA GPU", False, False, "not found; training uses the CPU")
+    usable, found = describe_cards()
+    uses = "`render` uses it, training uses the CPU" if usable else "pictures and training use the CPU"
+    return Check("graphics card", usable, False, f"{found}; {uses}")
 
 
 def _models() -> list[Check]:

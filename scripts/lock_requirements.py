@@ -37,7 +37,6 @@ LOCKS = {
             ENGINE / "locked-engine.txt": "What the engine needs, without torch",
             REQUIREMENTS / "locked-serve.txt": "What the web server needs besides, for serve.txt",
             REQUIREMENTS / "locked-batch.txt": "What batch needs besides, for batch.txt",
-            REQUIREMENTS / "locked-gpu.txt": "What the gpu backend needs besides, for gpu.txt",
             REQUIREMENTS / "locked-dev.txt": "What developers need besides, for engine-dev.txt",
             ENGINE / "locked-torch.txt": "torch alone",
             ENGINE / "locked-cuda.txt": "What only CUDA builds of torch need",
@@ -77,7 +76,7 @@ def main() -> int:
         return 1
     for requirements, (python, parts) in LOCKS.items():
         files = list(parts)
-        needed = {"engine": set[str](), "serve": set[str](), "batch": set[str](), "gpu": set[str]()}
+        needed = {"engine": set[str](), "serve": set[str](), "batch": set[str]()}
         if requirements == "engine-dev.txt":
             for part in needed:
                 needed[part] = {name for name, _ in resolve(uv, f"{part}.txt", python, files, upgrade=options.upgrade)}

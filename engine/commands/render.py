@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..errors import CameraError, SettingsError
+from ..errors import CameraError, EnvironmentProblem, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
 from ..scene import Camera, CameraSet, PinholeCamera
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -29,6 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--what", choices=("rgb", "mask", "depth", "features", "instances"), default="rgb")
     parser.add_argument("--click", metavar="x,y", help="with features or instances: the cosine-0.7 mask at that pixel")
+    parser.add_argument(
+        "--device",
+        choices=("auto", "cpu", "gpu"),
+        default="auto",
+        help="auto: the graphics card if there is one that passes its self-test (see `doctor`)",
+    )
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
 
@@ -45,6 +55,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..gaussians import load_gaussians
     from ..objects import load_membership, load_object, object_gaussians
     from ..pictures import render_view, write_png
+    from ..rasterizer import Device, choose_device, fallback
     from ..scene import read_camera_set
 
     out: Path = options.out
@@ -68,15 +79,22 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             gaussians = object_gaussians(project.path, record, gaussians)
         else:
             members = load_membership(project.path, record.id) >= record.threshold
-    picture = render_view(
-        gaussians,
-        camera,
-        what=options.what,
-        members=members,
-        click=None if options.click is None else _pixel(options.click),
-    )
+    click = None if options.click is None else _pixel(options.click)
+
+    def render(device: Device) -> NDArray[Any]:
+        return render_view(gaussians, camera, what=options.what, members=members, click=click, backend=device.backend)
+
+    device = choose_device(options.device)
+    try:
+        picture = render(device)
+    except EnvironmentProblem as problem:
+        if device.backend == "cpu" or options.device == "gpu":
+            raise
+        device = fallback(problem)
+        picture = render(device)
     write_png(out, picture)
-    emit(Finished(f"Wrote {out}.", {"file": str(out)}))
+    why = f", because {device.reason}" if device.reason else ""
+    emit(Finished(f"Wrote {out}. It was rendered on {device.name}{why}.", {"file": str(out), "device": device.name}))
     return 0
 
 

@@ -23,7 +23,7 @@ class Part:
 
 CONTENTS = (
     Part("PyTorch, pycolmap, SciPy, NumPy, scikit-learn", "BSD-3-Clause"),
-    Part("Numba, llvmlite", "BSD-2-Clause"),
+    Part("Numba, llvmlite, wgpu", "BSD-2-Clause"),
     Part("ONNX Runtime", "MIT"),
     Part("OpenCV, tokenizers", "Apache-2.0"),
     Part("Pillow", "MIT-CMU"),

@@ -61,7 +61,7 @@ def render_view(
         Pixel of the picture, with ``features`` or ``instances``. Pixels with a similar feature become white.
     background : sequence of 3 floats
         Colour behind ``rgb``, sRGB in [0, 1].
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
 
     Returns
     -------
@@ -114,7 +114,7 @@ def click_mask(
     camera : Camera or PinholeCamera
     click : (float, float)
         x, y in pixels of the picture; (0, 0) is its top left corner.
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
 
     Returns
     -------

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from ..rasterizer import MAX_CHANNELS, rasterize
+from ..rasterizer.settings import Backend
 from ..scene import Gaussians, PinholeCamera
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
-Backend = Literal["cpu", "reference"]
 Float32 = NDArray[np.float32]
 
 _CHANNELS_PER_PASS = MAX_CHANNELS - 3
@@ -56,7 +56,7 @@ class Scene:
     Parameters
     ----------
     gaussians : Gaussians
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
         Implementation of the rasterizer.
     """
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .api import rasterize
     from .cached_view import CachedView
     from .compilation import compile_kernels
+    from .devices import Device, Wanted, choose_device, describe_cards, fallback
     from .jit import cache_folder
     from .loss import Target, photometric_loss, ssim
     from .raster import CulledCounts, Raster
@@ -26,11 +27,16 @@ __all__ = [
     "AdamState",
     "CachedView",
     "CulledCounts",
+    "Device",
     "Raster",
     "Target",
+    "Wanted",
     "adam_step",
     "cache_folder",
+    "choose_device",
     "compile_kernels",
+    "describe_cards",
+    "fallback",
     "photometric_loss",
     "project_centres",
     "project_covariances",

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 import torch
 
 from ..scene import PinholeCamera
 from .raster import Raster, RasterInputs, check_camera, check_finite
-from .settings import MAX_CHANNELS, RasterSettings
+from .settings import MAX_CHANNELS, Backend, RasterSettings
 
 __all__ = ["rasterize"]
 
@@ -27,7 +26,7 @@ def rasterize(
     channels: torch.Tensor | None = None,
     detached_channels: bool = False,
     viewmat: torch.Tensor | None = None,
-    backend: Literal["cpu", "gpu", "reference"] = "cpu",
+    backend: Backend = "cpu",
     settings: RasterSettings | None = None,
 ) -> Raster:
     """Render Gaussians front to back into an image of K = (3 if `sh`) + C channels.

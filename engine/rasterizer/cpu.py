@@ -31,7 +31,7 @@ from .projection import (
     project_gaussians,
 )
 from .projection_backward import project_gaussians_backward
-from .raster import CulledCounts, Raster, RasterInputs, check_finite
+from .raster import CulledCounts, Raster, RasterInputs, check_finite, input_tensors
 from .settings import RasterSettings
 from .threads import Share, run_shared
 from .tiles import TileLists, make_tile_lists
@@ -340,13 +340,7 @@ def rasterize_cpu(inputs: RasterInputs) -> Raster:
     ValueError
         If a tensor is not float32 on the CPU.
     """
-    means = inputs.means
-    sh = means.new_zeros(len(means), 0, 3) if inputs.sh is None else inputs.sh
-    channels = means.new_zeros(len(means), 0) if inputs.channels is None else inputs.channels
-    tensors = (means, inputs.quats, inputs.scales, inputs.opacities, sh, channels)
-    for tensor in tensors:
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            raise ValueError(f"the cpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
+    tensors = input_tensors(inputs, "cpu")
     view = View(inputs.camera, inputs.sh_degree, inputs.settings)
     if inputs.detached_channels:
         view.n_moving = 0 if inputs.sh is None else 3

@@ -25,6 +25,9 @@ from .threads import Share, take_range
 __all__ = [
     "BORDER",
     "PAD",
+    "SSIM_C1",
+    "SSIM_C2",
+    "SSIM_WINDOW",
     "STRIP",
     "blur_target",
     "difference_gradient",
@@ -45,10 +48,14 @@ BORDER = 5
 STRIP = 32
 """Number of rows that are blurred together. The scratch memory of a strip fits the second-level cache."""
 
-_WINDOW = [math.exp(-((i - 5.0) ** 2) / 4.5) for i in range(11)]
-_K0, _K1, _K2, _K3, _K4, _K5 = (f4(_WINDOW[i] / sum(_WINDOW)) for i in range(6))
-_C1 = f4(0.01**2)
-_C2 = f4(0.03**2)
+_TAPS = [math.exp(-((i - 5.0) ** 2) / 4.5) for i in range(11)]
+SSIM_WINDOW = tuple(f4(tap / sum(_TAPS)) for tap in _TAPS[:6])
+"""Weights of the window, from its end to its middle; the other half is the same."""
+
+SSIM_C1, SSIM_C2 = f4(0.01**2), f4(0.03**2)
+"""Constants that keep the quotients of SSIM finite, for values in [0, 1] (Wang et al. 2004)."""
+
+_K0, _K1, _K2, _K3, _K4, _K5 = SSIM_WINDOW
 
 
 def plane_layout(height: int, width: int) -> tuple[int, int, int]:
@@ -211,10 +218,10 @@ def similarity_and_maps(
                 b = load(target_means, at)
                 s_xx = _blur_at(blurred, part + middle + i, inner) - a * a
                 s_xy = _blur_at(blurred, 2 * part + middle + i, inner) - a * b
-                numerator_1 = a * b * two + _C1
-                numerator_2 = s_xy * two + _C2
-                inverse_1 = one / (fma(a, a, b * b) + _C1)
-                inverse_2 = one / (s_xx + load(target_variances, at) + _C2)
+                numerator_1 = a * b * two + SSIM_C1
+                numerator_2 = s_xy * two + SSIM_C2
+                inverse_1 = one / (fma(a, a, b * b) + SSIM_C1)
+                inverse_2 = one / (s_xx + load(target_variances, at) + SSIM_C2)
                 inverse = inverse_1 * inverse_2
                 similarity = numerator_1 * numerator_2 * inverse
                 q = (zero - similarity) * inverse_2

@@ -12,7 +12,7 @@ from ..scene import PinholeCamera
 from .finite import all_finite
 from .settings import RasterSettings
 
-__all__ = ["CulledCounts", "Raster", "RasterInputs", "check_camera", "check_finite"]
+__all__ = ["CulledCounts", "Raster", "RasterInputs", "check_camera", "check_finite", "input_tensors"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,24 @@ class RasterInputs:
     sh_degree: int
     settings: RasterSettings
     detached_channels: bool = False
+
+
+def input_tensors(inputs: RasterInputs, backend: str) -> tuple[torch.Tensor, ...]:
+    """Return means, quats, scales, opacities, sh and channels; without `sh` its shape is [N, 0, 3], without `channels` [N, 0].
+
+    Raises
+    ------
+    ValueError
+        If a tensor is not float32 on the CPU.
+    """
+    means = inputs.means
+    sh = means.new_zeros(len(means), 0, 3) if inputs.sh is None else inputs.sh
+    channels = means.new_zeros(len(means), 0) if inputs.channels is None else inputs.channels
+    tensors = (means, inputs.quats, inputs.scales, inputs.opacities, sh, channels)
+    for tensor in tensors:
+        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
+            raise ValueError(f"the {backend} backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
+    return tensors
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ This is the only place that gives these constants a value. The kernels import th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from ..settings import require
 
@@ -21,8 +22,13 @@ __all__ = [
     "QUAT_NORM2_MIN",
     "RADIUS_SIGMAS",
     "T_MIN",
+    "Backend",
     "RasterSettings",
+    "StepSettings",
 ]
+
+Backend = Literal["cpu", "gpu", "reference"]
+"""Implementations of `engine.rasterizer.rasterize`."""
 
 INVERSE_ALPHA_MIN = 255.0
 """Inverse of `ALPHA_MIN`. It is exact, while 1/255 is rounded, so log(opacity / ALPHA_MIN) is computed from it."""
@@ -97,3 +103,35 @@ class RasterSettings:
         require(self, "near", self.near >= 1e-4, "at least 0.0001")
         require(self, "low_pass", 1e-3 <= self.low_pass <= 10.0, "between 0.001 and 10")
         require(self, "threads", self.threads is None or self.threads >= 1, "at least 1 or None")
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """What is the same in all training steps on a graphics card.
+
+    Attributes
+    ----------
+    lambda_dssim : float
+        Weight of 1 - SSIM in the loss, 0 to 1; that of the mean |x - y| is 1 - lambda_dssim.
+    beta1, beta2, eps : float
+        See `engine.rasterizer.adam_step`.
+    unit_features : bool
+        Whether features are divided by their length before they are blended.
+    detached_features : bool
+        Whether the gradient of blended features changes no Gaussian.
+    raster : RasterSettings
+    """
+
+    lambda_dssim: float = 0.2
+    beta1: float = 0.9
+    beta2: float = 0.999
+    eps: float = 1e-15
+    unit_features: bool = False
+    detached_features: bool = False
+    raster: RasterSettings = RasterSettings()
+
+    def __post_init__(self) -> None:
+        require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
+        require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
+        require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
+        require(self, "eps", self.eps > 0.0, "above 0")

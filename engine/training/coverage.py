@@ -8,10 +8,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..rasterizer.settings import RasterSettings
+from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import PinholeCamera
 from .parameters import render
-from .settings import Backend
 
 __all__ = ["WELL_SEEN", "Coverage"]
 

@@ -9,8 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from ..rasterizer import AdamState, Raster, adam_step, rasterize
+from ..rasterizer.settings import Backend
 from ..scene import Gaussians, PinholeCamera
-from .settings import Backend, FeatureSettings
+from .settings import FeatureSettings
 
 __all__ = ["NAMES", "Parameters", "blended_features", "render"]
 
@@ -158,7 +159,7 @@ def render(
     values : dict of str to tensor
         As in `Parameters.values`.
     camera : PinholeCamera
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
         Which rasterizer is used.
     sh_degree : int or None
         Highest band to use; None for a picture without colour.

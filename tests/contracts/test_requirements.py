@@ -30,10 +30,10 @@ DISTRIBUTIONS = {
 }
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
-OPTIONAL = ("engine", "serve", "batch", "gpu")
+OPTIONAL = ("engine", "serve", "batch")
 """The engine's own requirements and its optional ones."""
 LOCKED = {
-    "engine-dev": ("engine", "serve", "batch", "gpu", "dev", "torch"),
+    "engine-dev": ("engine", "serve", "batch", "dev", "torch"),
     "serve": ("engine", "serve"),
     "batch": ("engine", "serve", "batch"),
     "engine": ("engine", "torch"),

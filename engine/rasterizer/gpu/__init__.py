@@ -1,7 +1,8 @@
 """The ``gpu`` backend: one WGSL source for all graphics cards, run by wgpu over Vulkan, Metal or DirectX 12.
 
 `open_gpu` opens a card after a self-test against the ``cpu`` backend. `Frame` holds the buffers of one image size and
-encodes its forward and backward pass. See docs/design_notes/gpu.md.
+encodes its forward and backward pass. `GpuTrainer` makes training steps whose data stay on the card. See
+docs/graphics_cards.md and docs/design_notes/gpu.md.
 """
 
 from __future__ import annotations
@@ -13,9 +14,23 @@ from ...lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .adapters import Gpu, describe_adapters, open_adapter
     from .autograd import rasterize_gpu
-    from .frame import Frame, FrameSize
+    from .frame import Frame
+    from .layout import FrameSize
+    from .parameters import GpuParameters
     from .self_test import open_gpu
+    from .step import GpuTrainer, StepPlan
 
-__all__ = ["Frame", "FrameSize", "Gpu", "describe_adapters", "open_adapter", "open_gpu", "rasterize_gpu"]
+__all__ = [
+    "Frame",
+    "FrameSize",
+    "Gpu",
+    "GpuParameters",
+    "GpuTrainer",
+    "StepPlan",
+    "describe_adapters",
+    "open_adapter",
+    "open_gpu",
+    "rasterize_gpu",
+]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from ...errors import EnvironmentProblem
+from .modules import checks_can_be_left_out
 
-__all__ = ["Gpu", "adapter_count", "describe_adapters", "open_adapter"]
+__all__ = ["Gpu", "describe_adapters", "open_adapter", "translate_card_errors"]
 
 _ORDER = {"DiscreteGPU": 0, "IntegratedGPU": 1, "VirtualGPU": 2, "CPU": 3}
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
@@ -31,6 +35,8 @@ class Gpu:
         Whether kernels can compute in float64; the projection is less exact for needles without it.
     subgroups : bool
         Whether subgroups of exactly 32 invocations can be used.
+    shares_memory : bool
+        Whether buffers are in the computer's own memory (integrated cards and software).
     """
 
     device: Any
@@ -41,33 +47,60 @@ class Gpu:
     max_binding_bytes: int
     float64: bool
     subgroups: bool
+    shares_memory: bool
+
+
+@functools.lru_cache(maxsize=1)
+def _wgpu() -> Any:
+    """Return the module wgpu, which looks for cards with the interfaces of `_BACKENDS` only.
+
+    Looking with OpenGL too takes another half second. Mesa's layer that sorts cards writes to standard error where there
+    is no display, and is not needed: `open_adapter` sorts them.
+    """
+    os.environ.setdefault("NODEVICE_SELECT", "1")
+    try:
+        import wgpu
+        from wgpu.backends.wgpu_native.extras import set_instance_extras
+    except ImportError as error:
+        raise EnvironmentProblem(
+            f"this Python has no wgpu for graphics cards ({error}); set up the engine again, in Blender or with "
+            "`make setup`, or use the CPU."
+        ) from error
+    except (OSError, RuntimeError) as error:  # its library does not fit this computer
+        raise EnvironmentProblem(f"wgpu cannot be loaded ({error}); set up the engine again.") from error
+    with contextlib.suppress(RuntimeError):  # another module of this process has looked for cards before
+        set_instance_extras(backends=["Vulkan", "Metal", "DX12"])
+    return wgpu
 
 
 def _adapters() -> list[Any]:
     """Return the usable adapters, cards first and the processor last."""
-    try:
-        import wgpu
-    except (ImportError, OSError) as error:
-        raise EnvironmentProblem(f"wgpu cannot be loaded ({error}); set up the engine again.") from error
+    wgpu = _wgpu()
     found = [a for a in wgpu.gpu.enumerate_adapters_sync() if a.info["backend_type"] in _BACKENDS]
     return sorted(found, key=lambda adapter: _ORDER.get(adapter.info["adapter_type"], 4))
 
 
-def adapter_count(*, software: bool = False) -> int:
-    """Return the number of graphics cards, with `software` also that of software renderers."""
-    return sum(software or adapter.info["adapter_type"] != "CPU" for adapter in _adapters())
+def describe_adapters(*, software: bool = False) -> list[str]:
+    """Return one line for each graphics card, or for each `software` adapter: name, interface, driver, kind, limits.
 
-
-def describe_adapters() -> list[str]:
-    """Return one line for each adapter: name, driver, interface, kind, and largest buffer."""
-    lines = []
+    A card that is reached by two interfaces is described with the one that `open_adapter` takes.
+    """
+    found: dict[str, str] = {}
     for adapter in _adapters():
-        info, size = adapter.info, adapter.limits["max-storage-buffer-binding-size"]
-        lines.append(
-            f"{info['device']} ({info['backend_type']}, {info['description'] or 'driver unknown'}, "
-            f"{info['adapter_type']}, buffers to {size / 2**20:.0f} MiB)"
-        )
-    return lines
+        if (adapter.info["adapter_type"] == "CPU") == software:
+            found.setdefault(adapter.info["device"], _describe(adapter))
+    return list(found.values())
+
+
+def _describe(adapter: Any) -> str:
+    info, limits = adapter.info, adapter.limits
+    checks = "" if checks_can_be_left_out() else ", kernels with the checks of wgpu"
+    float64 = "float64" if "shader-f64" in adapter.features else "no float64"
+    return (
+        f"{info['device']} ({info['backend_type']}, driver {info['description'] or 'unknown'}, {info['adapter_type']}, "
+        f"buffers to {limits['max-storage-buffer-binding-size'] / 2**20:.0f} MiB, workgroup memory "
+        f"{limits['max-compute-workgroup-storage-size'] / 2**10:.0f} KiB, {float64}{checks})"
+    )
 
 
 @functools.lru_cache(maxsize=4)
@@ -115,4 +148,22 @@ def open_adapter(*, software: bool = False, float64: bool = True, subgroups: boo
         int(limits["max-storage-buffer-binding-size"]),
         "shader-f64" in features,
         "subgroup" in features,
+        info["adapter_type"] != "DiscreteGPU",
     )
+
+
+@contextlib.contextmanager
+def translate_card_errors(gpu: Gpu, advice: str) -> Iterator[None]:
+    """Translate errors of the driver, such as full memory or a lost card, into one sentence that ends with `advice`.
+
+    Raises
+    ------
+    EnvironmentProblem
+    """
+    try:
+        yield
+    except _wgpu().GPUOutOfMemoryError as error:
+        raise EnvironmentProblem(f"the memory of the graphics card {gpu.name} is full; {advice}.") from error
+    except (_wgpu().GPUError, _wgpu().GPUPipelineError) as error:
+        reason = " ".join(str(error).split())
+        raise EnvironmentProblem(f"the graphics card {gpu.name} stopped working ({reason}); {advice}.") from error

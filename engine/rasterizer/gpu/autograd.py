@@ -9,9 +9,10 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from ...errors import NumericalError
-from ..raster import CulledCounts, Raster, RasterInputs, check_finite
-from .adapters import Gpu
-from .frame import Frame, FrameSize, pack_sh, unpack_sh
+from ..raster import CulledCounts, Raster, RasterInputs, check_finite, input_tensors
+from .adapters import Gpu, translate_card_errors
+from .frame import Frame
+from .layout import FrameSize, grown_capacity, pack_sh, unpack_sh
 
 __all__ = ["rasterize_gpu"]
 
@@ -67,22 +68,17 @@ def rasterize_gpu(inputs: RasterInputs, gpu: Gpu) -> Raster:
     NumericalError
         If an input is not finite, or 2^31 pairs of a tile and a Gaussian or more are needed.
     EnvironmentProblem
-        If the picture needs larger buffers than the card has.
+        If the picture needs larger buffers than the card has, or the card stops working.
     ValueError
         If a tensor is not float32 on the CPU.
     """
-    means = inputs.means
-    sh = means.new_zeros(len(means), 0, 3) if inputs.sh is None else inputs.sh
-    channels = means.new_zeros(len(means), 0) if inputs.channels is None else inputs.channels
-    tensors = (means, inputs.quats, inputs.scales, inputs.opacities, sh, channels)
-    for tensor in tensors:
-        if tensor.dtype != torch.float32 or tensor.device.type != "cpu":
-            raise ValueError(f"the gpu backend takes float32 on the CPU, got {tensor.dtype} on {tensor.device}")
+    tensors = input_tensors(inputs, "gpu")
     arrays = dict(zip(_NAMES, (tensor.detach().contiguous().numpy() for tensor in tensors), strict=True))
     backward = torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (*tensors, inputs.viewmat))
-    frame = _forward(inputs, gpu, arrays, backward)
-    image, transmittance = _Rasterize.apply(frame, *tensors, inputs.viewmat.double())
-    info = frame.read("info", (frame.size.n, 4), np.uint32)
+    with translate_card_errors(gpu, "use the CPU"):
+        frame = _forward(inputs, gpu, arrays, backward)
+        image, transmittance = _Rasterize.apply(frame, *tensors, inputs.viewmat.double())
+        info = frame.read("info", (frame.size.n, 4), np.uint32)
     state = info[:, 0] & 7
     near, degenerate, transparent, outside = (int(np.count_nonzero(state == reason)) for reason in (1, 2, 3, 4))
     culled = CulledCounts(near, degenerate, transparent, outside)
@@ -110,9 +106,4 @@ def _forward(inputs: RasterInputs, gpu: Gpu, arrays: dict[str, Any], backward: b
                 check_finite(name, torch.from_numpy(values))
         if counts.n_wanted <= capacity:
             return frame
-        if counts.n_wanted >= 2**31:
-            raise NumericalError(
-                f"`scales` are so large that {n} Gaussians cover {counts.n_wanted} tiles of an image; resume from the "
-                "last checkpoint with a lower learning rate for the scales."
-            )
-        capacity = counts.n_wanted + counts.n_wanted // 8
+        capacity = grown_capacity(counts.n_wanted, n)

@@ -7,110 +7,52 @@ the image is empty and `Frame.counts` says how many are needed; the caller grows
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import EnvironmentProblem
+from ...machine import free_memory
 from ...scene import PinholeCamera
 from ..settings import JACOBIAN_MARGIN, RasterSettings
-from .adapters import Gpu
+from .adapters import Gpu, translate_card_errors
+from .layout import BLOCK, Counts, FrameSize
 from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of
+from .submissions import Dispatch as _Step
+from .submissions import Submissions, encode
 
-__all__ = ["Counts", "Frame", "FrameSize", "pack_sh", "unpack_sh"]
+__all__ = ["STORAGE", "Frame"]
 
 Float32 = NDArray[np.float32]
 
-_STORAGE = 0x80 | 0x8 | 0x4  # STORAGE | COPY_DST | COPY_SRC of WebGPU
+STORAGE = 0x80 | 0x8 | 0x4  # STORAGE | COPY_DST | COPY_SRC of WebGPU
 _INDIRECT = 0x100
 _UNIFORM = 0x40 | 0x8
-_BLOCK = 64  # Gaussians in a block of `pack_sh`
 
-
-@dataclass(frozen=True)
-class FrameSize:
-    """Sizes that the buffers of a frame depend on.
-
-    Attributes
-    ----------
-    n, n_sh, n_channels : int
-        Gaussians, coefficients of spherical harmonics (0 for none), channels beside the colours.
-    width, height : int
-        Pixels.
-    capacity : int
-        Pairs of a tile and a Gaussian.
-    backward : bool
-        Whether the backward pass has buffers too.
-    """
-
-    n: int
-    n_sh: int
-    n_channels: int
-    width: int
-    height: int
-    capacity: int
-    backward: bool = True
-
-    @property
-    def n_rgb(self) -> int:
-        """3 with spherical harmonics, else 0."""
-        return 3 if self.n_sh else 0
-
-    @property
-    def n_out(self) -> int:
-        """Number of channels of the image."""
-        return self.n_rgb + self.n_channels
-
-    @property
-    def n_tiles(self) -> int:
-        """Number of tiles of 16x16 pixels."""
-        return -(-self.width // 16) * -(-self.height // 16)
-
-
-@dataclass(frozen=True)
-class Counts:
-    """What the card counted: pairs blended, pairs wanted, and whether an input (1) or gradient (2) was not finite."""
-
-    n_pairs: int
-    n_wanted: int
-    not_finite: int
-
-
-def pack_sh(sh: Float32) -> Float32:
-    """Return harmonics [N, n_sh, 3] in blocks of 64 Gaussians, [blocks, n_sh * 3, 64], padded with zeros."""
-    n, n_sh = sh.shape[:2]
-    blocks = -(-n // _BLOCK)
-    padded = np.zeros((blocks * _BLOCK, n_sh * 3), np.float32)
-    padded[:n] = sh.reshape(n, n_sh * 3)
-    return np.ascontiguousarray(padded.reshape(blocks, _BLOCK, n_sh * 3).transpose(0, 2, 1))
-
-
-def unpack_sh(packed: Float32, n: int, n_sh: int) -> Float32:
-    """Return the harmonics [n, n_sh, 3] of `pack_sh`."""
-    rows = packed.reshape(-1, n_sh * 3, _BLOCK).transpose(0, 2, 1).reshape(-1, n_sh, 3)
-    return np.ascontiguousarray(rows[:n])
-
-
-@dataclass(frozen=True)
-class _Step:
-    """A dispatch: `groups` workgroups, or as many as the buffer of dispatches says from entry `indirect` on."""
-
-    stage: str
-    pipeline: Any
-    bindings: Any
-    groups: tuple[int, int]
-    indirect: int = -1
+SMALLER = "render a smaller picture or fewer Gaussians, or use the CPU"
+"""What to do when the buffers of a picture do not fit."""
 
 
 class Frame:
     """Buffers and dispatches of one size of image on one card.
 
+    Parameters
+    ----------
+    gpu : Gpu
+    size : FrameSize
+    n_moving : int, optional
+        Number of channels, from the first on, whose gradient reaches the geometry; all by default.
+    with_pose : bool
+        Whether the backward pass computes the gradient of the camera's pose.
+    shared : mapping of str to wgpu.GPUBuffer, optional
+        Buffers to use in place of new ones if they are large enough, such as parameters that several frames render.
+
     Attributes
     ----------
-    size : FrameSize
     buffers : dict of str to wgpu.GPUBuffer
         Inputs ``means``, ``quats``, ``scales``, ``opacities``, ``sh`` (see `pack_sh`), ``channels`` and ``gradient``
         [H, W, K + 1] (the last value is that of the transmittance); outputs ``image``, ``transmittance``, ``info``,
@@ -119,18 +61,28 @@ class Frame:
     Raises
     ------
     EnvironmentProblem
-        If a buffer is larger than a kernel of this card can see.
+        If a buffer is larger than a kernel of this card can see, or memory is full.
     """
 
-    def __init__(self, gpu: Gpu, size: FrameSize, *, n_moving: int | None = None, with_pose: bool = False) -> None:
+    def __init__(
+        self,
+        gpu: Gpu,
+        size: FrameSize,
+        *,
+        n_moving: int | None = None,
+        with_pose: bool = False,
+        shared: Mapping[str, Any] | None = None,
+    ) -> None:
         self.gpu, self.size = gpu, size
+        self._shared = shared or {}
         self._n_moving = size.n_out if n_moving is None else n_moving
         self._with_pose = with_pose
         self.buffers: dict[str, Any] = {}
         self._uniforms: list[tuple[Any, int, int]] = []
+        self._view = np.zeros(68, np.uint32)
         self._allocate()
-        self._forward = self._forward_steps()
-        self._backward = self._backward_steps() if size.backward else []
+        self._forward = self._submissions(self._forward_steps())
+        self._backward = self._submissions(self._backward_steps() if size.backward else [])
 
     def _allocate(self) -> None:
         s = self.size
@@ -140,34 +92,65 @@ class Frame:
         sort = max(n, capacity)
         sizes = {
             "means": 12 * n, "quats": 16 * n, "scales": 12 * n, "opacities": 4 * n,
-            "sh": 4 * _BLOCK * 3 * s.n_sh * -(-n // _BLOCK), "channels": 4 * n * s.n_channels,
+            "sh": 4 * BLOCK * 3 * s.n_sh * -(-n // BLOCK), "channels": 4 * n * s.n_channels,
             "geometry": 32 * n, "depth_keys": 4 * n, "info": 16 * n, "counts": 16,
             "identity": 4 * n, "offsets": 4 * (n + 1), "ranges": 8 * n, "colors": 16 * chunks * n,
             "keys_0": 4 * sort, "keys_1": 4 * sort, "values_0": 4 * sort, "values_1": 4 * sort,
             "order": 4 * n, "pair_tiles": 4 * capacity, "pair_gaussians": 4 * capacity, "pair_identity": 4 * capacity,
             "digits": 1024 * -(-sort // SORT_BLOCK), "sums": 4 * (-(-max(n + 1, 256 * -(-sort // SORT_BLOCK)) // SCAN_BLOCK)),
-            "tile_ranges": 8 * s.n_tiles, "gaussians": 4 * capacity,
-            "image": 4 * s.width * s.height * s.n_out, "transmittance": 4 * s.width * s.height,
+            "tile_ranges": 8 * s.n_tiles, "entries": 8 * capacity,
+            "image": 4 * s.width * s.height * s.n_out, "transmittance": 8 * s.width * s.height,
         }  # fmt: skip
         if s.backward:
-            n_buckets = capacity // 32 + s.n_tiles
+            sizes["transmittance"] += 1024 * (capacity // 32 + s.n_tiles)  # T in front of each batch of 32 Gaussians
             sizes |= {
                 "gradient": 4 * s.width * s.height * (s.n_out + 1),
-                "checkpoints": 2048 * n_buckets, "buckets": 16 * n_buckets,
                 "rows": 16 * (chunks + 2) * capacity, "totals": 16 * (chunks + 2) * n,
-                "gradients": 48 * n, "pose": 48 * n if self._with_pose else 4, "sh_gradient": 4 * _BLOCK * 3 * s.n_sh * -(-n // _BLOCK),
+                "gradients": 48 * n, "pose": 48 * n if self._with_pose else 4, "sh_gradient": 4 * BLOCK * 3 * s.n_sh * -(-n // BLOCK),
             }  # fmt: skip
-        for name, n_bytes in sizes.items():
-            if n_bytes > self.gpu.max_binding_bytes and name not in ("sh", "sh_gradient"):
-                raise EnvironmentProblem(
-                    f"{self.gpu.name} lets a kernel see {self.gpu.max_binding_bytes >> 20} MiB and this picture needs "
-                    f"{n_bytes >> 20} MiB for `{name}`; render a smaller picture, or use the CPU."
-                )
-            self.buffers[name] = self.gpu.device.create_buffer(size=max(16, n_bytes), usage=_STORAGE, label=name)
-        self.buffers["dispatches"] = self.gpu.device.create_buffer(size=48, usage=_STORAGE | _INDIRECT)
+        self.allocate(sizes)
+        self.buffers["dispatches"] = self.gpu.device.create_buffer(size=36, usage=STORAGE | _INDIRECT)
         write = self.gpu.device.queue.write_buffer
         write(self.buffers["identity"], 0, np.arange(n, dtype=np.uint32))
         write(self.buffers["pair_identity"], 0, np.arange(capacity, dtype=np.uint32))
+
+    def allocate(self, sizes: Mapping[str, int]) -> None:
+        """Make a buffer for each of `sizes` in bytes, unless a shared one is large enough.
+
+        Raises
+        ------
+        EnvironmentProblem
+            If a buffer is larger than a kernel of this card can see, or memory is full.
+        """
+        fits = {
+            name: self._shared[name]
+            for name, n_bytes in sizes.items()
+            if name in self._shared and self._shared[name].size >= n_bytes
+        }
+        own = {name: n_bytes for name, n_bytes in sizes.items() if name not in fits}
+        self._check_memory(own)
+        self.buffers |= fits
+        with translate_card_errors(self.gpu, SMALLER):
+            for name, n_bytes in own.items():
+                self.buffers[name] = self.gpu.device.create_buffer(size=max(16, n_bytes), usage=STORAGE, label=name)
+
+    def _check_memory(self, sizes: Mapping[str, int]) -> None:
+        """Refuse buffers of these `sizes` in bytes before any is made.
+
+        A card with memory of its own does not tell through wgpu how much of it is free: there, the driver refuses.
+        """
+        for name, n_bytes in sizes.items():
+            if n_bytes > self.gpu.max_binding_bytes and name not in ("sh", "sh_gradient"):
+                raise EnvironmentProblem(
+                    f"{self.gpu.name} lets a kernel see {self.gpu.max_binding_bytes >> 20} MiB and this picture of "
+                    f"{self.size.width} x {self.size.height} pixels needs {n_bytes >> 20} MiB for `{name}`; {SMALLER}."
+                )
+        needed, free = sum(sizes.values()), free_memory() if self.gpu.shares_memory else None
+        if free is not None and needed > free:
+            raise EnvironmentProblem(
+                f"this picture of {self.size.width} x {self.size.height} pixels needs {needed >> 20} MiB on "
+                f"{self.gpu.name}, and {free >> 20} MiB of memory are free; {SMALLER}."
+            )
 
     @property
     def n_bytes(self) -> int:
@@ -193,11 +176,14 @@ class Frame:
 
     def set_view(self, camera: PinholeCamera, settings: RasterSettings, sh_degree: int) -> None:
         """Set the camera, the settings and the highest band of the next passes."""
-        packed = self._packed_view(camera, settings, sh_degree)
-        for buffer, first, last in self._uniforms:
-            packed[14 * 4 + 8] = np.uint32(first)
-            packed[14 * 4 + 11] = np.uint32(last)
-            self.gpu.device.queue.write_buffer(buffer, 0, packed)
+        self._view = self._packed_view(camera, settings, sh_degree)
+        for uniform in self._uniforms:
+            self._write_view(*uniform)
+
+    def _write_view(self, buffer: Any, first: int, last: int) -> None:
+        self._view[14 * 4 + 8] = np.uint32(first)
+        self._view[14 * 4 + 11] = np.uint32(last)
+        self.gpu.device.queue.write_buffer(buffer, 0, self._view)
 
     def _packed_view(self, camera: PinholeCamera, settings: RasterSettings, sh_degree: int) -> NDArray[np.uint32]:
         s = self.size
@@ -221,12 +207,16 @@ class Frame:
         return np.concatenate([high.view(np.uint32), low.view(np.uint32), np.array(integers, np.uint32)])
 
     def _view_uniform(self, first: int = 0, last: int | None = None) -> Any:
-        buffer = self.gpu.device.create_buffer(size=272, usage=_UNIFORM)
+        buffer = self._uniform(272)
         self._uniforms.append((buffer, first, self.size.n if last is None else last))
+        self._write_view(*self._uniforms[-1])
         return buffer
 
+    def _uniform(self, n_bytes: int) -> Any:
+        return self.gpu.device.create_buffer(size=n_bytes, usage=_UNIFORM)
+
     def _constants(self, *values: int) -> Any:
-        buffer = self.gpu.device.create_buffer(size=16, usage=_UNIFORM)
+        buffer = self._uniform(16)
         self.gpu.device.queue.write_buffer(buffer, 0, np.array([*values, 0, 0][:4], np.uint32))
         return buffer
 
@@ -253,6 +243,12 @@ class Frame:
         )
         x = max(1, min(n_groups, 65535))
         return _Step(stage, pipeline, bindings, (x, max(1, -(-n_groups // x))), indirect)
+
+    def _tiles_step(self, stage: str, kernel: str, names: Sequence[str], first: int, end: int) -> _Step:
+        """Return the dispatch of a kernel with a workgroup for each tile, for the tiles from `first` to `end`."""
+        step = self._step(stage, kernel, self._view_uniform(first, end), names, end - first)
+        part = functools.cache(lambda a, b: self._tiles_step(stage, kernel, names, first + a, first + b))
+        return replace(step, part=part)
 
     def _scan(self, stage: str, length: int, per_block: int, values: str, n: int, indirect: int = -1) -> list[_Step]:
         """Return the steps of a prefix sum of `n` values, or of the length that the card knows."""
@@ -294,16 +290,19 @@ class Frame:
         self._sorted = keys, values
         return steps
 
+    def _submissions(self, steps: Sequence[_Step]) -> Submissions:
+        return Submissions(self.gpu, steps, self.buffers["dispatches"])
+
     def _color_ranges(self) -> list[tuple[int, int, int, int]]:
         """Return ranges of Gaussians whose harmonics a kernel can see: first, last, first byte, bytes."""
-        row = 4 * 3 * max(self.size.n_sh, 1) * _BLOCK
+        row = 4 * 3 * max(self.size.n_sh, 1) * BLOCK
         per_range = max(1, self.gpu.max_binding_bytes // row)
-        n_blocks = -(-max(self.size.n, 1) // _BLOCK)
+        n_blocks = -(-max(self.size.n, 1) // BLOCK)
         ranges = []
         for first in range(0, n_blocks, per_range):
             last = min(first + per_range, n_blocks)
             n_bytes = (last - first) * row if self.size.n_sh else 16
-            ranges.append((first * _BLOCK, min(last * _BLOCK, self.size.n), first * row, n_bytes))
+            ranges.append((first * BLOCK, min(last * BLOCK, self.size.n), first * row, n_bytes))
         return ranges
 
     def _forward_steps(self) -> list[_Step]:
@@ -321,8 +320,8 @@ class Frame:
                     "colours",
                     "colors",
                     self._view_uniform(first, last),
-                    ["means", ("sh", at, n_bytes), "channels", "info", "colors", "counts"],
-                    -(-(last - first) // _BLOCK),
+                    ["means", ("sh", at, n_bytes), "channels", "colors", "counts"],
+                    -(-(last - first) // BLOCK),
                 )  # fmt: skip
             )
         steps += self._sort("depth sort", 0, "depth_keys", "identity", 32, "order")
@@ -336,15 +335,14 @@ class Frame:
             )
         )  # fmt: skip
         steps += self._sort("tile sort", 1, "pair_tiles", "pair_identity", s.n_tiles.bit_length(), None)
-        self._pairs = self._sorted[1]
         steps.append(
             self._step(
-                "tile sort", "lists", view, [*self._sorted, "pair_gaussians", "counts", "tile_ranges", "gaussians"], 1,
+                "tile sort", "lists", view, [*self._sorted, "pair_gaussians", "counts", "tile_ranges", "entries"], 1,
                 indirect=6,
             )
         )  # fmt: skip
-        names = ["geometry", "gaussians", "tile_ranges", "colors", "image", "transmittance"]
-        steps.append(self._step("blending", "blend", view, names, s.n_tiles))
+        names = ["geometry", "entries", "tile_ranges", "colors", "image", "transmittance"]
+        steps.append(self._tiles_step("blending", "blend", names, 0, s.n_tiles))
         return steps
 
     def _backward_steps(self) -> list[_Step]:
@@ -352,14 +350,9 @@ class Frame:
         view = self._uniforms[0][0]
         chunks = -(-s.n_out // 4)
         steps = [
-            self._step(
-                "replay", "replay", view,
-                ["geometry", "gaussians", "tile_ranges", "colors", "gradient", "checkpoints", "buckets", "counts"], s.n_tiles,
-            ),
-            self._step(
-                "pair gradients", "bucket", view,
-                ["geometry", "gaussians", self._pairs, "colors", "gradient", "checkpoints", "buckets", "rows"], 1,
-                indirect=9,
+            self._tiles_step(
+                "blending backward", "blend_backward",
+                ["geometry", "entries", "tile_ranges", "colors", "gradient", "transmittance", "rows", "counts"], 0, s.n_tiles,
             ),
             self._step("segment sum", "sum_pairs", view, ["ranges", "rows", "totals"], -(-s.n * (chunks + 2) // 128)),
             self._step(
@@ -384,7 +377,7 @@ class Frame:
                             "gradients",
                             "pose",
                         ],
-                        -(-(last - first) // _BLOCK),
+                        -(-(last - first) // BLOCK),
                     )  # fmt: skip
                 )
         return steps
@@ -397,28 +390,16 @@ class Frame:
 
     def backward(self, time: Callable[[str, Any], Any] | None = None) -> None:
         """Queue the backward pass, from ``gradient`` to the gradients of all inputs."""
-        self._submit(self._backward, ["buckets"], time)
+        self._submit(self._backward, [], time)
 
-    def _submit(self, steps: Sequence[_Step], zeroed: Sequence[str], time: Callable[[str, Any], Any] | None) -> None:
-        """Queue `steps` in one submission, or in one for each stage where the processor is the card.
-
-        A driver resets a card whose submission takes seconds. Nothing here bounds the time of a submission yet.
-        """
+    def _submit(self, run: Submissions, zeroed: Sequence[str], time: Callable[[str, Any], Any] | None = None) -> None:
+        """Queue the dispatches of `run` in submissions of bounded time, or with `time` in one."""
+        buffers = [self.buffers[name] for name in zeroed]
+        if time is None:
+            run.run(buffers)
+            return
         encoder = self.gpu.device.create_command_encoder()
-        for name in zeroed:
-            encoder.clear_buffer(self.buffers[name])
-        stages = list(dict.fromkeys(step.stage for step in steps))
-        for stage in stages:
-            compute = encoder.begin_compute_pass(**({} if time is None else {"timestamp_writes": time(stage, encoder)}))
-            for step in (step for step in steps if step.stage == stage):
-                compute.set_pipeline(step.pipeline)
-                compute.set_bind_group(0, step.bindings)
-                if step.indirect >= 0:
-                    compute.dispatch_workgroups_indirect(self.buffers["dispatches"], 4 * step.indirect)
-                else:
-                    compute.dispatch_workgroups(*step.groups, 1)
-            compute.end()
-            if self.gpu.software:
-                self.gpu.device.queue.submit([encoder.finish()])
-                encoder = self.gpu.device.create_command_encoder()
+        for buffer in buffers:
+            encoder.clear_buffer(buffer)
+        encode(encoder, run.dispatches, self.buffers["dispatches"], time)
         self.gpu.device.queue.submit([encoder.finish()])

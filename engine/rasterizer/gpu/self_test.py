@@ -12,7 +12,7 @@ from ...scene import PinholeCamera
 from ..cpu import rasterize_cpu
 from ..raster import RasterInputs
 from ..settings import RasterSettings
-from .adapters import Gpu, open_adapter
+from .adapters import Gpu, open_adapter, translate_card_errors
 from .autograd import rasterize_gpu
 
 __all__ = ["check_gpu", "open_gpu"]
@@ -59,5 +59,6 @@ def open_gpu(*, software: bool = False) -> Gpu:
         If there is no card, or it fails the self-test.
     """
     gpu = open_adapter(software=software)
-    check_gpu(gpu)
+    with translate_card_errors(gpu, "use the CPU or update the driver"):
+        check_gpu(gpu)
     return gpu

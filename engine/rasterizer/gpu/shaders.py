@@ -4,7 +4,10 @@ A kernel is the text of its files, in order, after the constants of `engine.rast
 expanded, because WGSL has no loops at compile time:
 
 - A line that ends with ``// each Q`` is repeated for each chunk of four channels, with ``_Q`` and ``Q_`` replaced by
-  its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it.
+  its number; ``// each C`` repeats for each channel, where ``_QC`` is the component that holds it, and ``// each P`` for
+  each 32 columns of blend_backward.wgsl.
+- Lines from ``//for G up`` or ``//for G down`` to ``//done`` are repeated for each Gaussian of a group in
+  blend_backward.wgsl, with ``_G`` and ``G_`` replaced by its number.
 - ``//if SUBGROUPS``, ``//else``, ``//end`` choose between two variants.
 """
 
@@ -12,14 +15,19 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...files import read_text
 from .. import settings
+from ..loss_kernels import SSIM_C1, SSIM_C2, SSIM_WINDOW
 from .adapters import Gpu
+from .modules import create_module
 
-__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "kernel_source", "kernels_of"]
+__all__ = ["SCAN_BLOCK", "SORT_BLOCK", "Kernels", "backward_sizes", "kernel_source", "kernels_of"]
 
 SORT_BLOCK = 2048
 """Keys that a workgroup sorts."""
@@ -38,15 +46,46 @@ KERNELS = {
     "emit": ("tiles", "emit"),
     "lists": ("lists",),
     "blend": ("cover", "tile", "blend"),
-    "replay": ("cover", "tile", "replay"),
-    "bucket": ("cover", "bucket"),
+    "blend_backward": ("cover", "blend_backward"),
     "sum_pairs": ("sum_pairs",),
     "project_backward": ("ellipse", "project_backward"),
     "colors_backward": ("sh", "colors_backward"),
+    "similarity": ("loss", "window", "tree_sum", "similarity"),
+    "loss_total": ("loss", "tree_sum", "loss_total"),
+    "loss_gradient": ("loss", "window", "loss_gradient"),
+    "activate": ("optimiser", "activate"),
+    "find_not_finite": ("find_not_finite",),
+    "verdict": ("optimiser", "verdict"),
+    "adam_rows": ("optimiser", "adam_rows"),
+    "adam_sh": ("optimiser", "adam_sh"),
+    "adam_channels": ("optimiser", "adam_channels"),
 }
 """Files of each kernel, after ``common``."""
 
 _SUBGROUP_KERNELS = ("radix_scatter",)
+
+
+def backward_sizes(n_channels: int) -> dict[str, int]:
+    """Return the sizes in blend_backward.wgsl.
+
+    Workgroup memory decides how many workgroups run at a time: NVIDIA's Vulkan driver gives 48 KiB to a multiprocessor.
+    Two run with up to 26 channels, as many as the registers allow; more channels take all that a workgroup may have.
+    """
+    columns, chunks = n_channels + 6, -(-n_channels // 4)
+    subs = max(1, 32 // columns)
+    group = 6 if subs >= 3 else 4
+    effects = 8 * group * 2 * 9
+    memory = 24_000 if columns <= 32 else 32_000
+    slots = min(256, (memory - 16 * effects - 32 * (48 + 16 * chunks) - 96) // (4 * columns))
+    return {
+        "COLUMNS": columns,
+        "SUBS": subs,
+        "GROUP": group,
+        "BATCH_COLORS": 32 * chunks,
+        "EFFECTS": effects,
+        "SLOTS": slots,
+        "SUMS": slots * columns,
+    }
 
 
 def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
@@ -61,6 +100,11 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
         "COV_MAX": settings.COV_MAX,
         "DIRECTION_NORM_MIN": settings.DIRECTION_NORM_MIN,
         "RADIUS_SIGMAS": settings.RADIUS_SIGMAS,
+        **{f"WINDOW_{i}": float(weight) for i, weight in enumerate(SSIM_WINDOW)},
+        "SSIM_C1": float(SSIM_C1),
+        "SSIM_C2": float(SSIM_C2),
+        "BYTE": float(np.float32(1.0 / 255.0)),
+        "NORM_MIN": 1e-9,
         "LN2": math.log(2.0),
         "SH0": 0.5 / math.sqrt(math.pi),
         "SH1": math.sqrt(3.0 / (4.0 * math.pi)),
@@ -74,7 +118,7 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
     unsigned = {
         "CHANNELS": n_channels,
         "CHUNKS": chunks,
-        "BUCKET_COLORS": 32 * chunks,
+        **backward_sizes(n_channels),
         "SORT_BLOCK": SORT_BLOCK,
         "SCAN_BLOCK": SCAN_BLOCK,
         "CULLED_NEAR": 1,
@@ -97,10 +141,25 @@ def _constants(n_channels: int, n_moving: int, float64: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _unroll(text: str, group: int) -> str:
+    lines: list[str] = []
+    block: list[str] = []
+    order: Sequence[int] = (-1,)  # outside of a block
+    for line in text.splitlines():
+        if line.startswith("//for G "):
+            order = range(group) if line.endswith("up") else range(group)[::-1]
+        elif line == "//done":
+            lines += [row.replace("_G", f"_{k}").replace("G_", f"{k}u") for k in order for row in block]
+            block, order = [], (-1,)
+        else:
+            (lines if -1 in order else block).append(line)
+    return "\n".join(lines)
+
+
 def _expand(text: str, n_channels: int, subgroups: bool) -> str:
     lines: list[str] = []
     keep = True
-    for line in text.splitlines():
+    for line in _unroll(text, backward_sizes(n_channels)["GROUP"]).splitlines():
         mark = line.strip()
         if mark == "//if SUBGROUPS":
             keep = subgroups
@@ -116,6 +175,9 @@ def _expand(text: str, n_channels: int, subgroups: bool) -> str:
         elif line.endswith("// each C"):
             body = line[: -len("// each C")]
             lines += [body.replace("_QC", f"_{c // 4}[{c % 4}]").replace("C_", f"{c}u") for c in range(n_channels)]
+        elif line.endswith("// each P"):
+            body = line[: -len("// each P")]
+            lines += [body.replace("_P", f"_{p}").replace("P_", f"{p}u") for p in range(-(-(n_channels + 6) // 32))]
         else:
             lines.append(line)
     return "\n".join(lines) + "\n"
@@ -150,7 +212,7 @@ class Kernels:
         if key not in self._pipelines:
             subgroups = self._gpu.subgroups and name in _SUBGROUP_KERNELS
             code = kernel_source(name, n_channels, n_moving, float64=self._gpu.float64, subgroups=subgroups)
-            module = self._gpu.device.create_shader_module(label=name, code=code)
+            module = create_module(self._gpu.device, name, code)
             self._pipelines[key] = self._gpu.device.create_compute_pipeline(
                 label=name, layout="auto", compute={"module": module, "entry_point": entry}
             )

@@ -1,10 +1,7 @@
 // Blending of one Gaussian at one pixel (blend_forward.py), for all passes. Sums of products are explicit fma, so that
 // the passes decide every threshold alike. A finished pixel has a negative transmittance.
 struct Cover {
-    raw: f32,
-    alpha: f32,
     weight: f32,
-    stop: bool,
     next: f32,
 }
 
@@ -16,22 +13,24 @@ fn whitened(first: vec4<f32>, second: vec4<f32>, x: f32, y: f32) -> vec2<f32> {
     return vec2<f32>(fma(first.z, dx, fma(first.w, dy, first.x)), fma(second.x, dy, first.y));
 }
 
-fn cover(w: vec2<f32>, opacity: f32, now: f32) -> Cover {
-    return cover_by(exp2(-fma(w.x, w.x, w.y * w.y)) * opacity, now);
+// Alpha before its clamp.
+fn raw_alpha(w: vec2<f32>, opacity: f32) -> f32 {
+    return exp2(-fma(w.x, w.x, w.y * w.y)) * opacity;
 }
 
-// The same for an alpha before its clamp, `raw`, that is known.
-fn cover_by(raw: f32, now: f32) -> Cover {
+// Alpha that is blended, 0 for none.
+fn blended_alpha(raw: f32) -> f32 {
+    let alpha = min(raw, ALPHA_MAX);
+    return select(alpha, 0.0, alpha < ALPHA_MIN);
+}
+
+fn cover(w: vec2<f32>, opacity: f32, now: f32) -> Cover {
     var c: Cover;
-    c.raw = raw;
-    c.alpha = min(c.raw, ALPHA_MAX);
-    if (c.alpha < ALPHA_MIN) {
-        c.alpha = 0.0;
-    }
-    c.next = fma(-c.alpha, now, now);
-    c.stop = c.next < T_MIN;
-    c.weight = select(c.alpha * now, 0.0, c.stop);
-    if (c.stop) {
+    let alpha = blended_alpha(raw_alpha(w, opacity));
+    c.next = fma(-alpha, now, now);
+    let stop = c.next < T_MIN;
+    c.weight = select(alpha * now, 0.0, stop);
+    if (stop) {
         c.next = -abs(now);
     }
     return c;

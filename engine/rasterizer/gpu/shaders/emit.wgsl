@@ -17,12 +17,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         return;
     }
     let g = order[rank];
-    let end = offsets[rank + 1u];
-    var at = offsets[rank];
-    if (counts[N_PAIRS] == 0u) {
-        ranges[g] = vec2<u32>(0u, 0u);
-        return;
-    }
+    // Never beyond the buffers, even if the sum of the counts overflowed.
+    let end = min(offsets[rank + 1u], counts[N_PAIRS]);
+    var at = min(offsets[rank], end);
     ranges[g] = vec2<u32>(at, end);
     if (at == end) {
         return;

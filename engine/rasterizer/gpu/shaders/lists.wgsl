@@ -1,11 +1,11 @@
-// Range of each tile in the sorted pairs, and the Gaussian of each sorted pair.
+// Range of each tile in the sorted pairs, and of each sorted pair the Gaussian and the number of the pair.
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> tiles: array<u32>;
 @group(0) @binding(2) var<storage, read> pairs: array<u32>;
 @group(0) @binding(3) var<storage, read> pair_gaussians: array<u32>;
 @group(0) @binding(4) var<storage, read> counts: array<u32>;
 @group(0) @binding(5) var<storage, read_write> tile_ranges: array<u32>;
-@group(0) @binding(6) var<storage, read_write> gaussians: array<u32>;
+@group(0) @binding(6) var<storage, read_write> entries: array<vec2<u32>>;
 
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
@@ -15,7 +15,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     if (i >= n) {
         return;
     }
-    gaussians[i] = pair_gaussians[pairs[i]];
+    entries[i] = vec2<u32>(pair_gaussians[pairs[i]], pairs[i]);
     let tile = tiles[i];
     if (tile >= view.n_tiles) {
         return;

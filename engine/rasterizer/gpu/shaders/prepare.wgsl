@@ -21,5 +21,4 @@ fn main() {
     write_dispatch(0u, blocks);
     write_dispatch(3u, (256u * blocks + SCAN_BLOCK - 1u) / SCAN_BLOCK);
     write_dispatch(6u, (n + 255u) / 256u);
-    write_dispatch(9u, select(0u, n / 32u + view.n_tiles, n > 0u));
 }

@@ -45,7 +45,7 @@ fn reduce(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) grou
         }
     }
     total = sum_of_group(lane, total);
-    if (lane == 0u) {
+    if (lane == 0u && block * SCAN_BLOCK < n) {
         sums[block] = total;
     }
 }
@@ -56,7 +56,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let block = group_number(group, groups);
     let n = scan_length();
     var before = 0u;
-    for (var i = lane; i < block; i += 256u) {
+    for (var i = lane; i < block && i * SCAN_BLOCK < n; i += 256u) {
         before += sums[i];
     }
     before = sum_of_group(lane, before);

@@ -18,7 +18,7 @@ fn load_batch(tile: u32, columns: u32, lane: u32, at: u32, end: u32) {
     }
     workgroupBarrier();
     if (at + lane < end) {
-        let g = gaussians[at + lane];
+        let g = entries[at + lane].x;
         let first = geometry[2u * g];
         let second = geometry[2u * g + 1u];
         batch_first[lane] = first;

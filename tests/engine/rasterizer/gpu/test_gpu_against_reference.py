@@ -9,7 +9,7 @@ from engine.errors import EnvironmentProblem
 from engine.rasterizer.gpu import Gpu
 from engine.rasterizer.gpu import self_test as gpu_self_test
 
-from ..scenes import camera, gradients, random_scene
+from ..scenes import Scene, camera, gradients, random_scene
 from ..test_cpu_against_reference import relative_errors
 
 
@@ -17,7 +17,18 @@ from ..test_cpu_against_reference import relative_errors
     ("colored", "n_features", "detached"), [(True, 0, False), (False, 1, False), (True, 16, False), (True, 5, True)]
 )
 def test_image_and_gradients_are_those_of_the_reference(colored: bool, n_features: int, detached: bool) -> None:
-    scene, view = random_scene(250, colored=colored, n_features=n_features), camera(81, 50)
+    agrees_with_reference(random_scene(250, colored=colored, n_features=n_features), detached)
+
+
+@pytest.mark.parametrize("n_features", [1, 16, 64])
+def test_gradients_of_large_gaussians_are_those_of_the_reference(n_features: int) -> None:
+    """A batch then has more sums than there is room for; 64 features are more columns than a block has pixels."""
+    agrees_with_reference(random_scene(250, colored=False, n_features=n_features, size=0.3), False)
+
+
+def agrees_with_reference(scene: Scene, detached: bool) -> None:
+    """Compare image and gradients with the float64 reference."""
+    view = camera(81, 50)
     ours, found = gradients(scene, view, torch.float32, "gpu", detached_channels=detached)
     truth, expected = gradients(scene, view, torch.float64, "reference", detached_channels=detached)
     assert ours.culled == truth.culled and torch.equal(ours.visible, truth.visible)

@@ -1,6 +1,7 @@
 """The stiff and extreme cases of the stability suite, with the gpu backend in the place of ``cpu``.
 
-The cases of the loss and of Adam render nothing and are left out: the gpu backend has neither yet.
+The cases of the loss and of Adam render nothing and are left out: they call the processor's functions. Loss and Adam
+of the card are compared with these in test_gpu_loss.py and test_gpu_training.py.
 """
 
 from __future__ import annotations

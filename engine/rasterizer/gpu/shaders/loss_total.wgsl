@@ -1,0 +1,22 @@
+// Sum of the parts of a loss, in a fixed order: the loss, the mean SSIM and the mean |x - y|.
+@group(0) @binding(0) var<uniform> loss: Loss;
+@group(0) @binding(1) var<storage, read> partial_sums: array<vec2<f32>>;
+@group(0) @binding(2) var<storage, read_write> loss_values: array<f32>;
+@group(0) @binding(3) var<storage, read_write> counts: array<u32>;
+
+@compute @workgroup_size(256)
+fn main(@builtin(local_invocation_index) lane: u32) {
+    var total = vec2<f32>(0.0);
+    for (var i = lane; i < loss.n_groups; i += 256u) {
+        total += partial_sums[i];
+    }
+    let found = tree_sum(lane, total);
+    if (lane == 0u) {
+        loss_values[0] = loss.by_difference * found.y + loss.by_similarity * (1.0 - found.x);
+        loss_values[1] = found.x;
+        loss_values[2] = found.y;
+        if (!is_finite(found.x) || !is_finite(found.y)) {
+            counts[NOT_FINITE] |= 4u;
+        }
+    }
+}

@@ -1,0 +1,239 @@
+"""Training steps whose data stay on the card: parameters, moments, photos.
+
+A step computes activations, image, loss, gradients and Adam, and nothing is read back but a status after many steps. A
+step that needs more pairs than the buffers hold, or meets a value that is not finite, changes nothing, and no later step
+does either until the processor has read why: a batch of queued steps ends where the first one failed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ...errors import NumericalError
+from ...scene import PinholeCamera
+from ..raster import check_camera, check_finite
+from ..settings import StepSettings
+from .adapters import Gpu, translate_card_errors
+from .frame import STORAGE
+from .layout import FrameSize, grown_capacity
+from .parameters import GROUPS, GpuParameters
+from .training_frame import TrainingFrame
+
+__all__ = ["GpuTrainer", "StepPlan"]
+
+_BATCH = 64
+"""Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a failure."""
+
+_TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
+
+
+@dataclass(frozen=True)
+class StepPlan:
+    """One training step.
+
+    Attributes
+    ----------
+    photo : int
+        Result of `GpuTrainer.add_photo`.
+    learning_rates : mapping of str to float
+        By the names of `GROUPS`. Groups that are left out, and ``sh_rest`` at degree 0, keep values and moments.
+    sh_degree : int
+        Highest band of spherical harmonics.
+    """
+
+    photo: int
+    learning_rates: Mapping[str, float]
+    sh_degree: int
+
+
+@dataclass(frozen=True)
+class _Photo:
+    camera: PinholeCamera
+    pixels: Any
+    n_valid: int
+    by_features: NDArray[np.float32] | None
+
+
+class GpuTrainer:
+    """Training steps on a card.
+
+    GpuParameters
+    ----------
+    gpu : Gpu
+    parameters : GpuParameters
+        Changed by `steps`.
+    settings : StepSettings, optional
+    capacity : int, optional
+        Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
+
+    Notes
+    -----
+    Pictures of all sizes share their buffers. Only the gradient of the image is kept for each size of picture.
+    """
+
+    def __init__(
+        self,
+        gpu: Gpu,
+        parameters: GpuParameters,
+        settings: StepSettings | None = None,
+        *,
+        capacity: int | None = None,
+    ) -> None:
+        self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
+        self._capacity = capacity or max(4096, 4 * parameters.n)
+        self._photos: list[_Photo] = []
+        self._frames: dict[tuple[int, int], TrainingFrame] = {}
+        self._scratch: dict[str, Any] = {}
+        self._status = gpu.device.create_buffer(size=4 * (3 + _BATCH), usage=STORAGE, label="status")
+
+    def add_photo(
+        self,
+        camera: PinholeCamera,
+        pixels: NDArray[np.uint8],
+        *,
+        valid: NDArray[np.bool_] | None = None,
+        by_features: NDArray[np.float32] | None = None,
+    ) -> int:
+        """Copy a photo to the card, 4 bytes per pixel, and return its number.
+
+        GpuParameters
+        ----------
+        camera : PinholeCamera
+        pixels : uint8 array of shape [H, W, 3]
+        valid : bool array of shape [H, W], optional
+            Pixels that count; all by default.
+        by_features : float32 array of shape [H, W, C], optional
+            Gradient of a further loss with respect to the blended features; zero by default.
+
+        Raises
+        ------
+        CameraError
+            If the camera cannot be rendered.
+        ValueError
+            If shapes or types do not match, or no pixel is valid.
+        """
+        check_camera(camera)
+        if pixels.dtype != np.uint8 or pixels.shape != (camera.height, camera.width, 3):
+            raise ValueError(
+                f"a photo is uint8 of shape {(camera.height, camera.width, 3)}, got {pixels.dtype} {pixels.shape}"
+            )
+        shape = (camera.height, camera.width, self.parameters.n_features)
+        if by_features is not None and by_features.shape != shape:
+            raise ValueError(f"`by_features` must have shape {shape}, got {by_features.shape}")
+        counts = np.ones(pixels.shape[:2], bool) if valid is None else np.asarray(valid, bool)
+        if counts.shape != pixels.shape[:2] or not counts.any():
+            raise ValueError(f"`valid` must have shape {pixels.shape[:2]} and leave a pixel for the loss")
+        packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
+        with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
+            buffer = self.gpu.device.create_buffer_with_data(
+                data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {len(self._photos)}"
+            )
+        self._photos.append(_Photo(camera, buffer, int(counts.sum()), by_features))
+        return len(self._photos) - 1
+
+    def steps(self, plans: Sequence[StepPlan]) -> list[float]:
+        """Make training steps and return their losses, without the one that `by_features` is the gradient of.
+
+        Raises
+        ------
+        NumericalError
+            If a parameter, the image, the loss or a gradient is not finite: no step was made from that one on.
+        EnvironmentProblem
+            If the card's memory is full, or the card stops working.
+        """
+        losses: list[float] = []
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            while len(losses) < len(plans):
+                batch = plans[len(losses) : len(losses) + _BATCH]
+                losses += self._batch(batch)
+        return losses
+
+    def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
+        """Queue steps and return the losses of those that were made; grow the buffers, or raise, where one was not."""
+        queue = self.gpu.device.queue
+        queue.write_buffer(self._status, 0, np.zeros(3 + _BATCH, np.uint32))
+        queued: Counter[str] = Counter()
+        for index, plan in enumerate(plans):
+            queued.update(self._trained(plan))
+            self._queue(plan, index, queued)
+        status = np.frombuffer(queue.read_buffer(self._status), np.uint32)
+        halted, made, wanted = (int(value) for value in status[:3])
+        for plan in plans[:made]:
+            for name in self._trained(plan):
+                self.parameters.steps[name] += 1
+        if halted == _TOO_MANY_PAIRS:
+            self._frames.clear()
+            self._scratch.clear()
+            self._capacity = grown_capacity(wanted, self.parameters.n)
+        elif halted:
+            self._raise(halted)
+        return [float(loss) for loss in status[3 : 3 + made].view(np.float32)]
+
+    def _trained(self, plan: StepPlan) -> list[str]:
+        """Return the groups that a step changes."""
+        return [
+            name
+            for name in self.parameters.names
+            if name in plan.learning_rates and (plan.sh_degree or name != "sh_rest")
+        ]
+
+    def _queue(self, plan: StepPlan, index: int, queued: Mapping[str, int]) -> None:
+        """Queue one step. `queued` counts the steps of each group since the status was cleared, with this one."""
+        photo, settings = self._photos[plan.photo], self.settings
+        frame = self._frame(photo.camera)
+        frame.set_view(photo.camera, settings.raster, plan.sh_degree)
+        frame.set_photo(photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features)
+        trained = self._trained(plan)
+        groups = np.zeros((len(GROUPS), 4), np.float32)
+        for name in trained:
+            t = self.parameters.steps[name] + queued[name]
+            rate = plan.learning_rates[name] / (1.0 - settings.beta1**t)
+            groups[GROUPS.index(name), :3] = rate, 1.0 / math.sqrt(1.0 - settings.beta2**t), 1.0
+        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps, 0, 0, 0)
+        frame.set_optimiser(index, settings.unit_features, np.array(factors, np.float32), groups)
+        frame.step()
+
+    def _frame(self, camera: PinholeCamera) -> TrainingFrame:
+        """Return the frame of the camera's size of picture. The largest is made first, so that its buffers fit all."""
+        if not self._frames:
+            self._make_frame(max((photo.camera for photo in self._photos), key=lambda one: one.width * one.height))
+        if (camera.width, camera.height) not in self._frames:
+            self._make_frame(camera)
+        return self._frames[camera.width, camera.height]
+
+    def _make_frame(self, camera: PinholeCamera) -> None:
+        parameters, width, height = self.parameters, camera.width, camera.height
+        size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
+        n_moving = 3 if self.settings.detached_features else None
+        frame = TrainingFrame(self.gpu, size, parameters, self._status, self._scratch, n_moving=n_moving)
+        self._frames[width, height] = frame
+        for name, buffer in frame.scratch.items():
+            self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
+
+    def _raise(self, found: int) -> None:
+        """Raise the error for a step that was not made, as the processor's step raises it."""
+        if found & 1:
+            for name, value in self.parameters.values().items():
+                check_finite(name, torch.from_numpy(value))
+                if name == "log_scales":
+                    with np.errstate(over="ignore"):
+                        check_finite("scales", torch.from_numpy(np.exp(value)))
+            raise NumericalError("a parameter of the Gaussians is not finite; resume from the last checkpoint.")
+        if found & 4:
+            raise NumericalError(
+                "the rendered image is not finite at a pixel that is compared with the photo; "
+                "lower the learning rate or resume from the last checkpoint."
+            )
+        if found & 2:
+            raise NumericalError("the gradient of the image is not finite; check the loss that produced it.")
+        raise NumericalError(
+            "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
+        )

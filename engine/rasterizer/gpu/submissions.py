@@ -1,0 +1,169 @@
+"""Dispatches of kernels in submissions of bounded time.
+
+A driver resets a card that works on one submission for seconds; integrated cards draw the screen meanwhile and are reset
+first. The first run of a list of dispatches measures each of them, in a submission of its own. Later runs join as many
+as the limit allows, and split a dispatch that is longer alone, where its kernel can start at any workgroup.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .adapters import Gpu
+
+__all__ = ["LIMIT_S", "Dispatch", "Submissions", "encode"]
+
+LIMIT_S = 0.2
+"""Longest submission, seconds. Watchdogs wait for 2 s (Windows, Linux) or more; the picture on the screen stands still
+meanwhile."""
+
+FILL = 0.5
+"""Share of the limit that forecasts fill, because other cameras see more Gaussians."""
+
+FIRST_GROUPS = 128
+"""Workgroups of the first part of a dispatch that was never measured. Parts grow while they are shorter than the limit."""
+
+MEASURE_INTERVAL = 64
+"""Runs after which dispatches are measured again, if together they take more than a tenth of the limit."""
+
+
+@dataclass(frozen=True)
+class Dispatch:
+    """A dispatch: `groups` workgroups, or as many as the buffer of dispatches says from entry `indirect` on.
+
+    `part` returns the dispatch of some of the workgroups, from a first one to an end; None if that is not possible.
+    """
+
+    stage: str
+    pipeline: Any
+    bindings: Any
+    groups: tuple[int, int]
+    indirect: int = -1
+    part: Callable[[int, int], Dispatch] | None = None
+
+    @property
+    def n_groups(self) -> int:
+        """Number of workgroups; 1 where only the card knows."""
+        return self.groups[0] * self.groups[1] if self.indirect < 0 else 1
+
+    def parts(self, n: int) -> list[Dispatch]:
+        """Return the same work in at most `n` dispatches."""
+        if self.part is None or n <= 1:
+            return [self]
+        size = -(-self.n_groups // min(n, self.n_groups))
+        return [self.part(at, min(at + size, self.n_groups)) for at in range(0, self.n_groups, size)]
+
+
+class Submissions:
+    """Runs one list of dispatches again and again.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    dispatches : sequence of Dispatch
+    sizes : wgpu.GPUBuffer
+        Workgroups of the indirect ones.
+
+    Attributes
+    ----------
+    seconds : list of float
+        Measured time of each dispatch, empty before the first run. Wall time: it includes what the driver adds, and every
+        card can measure it.
+    """
+
+    def __init__(self, gpu: Gpu, dispatches: Sequence[Dispatch], sizes: Any) -> None:
+        self._gpu, self.dispatches, self._sizes = gpu, dispatches, sizes
+        self._runs = 0
+        self._batches: list[list[Dispatch]] = []
+        self.seconds: list[float] = []
+
+    def run(self, zeroed: Iterable[Any]) -> None:
+        """Queue all dispatches after setting the buffers `zeroed` to zero."""
+        due = self._runs % MEASURE_INTERVAL == 0 and sum(self.seconds) > LIMIT_S / 10
+        measures = not self.seconds or due
+        self._runs += 1
+        encoder = self._gpu.device.create_command_encoder()
+        for buffer in zeroed:
+            encoder.clear_buffer(buffer)
+        if measures:
+            self._gpu.device.queue.submit([encoder.finish()])
+            before: list[float | None] = [*self.seconds] or [None] * len(self.dispatches)
+            self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
+            self._batches = self.batches()
+            return
+        for number, together in enumerate(self._batches):
+            if number:
+                encoder = self._gpu.device.create_command_encoder()
+            encode(encoder, together, self._sizes)
+            self._gpu.device.queue.submit([encoder.finish()])
+
+    def batches(self) -> list[list[Dispatch]]:
+        """Return the dispatches of each submission, by the measured times."""
+        batches: list[list[Dispatch]] = [[]]
+        filled = 0.0
+        for one, seconds in zip(self.dispatches, self.seconds, strict=True):
+            parts = one.parts(_n_parts(seconds))
+            for part in parts:
+                if batches[-1] and filled + seconds / len(parts) > FILL * LIMIT_S:
+                    batches.append([])
+                    filled = 0.0
+                filled += seconds / len(parts)
+                batches[-1].append(part)
+        return batches
+
+    def _measure(self, dispatch: Dispatch, before: float | None) -> float:
+        """Run a dispatch alone and return its time in seconds, measured `before` or never."""
+        self._wait()
+        if dispatch.part is None:
+            return self._seconds_of(dispatch)
+        if before is not None:
+            return sum(self._seconds_of(part) for part in dispatch.parts(_n_parts(before)))
+        total, at, n = 0.0, 0, FIRST_GROUPS
+        while at < dispatch.n_groups:
+            end = min(at + n, dispatch.n_groups)
+            seconds = self._seconds_of(dispatch.part(at, end))
+            total, at = total + seconds, end
+            n = min(4 * n, max(FIRST_GROUPS, int(n * FILL * LIMIT_S / seconds)))  # other tiles may take longer
+        return total
+
+    def _seconds_of(self, dispatch: Dispatch) -> float:
+        start = time.perf_counter()
+        encoder = self._gpu.device.create_command_encoder()
+        encode(encoder, [dispatch], self._sizes)
+        self._gpu.device.queue.submit([encoder.finish()])
+        self._wait()
+        return time.perf_counter() - start
+
+    def _wait(self) -> None:
+        """Wait until all that is queued is done: a read comes last. wgpu 0.32 fails in `on_submitted_work_done_sync`."""
+        self._gpu.device.queue.read_buffer(self._sizes, 0, 4)
+
+
+def _n_parts(seconds: float) -> int:
+    """Return into how many submissions a dispatch of so many seconds is split."""
+    return math.ceil(seconds / (FILL * LIMIT_S))
+
+
+def encode(
+    encoder: Any, dispatches: Iterable[Dispatch], sizes: Any, time_stage: Callable[[str, Any], Any] | None = None
+) -> None:
+    """Add dispatches to the commands of `encoder`, neighbours of one stage in one compute pass.
+
+    `time_stage` gives the descriptor of the pass of a stage, to measure it.
+    """
+    for stage, together in itertools.groupby(dispatches, key=lambda dispatch: dispatch.stage):
+        descriptor = {} if time_stage is None else {"timestamp_writes": time_stage(stage, encoder)}
+        compute = encoder.begin_compute_pass(**descriptor)
+        for dispatch in together:
+            compute.set_pipeline(dispatch.pipeline)
+            compute.set_bind_group(0, dispatch.bindings)
+            if dispatch.indirect >= 0:
+                compute.dispatch_workgroups_indirect(sizes, 4 * dispatch.indirect)
+            else:
+                compute.dispatch_workgroups(*dispatch.groups, 1)
+        compute.end()
