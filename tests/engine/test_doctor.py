@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from engine import doctor
+from engine.child_process import ChildFailure
 from engine.cli import main
 from engine.doctor import examine
 from engine.errors import EnvironmentProblem
+from engine.rasterizer import describe_cards
 
 
 def test_set_up_machine_has_all_that_is_required() -> None:
@@ -61,26 +63,38 @@ def test_deleted_folder_is_one_of_the_checks(tmp_path: Path, monkeypatch: pytest
     assert doctor._disk().detail.startswith("unknown")
 
 
-def found_card() -> doctor.Check:
-    return next(check for check in examine() if check.name == "graphics card")
+def test_card_whose_driver_crashes_or_hangs_is_one_of_the_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(*_: object, **__: object) -> None:
+        raise ChildFailure("Testing the graphics card crashed (SIGSEGV).", "crash")
+
+    monkeypatch.setattr(doctor, "run_in_child", crash)
+    check = doctor._gpu()
+    assert not check.ok and not check.required
+    assert check.detail.startswith("Testing the graphics card crashed (SIGSEGV); update its driver; ")
+
+
+def test_card_is_looked_for_in_a_process_of_its_own() -> None:
+    check = doctor._gpu()
+    assert check.ok or "none with Vulkan" in check.detail or "not used" in check.detail
 
 
 def test_software_adapter_is_named_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = {False: [], True: ["llvmpipe (Vulkan, driver Mesa, CPU, ...)"]}
     monkeypatch.setattr("engine.rasterizer.gpu.describe_adapters", lambda software=False: lines[software])
-    check = found_card()
-    assert not check.ok and not check.required
-    assert "none with Vulkan" in check.detail and "llvmpipe" in check.detail and "is software" in check.detail
+    usable, found = describe_cards()
+    assert not usable and "none with Vulkan" in found and "llvmpipe" in found and "is software" in found
 
 
 def test_card_is_described_with_the_result_of_its_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = {False: ["Card (Vulkan, driver 1.2, DiscreteGPU, buffers to 2048 MiB)"], True: []}
     monkeypatch.setattr("engine.rasterizer.gpu.describe_adapters", lambda software=False: lines[software])
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: None)
-    assert found_card().ok and "driver 1.2" in found_card().detail and "self-test" in found_card().detail
+    usable, found = describe_cards()
+    assert usable and "driver 1.2" in found and "self-test" in found
 
     def refuse() -> None:
         raise EnvironmentProblem("the graphics card Card computes a test picture wrongly; use the CPU.")
 
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", refuse)
-    assert not found_card().ok and "computes a test picture wrongly" in found_card().detail
+    usable, found = describe_cards()
+    assert not usable and "computes a test picture wrongly" in found
