@@ -82,7 +82,7 @@ batch-faults: setup ## killed workers, lost schedulers, full disks and other fau
 	$(ENGINE) -m pytest -q tests/engine/batch
 
 bench-batch: setup ## cost of a batch, and workers killed at random moments, into docs/batch.md; 40 minutes of two free cores
-	$(ENGINE) -m benchmarks.batch speed --photos 12 --preset test --doc docs/batch.md
+	$(ENGINE) -m benchmarks.batch speed --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch kills --folders 4 --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch kills --folders 2 --kills 30 --prompts vase --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
