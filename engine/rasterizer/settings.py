@@ -113,6 +113,8 @@ class StepSettings:
     ----------
     lambda_dssim : float
         Weight of 1 - SSIM in the loss, 0 to 1; that of the mean |x - y| is 1 - lambda_dssim.
+    lambda_exposure : float
+        Weight of the sum of the squares of a photo's exposure.
     beta1, beta2, eps : float
         See `engine.rasterizer.adam_step`.
     unit_features : bool
@@ -123,6 +125,7 @@ class StepSettings:
     """
 
     lambda_dssim: float = 0.2
+    lambda_exposure: float = 0.0
     beta1: float = 0.9
     beta2: float = 0.999
     eps: float = 1e-15
@@ -132,6 +135,7 @@ class StepSettings:
 
     def __post_init__(self) -> None:
         require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
+        require(self, "lambda_exposure", self.lambda_exposure >= 0.0, "at least 0")
         require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
         require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")
         require(self, "eps", self.eps > 0.0, "above 0")

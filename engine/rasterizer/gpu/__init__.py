@@ -14,6 +14,7 @@ from ...lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .adapters import Gpu, describe_adapters, open_adapter
     from .autograd import rasterize_gpu
+    from .exposure import GpuExposures
     from .frame import Frame
     from .layout import FrameSize
     from .parameters import GpuParameters
@@ -24,6 +25,7 @@ __all__ = [
     "Frame",
     "FrameSize",
     "Gpu",
+    "GpuExposures",
     "GpuParameters",
     "GpuTrainer",
     "StepPlan",

@@ -53,12 +53,14 @@ KERNELS = {
     "similarity": ("loss", "window", "tree_sum", "similarity"),
     "loss_total": ("loss", "tree_sum", "loss_total"),
     "loss_gradient": ("loss", "window", "loss_gradient"),
+    "exposure_gradient": ("loss", "tree_sum_4", "exposure_gradient"),
     "activate": ("optimiser", "activate"),
     "find_not_finite": ("find_not_finite",),
     "verdict": ("optimiser", "verdict"),
     "adam_rows": ("optimiser", "adam_rows"),
     "adam_sh": ("optimiser", "adam_sh"),
     "adam_channels": ("optimiser", "adam_channels"),
+    "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),
 }
 """Files of each kernel, after ``common``."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from ...scene import PinholeCamera
 from ..raster import check_camera, check_finite
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
+from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
 from .parameters import GROUPS, GpuParameters
@@ -31,6 +32,9 @@ __all__ = ["GpuTrainer", "StepPlan"]
 
 _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a failure."""
+
+_EXPOSURE = "exposure"
+_GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
 _TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
 
@@ -47,11 +51,17 @@ class StepPlan:
         By the names of `GROUPS`. Groups that are left out, and ``sh_rest`` at degree 0, keep values and moments.
     sh_degree : int
         Highest band of spherical harmonics.
+    exposure_rate : float, optional
+        Learning rate of the exposures, which otherwise keep values and moments.
+    centred : sequence of int
+        Views whose mean exposure is subtracted after the step.
     """
 
     photo: int
     learning_rates: Mapping[str, float]
     sh_degree: int
+    exposure_rate: float | None = None
+    centred: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -60,17 +70,20 @@ class _Photo:
     pixels: Any
     n_valid: int
     by_features: NDArray[np.float32] | None
+    view: int
 
 
 class GpuTrainer:
     """Training steps on a card.
 
-    GpuParameters
+    Parameters
     ----------
     gpu : Gpu
     parameters : GpuParameters
         Changed by `steps`.
     settings : StepSettings, optional
+    exposures : GpuExposures, optional
+        Changed by `steps`. By default, photos have no brightness factors.
     capacity : int, optional
         Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
 
@@ -85,9 +98,11 @@ class GpuTrainer:
         parameters: GpuParameters,
         settings: StepSettings | None = None,
         *,
+        exposures: GpuExposures | None = None,
         capacity: int | None = None,
     ) -> None:
         self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
+        self.exposures = exposures or GpuExposures(gpu, np.zeros((1, 3), np.float32))
         self._capacity = capacity or max(4096, 4 * parameters.n)
         self._photos: list[_Photo] = []
         self._frames: dict[tuple[int, int], TrainingFrame] = {}
@@ -101,10 +116,11 @@ class GpuTrainer:
         *,
         valid: NDArray[np.bool_] | None = None,
         by_features: NDArray[np.float32] | None = None,
+        view: int = 0,
     ) -> int:
         """Copy a photo to the card, 4 bytes per pixel, and return its number.
 
-        GpuParameters
+        Parameters
         ----------
         camera : PinholeCamera
         pixels : uint8 array of shape [H, W, 3]
@@ -112,13 +128,15 @@ class GpuTrainer:
             Pixels that count; all by default.
         by_features : float32 array of shape [H, W, C], optional
             Gradient of a further loss with respect to the blended features; zero by default.
+        view : int
+            Row of the exposures. Pictures of one photo at several sizes share it.
 
         Raises
         ------
         CameraError
             If the camera cannot be rendered.
         ValueError
-            If shapes or types do not match, or no pixel is valid.
+            If shapes or types do not match, no pixel is valid, or there is no such view.
         """
         check_camera(camera)
         if pixels.dtype != np.uint8 or pixels.shape != (camera.height, camera.width, 3):
@@ -128,16 +146,39 @@ class GpuTrainer:
         shape = (camera.height, camera.width, self.parameters.n_features)
         if by_features is not None and by_features.shape != shape:
             raise ValueError(f"`by_features` must have shape {shape}, got {by_features.shape}")
-        counts = np.ones(pixels.shape[:2], bool) if valid is None else np.asarray(valid, bool)
-        if counts.shape != pixels.shape[:2] or not counts.any():
-            raise ValueError(f"`valid` must have shape {pixels.shape[:2]} and leave a pixel for the loss")
+        if not 0 <= view < self.exposures.n:
+            raise ValueError(f"there are exposures of {self.exposures.n} views, got view {view}")
+        counts = _valid_pixels(pixels.shape[:2], valid)
         packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
         with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
             buffer = self.gpu.device.create_buffer_with_data(
                 data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {len(self._photos)}"
             )
-        self._photos.append(_Photo(camera, buffer, int(counts.sum()), by_features))
+        self._photos.append(_Photo(camera, buffer, int(counts.sum()), by_features, view))
         return len(self._photos) - 1
+
+    def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
+        """Set the pixels of a photo that count from the next step on, for example all but those of transients.
+
+        Parameters
+        ----------
+        number : int
+            Result of `add_photo`.
+        valid : bool array of shape [H, W], or None for all pixels
+
+        Raises
+        ------
+        ValueError
+            If the shape does not match, or no pixel is valid.
+        """
+        photo, queue = self._photos[number], self.gpu.device.queue
+        shape = (photo.camera.height, photo.camera.width)
+        counts = _valid_pixels(shape, valid)
+        with translate_card_errors(self.gpu, "use the CPU"):
+            packed = np.frombuffer(queue.read_buffer(photo.pixels), np.uint8).reshape(*shape, 4).copy()
+            packed[..., 3] = np.where(counts, 255, 0)
+            queue.write_buffer(photo.pixels, 0, packed)
+        self._photos[number] = replace(photo, n_valid=int(counts.sum()))
 
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
         """Make training steps and return their losses, without the one that `by_features` is the gradient of.
@@ -162,13 +203,14 @@ class GpuTrainer:
         queue.write_buffer(self._status, 0, np.zeros(3 + _BATCH, np.uint32))
         queued: Counter[str] = Counter()
         for index, plan in enumerate(plans):
-            queued.update(self._trained(plan))
+            queued.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
             self._queue(plan, index, queued)
         status = np.frombuffer(queue.read_buffer(self._status), np.uint32)
         halted, made, wanted = (int(value) for value in status[:3])
         for plan in plans[:made]:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
+            self.exposures.step += plan.exposure_rate is not None
         if halted == _TOO_MANY_PAIRS:
             self._frames.clear()
             self._scratch.clear()
@@ -190,15 +232,21 @@ class GpuTrainer:
         photo, settings = self._photos[plan.photo], self.settings
         frame = self._frame(photo.camera)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
-        frame.set_photo(photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features)
-        trained = self._trained(plan)
-        groups = np.zeros((len(GROUPS), 4), np.float32)
-        for name in trained:
-            t = self.parameters.steps[name] + queued[name]
-            rate = plan.learning_rates[name] / (1.0 - settings.beta1**t)
-            groups[GROUPS.index(name), :3] = rate, 1.0 / math.sqrt(1.0 - settings.beta2**t), 1.0
-        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps, 0, 0, 0)
-        frame.set_optimiser(index, settings.unit_features, np.array(factors, np.float32), groups)
+        frame.set_photo(
+            photo.pixels, photo.n_valid, photo.by_features, lambda_dssim=settings.lambda_dssim, view=photo.view,
+            lambda_exposure=settings.lambda_exposure,
+        )  # fmt: skip
+        self.exposures.use(plan.centred)
+        rates = {name: (plan.learning_rates[name], self.parameters.steps[name]) for name in self._trained(plan)}
+        if plan.exposure_rate is not None:
+            rates[_EXPOSURE] = plan.exposure_rate, self.exposures.step
+        groups = np.zeros((len(_GROUPS), 4), np.float32)
+        for name, (rate, done) in rates.items():
+            t = done + queued[name]
+            root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
+            groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
+        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
+        frame.set_optimiser(index, photo.view, settings.unit_features, np.array(factors, np.float32), groups)
         frame.step()
 
     def _frame(self, camera: PinholeCamera) -> TrainingFrame:
@@ -213,7 +261,9 @@ class GpuTrainer:
         parameters, width, height = self.parameters, camera.width, camera.height
         size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
         n_moving = 3 if self.settings.detached_features else None
-        frame = TrainingFrame(self.gpu, size, parameters, self._status, self._scratch, n_moving=n_moving)
+        frame = TrainingFrame(
+            self.gpu, size, parameters, self.exposures, self._status, self._scratch, n_moving=n_moving
+        )
         self._frames[width, height] = frame
         for name, buffer in frame.scratch.items():
             self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
@@ -237,3 +287,11 @@ class GpuTrainer:
         raise NumericalError(
             "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
         )
+
+
+def _valid_pixels(shape: tuple[int, ...], valid: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Return the pixels that count; raise ValueError where `valid` does not fit, or leaves none."""
+    counts = np.ones(shape, bool) if valid is None else np.asarray(valid, bool)
+    if counts.shape != shape or not counts.any():
+        raise ValueError(f"`valid` must have shape {shape} and leave a pixel for the loss")
+    return counts

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .adapters import Gpu
+from .exposure import GpuExposures
 from .frame import Frame
 from .layout import FrameSize
 from .parameters import GROUPS, GpuParameters
@@ -22,11 +23,12 @@ _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
 class TrainingFrame(Frame):
     """Buffers of training steps with pictures of one size.
 
-    GpuParameters
+    Parameters
     ----------
     gpu : Gpu
     size : FrameSize
     parameters : GpuParameters
+    exposures : GpuExposures
     status : wgpu.GPUBuffer
         See optimiser.wgsl.
     scratch : mapping of str to wgpu.GPUBuffer
@@ -45,6 +47,7 @@ class TrainingFrame(Frame):
         gpu: Gpu,
         size: FrameSize,
         parameters: GpuParameters,
+        exposures: GpuExposures,
         status: Any,
         scratch: Mapping[str, Any],
         *,
@@ -53,8 +56,9 @@ class TrainingFrame(Frame):
         super().__init__(gpu, size, n_moving=n_moving, shared={**scratch, **parameters.buffers})
         n_pixels = size.width * size.height
         self.allocate({"maps": 36 * n_pixels, "partial_sums": 8 * size.n_tiles, "loss_values": 16})
-        self.buffers |= parameters.buffers | {"status": status}
-        self._parameters = parameters
+        self.allocate({"exposure_sums": 16 * size.n_tiles, "exposure_gradient": 16})
+        self.buffers |= parameters.buffers | exposures.buffers | {"status": status}
+        self._parameters, self._exposures = parameters, exposures
         self._loss_uniform = self._uniform(32)
         self._optimisers: list[tuple[Any, int]] = []
         self._photos: dict[int, Submissions] = {}
@@ -70,11 +74,11 @@ class TrainingFrame(Frame):
     @property
     def scratch(self) -> dict[str, Any]:
         """The buffers that hold nothing from one step to the next."""
-        kept = {"gradient", "photo", "status", "dispatches", *self._parameters.buffers}
+        kept = {"gradient", "photo", "status", "dispatches", *self._parameters.buffers, *self._exposures.buffers}
         return {name: buffer for name, buffer in self.buffers.items() if name not in kept}
 
     def _optimiser_uniform(self, first: int) -> Any:
-        buffer = self._uniform(64 + 16 * len(GROUPS))
+        buffer = self._uniform(64 + 16 * (len(GROUPS) + 1))
         self._optimisers.append((buffer, first))
         return buffer
 
@@ -96,6 +100,8 @@ class TrainingFrame(Frame):
         if s.n_channels:
             names = ["totals", "channels", "features", "features_mean", "features_square", "status"]
             steps.append(self._step("adam", "adam_channels", optimiser, names, -(-s.n // 128)))
+        names = ["exposure_gradient", "exposure", "exposure_mean", "exposure_square", "in_use", "status"]
+        steps.append(self._step("adam", "adam_exposure", optimiser, names, 1))
         return steps
 
     def _find_not_finite(self, name: str, at: int, n_bytes: int) -> Any:
@@ -103,24 +109,36 @@ class TrainingFrame(Frame):
         return self._step("tests", "find_not_finite", settings, [(name, at, n_bytes), "counts"], -(-n_bytes // 2048))
 
     def set_photo(
-        self, pixels: Any, n_valid: int, lambda_dssim: float, by_features: NDArray[np.float32] | None
+        self,
+        pixels: Any,
+        n_valid: int,
+        by_features: NDArray[np.float32] | None,
+        *,
+        lambda_dssim: float,
+        view: int = 0,
+        lambda_exposure: float = 0.0,
     ) -> None:
         """Set the photo of the next steps.
 
-        GpuParameters
+        Parameters
         ----------
         pixels : wgpu.GPUBuffer
             uint8 [H, W, 4]: red, green, blue, and 0 where the pixel does not count.
         n_valid : int
             Number of pixels that count.
-        lambda_dssim : float
         by_features : float32 array of shape [H, W, C], optional
             Gradient of the channels after the colours.
+        lambda_dssim : float
+        view : int
+            Row of the exposures that the image is multiplied by.
+        lambda_exposure : float
+            Weight of the sum of that row's squares.
         """
         s = self.size
         values = np.zeros(8, np.uint32)
         values[:3] = s.width, s.height, s.n_tiles
         values[3:6] = np.array([1.0 / (3 * n_valid), lambda_dssim, 1.0 - lambda_dssim], np.float32).view(np.uint32)
+        values[6], values[7] = view, np.float32(lambda_exposure).view(np.uint32)
         self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
         if by_features is not self._given:
             gradient = np.zeros((s.height, s.width, s.n_out + 1), np.float32)
@@ -136,27 +154,38 @@ class TrainingFrame(Frame):
             self.buffers["photo"] = pixels
             n, loss = self.size.n_tiles, self._loss_uniform
             steps = [
-                self._step("loss", "similarity", loss, ["image", "photo", "maps", "partial_sums"], n),
-                self._step("loss", "loss_total", loss, ["partial_sums", "loss_values", "counts"], 1),
-                self._step("loss", "loss_gradient", loss, ["image", "photo", "maps", "gradient"], n),
+                self._step("loss", "similarity", loss, ["image", "photo", "maps", "partial_sums", "exposure"], n),
+                self._step("loss", "loss_total", loss, ["partial_sums", "loss_values", "counts", "exposure"], 1),
+                self._step(
+                    "loss",
+                    "loss_gradient",
+                    loss,
+                    ["image", "photo", "maps", "gradient", "exposure", "exposure_sums"],
+                    n,
+                ),
+                self._step(
+                    "loss", "exposure_gradient", loss, ["exposure", "exposure_sums", "exposure_gradient", "counts"], 1
+                ),
             ]
             self._photos[id(pixels)] = self._submissions(steps)
         return self._photos[id(pixels)]
 
     def set_optimiser(
-        self, index: int, unit_features: bool, factors: NDArray[np.float32], groups: NDArray[np.float32]
+        self, index: int, view: int, unit_features: bool, factors: NDArray[np.float32], groups: NDArray[np.float32]
     ) -> None:
         """Set the constants of the next step.
 
-        GpuParameters
+        Parameters
         ----------
         index : int
             Number of the step since the status was cleared.
+        view : int
+            Row of the exposures that it has a gradient of.
         unit_features : bool
-        factors : float32 array of shape [8]
-            beta1, beta2, 1 - beta1, 1 - beta2, eps, and three unused values.
-        groups : float32 array of shape [7, 4]
-            For each of `GROUPS`: step size, root of the correction of the square, 1 if it is trained.
+        factors : float32 array of shape [5]
+            beta1, beta2, 1 - beta1, 1 - beta2, eps.
+        groups : float32 array of shape [8, 4]
+            For each of `GROUPS` and the exposures: step size, root of the correction of the square, 1 if it is trained.
         """
         s = self.size
         for buffer, first in self._optimisers:
@@ -170,7 +199,12 @@ class TrainingFrame(Frame):
                 index,
                 first,
             ]
-            values = [np.array(integers, np.uint32), factors.view(np.uint32), groups.view(np.uint32).reshape(-1)]
+            values = [
+                np.array(integers, np.uint32),
+                factors.view(np.uint32),
+                np.array([view, self._exposures.n, 0], np.uint32),
+                groups.view(np.uint32).reshape(-1),
+            ]
             self.gpu.device.queue.write_buffer(buffer, 0, np.concatenate(values))
 
     def step(self) -> None:

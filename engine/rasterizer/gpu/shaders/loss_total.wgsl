@@ -3,6 +3,7 @@
 @group(0) @binding(1) var<storage, read> partial_sums: array<vec2<f32>>;
 @group(0) @binding(2) var<storage, read_write> loss_values: array<f32>;
 @group(0) @binding(3) var<storage, read_write> counts: array<u32>;
+@group(0) @binding(4) var<storage, read> exposure: array<f32>;
 
 @compute @workgroup_size(256)
 fn main(@builtin(local_invocation_index) lane: u32) {
@@ -12,7 +13,12 @@ fn main(@builtin(local_invocation_index) lane: u32) {
     }
     let found = tree_sum(lane, total);
     if (lane == 0u) {
-        loss_values[0] = loss.by_difference * found.y + loss.by_similarity * (1.0 - found.x);
+        var squares = 0.0;
+        for (var c = 0u; c < 3u; c++) {
+            squares = fma(exposure[3u * loss.view + c], exposure[3u * loss.view + c], squares);
+        }
+        loss_values[0] = loss.by_difference * found.y + loss.by_similarity * (1.0 - found.x)
+            + loss.by_exposure * squares;
         loss_values[1] = found.x;
         loss_values[2] = found.y;
         if (!is_finite(found.x) || !is_finite(found.y)) {

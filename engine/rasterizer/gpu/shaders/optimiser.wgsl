@@ -13,10 +13,10 @@ struct Optimiser {
     one_minus_beta1: f32,
     one_minus_beta2: f32,
     eps: f32,
-    unused_0: f32,
-    unused_1: f32,
-    unused_2: f32,
-    groups: array<vec4<f32>, 7>,  // step size, root of the correction of v, 1 if the group is trained
+    view: u32,           // row of `exposure` that this step has a gradient of
+    n_views: u32,        // rows of `exposure`
+    unused: u32,
+    groups: array<vec4<f32>, 8>,  // step size, root of the correction of v, 1 if the group is trained
 }
 
 const MEANS: u32 = 0u;
@@ -26,6 +26,7 @@ const OPACITY_LOGITS: u32 = 3u;
 const SH_DC: u32 = 4u;
 const SH_REST: u32 = 5u;
 const FEATURES: u32 = 6u;
+const EXPOSURE: u32 = 7u;
 
 // Status: why no step is made any more (0: steps are made), steps made, pairs wanted, then the loss of each step.
 const HALTED: u32 = 0u;
