@@ -26,7 +26,7 @@ from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
 from .parameters import GROUPS, GpuParameters
-from .training_frame import TrainingFrame
+from .training_frame import PhotoLoss, TrainingFrame
 
 __all__ = ["GpuTrainer", "StepPlan"]
 
@@ -36,7 +36,13 @@ _BATCH = 64
 _EXPOSURE = "exposure"
 _GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
-_TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
+_TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
+
+_LOSSES = 8
+"""Values of the status before the losses, as in optimiser.wgsl."""
+
+GUARDS = ("scales_at_limit", "opacities_at_limit", "clamped_positions", "reset_rotations", "gaussians_not_updated")
+"""Counts in the status, by the names of the processor's trainer."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,8 @@ class StepPlan:
         Learning rate of the exposures, which otherwise keep values and moments.
     centred : sequence of int
         Views whose mean exposure is subtracted after the step.
+    lambda_ray : float
+        Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
     """
 
     photo: int
@@ -62,6 +70,7 @@ class StepPlan:
     sh_degree: int
     exposure_rate: float | None = None
     centred: Sequence[int] = ()
+    lambda_ray: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +78,7 @@ class _Photo:
     camera: PinholeCamera
     pixels: Any
     n_valid: int
-    by_features: NDArray[np.float32] | None
+    by_features: Any
     view: int
 
 
@@ -86,6 +95,12 @@ class GpuTrainer:
         Changed by `steps`. By default, photos have no brightness factors.
     capacity : int, optional
         Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
+
+    Attributes
+    ----------
+    guards : Counter
+        Gaussians at each of the limits, and Gaussians left out because the square of a gradient overflows, summed over the
+        steps; see `GUARDS`.
 
     Notes
     -----
@@ -104,10 +119,11 @@ class GpuTrainer:
         self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
         self.exposures = exposures or GpuExposures(gpu, np.zeros((1, 3), np.float32))
         self._capacity = capacity or max(4096, 4 * parameters.n)
+        self.guards: Counter[str] = Counter()
         self._photos: list[_Photo] = []
         self._frames: dict[tuple[int, int], TrainingFrame] = {}
         self._scratch: dict[str, Any] = {}
-        self._status = gpu.device.create_buffer(size=4 * (3 + _BATCH), usage=STORAGE, label="status")
+        self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
 
     def add_photo(
         self,
@@ -154,7 +170,11 @@ class GpuTrainer:
             buffer = self.gpu.device.create_buffer_with_data(
                 data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {len(self._photos)}"
             )
-        self._photos.append(_Photo(camera, buffer, int(counts.sum()), by_features, view))
+            given = None
+            if by_features is not None:
+                data = np.ascontiguousarray(by_features, np.float32)
+                given = self.gpu.device.create_buffer_with_data(data=data, usage=STORAGE, label="by_features")
+        self._photos.append(_Photo(camera, buffer, int(counts.sum()), given, view))
         return len(self._photos) - 1
 
     def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
@@ -181,7 +201,7 @@ class GpuTrainer:
         self._photos[number] = replace(photo, n_valid=int(counts.sum()))
 
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
-        """Make training steps and return their losses, without the one that `by_features` is the gradient of.
+        """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
 
         Raises
         ------
@@ -200,13 +220,14 @@ class GpuTrainer:
     def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
         """Queue steps and return the losses of those that were made; grow the buffers, or raise, where one was not."""
         queue = self.gpu.device.queue
-        queue.write_buffer(self._status, 0, np.zeros(3 + _BATCH, np.uint32))
+        queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
         queued: Counter[str] = Counter()
         for index, plan in enumerate(plans):
             queued.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
             self._queue(plan, index, queued)
         status = np.frombuffer(queue.read_buffer(self._status), np.uint32)
         halted, made, wanted = (int(value) for value in status[:3])
+        self.guards.update(dict(zip(GUARDS, (int(n) for n in status[3:_LOSSES]), strict=True)))
         for plan in plans[:made]:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
@@ -217,7 +238,7 @@ class GpuTrainer:
             self._capacity = grown_capacity(wanted, self.parameters.n)
         elif halted:
             self._raise(halted)
-        return [float(loss) for loss in status[3 : 3 + made].view(np.float32)]
+        return [float(loss) for loss in status[_LOSSES : _LOSSES + made].view(np.float32)]
 
     def _trained(self, plan: StepPlan) -> list[str]:
         """Return the groups that a step changes."""
@@ -232,10 +253,11 @@ class GpuTrainer:
         photo, settings = self._photos[plan.photo], self.settings
         frame = self._frame(photo.camera)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
-        frame.set_photo(
-            photo.pixels, photo.n_valid, photo.by_features, lambda_dssim=settings.lambda_dssim, view=photo.view,
-            lambda_exposure=settings.lambda_exposure,
+        loss = PhotoLoss(
+            photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
+            settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
         )  # fmt: skip
+        frame.set_photo(loss)
         self.exposures.use(plan.centred)
         rates = {name: (plan.learning_rates[name], self.parameters.steps[name]) for name in self._trained(plan)}
         if plan.exposure_rate is not None:
@@ -246,7 +268,7 @@ class GpuTrainer:
             root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
             groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
         factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
-        frame.set_optimiser(index, photo.view, settings.unit_features, np.array(factors, np.float32), groups)
+        frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
         frame.step()
 
     def _frame(self, camera: PinholeCamera) -> TrainingFrame:
@@ -262,8 +284,9 @@ class GpuTrainer:
         size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
         n_moving = 3 if self.settings.detached_features else None
         frame = TrainingFrame(
-            self.gpu, size, parameters, self.exposures, self._status, self._scratch, n_moving=n_moving
-        )
+            self.gpu, size, parameters, self.exposures, self._status, self._scratch, n_moving=n_moving,
+            limits=self.settings.limits,
+        )  # fmt: skip
         self._frames[width, height] = frame
         for name, buffer in frame.scratch.items():
             self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
@@ -284,6 +307,10 @@ class GpuTrainer:
             )
         if found & 2:
             raise NumericalError("the gradient of the image is not finite; check the loss that produced it.")
+        if found == _ALL_LEFT_OUT:
+            raise NumericalError(
+                "no gradient of any Gaussian is finite; lower the learning rate or resume from the last checkpoint."
+            )
         raise NumericalError(
             "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
         )

@@ -6,11 +6,11 @@
 @group(0) @binding(3) var<storage, read_write> mean: array<f32>;
 @group(0) @binding(4) var<storage, read_write> square: array<f32>;
 @group(0) @binding(5) var<storage, read> in_use: array<u32>;  // 1 for each view in use
-@group(0) @binding(6) var<storage, read> status: array<u32>;
+@group(0) @binding(6) var<storage, read> skipped: array<u32>;
 
 @compute @workgroup_size(256)
 fn main(@builtin(local_invocation_index) lane: u32) {
-    let trained = is_trained(EXPOSURE) && status[HALTED] == 0u;
+    let trained = is_trained(EXPOSURE) && skipped[0] != NO_STEP;
     var part = vec4<f32>(0.0);  // sums, and number of views
     // Each invocation keeps its views, so that no other one writes them.
     for (var view = lane; view < optimiser.n_views && trained; view += 256u) {

@@ -10,7 +10,7 @@ from engine.errors import NumericalError
 from engine.rasterizer import Target, photometric_loss
 from engine.rasterizer.gpu import FrameSize, Gpu, GpuExposures, GpuParameters
 from engine.rasterizer.gpu.frame import STORAGE
-from engine.rasterizer.gpu.training_frame import TrainingFrame
+from engine.rasterizer.gpu.training_frame import PhotoLoss, TrainingFrame
 from engine.training.parameters import Parameters as CpuParameters
 
 from ..scenes import camera
@@ -28,7 +28,7 @@ def gpu_loss(
     frame = TrainingFrame(gpu, size, GpuParameters(gpu, arrays(parameters)), exposures, status, {})
     packed = np.ascontiguousarray(np.dstack([pixels, np.where(valid, 255, 0).astype(np.uint8)]))
     buffer = gpu.device.create_buffer_with_data(data=packed, usage=STORAGE)
-    frame.set_photo(buffer, int(valid.sum()), None, lambda_dssim=lambda_dssim)
+    frame.set_photo(PhotoLoss(buffer, int(valid.sum()), lambda_dssim))
     frame.write("image", image)
     frame.write("counts", np.zeros(4, np.uint32))
     frame._submit(frame._loss, [])
