@@ -14,6 +14,7 @@ from ...lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .adapters import Gpu, describe_adapters, open_adapter
     from .autograd import rasterize_gpu
+    from .clustering import ClusteringSample
     from .exposure import GpuExposures
     from .frame import Frame
     from .layout import FrameSize
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from .step import GpuTrainer, StepPlan
 
 __all__ = [
+    "ClusteringSample",
     "Frame",
     "FrameSize",
     "Gpu",

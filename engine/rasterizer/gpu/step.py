@@ -22,6 +22,7 @@ from ...scene import PinholeCamera
 from ..raster import check_camera, check_finite
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
+from .clustering import ClusteringSample
 from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
@@ -63,6 +64,8 @@ class StepPlan:
         Views whose mean exposure is subtracted after the step.
     lambda_ray : float
         Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
+    clustering : ClusteringSample, optional
+        Pixels of the photo that L_CC is evaluated on.
     """
 
     photo: int
@@ -71,6 +74,7 @@ class StepPlan:
     exposure_rate: float | None = None
     centred: Sequence[int] = ()
     lambda_ray: float = 0.0
+    clustering: ClusteringSample | None = None
 
 
 @dataclass(frozen=True)
@@ -209,7 +213,11 @@ class GpuTrainer:
             If a parameter, the image, the loss or a gradient is not finite: no step was made from that one on.
         EnvironmentProblem
             If the card's memory is full, or the card stops working.
+        ValueError
+            If a plan samples pixels outside of its photo, or has a loss of features that the Gaussians do not have.
         """
+        for plan in plans:
+            self._check(plan)
         losses: list[float] = []
         with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
             while len(losses) < len(plans):
@@ -240,6 +248,14 @@ class GpuTrainer:
             self._raise(halted)
         return [float(loss) for loss in status[_LOSSES : _LOSSES + made].view(np.float32)]
 
+    def _check(self, plan: StepPlan) -> None:
+        """Raise ValueError if a plan cannot be carried out: kernels do not check their indices."""
+        camera = self._photos[plan.photo].camera
+        if (plan.clustering is not None or plan.lambda_ray > 0) and not self.parameters.n_features:
+            raise ValueError("the plan has a loss of features, and the Gaussians have none")
+        if plan.clustering is not None and plan.clustering.pixels.max() >= camera.width * camera.height:
+            raise ValueError(f"the plan samples pixels outside of {camera.width} x {camera.height}")
+
     def _trained(self, plan: StepPlan) -> list[str]:
         """Return the groups that a step changes."""
         return [
@@ -256,6 +272,7 @@ class GpuTrainer:
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
             settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
+            plan.clustering,
         )  # fmt: skip
         frame.set_photo(loss)
         self.exposures.use(plan.centred)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..settings import StepLimits
 from .adapters import Gpu
+from .clustering import ClusteringLoss, ClusteringSample
 from .exposure import GpuExposures
 from .frame import Frame
 from .layout import FrameSize
@@ -45,6 +46,8 @@ class PhotoLoss:
         Weight of the disagreement of unit features along rays.
     detached : bool
         Whether that changes no transmittance.
+    clustering : ClusteringSample, optional
+        Pixels that L_CC is evaluated on.
     """
 
     pixels: Any
@@ -57,6 +60,7 @@ class PhotoLoss:
     lambda_scale: float = 0.0
     lambda_ray: float = 0.0
     detached: bool = False
+    clustering: ClusteringSample | None = None
 
 
 class TrainingFrame(Frame):
@@ -110,6 +114,8 @@ class TrainingFrame(Frame):
             ["log_scales", "opacity_logits", "features", "scales", "opacities", "channels", "status", "gaussian_sums"],
             -(-size.n // 256),
         )  # fmt: skip
+        self._clustering = ClusteringLoss(self)
+        self._sample: ClusteringSample | None = None
         self._activate = self._submissions([activate])
         self._finish = self._submissions(self._finish_steps(optimiser))
 
@@ -184,6 +190,7 @@ class TrainingFrame(Frame):
         values[12], values[13] = photo.detached, photo.given is not None
         self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
         self._loss = self._loss_of(photo.pixels, photo.given)
+        self._sample = photo.clustering
 
     def _loss_of(self, pixels: Any, given: Any) -> Submissions:
         """Return the dispatches of the loss with a photo."""
@@ -274,5 +281,7 @@ class TrainingFrame(Frame):
         self._submit(self._activate, [])
         self.forward()
         self._submit(self._loss, [])
+        if self._sample is not None:
+            self._clustering.add(self._sample)
         self.backward()
         self._submit(self._finish, ["skipped"])
