@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .parameters import GpuParameters
     from .self_test import open_gpu
     from .step import GpuTrainer, StepPlan
+    from .training_frame import PositionNoise
 
 __all__ = [
     "ClusteringSample",
@@ -30,6 +31,7 @@ __all__ = [
     "GpuExposures",
     "GpuParameters",
     "GpuTrainer",
+    "PositionNoise",
     "StepPlan",
     "describe_adapters",
     "open_adapter",

@@ -69,6 +69,7 @@ KERNELS = {
     "adam_rows": ("optimiser", "row_gradient", "adam_rows"),
     "adam_sh": ("optimiser", "adam_sh"),
     "adam_channels": ("optimiser", "channel_gradient", "adam_channels"),
+    "noise": ("philox", "noise"),
     "limits": ("optimiser", "limits"),
     "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),
 }

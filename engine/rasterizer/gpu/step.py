@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...errors import NumericalError
 from ...scene import PinholeCamera
+from ..adam import AdamState
 from ..raster import check_camera, check_finite
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
@@ -27,7 +28,7 @@ from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
 from .parameters import GROUPS, GpuParameters
-from .training_frame import PhotoLoss, TrainingFrame
+from .training_frame import PhotoLoss, PositionNoise, TrainingFrame
 
 __all__ = ["GpuTrainer", "StepPlan"]
 
@@ -66,6 +67,8 @@ class StepPlan:
         Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
     clustering : ClusteringSample, optional
         Pixels of the photo that L_CC is evaluated on.
+    noise : PositionNoise, optional
+        Random walk after the step, before the limits.
     """
 
     photo: int
@@ -75,6 +78,7 @@ class StepPlan:
     centred: Sequence[int] = ()
     lambda_ray: float = 0.0
     clustering: ClusteringSample | None = None
+    noise: PositionNoise | None = None
 
 
 @dataclass(frozen=True)
@@ -204,6 +208,39 @@ class GpuTrainer:
             queue.write_buffer(photo.pixels, 0, packed)
         self._photos[number] = replace(photo, n_valid=int(counts.sum()))
 
+    def download(self) -> tuple[dict[str, torch.Tensor], dict[str, AdamState]]:
+        """Return copies of values and moments by name, the types of the processor's trainer."""
+        with translate_card_errors(self.gpu, "use the CPU"):
+            values = {name: torch.from_numpy(value) for name, value in self.parameters.values().items()}
+            return values, self.parameters.moments()
+
+    def upload(
+        self, values: Mapping[str, torch.Tensor], moments: Mapping[str, AdamState], *, n_background: int = 0
+    ) -> None:
+        """Replace the Gaussians, for example by a relocated or larger set; photos and exposures stay.
+
+        Parameters
+        ----------
+        values, moments : mapping of str to tensor, and to AdamState
+            As `download` returns them. There may be other Gaussians and fewer bands of harmonics, not other features.
+        n_background : int
+
+        Raises
+        ------
+        ValueError
+            If the number of features changes.
+        EnvironmentProblem
+            If the card's memory is full.
+        """
+        arrays = {name: np.ascontiguousarray(value.detach().numpy()) for name, value in values.items()}
+        n_features = arrays["features"].shape[1] if "features" in arrays else 0
+        if n_features != self.parameters.n_features:
+            raise ValueError(f"the Gaussians have {self.parameters.n_features} features, got {n_features}")
+        # The buffers of the frames are those of the old Gaussians, which are freed before the new ones are made.
+        self._frames.clear()
+        self._scratch.clear()
+        self.parameters = GpuParameters(self.gpu, arrays, moments, n_background=n_background)
+
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
         """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
 
@@ -285,6 +322,7 @@ class GpuTrainer:
             root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
             groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
         factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
+        frame.set_noise(plan.noise)
         frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
         frame.step()
 

@@ -18,9 +18,33 @@ from .layout import FrameSize
 from .parameters import GROUPS, GpuParameters
 from .submissions import Submissions
 
-__all__ = ["PhotoLoss", "TrainingFrame"]
+__all__ = ["PhotoLoss", "PositionNoise", "TrainingFrame"]
 
 _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
+
+
+_NOISE = 5
+"""Purpose of the random draws, as in the processor's trainer: one draw for each seed, step, purpose and Gaussian."""
+
+
+@dataclass(frozen=True)
+class PositionNoise:
+    """Random walk of nearly transparent Gaussians after a step.
+
+    Attributes
+    ----------
+    amount : float
+        Factor of the covariance, per world unit: learning rate of the positions per extent, times strength, over extent.
+    max_walk : float
+        Largest distance along each axis, in scales.
+    seed, step : int
+        Keys of the draws, 0 to 2^32 - 1.
+    """
+
+    amount: float
+    max_walk: float
+    seed: int
+    step: int
 
 
 @dataclass(frozen=True)
@@ -114,6 +138,7 @@ class TrainingFrame(Frame):
             ["log_scales", "opacity_logits", "features", "scales", "opacities", "channels", "status", "gaussian_sums"],
             -(-size.n // 256),
         )  # fmt: skip
+        self._noise_uniform = self._uniform(32)
         self._clustering = ClusteringLoss(self)
         self._sample: ClusteringSample | None = None
         self._activate = self._submissions([activate])
@@ -139,7 +164,7 @@ class TrainingFrame(Frame):
         return buffer
 
     def _finish_steps(self, optimiser: Any) -> list[Any]:
-        """Return the dispatches after the backward pass: tests, verdict, Adam, limits."""
+        """Return the dispatches after the backward pass: tests, verdict, Adam, noise, limits."""
         s = self.size
         steps = []
         for name in ("gradients", "totals"):
@@ -161,6 +186,8 @@ class TrainingFrame(Frame):
             steps.append(self._step("adam", "adam_channels", optimiser, names, -(-s.n // 128)))
         names = ["exposure_gradient", "exposure", "exposure_mean", "exposure_square", "in_use", "skipped"]
         steps.append(self._step("adam", "adam_exposure", optimiser, names, 1))
+        names = ["means", "quats", "log_scales", "opacity_logits", "skipped"]
+        steps.append(self._step("noise", "noise", self._noise_uniform, names, -(-s.n // 128)))
         if self._limits is not None:
             names = ["means", "quats", "log_scales", "opacity_logits", "skipped", "status"]
             steps.append(self._step("limits", "limits", optimiser, names, -(-s.n // 128)))
@@ -191,6 +218,15 @@ class TrainingFrame(Frame):
         self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
         self._loss = self._loss_of(photo.pixels, photo.given)
         self._sample = photo.clustering
+
+    def set_noise(self, noise: PositionNoise | None) -> None:
+        """Set the random walk after the next step; None for no walk."""
+        values = np.zeros(8, np.uint32)
+        values[0], values[3] = self.size.n, _NOISE
+        if noise is not None:
+            values[1:3] = noise.step, noise.seed
+            values[4:6] = np.array([noise.amount, noise.max_walk], np.float32).view(np.uint32)
+        self.gpu.device.queue.write_buffer(self._noise_uniform, 0, values)
 
     def _loss_of(self, pixels: Any, given: Any) -> Submissions:
         """Return the dispatches of the loss with a photo."""
