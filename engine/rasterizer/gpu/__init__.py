@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from .parameters import GpuParameters
     from .self_test import open_gpu
     from .step import GpuTrainer, StepPlan
-    from .training_frame import PositionNoise
+    from .training_frame import Dropout, PositionNoise
 
 __all__ = [
     "ClusteringSample",
+    "Dropout",
     "Frame",
     "FrameSize",
     "Gpu",

@@ -28,7 +28,7 @@ from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
 from .parameters import GROUPS, GpuParameters
-from .training_frame import PhotoLoss, PositionNoise, TrainingFrame
+from .training_frame import Dropout, PhotoLoss, PositionNoise, TrainingFrame
 
 __all__ = ["GpuTrainer", "StepPlan"]
 
@@ -67,6 +67,7 @@ class StepPlan:
         Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
     clustering : ClusteringSample, optional
         Pixels of the photo that L_CC is evaluated on.
+    dropout : Dropout, optional
     noise : PositionNoise, optional
         Random walk after the step, before the limits.
     """
@@ -78,6 +79,7 @@ class StepPlan:
     centred: Sequence[int] = ()
     lambda_ray: float = 0.0
     clustering: ClusteringSample | None = None
+    dropout: Dropout | None = None
     noise: PositionNoise | None = None
 
 
@@ -309,7 +311,7 @@ class GpuTrainer:
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
             settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
-            plan.clustering,
+            plan.clustering, plan.dropout,
         )  # fmt: skip
         frame.set_photo(loss)
         self.exposures.use(plan.centred)

@@ -18,13 +18,37 @@ from .layout import FrameSize
 from .parameters import GROUPS, GpuParameters
 from .submissions import Submissions
 
-__all__ = ["PhotoLoss", "PositionNoise", "TrainingFrame"]
+__all__ = ["Dropout", "PhotoLoss", "PositionNoise", "TrainingFrame"]
 
 _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
 
 
 _NOISE = 5
 """Purpose of the random draws, as in the processor's trainer: one draw for each seed, step, purpose and Gaussian."""
+
+
+@dataclass(frozen=True)
+class Dropout:
+    """Gaussians that are left out of the picture of one step; the opacities of the others are raised to make up for them.
+
+    Attributes
+    ----------
+    fraction : float
+        Share that is left out, 0 to below 1.
+    max_opacity : float
+        Largest opacity that the others get.
+    seed, step : int
+        Keys of the draws, 0 to 2^32 - 1.
+    """
+
+    fraction: float
+    max_opacity: float
+    seed: int
+    step: int
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.fraction < 1.0:
+            raise ValueError(f"a share of Gaussians is at least 0 and below 1, got {self.fraction}")
 
 
 @dataclass(frozen=True)
@@ -72,6 +96,7 @@ class PhotoLoss:
         Whether that changes no transmittance.
     clustering : ClusteringSample, optional
         Pixels that L_CC is evaluated on.
+    dropout : Dropout, optional
     """
 
     pixels: Any
@@ -85,6 +110,7 @@ class PhotoLoss:
     lambda_ray: float = 0.0
     detached: bool = False
     clustering: ClusteringSample | None = None
+    dropout: Dropout | None = None
 
 
 class TrainingFrame(Frame):
@@ -159,7 +185,7 @@ class TrainingFrame(Frame):
         return {name: buffer for name, buffer in self.buffers.items() if name not in kept}
 
     def _optimiser_uniform(self, first: int) -> Any:
-        buffer = self._uniform(112 + 16 * (len(GROUPS) + 1))
+        buffer = self._uniform(128 + 16 * (len(GROUPS) + 1))
         self._optimisers.append((buffer, first))
         return buffer
 
@@ -298,13 +324,14 @@ class TrainingFrame(Frame):
                 factors.view(np.uint32),
                 np.array([photo.view, self._exposures.n], np.uint32),
                 self._limit_values(photo).view(np.uint32),
+                _dropout_values(photo.dropout),
                 groups.view(np.uint32).reshape(-1),
             ]
             self.gpu.device.queue.write_buffer(buffer, 0, np.concatenate(values))
 
     def _limit_values(self, photo: PhotoLoss) -> NDArray[np.float32]:
-        """Return the derivatives by each opacity and scale, and the limits, as in optimiser.wgsl; shape [13]."""
-        values = np.zeros(13, np.float32)
+        """Return the derivatives by each opacity and scale, and the limits, as in optimiser.wgsl; shape [10]."""
+        values = np.zeros(10, np.float32)
         values[:2] = photo.lambda_opacity / self.size.n, photo.lambda_scale / (3 * self.size.n)
         if limits := self._limits:
             values[2:5], values[5] = limits.center, limits.max_distance
@@ -321,3 +348,12 @@ class TrainingFrame(Frame):
             self._clustering.add(self._sample)
         self.backward()
         self._submit(self._finish, ["skipped"])
+
+
+def _dropout_values(dropout: Dropout | None) -> NDArray[np.uint32]:
+    """Return the constants of dropout, as in optimiser.wgsl; shape [7]."""
+    values = np.zeros(7, np.uint32)
+    if dropout is not None:
+        values[:2] = np.array([dropout.fraction, dropout.max_opacity], np.float32).view(np.uint32)
+        values[2:4] = dropout.seed, dropout.step
+    return values

@@ -1,4 +1,4 @@
-// Scales, opacities and unit channels from the values that are trained, and sums of opacities and scales.
+// Scales, rendered opacities and unit channels from the values that are trained, and sums of opacities and scales.
 @group(0) @binding(0) var<uniform> optimiser: Optimiser;
 @group(0) @binding(1) var<storage, read> log_scales: array<f32>;
 @group(0) @binding(2) var<storage, read> opacity_logits: array<f32>;
@@ -13,7 +13,7 @@
 fn activate(g: u32) -> vec2<f32> {
     var finite = is_finite(opacity_logits[g]);
     var total = vec2<f32>(1.0 / (1.0 + exp(-opacity_logits[g])), 0.0);
-    opacities[g] = total.x;
+    opacities[g] = dropped(g, total.x).x;
     for (var k = 0u; k < 3u; k++) {
         finite = finite && is_finite(log_scales[3u * g + k]);
         let scale = exp(log_scales[3u * g + k]);

@@ -25,9 +25,13 @@ struct Optimiser {
     log_min_scale: f32,
     log_max_aspect: f32,
     max_logit: f32,
-    unused_0: f32,
-    unused_1: f32,
-    unused_2: f32,
+    dropout: f32,        // share of the Gaussians that are left out of the picture
+    max_raised: f32,     // largest opacity of the others
+    seed: u32,           // keys of the draws
+    step: u32,
+    unused_0: u32,
+    unused_1: u32,
+    unused_2: u32,
     groups: array<vec4<f32>, 8>,  // step size, root of the correction of v, 1 if the group is trained
 }
 

@@ -8,7 +8,7 @@ fn row_gradient(g: u32, k: u32) -> f32 {
     let gradient = gradients[12u * g + k];
     if (k >= 10u) {
         let opacity = 1.0 / (1.0 + exp(-opacity_logits[g]));
-        return (gradient + optimiser.by_opacity) * (1.0 - opacity) * opacity;
+        return (gradient * dropped(g, opacity).y + optimiser.by_opacity) * (1.0 - opacity) * opacity;
     }
     if (k >= 7u) {
         return (gradient + optimiser.by_scale) * exp(log_scales[3u * g + k - 7u]);

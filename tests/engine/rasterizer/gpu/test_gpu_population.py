@@ -1,4 +1,4 @@
-"""Random walk on the card, and Gaussians that the processor changes between steps: relocated, added, cut."""
+"""Random walk, dropout, and Gaussians that the processor changes between steps: relocated, added, cut."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from engine.rasterizer import AdamState, Target
-from engine.rasterizer.gpu import Gpu, GpuParameters, GpuTrainer, PositionNoise, StepPlan
+from engine.rasterizer import AdamState, Target, photometric_loss
+from engine.rasterizer.gpu import Dropout, Gpu, GpuParameters, GpuTrainer, PositionNoise, StepPlan
 from engine.rasterizer.settings import StepSettings
-from engine.training.densify import MAX_WALK, grow, position_noise, relocate
+from engine.training.densify import MAX_RAISED_OPACITY, MAX_WALK, drop, grow, position_noise, relocate
 from engine.training.parameters import Parameters as CpuParameters
+from engine.training.parameters import render
 
 from ..scenes import camera
 from ..test_cpu_against_reference import relative_errors
@@ -83,6 +84,45 @@ def test_transparent_gaussians_walk_as_on_the_processor_by_draws_of_seed_step_an
     values = found[0].parameters.values()
     assert np.array_equal(values["means"][still], before["means"][still])
     assert all(np.array_equal(values[name], before[name]) for name in values if name != "means")
+
+
+@pytest.mark.parametrize("size", [0.07, 0.2])
+def test_gaussians_are_left_out_of_a_picture_as_on_the_processor(
+    size: float, opened_gpu: Gpu, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, seed = StepSettings(lambda_opacity=0.3), 11
+    cpu = start(size=size)
+    cpu.values["opacity_logits"][:60] = torch.linspace(1.0, 9.0, 60)  # some reach the largest opacity
+    cpu.n_background = 20
+    values = arrays(cpu)
+    runs = []
+    for _ in range(2):
+        trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values, n_background=20), settings)
+        trainer.add_photo(VIEW, photo(VIEW))
+        plans = [StepPlan(0, RATES, 3, dropout=Dropout(0.4, MAX_RAISED_OPACITY, seed, step)) for step in range(3)]
+        runs.append((trainer, trainer.steps(plans)))
+    (trainer, losses), (other, again) = runs
+    assert losses == again and same(trainer, other)
+    expected = []
+    for step in range(3):
+        counter = np.zeros((len(cpu), 4), np.uint32)
+        counter[:, 0], counter[:, 1], counter[:, 2] = np.arange(len(cpu)), step, 6
+        draws = torch.from_numpy(((philox(counter, (seed, 0))[:, 0] >> 8) * 2.0**-24).astype(np.float32))
+        monkeypatch.setattr("engine.training.densify.torch.rand", lambda *_, draws=draws, **__: draws)
+        cpu.track()
+        opacities = cpu.values["opacity_logits"].sigmoid()
+        rendered = drop(opacities, 0.4, n_background=20, generator=torch.Generator())
+        assert 50 < int((rendered == 0.0).sum()) < 150
+        raster = render(cpu.values, VIEW, backend="cpu", sh_degree=3, opacities=rendered)
+        loss = photometric_loss(raster.image, Target(photo(VIEW))) + settings.lambda_opacity * opacities.mean()
+        loss.backward()
+        cpu.step(dict(RATES))
+        expected.append(loss.item())
+    np.testing.assert_allclose(losses, expected, rtol=1e-5)
+    # Limits as in test_gpu_training.
+    for name, own in trainer.parameters.moments().items():
+        errors = relative_errors(own.mean, cpu.moments[name].mean)
+        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
 
 
 def test_walks_of_other_steps_and_seeds_differ_and_are_normally_distributed(opened_gpu: Gpu) -> None:
