@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .exposure import GpuExposures
     from .frame import Frame
     from .layout import FrameSize
+    from .neighbours import NeighbourSample
     from .parameters import GpuParameters
     from .self_test import open_gpu
     from .step import GpuTrainer, StepPlan
@@ -32,6 +33,7 @@ __all__ = [
     "GpuExposures",
     "GpuParameters",
     "GpuTrainer",
+    "NeighbourSample",
     "PositionNoise",
     "StepPlan",
     "describe_adapters",

@@ -61,6 +61,8 @@ KERNELS = {
     "clustering_center_gradients": ("clustering", "tree_sum_4", "clustering_logit", "clustering_center_gradients"),
     "clustering_pixels": ("clustering", "clustering_pixels"),
     "clustering_total": ("clustering", "tree_sum_4", "clustering_total"),
+    "neighbour_cosines": ("neighbours", "tree_sum_4", "neighbour_cosines"),
+    "neighbour_gradients": ("neighbours", "neighbour_gradients"),
     "activate": ("optimiser", "philox", "dropout", "tree_sum", "activate"),
     "find_not_finite": ("find_not_finite",),
     "verdict": ("optimiser", "verdict"),

@@ -27,6 +27,7 @@ from .clustering import ClusteringSample
 from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
+from .neighbours import NeighbourSample
 from .parameters import GROUPS, GpuParameters
 from .training_frame import Dropout, PhotoLoss, PositionNoise, TrainingFrame
 
@@ -67,6 +68,8 @@ class StepPlan:
         Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
     clustering : ClusteringSample, optional
         Pixels of the photo that L_CC is evaluated on.
+    neighbours : NeighbourSample, optional
+        Gaussians that L_reg is evaluated on.
     dropout : Dropout, optional
     noise : PositionNoise, optional
         Random walk after the step, before the limits.
@@ -79,6 +82,7 @@ class StepPlan:
     centred: Sequence[int] = ()
     lambda_ray: float = 0.0
     clustering: ClusteringSample | None = None
+    neighbours: NeighbourSample | None = None
     dropout: Dropout | None = None
     noise: PositionNoise | None = None
 
@@ -253,7 +257,7 @@ class GpuTrainer:
         EnvironmentProblem
             If the card's memory is full, or the card stops working.
         ValueError
-            If a plan samples pixels outside of its photo, or has a loss of features that the Gaussians do not have.
+            If a plan samples pixels outside of its photo or Gaussians that there are not, or has a loss of features that the Gaussians do not have.
         """
         for plan in plans:
             self._check(plan)
@@ -290,10 +294,13 @@ class GpuTrainer:
     def _check(self, plan: StepPlan) -> None:
         """Raise ValueError if a plan cannot be carried out: kernels do not check their indices."""
         camera = self._photos[plan.photo].camera
-        if (plan.clustering is not None or plan.lambda_ray > 0) and not self.parameters.n_features:
+        uses_features = plan.clustering is not None or plan.neighbours is not None or plan.lambda_ray > 0
+        if uses_features and not self.parameters.n_features:
             raise ValueError("the plan has a loss of features, and the Gaussians have none")
         if plan.clustering is not None and plan.clustering.pixels.max() >= camera.width * camera.height:
             raise ValueError(f"the plan samples pixels outside of {camera.width} x {camera.height}")
+        if plan.neighbours is not None and plan.neighbours.rows.max() >= self.parameters.n:
+            raise ValueError(f"the plan samples Gaussians beyond the {self.parameters.n} that there are")
 
     def _trained(self, plan: StepPlan) -> list[str]:
         """Return the groups that a step changes."""
@@ -311,7 +318,7 @@ class GpuTrainer:
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
             settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
-            plan.clustering, plan.dropout,
+            plan.clustering, plan.dropout, plan.neighbours,
         )  # fmt: skip
         frame.set_photo(loss)
         self.exposures.use(plan.centred)

@@ -15,6 +15,7 @@ from .clustering import ClusteringLoss, ClusteringSample
 from .exposure import GpuExposures
 from .frame import Frame
 from .layout import FrameSize
+from .neighbours import NeighbourLoss, NeighbourSample
 from .parameters import GROUPS, GpuParameters
 from .submissions import Submissions
 
@@ -97,6 +98,8 @@ class PhotoLoss:
     clustering : ClusteringSample, optional
         Pixels that L_CC is evaluated on.
     dropout : Dropout, optional
+    neighbours : NeighbourSample, optional
+        Gaussians that L_reg is evaluated on.
     """
 
     pixels: Any
@@ -111,6 +114,7 @@ class PhotoLoss:
     detached: bool = False
     clustering: ClusteringSample | None = None
     dropout: Dropout | None = None
+    neighbours: NeighbourSample | None = None
 
 
 class TrainingFrame(Frame):
@@ -166,7 +170,7 @@ class TrainingFrame(Frame):
         )  # fmt: skip
         self._noise_uniform = self._uniform(32)
         self._clustering = ClusteringLoss(self)
-        self._sample: ClusteringSample | None = None
+        self._neighbours = NeighbourLoss(self)
         self._activate = self._submissions([activate])
         self._finish = self._submissions(self._finish_steps(optimiser))
 
@@ -243,7 +247,7 @@ class TrainingFrame(Frame):
         values[12], values[13] = photo.detached, photo.given is not None
         self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
         self._loss = self._loss_of(photo.pixels, photo.given)
-        self._sample = photo.clustering
+        self._photo = photo
 
     def set_noise(self, noise: PositionNoise | None) -> None:
         """Set the random walk after the next step; None for no walk."""
@@ -344,9 +348,11 @@ class TrainingFrame(Frame):
         self._submit(self._activate, [])
         self.forward()
         self._submit(self._loss, [])
-        if self._sample is not None:
-            self._clustering.add(self._sample)
+        if self._photo.clustering is not None:
+            self._clustering.add(self._photo.clustering)
         self.backward()
+        if self._photo.neighbours is not None:
+            self._neighbours.add(self._photo.neighbours)
         self._submit(self._finish, ["skipped"])
 
 
