@@ -1,8 +1,9 @@
 """Training steps whose data stay on the card: parameters, moments, photos.
 
-A step computes activations, image, loss, gradients and Adam, and nothing is read back but a status after many steps. A
-step that needs more pairs than the buffers hold, or meets a value that is not finite, changes nothing, and no later step
-does either until the processor has read why: a batch of queued steps ends where the first one failed.
+A step computes activations, image, loss, gradients, Adam, random walk and limits, with the terms of the processor's trainer
+that its plan asks for. Nothing is read back but a status after many steps. A step that needs more pairs than the buffers
+hold, or meets a value that is not finite, changes nothing, and no later step does either until the processor has read why:
+a batch of queued steps ends where the first one failed.
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ class StepPlan:
         Result of `GpuTrainer.add_photo`.
     learning_rates : mapping of str to float
         By the names of `GROUPS`. Groups that are left out, and ``sh_rest`` at degree 0, keep values and moments.
+        The processor's trainer leaves out ``features`` in steps without a loss of features.
     sh_degree : int
         Highest band of spherical harmonics.
     exposure_rate : float, optional
