@@ -14,18 +14,27 @@ from ...lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .adapters import Gpu, describe_adapters, open_adapter
     from .autograd import rasterize_gpu
+    from .clustering import ClusteringSample
+    from .exposure import GpuExposures
     from .frame import Frame
     from .layout import FrameSize
+    from .neighbours import NeighbourSample
     from .parameters import GpuParameters
     from .self_test import open_gpu
     from .step import GpuTrainer, StepPlan
+    from .training_frame import Dropout, PositionNoise
 
 __all__ = [
+    "ClusteringSample",
+    "Dropout",
     "Frame",
     "FrameSize",
     "Gpu",
+    "GpuExposures",
     "GpuParameters",
     "GpuTrainer",
+    "NeighbourSample",
+    "PositionNoise",
     "StepPlan",
     "describe_adapters",
     "open_adapter",

@@ -37,7 +37,7 @@ class _Group:
 class GpuParameters:
     """N Gaussians in training.
 
-    GpuParameters
+    Parameters
     ----------
     gpu : Gpu
     values : mapping of str to float32 array of shape [N, ...]

@@ -1,8 +1,9 @@
 """Training steps whose data stay on the card: parameters, moments, photos.
 
-A step computes activations, image, loss, gradients and Adam, and nothing is read back but a status after many steps. A
-step that needs more pairs than the buffers hold, or meets a value that is not finite, changes nothing, and no later step
-does either until the processor has read why: a batch of queued steps ends where the first one failed.
+A step computes activations, image, loss, gradients, Adam, random walk and limits, with the terms of the processor's trainer
+that its plan asks for. Nothing is read back but a status after many steps. A step that needs more pairs than the buffers
+hold, or meets a value that is not finite, changes nothing, and no later step does either until the processor has read why:
+a batch of queued steps ends where the first one failed.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,20 +20,33 @@ from numpy.typing import NDArray
 
 from ...errors import NumericalError
 from ...scene import PinholeCamera
+from ..adam import AdamState
 from ..raster import check_camera, check_finite
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
+from .clustering import ClusteringSample
+from .exposure import GpuExposures
 from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
+from .neighbours import NeighbourSample
 from .parameters import GROUPS, GpuParameters
-from .training_frame import TrainingFrame
+from .training_frame import Dropout, PhotoLoss, PositionNoise, TrainingFrame
 
 __all__ = ["GpuTrainer", "StepPlan"]
 
 _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a failure."""
 
-_TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
+_EXPOSURE = "exposure"
+_GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
+
+_TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
+
+_LOSSES = 8
+"""Values of the status before the losses, as in optimiser.wgsl."""
+
+GUARDS = ("scales_at_limit", "opacities_at_limit", "clamped_positions", "reset_rotations", "gaussians_not_updated")
+"""Counts in the status, by the names of the processor's trainer."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +59,34 @@ class StepPlan:
         Result of `GpuTrainer.add_photo`.
     learning_rates : mapping of str to float
         By the names of `GROUPS`. Groups that are left out, and ``sh_rest`` at degree 0, keep values and moments.
+        The processor's trainer leaves out ``features`` in steps without a loss of features.
     sh_degree : int
         Highest band of spherical harmonics.
+    exposure_rate : float, optional
+        Learning rate of the exposures, which otherwise keep values and moments.
+    centred : sequence of int
+        Views whose mean exposure is subtracted after the step.
+    lambda_ray : float
+        Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
+    clustering : ClusteringSample, optional
+        Pixels of the photo that L_CC is evaluated on.
+    neighbours : NeighbourSample, optional
+        Gaussians that L_reg is evaluated on.
+    dropout : Dropout, optional
+    noise : PositionNoise, optional
+        Random walk after the step, before the limits.
     """
 
     photo: int
     learning_rates: Mapping[str, float]
     sh_degree: int
+    exposure_rate: float | None = None
+    centred: Sequence[int] = ()
+    lambda_ray: float = 0.0
+    clustering: ClusteringSample | None = None
+    neighbours: NeighbourSample | None = None
+    dropout: Dropout | None = None
+    noise: PositionNoise | None = None
 
 
 @dataclass(frozen=True)
@@ -59,20 +94,29 @@ class _Photo:
     camera: PinholeCamera
     pixels: Any
     n_valid: int
-    by_features: NDArray[np.float32] | None
+    by_features: Any
+    view: int
 
 
 class GpuTrainer:
     """Training steps on a card.
 
-    GpuParameters
+    Parameters
     ----------
     gpu : Gpu
     parameters : GpuParameters
         Changed by `steps`.
     settings : StepSettings, optional
+    exposures : GpuExposures, optional
+        Changed by `steps`. By default, photos have no brightness factors.
     capacity : int, optional
         Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
+
+    Attributes
+    ----------
+    guards : Counter
+        Gaussians at each of the limits, and Gaussians left out because the square of a gradient overflows, summed over the
+        steps; see `GUARDS`.
 
     Notes
     -----
@@ -85,14 +129,17 @@ class GpuTrainer:
         parameters: GpuParameters,
         settings: StepSettings | None = None,
         *,
+        exposures: GpuExposures | None = None,
         capacity: int | None = None,
     ) -> None:
         self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
+        self.exposures = exposures or GpuExposures(gpu, np.zeros((1, 3), np.float32))
         self._capacity = capacity or max(4096, 4 * parameters.n)
+        self.guards: Counter[str] = Counter()
         self._photos: list[_Photo] = []
         self._frames: dict[tuple[int, int], TrainingFrame] = {}
         self._scratch: dict[str, Any] = {}
-        self._status = gpu.device.create_buffer(size=4 * (3 + _BATCH), usage=STORAGE, label="status")
+        self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
 
     def add_photo(
         self,
@@ -101,10 +148,11 @@ class GpuTrainer:
         *,
         valid: NDArray[np.bool_] | None = None,
         by_features: NDArray[np.float32] | None = None,
+        view: int = 0,
     ) -> int:
         """Copy a photo to the card, 4 bytes per pixel, and return its number.
 
-        GpuParameters
+        Parameters
         ----------
         camera : PinholeCamera
         pixels : uint8 array of shape [H, W, 3]
@@ -112,13 +160,15 @@ class GpuTrainer:
             Pixels that count; all by default.
         by_features : float32 array of shape [H, W, C], optional
             Gradient of a further loss with respect to the blended features; zero by default.
+        view : int
+            Row of the exposures. Pictures of one photo at several sizes share it.
 
         Raises
         ------
         CameraError
             If the camera cannot be rendered.
         ValueError
-            If shapes or types do not match, or no pixel is valid.
+            If shapes or types do not match, no pixel is valid, or there is no such view.
         """
         check_camera(camera)
         if pixels.dtype != np.uint8 or pixels.shape != (camera.height, camera.width, 3):
@@ -128,19 +178,79 @@ class GpuTrainer:
         shape = (camera.height, camera.width, self.parameters.n_features)
         if by_features is not None and by_features.shape != shape:
             raise ValueError(f"`by_features` must have shape {shape}, got {by_features.shape}")
-        counts = np.ones(pixels.shape[:2], bool) if valid is None else np.asarray(valid, bool)
-        if counts.shape != pixels.shape[:2] or not counts.any():
-            raise ValueError(f"`valid` must have shape {pixels.shape[:2]} and leave a pixel for the loss")
+        if not 0 <= view < self.exposures.n:
+            raise ValueError(f"there are exposures of {self.exposures.n} views, got view {view}")
+        counts = _valid_pixels(pixels.shape[:2], valid)
         packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
         with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
             buffer = self.gpu.device.create_buffer_with_data(
                 data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {len(self._photos)}"
             )
-        self._photos.append(_Photo(camera, buffer, int(counts.sum()), by_features))
+            given = None
+            if by_features is not None:
+                data = np.ascontiguousarray(by_features, np.float32)
+                given = self.gpu.device.create_buffer_with_data(data=data, usage=STORAGE, label="by_features")
+        self._photos.append(_Photo(camera, buffer, int(counts.sum()), given, view))
         return len(self._photos) - 1
 
+    def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
+        """Set the pixels of a photo that count from the next step on, for example all but those of transients.
+
+        Parameters
+        ----------
+        number : int
+            Result of `add_photo`.
+        valid : bool array of shape [H, W], or None for all pixels
+
+        Raises
+        ------
+        ValueError
+            If the shape does not match, or no pixel is valid.
+        """
+        photo, queue = self._photos[number], self.gpu.device.queue
+        shape = (photo.camera.height, photo.camera.width)
+        counts = _valid_pixels(shape, valid)
+        with translate_card_errors(self.gpu, "use the CPU"):
+            packed = np.frombuffer(queue.read_buffer(photo.pixels), np.uint8).reshape(*shape, 4).copy()
+            packed[..., 3] = np.where(counts, 255, 0)
+            queue.write_buffer(photo.pixels, 0, packed)
+        self._photos[number] = replace(photo, n_valid=int(counts.sum()))
+
+    def download(self) -> tuple[dict[str, torch.Tensor], dict[str, AdamState]]:
+        """Return copies of values and moments by name, the types of the processor's trainer."""
+        with translate_card_errors(self.gpu, "use the CPU"):
+            values = {name: torch.from_numpy(value) for name, value in self.parameters.values().items()}
+            return values, self.parameters.moments()
+
+    def upload(
+        self, values: Mapping[str, torch.Tensor], moments: Mapping[str, AdamState], *, n_background: int = 0
+    ) -> None:
+        """Replace the Gaussians, for example by a relocated or larger set; photos and exposures stay.
+
+        Parameters
+        ----------
+        values, moments : mapping of str to tensor, and to AdamState
+            As `download` returns them. There may be other Gaussians and fewer bands of harmonics, not other features.
+        n_background : int
+
+        Raises
+        ------
+        ValueError
+            If the number of features changes.
+        EnvironmentProblem
+            If the card's memory is full.
+        """
+        arrays = {name: np.ascontiguousarray(value.detach().numpy()) for name, value in values.items()}
+        n_features = arrays["features"].shape[1] if "features" in arrays else 0
+        if n_features != self.parameters.n_features:
+            raise ValueError(f"the Gaussians have {self.parameters.n_features} features, got {n_features}")
+        # The buffers of the frames are those of the old Gaussians, which are freed before the new ones are made.
+        self._frames.clear()
+        self._scratch.clear()
+        self.parameters = GpuParameters(self.gpu, arrays, moments, n_background=n_background)
+
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
-        """Make training steps and return their losses, without the one that `by_features` is the gradient of.
+        """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
 
         Raises
         ------
@@ -148,7 +258,11 @@ class GpuTrainer:
             If a parameter, the image, the loss or a gradient is not finite: no step was made from that one on.
         EnvironmentProblem
             If the card's memory is full, or the card stops working.
+        ValueError
+            If a plan samples pixels outside of its photo or Gaussians that there are not, or has a loss of features that the Gaussians do not have.
         """
+        for plan in plans:
+            self._check(plan)
         losses: list[float] = []
         with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
             while len(losses) < len(plans):
@@ -159,23 +273,36 @@ class GpuTrainer:
     def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
         """Queue steps and return the losses of those that were made; grow the buffers, or raise, where one was not."""
         queue = self.gpu.device.queue
-        queue.write_buffer(self._status, 0, np.zeros(3 + _BATCH, np.uint32))
+        queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
         queued: Counter[str] = Counter()
         for index, plan in enumerate(plans):
-            queued.update(self._trained(plan))
+            queued.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
             self._queue(plan, index, queued)
         status = np.frombuffer(queue.read_buffer(self._status), np.uint32)
         halted, made, wanted = (int(value) for value in status[:3])
+        self.guards.update(dict(zip(GUARDS, (int(n) for n in status[3:_LOSSES]), strict=True)))
         for plan in plans[:made]:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
+            self.exposures.step += plan.exposure_rate is not None
         if halted == _TOO_MANY_PAIRS:
             self._frames.clear()
             self._scratch.clear()
             self._capacity = grown_capacity(wanted, self.parameters.n)
         elif halted:
             self._raise(halted)
-        return [float(loss) for loss in status[3 : 3 + made].view(np.float32)]
+        return [float(loss) for loss in status[_LOSSES : _LOSSES + made].view(np.float32)]
+
+    def _check(self, plan: StepPlan) -> None:
+        """Raise ValueError if a plan cannot be carried out: kernels do not check their indices."""
+        camera = self._photos[plan.photo].camera
+        uses_features = plan.clustering is not None or plan.neighbours is not None or plan.lambda_ray > 0
+        if uses_features and not self.parameters.n_features:
+            raise ValueError("the plan has a loss of features, and the Gaussians have none")
+        if plan.clustering is not None and plan.clustering.pixels.max() >= camera.width * camera.height:
+            raise ValueError(f"the plan samples pixels outside of {camera.width} x {camera.height}")
+        if plan.neighbours is not None and plan.neighbours.rows.max() >= self.parameters.n:
+            raise ValueError(f"the plan samples Gaussians beyond the {self.parameters.n} that there are")
 
     def _trained(self, plan: StepPlan) -> list[str]:
         """Return the groups that a step changes."""
@@ -190,15 +317,24 @@ class GpuTrainer:
         photo, settings = self._photos[plan.photo], self.settings
         frame = self._frame(photo.camera)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
-        frame.set_photo(photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features)
-        trained = self._trained(plan)
-        groups = np.zeros((len(GROUPS), 4), np.float32)
-        for name in trained:
-            t = self.parameters.steps[name] + queued[name]
-            rate = plan.learning_rates[name] / (1.0 - settings.beta1**t)
-            groups[GROUPS.index(name), :3] = rate, 1.0 / math.sqrt(1.0 - settings.beta2**t), 1.0
-        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps, 0, 0, 0)
-        frame.set_optimiser(index, settings.unit_features, np.array(factors, np.float32), groups)
+        loss = PhotoLoss(
+            photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
+            settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
+            plan.clustering, plan.dropout, plan.neighbours,
+        )  # fmt: skip
+        frame.set_photo(loss)
+        self.exposures.use(plan.centred)
+        rates = {name: (plan.learning_rates[name], self.parameters.steps[name]) for name in self._trained(plan)}
+        if plan.exposure_rate is not None:
+            rates[_EXPOSURE] = plan.exposure_rate, self.exposures.step
+        groups = np.zeros((len(_GROUPS), 4), np.float32)
+        for name, (rate, done) in rates.items():
+            t = done + queued[name]
+            root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
+            groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
+        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
+        frame.set_noise(plan.noise)
+        frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
         frame.step()
 
     def _frame(self, camera: PinholeCamera) -> TrainingFrame:
@@ -213,7 +349,10 @@ class GpuTrainer:
         parameters, width, height = self.parameters, camera.width, camera.height
         size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
         n_moving = 3 if self.settings.detached_features else None
-        frame = TrainingFrame(self.gpu, size, parameters, self._status, self._scratch, n_moving=n_moving)
+        frame = TrainingFrame(
+            self.gpu, size, parameters, self.exposures, self._status, self._scratch, n_moving=n_moving,
+            limits=self.settings.limits,
+        )  # fmt: skip
         self._frames[width, height] = frame
         for name, buffer in frame.scratch.items():
             self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
@@ -234,6 +373,18 @@ class GpuTrainer:
             )
         if found & 2:
             raise NumericalError("the gradient of the image is not finite; check the loss that produced it.")
+        if found == _ALL_LEFT_OUT:
+            raise NumericalError(
+                "no gradient of any Gaussian is finite; lower the learning rate or resume from the last checkpoint."
+            )
         raise NumericalError(
             "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
         )
+
+
+def _valid_pixels(shape: tuple[int, ...], valid: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Return the pixels that count; raise ValueError where `valid` does not fit, or leaves none."""
+    counts = np.ones(shape, bool) if valid is None else np.asarray(valid, bool)
+    if counts.shape != shape or not counts.any():
+        raise ValueError(f"`valid` must have shape {shape} and leave a pixel for the loss")
+    return counts

@@ -3,36 +3,136 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..settings import StepLimits
 from .adapters import Gpu
+from .clustering import ClusteringLoss, ClusteringSample
+from .exposure import GpuExposures
 from .frame import Frame
 from .layout import FrameSize
+from .neighbours import NeighbourLoss, NeighbourSample
 from .parameters import GROUPS, GpuParameters
 from .submissions import Submissions
 
-__all__ = ["TrainingFrame"]
+__all__ = ["Dropout", "PhotoLoss", "PositionNoise", "TrainingFrame"]
 
 _GRADIENT_NOT_FINITE = 8  # as in verdict.wgsl
+
+
+_NOISE = 5
+"""Purpose of the random draws, as in the processor's trainer: one draw for each seed, step, purpose and Gaussian."""
+
+
+@dataclass(frozen=True)
+class Dropout:
+    """Gaussians that are left out of the picture of one step; the opacities of the others are raised to make up for them.
+
+    Attributes
+    ----------
+    fraction : float
+        Share that is left out, 0 to below 1.
+    max_opacity : float
+        Largest opacity that the others get.
+    seed, step : int
+        Keys of the draws, 0 to 2^32 - 1.
+    """
+
+    fraction: float
+    max_opacity: float
+    seed: int
+    step: int
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.fraction < 1.0:
+            raise ValueError(f"a share of Gaussians is at least 0 and below 1, got {self.fraction}")
+
+
+@dataclass(frozen=True)
+class PositionNoise:
+    """Random walk of nearly transparent Gaussians after a step.
+
+    Attributes
+    ----------
+    amount : float
+        Factor of the covariance, per world unit: learning rate of the positions per extent, times strength, over extent.
+    max_walk : float
+        Largest distance along each axis, in scales.
+    seed, step : int
+        Keys of the draws, 0 to 2^32 - 1.
+    """
+
+    amount: float
+    max_walk: float
+    seed: int
+    step: int
+
+
+@dataclass(frozen=True)
+class PhotoLoss:
+    """A photo, and the loss of a step.
+
+    Attributes
+    ----------
+    pixels : wgpu.GPUBuffer
+        uint8 [H, W, 4]: red, green, blue, and 0 where the pixel does not count.
+    n_valid : int
+        Number of pixels that count.
+    lambda_dssim : float
+    given : wgpu.GPUBuffer, optional
+        float32 [H, W, C]: gradient of a further loss by the channels after the colours.
+    view : int
+        Row of the exposures that the image is multiplied by.
+    lambda_exposure : float
+        Weight of the sum of that row's squares.
+    lambda_opacity, lambda_scale : float
+        Weights of the mean opacity and of the mean scale.
+    lambda_ray : float
+        Weight of the disagreement of unit features along rays.
+    detached : bool
+        Whether that changes no transmittance.
+    clustering : ClusteringSample, optional
+        Pixels that L_CC is evaluated on.
+    dropout : Dropout, optional
+    neighbours : NeighbourSample, optional
+        Gaussians that L_reg is evaluated on.
+    """
+
+    pixels: Any
+    n_valid: int
+    lambda_dssim: float
+    given: Any = None
+    view: int = 0
+    lambda_exposure: float = 0.0
+    lambda_opacity: float = 0.0
+    lambda_scale: float = 0.0
+    lambda_ray: float = 0.0
+    detached: bool = False
+    clustering: ClusteringSample | None = None
+    dropout: Dropout | None = None
+    neighbours: NeighbourSample | None = None
 
 
 class TrainingFrame(Frame):
     """Buffers of training steps with pictures of one size.
 
-    GpuParameters
+    Parameters
     ----------
     gpu : Gpu
     size : FrameSize
     parameters : GpuParameters
+    exposures : GpuExposures
     status : wgpu.GPUBuffer
         See optimiser.wgsl.
     scratch : mapping of str to wgpu.GPUBuffer
         The `scratch` of a frame of the same parameters, whose steps do not overlap those of this one.
     n_moving : int, optional
         See `Frame`.
+    limits : StepLimits, optional
 
     Raises
     ------
@@ -45,118 +145,171 @@ class TrainingFrame(Frame):
         gpu: Gpu,
         size: FrameSize,
         parameters: GpuParameters,
+        exposures: GpuExposures,
         status: Any,
         scratch: Mapping[str, Any],
         *,
         n_moving: int | None = None,
+        limits: StepLimits | None = None,
     ) -> None:
         super().__init__(gpu, size, n_moving=n_moving, shared={**scratch, **parameters.buffers})
         n_pixels = size.width * size.height
         self.allocate({"maps": 36 * n_pixels, "partial_sums": 8 * size.n_tiles, "loss_values": 16})
-        self.buffers |= parameters.buffers | {"status": status}
-        self._parameters = parameters
-        self._loss_uniform = self._uniform(32)
+        self.allocate({"exposure_sums": 16 * size.n_tiles, "exposure_gradient": 16, "ray_sums": 8 * size.n_tiles})
+        self.allocate({"gaussian_sums": 8 * -(-size.n // 256), "skipped": 4 * (size.n + 1), "nothing": 16})
+        self.buffers |= parameters.buffers | exposures.buffers | {"status": status}
+        self._parameters, self._exposures, self._limits = parameters, exposures, limits
+        self._loss_uniform = self._uniform(64)
         self._optimisers: list[tuple[Any, int]] = []
-        self._photos: dict[int, Submissions] = {}
-        self._given: Any = None
+        self._photos: dict[tuple[int, int], Submissions] = {}
         optimiser = self._optimiser_uniform(0)
         activate = self._step(
             "activations", "activate", optimiser,
-            ["log_scales", "opacity_logits", "features", "scales", "opacities", "channels", "status"], -(-size.n // 128),
+            ["log_scales", "opacity_logits", "features", "scales", "opacities", "channels", "status", "gaussian_sums"],
+            -(-size.n // 256),
         )  # fmt: skip
+        self._noise_uniform = self._uniform(32)
+        self._clustering = ClusteringLoss(self)
+        self._neighbours = NeighbourLoss(self)
         self._activate = self._submissions([activate])
         self._finish = self._submissions(self._finish_steps(optimiser))
 
     @property
     def scratch(self) -> dict[str, Any]:
         """The buffers that hold nothing from one step to the next."""
-        kept = {"gradient", "photo", "status", "dispatches", *self._parameters.buffers}
+        kept = {
+            "gradient",
+            "photo",
+            "given",
+            "status",
+            "dispatches",
+            *self._parameters.buffers,
+            *self._exposures.buffers,
+        }
         return {name: buffer for name, buffer in self.buffers.items() if name not in kept}
 
     def _optimiser_uniform(self, first: int) -> Any:
-        buffer = self._uniform(64 + 16 * len(GROUPS))
+        buffer = self._uniform(128 + 16 * (len(GROUPS) + 1))
         self._optimisers.append((buffer, first))
         return buffer
 
     def _finish_steps(self, optimiser: Any) -> list[Any]:
-        """Return the dispatches after the backward pass: tests, verdict, Adam."""
+        """Return the dispatches after the backward pass: tests, verdict, Adam, noise, limits."""
         s = self.size
         steps = []
         for name in ("gradients", "totals"):
             steps.append(self._find_not_finite(name, 0, self.buffers[name].size))
-        for _, _, at, n_bytes in self._color_ranges():
-            steps.append(self._find_not_finite("sh_gradient", at, n_bytes))
-        steps.append(self._step("verdict", "verdict", optimiser, ["counts", "loss_values", "status"], 1))
-        names = ["gradients", "means", "quats", "log_scales", "opacity_logits", "rows_mean", "rows_square", "status"]
+        names = ["gradients", "log_scales", "opacity_logits", "totals", "channels", "features", "skipped"]
+        steps.append(self._step("tests", "find_overflow", optimiser, names, -(-s.n // 128)))
+        uniforms = {first: self._optimiser_uniform(first) if first else optimiser for first, *_ in self._color_ranges()}
+        for first, _, at, n_bytes in self._color_ranges():
+            parts: list[str | tuple[str, int, int]] = [("sh_gradient", at, n_bytes), "skipped", "counts"]
+            steps.append(self._step("tests", "find_sh_overflow", uniforms[first], parts, -(-n_bytes // 512)))
+        steps.append(self._step("verdict", "verdict", optimiser, ["counts", "loss_values", "status", "skipped"], 1))
+        names = ["gradients", "means", "quats", "log_scales", "opacity_logits", "rows_mean", "rows_square", "skipped"]
         steps.append(self._step("adam", "adam_rows", optimiser, names, -(-12 * s.n // 128)))
         for first, _, at, n_bytes in self._color_ranges():
-            uniform = self._optimiser_uniform(first) if first else optimiser
             slices = [(name, at, n_bytes) for name in ("sh_gradient", "sh", "sh_mean", "sh_square")]
-            steps.append(self._step("adam", "adam_sh", uniform, [*slices, "status"], -(-n_bytes // 512)))
+            steps.append(self._step("adam", "adam_sh", uniforms[first], [*slices, "skipped"], -(-n_bytes // 512)))
         if s.n_channels:
-            names = ["totals", "channels", "features", "features_mean", "features_square", "status"]
+            names = ["totals", "channels", "features", "features_mean", "features_square", "skipped"]
             steps.append(self._step("adam", "adam_channels", optimiser, names, -(-s.n // 128)))
+        names = ["exposure_gradient", "exposure", "exposure_mean", "exposure_square", "in_use", "skipped"]
+        steps.append(self._step("adam", "adam_exposure", optimiser, names, 1))
+        names = ["means", "quats", "log_scales", "opacity_logits", "skipped"]
+        steps.append(self._step("noise", "noise", self._noise_uniform, names, -(-s.n // 128)))
+        if self._limits is not None:
+            names = ["means", "quats", "log_scales", "opacity_logits", "skipped", "status"]
+            steps.append(self._step("limits", "limits", optimiser, names, -(-s.n // 128)))
         return steps
 
     def _find_not_finite(self, name: str, at: int, n_bytes: int) -> Any:
         settings = self._constants(n_bytes // 16, _GRADIENT_NOT_FINITE)
         return self._step("tests", "find_not_finite", settings, [(name, at, n_bytes), "counts"], -(-n_bytes // 2048))
 
-    def set_photo(
-        self, pixels: Any, n_valid: int, lambda_dssim: float, by_features: NDArray[np.float32] | None
-    ) -> None:
-        """Set the photo of the next steps.
-
-        GpuParameters
-        ----------
-        pixels : wgpu.GPUBuffer
-            uint8 [H, W, 4]: red, green, blue, and 0 where the pixel does not count.
-        n_valid : int
-            Number of pixels that count.
-        lambda_dssim : float
-        by_features : float32 array of shape [H, W, C], optional
-            Gradient of the channels after the colours.
-        """
+    def set_photo(self, photo: PhotoLoss) -> None:
+        """Set the photo of the next steps and the weights of the loss."""
         s = self.size
-        values = np.zeros(8, np.uint32)
+        values = np.zeros(16, np.uint32)
         values[:3] = s.width, s.height, s.n_tiles
-        values[3:6] = np.array([1.0 / (3 * n_valid), lambda_dssim, 1.0 - lambda_dssim], np.float32).view(np.uint32)
+        factors = {
+            3: 1.0 / (3 * photo.n_valid),
+            4: photo.lambda_dssim,
+            5: 1.0 - photo.lambda_dssim,
+            7: photo.lambda_exposure,
+            9: photo.lambda_opacity / s.n,
+            10: photo.lambda_scale / (3 * s.n),
+            11: photo.lambda_ray / (s.width * s.height),
+        }
+        for place, factor in factors.items():
+            values[place] = np.float32(factor).view(np.uint32)
+        values[6], values[8] = photo.view, -(-s.n // 256)
+        values[12], values[13] = photo.detached, photo.given is not None
         self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
-        if by_features is not self._given:
-            gradient = np.zeros((s.height, s.width, s.n_out + 1), np.float32)
-            if by_features is not None:
-                gradient[..., 3:-1] = by_features
-            self.write("gradient", gradient)
-            self._given = by_features
-        self._loss = self._loss_of(pixels)
+        self._loss = self._loss_of(photo.pixels, photo.given)
+        self._photo = photo
 
-    def _loss_of(self, pixels: Any) -> Submissions:
+    def set_noise(self, noise: PositionNoise | None) -> None:
+        """Set the random walk after the next step; None for no walk."""
+        values = np.zeros(8, np.uint32)
+        values[0], values[3] = self.size.n, _NOISE
+        if noise is not None:
+            values[1:3] = noise.step, noise.seed
+            values[4:6] = np.array([noise.amount, noise.max_walk], np.float32).view(np.uint32)
+        self.gpu.device.queue.write_buffer(self._noise_uniform, 0, values)
+
+    def _loss_of(self, pixels: Any, given: Any) -> Submissions:
         """Return the dispatches of the loss with a photo."""
-        if id(pixels) not in self._photos:
-            self.buffers["photo"] = pixels
+        key = id(pixels), id(given)
+        if key not in self._photos:
+            self.buffers |= {"photo": pixels, "given": self.buffers["nothing"] if given is None else given}
             n, loss = self.size.n_tiles, self._loss_uniform
             steps = [
-                self._step("loss", "similarity", loss, ["image", "photo", "maps", "partial_sums"], n),
-                self._step("loss", "loss_total", loss, ["partial_sums", "loss_values", "counts"], 1),
-                self._step("loss", "loss_gradient", loss, ["image", "photo", "maps", "gradient"], n),
+                self._step("loss", "similarity", loss, ["image", "photo", "maps", "partial_sums", "exposure"], n),
+                self._step(
+                    "loss",
+                    "loss_total",
+                    loss,
+                    ["partial_sums", "loss_values", "counts", "exposure", "gaussian_sums", "ray_sums"],
+                    1,
+                ),
+                self._step(
+                    "loss",
+                    "loss_gradient",
+                    loss,
+                    ["image", "photo", "maps", "gradient", "exposure", "exposure_sums"],
+                    n,
+                ),
+                self._step(
+                    "loss", "exposure_gradient", loss, ["exposure", "exposure_sums", "exposure_gradient", "counts"], 1
+                ),
             ]
-            self._photos[id(pixels)] = self._submissions(steps)
-        return self._photos[id(pixels)]
+            if self.size.n_channels:
+                names = ["image", "transmittance", "given", "gradient", "ray_sums"]
+                steps.insert(0, self._step("loss", "ray_gradient", loss, names, n))
+            self._photos[key] = self._submissions(steps)
+        return self._photos[key]
 
     def set_optimiser(
-        self, index: int, unit_features: bool, factors: NDArray[np.float32], groups: NDArray[np.float32]
+        self,
+        index: int,
+        photo: PhotoLoss,
+        unit_features: bool,
+        factors: NDArray[np.float32],
+        groups: NDArray[np.float32],
     ) -> None:
         """Set the constants of the next step.
 
-        GpuParameters
+        Parameters
         ----------
         index : int
             Number of the step since the status was cleared.
+        photo : PhotoLoss
         unit_features : bool
-        factors : float32 array of shape [8]
-            beta1, beta2, 1 - beta1, 1 - beta2, eps, and three unused values.
-        groups : float32 array of shape [7, 4]
-            For each of `GROUPS`: step size, root of the correction of the square, 1 if it is trained.
+        factors : float32 array of shape [5]
+            beta1, beta2, 1 - beta1, 1 - beta2, eps.
+        groups : float32 array of shape [8, 4]
+            For each of `GROUPS` and the exposures: step size, root of the correction of the square, 1 if it is trained.
         """
         s = self.size
         for buffer, first in self._optimisers:
@@ -170,13 +323,43 @@ class TrainingFrame(Frame):
                 index,
                 first,
             ]
-            values = [np.array(integers, np.uint32), factors.view(np.uint32), groups.view(np.uint32).reshape(-1)]
+            values = [
+                np.array(integers, np.uint32),
+                factors.view(np.uint32),
+                np.array([photo.view, self._exposures.n], np.uint32),
+                self._limit_values(photo).view(np.uint32),
+                _dropout_values(photo.dropout),
+                groups.view(np.uint32).reshape(-1),
+            ]
             self.gpu.device.queue.write_buffer(buffer, 0, np.concatenate(values))
+
+    def _limit_values(self, photo: PhotoLoss) -> NDArray[np.float32]:
+        """Return the derivatives by each opacity and scale, and the limits, as in optimiser.wgsl; shape [10]."""
+        values = np.zeros(10, np.float32)
+        values[:2] = photo.lambda_opacity / self.size.n, photo.lambda_scale / (3 * self.size.n)
+        if limits := self._limits:
+            values[2:5], values[5] = limits.center, limits.max_distance
+            values[6:9] = np.log([limits.max_scale, limits.min_scale, limits.max_aspect])
+            values[9] = limits.max_logit
+        return values
 
     def step(self) -> None:
         """Queue one step."""
         self._submit(self._activate, [])
         self.forward()
         self._submit(self._loss, [])
+        if self._photo.clustering is not None:
+            self._clustering.add(self._photo.clustering)
         self.backward()
-        self._submit(self._finish, [])
+        if self._photo.neighbours is not None:
+            self._neighbours.add(self._photo.neighbours)
+        self._submit(self._finish, ["skipped"])
+
+
+def _dropout_values(dropout: Dropout | None) -> NDArray[np.uint32]:
+    """Return the constants of dropout, as in optimiser.wgsl; shape [7]."""
+    values = np.zeros(7, np.uint32)
+    if dropout is not None:
+        values[:2] = np.array([dropout.fraction, dropout.max_opacity], np.float32).view(np.uint32)
+        values[2:4] = dropout.seed, dropout.step
+    return values

@@ -7,7 +7,7 @@
 @group(0) @binding(5) var<storage, read_write> opacity_logits: array<f32>;
 @group(0) @binding(6) var<storage, read_write> mean: array<f32>;
 @group(0) @binding(7) var<storage, read_write> square: array<f32>;
-@group(0) @binding(8) var<storage, read> status: array<u32>;
+@group(0) @binding(8) var<storage, read> skipped: array<u32>;
 
 @compute @workgroup_size(128)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
@@ -15,25 +15,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let i = group_number(group, groups) * 128u + lane;
     let g = i / 12u;
     let k = i % 12u;
-    if (g >= optimiser.n || k > 10u || status[HALTED] != 0u) {
+    if (g >= optimiser.n || k > 10u || skipped[0] == NO_STEP || skipped[g + 1u] != 0u) {
         return;
     }
-    var part = MEANS;
-    var gradient = gradients[i];
-    if (k >= 10u) {
-        part = OPACITY_LOGITS;
-        let opacity = 1.0 / (1.0 + exp(-opacity_logits[g]));
-        gradient *= (1.0 - opacity) * opacity;
-    } else if (k >= 7u) {
-        part = LOG_SCALES;
-        gradient *= exp(log_scales[3u * g + k - 7u]);
-    } else if (k >= 3u) {
-        part = QUATS;
-    }
+    let part = group_of(k);
     if (!is_trained(part)) {
         return;
     }
-    gradient = select(0.0, gradient, g >= optimiser.n_background);
+    let gradient = select(0.0, row_gradient(g, k), g >= optimiser.n_background);
     let moved = adam(gradient, mean[i], square[i], part);
     mean[i] = moved.x;
     square[i] = moved.y;

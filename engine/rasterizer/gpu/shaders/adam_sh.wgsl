@@ -4,7 +4,7 @@
 @group(0) @binding(2) var<storage, read_write> sh: array<f32>;
 @group(0) @binding(3) var<storage, read_write> mean: array<f32>;
 @group(0) @binding(4) var<storage, read_write> square: array<f32>;
-@group(0) @binding(5) var<storage, read> status: array<u32>;
+@group(0) @binding(5) var<storage, read> skipped: array<u32>;
 
 @compute @workgroup_size(128)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
@@ -13,7 +13,8 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let row = 3u * optimiser.n_sh;
     let g = optimiser.first + i / (64u * row) * 64u + i % 64u;
     let part = select(SH_REST, SH_DC, i / 64u % row < 3u);
-    if (g >= optimiser.n || i >= arrayLength(&sh) || !is_trained(part) || status[HALTED] != 0u) {
+    if (g >= optimiser.n || i >= arrayLength(&sh) || !is_trained(part) || skipped[0] == NO_STEP
+        || skipped[g + 1u] != 0u) {
         return;
     }
     let moved = adam(select(0.0, gradients[i], g >= optimiser.n_background), mean[i], square[i], part);

@@ -4,6 +4,7 @@
 @group(0) @binding(2) var<storage, read> photo: array<u32>;  // red, green, blue; the highest byte is 0 where not valid
 @group(0) @binding(3) var<storage, read_write> maps: array<f32>;  // [3 channels][p, q, r][H W]
 @group(0) @binding(4) var<storage, read_write> partial_sums: array<vec2<f32>>;
+@group(0) @binding(5) var<storage, read> exposure: array<f32>;
 
 var<workgroup> pixels: array<vec2<f32>, 676>;
 var<workgroup> squares: array<f32, 416>;  // y^2 blurred along the row; `rows` has x, y, x^2 and x y
@@ -24,10 +25,11 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let corner = corner_of(tile);
     let own = corner + vec2<i32>(vec2<u32>(lane & 15u, lane >> 4u));
     let inside = is_inside(own);
+    let factors = brightness();
     var total = vec2<f32>(0.0);
     for (var c = 0u; c < 3u; c++) {
         for (var i = lane; i < SIDE * SIDE; i += 256u) {
-            pixels[i] = values_at(with_margin(corner, i), c);
+            pixels[i] = values_at(with_margin(corner, i), c, factors[c]);
         }
         workgroupBarrier();
         for (var i = lane; i < SIDE * 16u; i += 256u) {

@@ -37,8 +37,14 @@ fn index_of(p: vec2<i32>) -> u32 {
     return u32(p.y) * loss.width + u32(p.x);
 }
 
-// Image and photo at pixel `p`, channel `c`.
-fn values_at(p: vec2<i32>, c: u32) -> vec2<f32> {
+// Factors of the image's colours.
+fn brightness() -> vec3<f32> {
+    let at = 3u * loss.view;
+    return exp(vec3<f32>(exposure[at], exposure[at + 1u], exposure[at + 2u]));
+}
+
+// Image times `factor`, and photo, at pixel `p`, channel `c`.
+fn values_at(p: vec2<i32>, c: u32, factor: f32) -> vec2<f32> {
     if (!is_inside(p)) {
         return vec2<f32>(0.0);
     }
@@ -46,5 +52,5 @@ fn values_at(p: vec2<i32>, c: u32) -> vec2<f32> {
     if (word >> 24u == 0u) {
         return vec2<f32>(0.0);
     }
-    return vec2<f32>(image[index_of(p) * CHANNELS + c], f32((word >> (8u * c)) & 0xffu) * BYTE);
+    return vec2<f32>(image[index_of(p) * CHANNELS + c] * factor, f32((word >> (8u * c)) & 0xffu) * BYTE);
 }

@@ -1,0 +1,133 @@
+"""L_reg on a card: features of near Gaussians pulled together and of distant ones pushed apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .frame import Frame
+from .submissions import Submissions
+
+__all__ = ["NeighbourLoss", "NeighbourSample"]
+
+_MAX_TRIES = 32
+"""Candidates of an anchor that fit the bits of a word."""
+
+
+@dataclass(frozen=True)
+class NeighbourSample:
+    """Gaussians that L_reg is evaluated on, drawn by the caller.
+
+    Attributes
+    ----------
+    anchors : int array of shape [A]
+    near : int array of shape [A, k]
+        Their neighbours.
+    tries : int array of shape [A, t]
+        Candidates for distant Gaussians, t up to 32.
+    max_far : int
+        So many of them that are distant count, from the first on.
+    far : float
+        Distance beyond which they are distant, world units.
+    lambda_pull, lambda_push : float
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match, or there is nothing to evaluate.
+    """
+
+    anchors: NDArray[np.integer[Any]]
+    near: NDArray[np.integer[Any]]
+    tries: NDArray[np.integer[Any]]
+    max_far: int
+    far: float
+    lambda_pull: float
+    lambda_push: float
+
+    def __post_init__(self) -> None:
+        n = len(self.anchors)
+        if not n or self.near.ndim != 2 or self.tries.ndim != 2 or not len(self.near) == len(self.tries) == n:
+            raise ValueError(f"{n} anchors have neighbours {self.near.shape} and candidates {self.tries.shape}")
+        if not self.near.shape[1] or self.tries.shape[1] > _MAX_TRIES:
+            raise ValueError(f"anchors have a neighbour, and at most {_MAX_TRIES} candidates")
+
+    @property
+    def rows(self) -> NDArray[np.uint32]:
+        """Rows ``anchors`` of neighbours.wgsl."""
+        return np.column_stack([self.anchors, self.near, self.tries]).astype(np.uint32)
+
+    def pairs(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+        """Return ``gaussians`` [R, 4] and ``pairs`` [P, 4] of neighbour_gradients.wgsl: each pair at both Gaussians."""
+        rows = self.rows
+        n, width = len(rows), rows.shape[1] - 1
+        anchor = np.repeat(rows[:, 0], width)
+        other = rows[:, 1:].reshape(-1)
+        number = np.repeat(np.arange(n, dtype=np.uint32), width)
+        kind = np.maximum(np.arange(width) - self.near.shape[1] + 1, 0)
+        kinds = np.tile(kind, n).astype(np.uint32)
+        own = np.concatenate([anchor, other])
+        order = np.argsort(own, kind="stable")
+        pairs = np.zeros((2 * len(anchor), 4), np.uint32)
+        pairs[:, 0] = np.concatenate([other, anchor])[order]
+        pairs[:, 1] = np.concatenate([number, number])[order]
+        pairs[:, 2] = np.concatenate([kinds, kinds])[order]
+        found, first = np.unique(own[order], return_index=True)
+        gaussians = np.zeros((len(found), 4), np.uint32)
+        gaussians[:, 0], gaussians[:, 1], gaussians[:, 2] = found, first, [*first[1:], len(pairs)]
+        return gaussians, pairs
+
+
+class NeighbourLoss:
+    """Buffers and dispatches of L_reg. Buffers grow with the samples.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of training, with features. The loss is added to its ``loss_values``, the gradient to its ``totals``.
+    """
+
+    def __init__(self, frame: Frame) -> None:
+        self._frame = frame
+        self._sizes: dict[str, int] = {}
+        self._uniform = frame._uniform(48)
+        self._submissions: Submissions | None = None
+
+    def add(self, sample: NeighbourSample) -> None:
+        """Queue the loss of a sample; after the backward pass."""
+        frame, rows = self._frame, sample.rows
+        gaussians, pairs = sample.pairs()
+        sizes = {"anchors": rows.nbytes, "gaussians": gaussians.nbytes, "pairs": pairs.nbytes, "distant": 4 * len(rows)}
+        if self._submissions is None or any(n_bytes > self._sizes[name] for name, n_bytes in sizes.items()):
+            self._sizes = {name: max(n_bytes, self._sizes.get(name, 0)) for name, n_bytes in sizes.items()}
+            self._submissions = self._prepared()
+        constants = np.zeros(12, np.uint32)
+        constants[:6] = (
+            len(rows), len(gaussians), sample.near.shape[1], sample.tries.shape[1], sample.max_far,
+            frame.size.n_channels,
+        )  # fmt: skip
+        factors = np.array([sample.far, sample.lambda_pull, sample.lambda_push], np.float32)
+        constants[6:9] = factors.view(np.uint32)
+        frame.gpu.device.queue.write_buffer(self._uniform, 0, constants)
+        for name, values in (("anchors", rows), ("gaussians", gaussians), ("pairs", pairs)):
+            frame.write(name, values)
+        self._submissions.run([])
+
+    def _prepared(self) -> Submissions:
+        """Make the buffers and return the dispatches on them."""
+        frame = self._frame
+        frame.allocate({**self._sizes, "slopes": 16})
+
+        def step(kernel: str, names: Sequence[str], n_groups: int) -> Any:
+            return frame._step("neighbours", kernel, self._uniform, names, n_groups)
+
+        names = ["anchors", "means", "channels", "distant", "slopes", "loss_values"]
+        gradient_names = ["gaussians", "pairs", "channels", "distant", "slopes", "totals"]
+        n_rows = self._sizes["gaussians"] // 16
+        return frame._submissions(
+            [step("neighbour_cosines", names, 1), step("neighbour_gradients", gradient_names, -(-n_rows // 64))]
+        )

@@ -1,0 +1,78 @@
+"""L_reg on the card: value and gradient of the processor's, for the same sampled Gaussians."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from engine.rasterizer import Target, photometric_loss
+from engine.rasterizer.gpu import Gpu, GpuParameters, GpuTrainer, NeighbourSample, StepPlan
+from engine.rasterizer.settings import StepSettings
+from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, nearest_neighbours, neighbour_regulariser
+from engine.training.parameters import render
+
+from ..scenes import camera
+from ..test_cpu_against_reference import relative_errors
+from .test_gpu_training import RATES, arrays, photo, same, start
+
+VIEW = camera(64, 48)
+PULL, PUSH = 5.0, 15.0
+
+
+def sample_of(neighbours: torch.Tensor, far: float, seed: int) -> NeighbourSample:
+    """Return the Gaussians that `neighbour_regulariser` draws."""
+    n, generator = len(neighbours), torch.Generator().manual_seed(seed)
+    anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
+    tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
+    near = neighbours[anchors].numpy()
+    return NeighbourSample(anchors.numpy(), near, tries.numpy(), N_FAR, far, PULL, PUSH)
+
+
+# With the last distance no Gaussian is distant, and nothing is pushed.
+@pytest.mark.parametrize(
+    ("n", "n_features", "unit", "far"), [(1500, 16, True, 1.0), (250, 5, False, 1.5), (250, 4, True, 1e6)]
+)
+def test_regulariser_of_neighbours_is_that_of_the_processor(
+    n: int, n_features: int, unit: bool, far: float, opened_gpu: Gpu
+) -> None:
+    cpu = start(n, n_features=n_features)
+    neighbours = nearest_neighbours(cpu.values["means"])
+    plans = [StepPlan(0, RATES, 3, neighbours=sample_of(neighbours, far, seed)) for seed in range(3)]
+    runs = []
+    for _ in range(2):
+        trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(cpu)), StepSettings(unit_features=unit))
+        trainer.add_photo(VIEW, photo(VIEW))
+        runs.append((trainer, trainer.steps(plans)))
+    (trainer, losses), (other, again) = runs
+    assert losses == again and same(trainer, other)
+    expected = []
+    for seed in range(3):
+        cpu.track()
+        features = cpu.values["features"]
+        blended = torch.nn.functional.normalize(features, dim=1, eps=1e-9) if unit else features
+        raster = render(cpu.values, VIEW, backend="cpu", sh_degree=3)
+        regulariser = neighbour_regulariser(
+            blended, cpu.values["means"], neighbours, far=far, lambda_pull=PULL, lambda_push=PUSH,
+            generator=torch.Generator().manual_seed(seed),
+        )  # fmt: skip
+        loss = photometric_loss(raster.image, Target(photo(VIEW))) + regulariser
+        loss.backward()
+        cpu.step(dict(RATES))
+        expected.append(loss.item())
+    np.testing.assert_allclose(losses, expected, rtol=1e-5)
+    # Limits as in test_gpu_training.
+    for name, own in trainer.parameters.moments().items():
+        errors = relative_errors(own.mean, cpu.moments[name].mean)
+        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
+
+
+def test_sample_of_gaussians_that_do_not_exist_is_refused(opened_gpu: Gpu) -> None:
+    cpu = start(n_features=2)
+    trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(cpu)))
+    trainer.add_photo(VIEW, photo(VIEW))
+    one = np.array([[250]])
+    with pytest.raises(ValueError, match="beyond the 250"):
+        trainer.steps([StepPlan(0, RATES, 3, neighbours=NeighbourSample(one[0], one, one, 1, 1.0, PULL, PUSH))])
+    with pytest.raises(ValueError, match="1 anchors have neighbours"):
+        NeighbourSample(one[0], one[0], one, 1, 1.0, PULL, PUSH)
