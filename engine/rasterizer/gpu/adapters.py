@@ -33,8 +33,6 @@ class Gpu:
         Largest storage buffer that a kernel can see.
     float64 : bool
         Whether kernels can compute in float64; the projection is less exact for needles without it.
-    subgroups : bool
-        Whether subgroups of exactly 32 invocations can be used.
     shares_memory : bool
         Whether buffers are in the computer's own memory (integrated cards and software).
     """
@@ -46,7 +44,6 @@ class Gpu:
     software: bool
     max_binding_bytes: int
     float64: bool
-    subgroups: bool
     shares_memory: bool
 
 
@@ -104,15 +101,15 @@ def _describe(adapter: Any) -> str:
 
 
 @functools.lru_cache(maxsize=4)
-def open_adapter(*, software: bool = False, float64: bool = True, subgroups: bool = True) -> Gpu:
+def open_adapter(*, software: bool = False, float64: bool = True) -> Gpu:
     """Open the best graphics card.
 
     Parameters
     ----------
     software : bool
         Also accept the processor as a card, for tests.
-    float64, subgroups : bool
-        Use these features where the card has them.
+    float64 : bool
+        Use it where the card has it.
 
     Raises
     ------
@@ -124,9 +121,7 @@ def open_adapter(*, software: bool = False, float64: bool = True, subgroups: boo
         raise EnvironmentProblem("this computer has no graphics card with Vulkan, Metal or DirectX 12; use the CPU.")
     adapter = usable[0]
     info = dict(adapter.info)
-    smallest = info.get("subgroup_min_size", info.get("stackgroup_min_size", 0))
-    largest = info.get("subgroup_max_size", info.get("stackgroup_max_size", 0))
-    wanted = {"timestamp-query": True, "shader-f64": float64, "subgroup": subgroups and smallest == largest == 32}
+    wanted = {"timestamp-query": True, "shader-f64": float64}
     features = [name for name, use in wanted.items() if use and name in adapter.features]
     limits = {
         name: adapter.limits[name]
@@ -147,7 +142,6 @@ def open_adapter(*, software: bool = False, float64: bool = True, subgroups: boo
         info["adapter_type"] == "CPU",
         int(limits["max-storage-buffer-binding-size"]),
         "shader-f64" in features,
-        "subgroup" in features,
         info["adapter_type"] != "DiscreteGPU",
     )
 

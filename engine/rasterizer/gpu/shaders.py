@@ -8,7 +8,6 @@ expanded, because WGSL has no loops at compile time:
   each 32 columns of blend_backward.wgsl.
 - Lines from ``//for G up`` or ``//for G down`` to ``//done`` are repeated for each Gaussian of a group in
   blend_backward.wgsl, with ``_G`` and ``G_`` replaced by its number.
-- ``//if SUBGROUPS``, ``//else``, ``//end`` choose between two variants.
 """
 
 from __future__ import annotations
@@ -76,8 +75,6 @@ KERNELS = {
     "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),
 }
 """Files of each kernel, after ``common``."""
-
-_SUBGROUP_KERNELS = ("radix_scatter",)
 
 
 def backward_sizes(n_channels: int) -> dict[str, int]:
@@ -171,20 +168,10 @@ def _unroll(text: str, group: int) -> str:
     return "\n".join(lines)
 
 
-def _expand(text: str, n_channels: int, subgroups: bool) -> str:
+def _expand(text: str, n_channels: int) -> str:
     lines: list[str] = []
-    keep = True
     for line in _unroll(text, backward_sizes(n_channels)["GROUP"]).splitlines():
-        mark = line.strip()
-        if mark == "//if SUBGROUPS":
-            keep = subgroups
-        elif mark == "//else":
-            keep = not keep
-        elif mark == "//end":
-            keep = True
-        elif not keep:
-            continue
-        elif line.endswith("// each Q"):
+        if line.endswith("// each Q"):
             body = line[: -len("// each Q")]
             lines += [body.replace("_Q", f"_{q}").replace("Q_", f"{q}u") for q in range(-(-n_channels // 4))]
         elif line.endswith("// each C"):
@@ -203,10 +190,10 @@ def _file(name: str) -> str:
     return read_text(Path(__file__).parent / "shaders" / f"{name}.wgsl", advice="Set up the engine again.")
 
 
-def kernel_source(name: str, n_channels: int, n_moving: int, *, float64: bool, subgroups: bool) -> str:
+def kernel_source(name: str, n_channels: int, n_moving: int, *, float64: bool) -> str:
     """Return the WGSL of a kernel for `n_channels` channels, of which the first `n_moving` move Gaussians."""
     text = "".join(_file(part) for part in ("common", *KERNELS[name]))
-    return _constants(n_channels, n_moving, float64) + _expand(text, n_channels, subgroups)
+    return _constants(n_channels, n_moving, float64) + _expand(text, n_channels)
 
 
 class Kernels:
@@ -225,8 +212,7 @@ class Kernels:
         """Return the compute pipeline of a kernel's function `entry`."""
         key = (name, entry, n_channels, n_moving)
         if key not in self._pipelines:
-            subgroups = self._gpu.subgroups and name in _SUBGROUP_KERNELS
-            code = kernel_source(name, n_channels, n_moving, float64=self._gpu.float64, subgroups=subgroups)
+            code = kernel_source(name, n_channels, n_moving, float64=self._gpu.float64)
             module = create_module(self._gpu.device, name, code)
             self._pipelines[key] = self._gpu.device.create_compute_pipeline(
                 label=name, layout="auto", compute={"module": module, "entry_point": entry}

@@ -5,7 +5,7 @@
 
 var<workgroup> next_position: array<u32, 256>;
 var<workgroup> team_counts: array<u32, 2048>;           // [8 teams of 32 invocations][256 digits]
-var<workgroup> team_bits: array<atomic<u32>, 72>;       // [8 teams][8 bits and validity], without subgroups
+var<workgroup> team_bits: array<atomic<u32>, 72>;       // [8 teams][8 bits and validity]
 
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
@@ -26,15 +26,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         let digit = (key >> settings.shift) & 255u;
         // `peers`: the invocations of the team with the same digit.
         var peers = 0xffffffffu;
-//if SUBGROUPS
-        workgroupBarrier();
-        for (var k = 0u; k < 8u; k++) {
-            let has = ((digit >> k) & 1u) == 1u;
-            let ones = subgroupBallot(has).x;
-            peers &= select(~ones, ones, has);
-        }
-        peers &= subgroupBallot(valid).x;
-//else
         if (lane < 72u) {
             atomicStore(&team_bits[lane], 0u);
         }
@@ -53,7 +44,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
             peers &= select(~ones, ones, ((digit >> k) & 1u) == 1u);
         }
         peers &= atomicLoad(&team_bits[team * 9u + 8u]);
-//end
         let rank = countOneBits(peers & (bit - 1u));
         if (valid && rank == 0u) {
             team_counts[team * 256u + digit] = countOneBits(peers);
