@@ -104,8 +104,10 @@ zip: ## dist/gaussian_heritage.zip, to be installed in Blender
 offline-bundle: setup ## dist/gaussian_heritage_offline.zip: a computer like this one sets up the engine from it without a network
 	$(ENGINE) -m engine.installation bundle dist/gaussian_heritage_offline.zip
 
-window-test: setup ## the way of a curator in a real Blender window; needs root, debootstrap and 5 GB; 15 minutes
-	test -f dist/gaussian_heritage_offline.zip || $(MAKE) offline-bundle
+dist/gaussian_heritage_offline.zip: $(wildcard engine/installation/locked-*.txt)
+	$(MAKE) offline-bundle
+
+window-test: setup dist/gaussian_heritage_offline.zip ## the way of a curator in a real Blender window; needs root, debootstrap and 5 GB; 15 minutes
 	$(ENGINE) -m benchmarks.rooms render room_6
 	$(ENGINE) scripts/window_test.py --photos out/rooms/room_6/photos --doc docs/window.md
 

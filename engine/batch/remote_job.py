@@ -8,7 +8,7 @@ from pathlib import Path
 from .. import errors
 from ..errors import Cancelled, HeritageError
 from ..events import Emit, Finished, StopCheck
-from ..project_folder import ProjectFolder
+from ..project_folder import PROJECT_FILE, ProjectFolder
 from ..stages import STAGES
 from .cluster import connected_client
 from .coordinator import Coordinator
@@ -34,7 +34,7 @@ def run_remote_job(
     command : sequence of str
         Name of a command and its arguments, with absolute paths.
     project : Path
-        The project folder that it works on.
+        The project folder that it works on; of ``frames``, the folder for the photos.
     settings : BatchSettings
         Its scheduler, and what is tried again.
     emit, should_stop
@@ -51,7 +51,7 @@ def run_remote_job(
     """
     stages = STAGES if command[0] == "reconstruct" else (_STAGE_OF.get(command[0], "report"),)
     job = FolderState(0, photos=project, out=project, command=tuple(command), stages=stages, stage=stages[0])
-    if stages is not STAGES and project.is_dir():
+    if stages is not STAGES and (project / PROJECT_FILE).is_file():
         job.forecast = stored_forecast(ProjectFolder.open_existing(project))
     with connected_client(settings) as client:
         Coordinator(client, [job], settings, emit, should_stop, relay=True).run()

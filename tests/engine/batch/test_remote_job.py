@@ -61,6 +61,8 @@ def test_error_of_the_engine_on_the_worker_is_raised_here(
         run(cluster, ["reconstruct", str(photos), f"--out={out}"], out)
     with pytest.raises(errors.ProjectError, match="is not a Gaussian Heritage project"):
         run(cluster, ["segment", str(tmp_path), "--prompt=vase"], tmp_path / "nothing here")
+    with pytest.raises(errors.HeritageError, match="walk.mp4"):
+        run(cluster, ["frames", str(tmp_path / "walk.mp4"), f"--out={photos}"], photos)
 
 
 def test_job_whose_worker_is_killed_is_done_by_another(
