@@ -1,7 +1,7 @@
 """What a worker does: one stage of one folder, or one other command, by the engine as a child process.
 
-Answers are plain values, no errors.
- Whatever goes wrong with the engine is part of the answer; the coordinator decides whether another worker tries again.
+Answers are plain values, no errors. Whatever goes wrong with the engine is part of the answer; the coordinator decides
+whether another worker tries again.
 """
 
 from __future__ import annotations

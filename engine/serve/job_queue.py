@@ -229,6 +229,7 @@ class JobQueue:
             project = _project_of(job)
             if not state.running:
                 del self._running[job.folder]
+                self._cancelled.discard(job.folder)
                 job.mark_taken()
                 for kind in _CHANGES.get(job.kind, ()):
                     self._feeds.publish(project, kind)

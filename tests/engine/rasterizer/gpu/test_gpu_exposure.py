@@ -12,8 +12,7 @@ from engine.rasterizer.settings import StepSettings
 from engine.training.parameters import render
 
 from ..scenes import camera
-from ..test_cpu_against_reference import relative_errors
-from .test_gpu_training import RATES, arrays, photo, same, start
+from .test_gpu_training import RATES, arrays, assert_same_moments, photo, same, start
 
 RATE = 0.002
 VIEWS = [camera(64, 48), camera(64, 48, off_center=False), camera(50, 60)]
@@ -65,10 +64,7 @@ def test_brightness_factors_are_trained_as_on_the_processor(opened_gpu: Gpu) -> 
     assert found.step == moments.step == len(PLANS)
     torch.testing.assert_close(found.mean, moments.mean, rtol=1e-3, atol=1e-6)
     torch.testing.assert_close(found.square, moments.square, rtol=1e-3, atol=1e-9)
-    # Limits as in test_gpu_training: the Gaussians' gradients are scaled by the factors too.
-    for name, own in trainer.parameters.moments().items():
-        errors = relative_errors(own.mean, cpu.moments[name].mean)
-        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
+    assert_same_moments(trainer, cpu)
 
 
 def test_brightness_factors_of_two_runs_have_the_same_bits_and_continue_from_what_was_read(opened_gpu: Gpu) -> None:

@@ -13,8 +13,7 @@ from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, nearest_n
 from engine.training.parameters import render
 
 from ..scenes import camera
-from ..test_cpu_against_reference import relative_errors
-from .test_gpu_training import RATES, arrays, photo, same, start
+from .test_gpu_training import RATES, arrays, assert_same_moments, photo, same, start
 
 VIEW = camera(64, 48)
 PULL, PUSH = 5.0, 15.0
@@ -61,10 +60,7 @@ def test_regulariser_of_neighbours_is_that_of_the_processor(
         cpu.step(dict(RATES))
         expected.append(loss.item())
     np.testing.assert_allclose(losses, expected, rtol=1e-5)
-    # Limits as in test_gpu_training.
-    for name, own in trainer.parameters.moments().items():
-        errors = relative_errors(own.mean, cpu.moments[name].mean)
-        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
+    assert_same_moments(trainer, cpu)
 
 
 def test_sample_of_gaussians_that_do_not_exist_is_refused(opened_gpu: Gpu) -> None:

@@ -14,8 +14,7 @@ from engine.training.parameters import Parameters as CpuParameters
 from engine.training.parameters import render
 
 from ..scenes import camera
-from ..test_cpu_against_reference import relative_errors
-from .test_gpu_training import RATES, arrays, cpu_step, photo, same, start
+from .test_gpu_training import RATES, arrays, assert_same_moments, cpu_step, photo, same, start
 
 VIEW = camera(64, 48)
 RATE, STRENGTH, EXTENT = 1e-3, 5e5, 2.0
@@ -119,10 +118,7 @@ def test_gaussians_are_left_out_of_a_picture_as_on_the_processor(
         cpu.step(dict(RATES))
         expected.append(loss.item())
     np.testing.assert_allclose(losses, expected, rtol=1e-5)
-    # Limits as in test_gpu_training.
-    for name, own in trainer.parameters.moments().items():
-        errors = relative_errors(own.mean, cpu.moments[name].mean)
-        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
+    assert_same_moments(trainer, cpu)
 
 
 def test_walks_of_other_steps_and_seeds_differ_and_are_normally_distributed(opened_gpu: Gpu) -> None:
@@ -159,10 +155,8 @@ def test_training_continues_with_gaussians_that_the_processor_relocated_and_adde
     losses = trainer.steps([plan] * 3)
     expected = [cpu_step(cpu, VIEW, target, plan, trainer.settings) for _ in range(3)]
     np.testing.assert_allclose(losses, expected, rtol=1e-5)
-    # Limits as in test_gpu_training.
+    assert_same_moments(trainer, cpu)
     for name, own in trainer.parameters.moments().items():
-        errors = relative_errors(own.mean, cpu.moments[name].mean)
-        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
         assert own.step == cpu.moments[name].step
 
 

@@ -18,8 +18,7 @@ from engine.training.parameters import Parameters as CpuParameters
 from engine.training.parameters import render
 
 from ..scenes import camera
-from ..test_cpu_against_reference import relative_errors
-from .test_gpu_training import RATES, arrays, photo, same, start
+from .test_gpu_training import RATES, arrays, assert_same_moments, photo, same, start
 
 VIEW = camera(64, 48)
 LAMBDA_RAY = 0.5
@@ -64,10 +63,7 @@ def test_terms_of_opacity_scale_and_rays_are_those_of_the_processor(detached: bo
         expected.append(cpu_backward(cpu, settings, LAMBDA_RAY).item())
         cpu.step(dict(RATES))
     np.testing.assert_allclose(losses, expected, rtol=1e-5)
-    # Limits as in test_gpu_training.
-    for name, own in trainer.parameters.moments().items():
-        errors = relative_errors(own.mean, cpu.moments[name].mean)
-        assert float(errors.median()) <= 1e-4 and float(errors.quantile(0.99)) <= 1e-2, name
+    assert_same_moments(trainer, cpu)
     for name, value in trainer.parameters.values().items():
         difference = np.abs(value - arrays(cpu)[name]) / RATES[name]
         assert np.median(difference) <= 2e-3 and np.quantile(difference, 0.95) <= 2e-2, name
