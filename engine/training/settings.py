@@ -50,7 +50,7 @@ _VALIDATION_EVERY = 8  # chosen on museum_room
 _MAX_VALIDATION_PHOTOS = 8  # by definition
 """Largest number of validation photos, all of which are measured at each decision."""
 
-Backend = Literal["cpu", "reference"]
+Backend = Literal["cpu", "gpu", "reference"]
 
 
 def validation_photos(n_training: int) -> tuple[int, ...]:
@@ -368,8 +368,8 @@ class TrainingSettings:
     measurement : MeasurementSettings
     seed : int
         Seed of every random draw.
-    backend : {"cpu", "reference"}
-        Which rasterizer is used.
+    backend : {"cpu", "gpu", "reference"}
+        Which rasterizer is used; ``gpu``: all of training runs on a graphics card.
     """
 
     schedule: ScheduleSettings = ScheduleSettings()
@@ -383,7 +383,7 @@ class TrainingSettings:
     backend: Backend = "cpu"  # by definition
 
     def __post_init__(self) -> None:
-        require_choice(self, "backend", "cpu", "reference")
+        require_choice(self, "backend", "cpu", "gpu", "reference")
 
     def changed(self, **values: Any) -> TrainingSettings:
         """Return a copy with some settings changed, each given by its own name alone.
