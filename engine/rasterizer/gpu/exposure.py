@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..adam import AdamState
 from .adapters import Gpu
-from .frame import STORAGE
+from .workspace import STORAGE
 
 __all__ = ["GpuExposures"]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,15 +24,15 @@ from ..adam import AdamState
 from ..raster import check_camera, check_finite
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
-from .clustering import ClusteringSample
 from .exposure import GpuExposures
-from .frame import STORAGE
 from .layout import FrameSize, grown_capacity
-from .neighbours import NeighbourSample
 from .parameters import GROUPS, GpuParameters
-from .training_frame import Dropout, PhotoLoss, PositionNoise, TrainingFrame
+from .plans import Photo, StepPlan, valid_pixels
+from .rearrange import Rearrangement, check_rearrangement
+from .training_frame import PhotoLoss, TrainingFrame
+from .workspace import STORAGE
 
-__all__ = ["GpuTrainer", "StepPlan"]
+__all__ = ["GpuTrainer"]
 
 _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a failure."""
@@ -42,60 +42,14 @@ _GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
 _TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
 
+_HEADROOM = 1.25
+"""Room that the buffers get when they have to grow, in Gaussians."""
+
 _LOSSES = 8
 """Values of the status before the losses, as in optimiser.wgsl."""
 
 GUARDS = ("scales_at_limit", "opacities_at_limit", "clamped_positions", "reset_rotations", "gaussians_not_updated")
 """Counts in the status, by the names of the processor's trainer."""
-
-
-@dataclass(frozen=True)
-class StepPlan:
-    """One training step.
-
-    Attributes
-    ----------
-    photo : int
-        Result of `GpuTrainer.add_photo`.
-    learning_rates : mapping of str to float
-        By the names of `GROUPS`. Groups that are left out, and ``sh_rest`` at degree 0, keep values and moments.
-        The processor's trainer leaves out ``features`` in steps without a loss of features.
-    sh_degree : int
-        Highest band of spherical harmonics.
-    exposure_rate : float, optional
-        Learning rate of the exposures, which otherwise keep values and moments.
-    centred : sequence of int
-        Views whose mean exposure is subtracted after the step.
-    lambda_ray : float
-        Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
-    clustering : ClusteringSample, optional
-        Pixels of the photo that L_CC is evaluated on.
-    neighbours : NeighbourSample, optional
-        Gaussians that L_reg is evaluated on.
-    dropout : Dropout, optional
-    noise : PositionNoise, optional
-        Random walk after the step, before the limits.
-    """
-
-    photo: int
-    learning_rates: Mapping[str, float]
-    sh_degree: int
-    exposure_rate: float | None = None
-    centred: Sequence[int] = ()
-    lambda_ray: float = 0.0
-    clustering: ClusteringSample | None = None
-    neighbours: NeighbourSample | None = None
-    dropout: Dropout | None = None
-    noise: PositionNoise | None = None
-
-
-@dataclass(frozen=True)
-class _Photo:
-    camera: PinholeCamera
-    pixels: Any
-    n_valid: int
-    by_features: Any
-    view: int
 
 
 class GpuTrainer:
@@ -111,6 +65,9 @@ class GpuTrainer:
         Changed by `steps`. By default, photos have no brightness factors.
     capacity : int, optional
         Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
+    max_gaussians : int, optional
+        Gaussians that the buffers have room for from the start. By default, and beyond that, buffers that are too small
+        get a quarter more room than is needed.
 
     Attributes
     ----------
@@ -131,14 +88,16 @@ class GpuTrainer:
         *,
         exposures: GpuExposures | None = None,
         capacity: int | None = None,
+        max_gaussians: int | None = None,
     ) -> None:
         self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
+        parameters.reserve(max_gaussians or 0)
         self.exposures = exposures or GpuExposures(gpu, np.zeros((1, 3), np.float32))
-        self._capacity = capacity or max(4096, 4 * parameters.n)
+        self._capacity = capacity or max(4096, 2 * parameters.room)
         self.guards: Counter[str] = Counter()
-        self._photos: list[_Photo] = []
+        self._photos: list[Photo] = []
         self._frames: dict[tuple[int, int], TrainingFrame] = {}
-        self._scratch: dict[str, Any] = {}
+        self._pool: dict[str, Any] = {}
         self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
 
     def add_photo(
@@ -180,7 +139,7 @@ class GpuTrainer:
             raise ValueError(f"`by_features` must have shape {shape}, got {by_features.shape}")
         if not 0 <= view < self.exposures.n:
             raise ValueError(f"there are exposures of {self.exposures.n} views, got view {view}")
-        counts = _valid_pixels(pixels.shape[:2], valid)
+        counts = valid_pixels(pixels.shape[:2], valid)
         packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
         with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
             buffer = self.gpu.device.create_buffer_with_data(
@@ -190,7 +149,7 @@ class GpuTrainer:
             if by_features is not None:
                 data = np.ascontiguousarray(by_features, np.float32)
                 given = self.gpu.device.create_buffer_with_data(data=data, usage=STORAGE, label="by_features")
-        self._photos.append(_Photo(camera, buffer, int(counts.sum()), given, view))
+        self._photos.append(Photo(camera, buffer, int(counts.sum()), given, view))
         return len(self._photos) - 1
 
     def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
@@ -209,7 +168,7 @@ class GpuTrainer:
         """
         photo, queue = self._photos[number], self.gpu.device.queue
         shape = (photo.camera.height, photo.camera.width)
-        counts = _valid_pixels(shape, valid)
+        counts = valid_pixels(shape, valid)
         with translate_card_errors(self.gpu, "use the CPU"):
             packed = np.frombuffer(queue.read_buffer(photo.pixels), np.uint8).reshape(*shape, 4).copy()
             packed[..., 3] = np.where(counts, 255, 0)
@@ -222,10 +181,15 @@ class GpuTrainer:
             values = {name: torch.from_numpy(value) for name, value in self.parameters.values().items()}
             return values, self.parameters.moments()
 
+    def geometry(self) -> dict[str, torch.Tensor]:
+        """Return copies of means [N, 3], quats [N, 4], log_scales [N, 3] and opacity_logits [N], float32."""
+        with translate_card_errors(self.gpu, "use the CPU"):
+            return {name: torch.from_numpy(value) for name, value in self.parameters.geometry().items()}
+
     def upload(
         self, values: Mapping[str, torch.Tensor], moments: Mapping[str, AdamState], *, n_background: int = 0
     ) -> None:
-        """Replace the Gaussians, for example by a relocated or larger set; photos and exposures stay.
+        """Replace the Gaussians, for example by those of a checkpoint; photos and exposures stay.
 
         Parameters
         ----------
@@ -244,10 +208,60 @@ class GpuTrainer:
         n_features = arrays["features"].shape[1] if "features" in arrays else 0
         if n_features != self.parameters.n_features:
             raise ValueError(f"the Gaussians have {self.parameters.n_features} features, got {n_features}")
-        # The buffers of the frames are those of the old Gaussians, which are freed before the new ones are made.
+        old = self.parameters
+        room = self._room_for(len(arrays["means"]))
+        # Frames are bound to the buffers of the parameters, which stay only if nothing is larger.
+        if room > old.room or arrays.get("sh_rest", np.zeros((0, 0))).shape[1] + 1 != old.n_sh:
+            self._free_frames()
+        self.parameters = GpuParameters(
+            self.gpu, arrays, moments, n_background=n_background, room=room, reuse=old.buffers
+        )
+        for frame in self._frames.values():
+            frame.set_parameters(self.parameters)
+
+    def rearrange(self, geometry: Mapping[str, torch.Tensor], sources: torch.Tensor, fresh: torch.Tensor) -> None:
+        """Make M Gaussians of the N that there are: some moved, copied, or removed.
+
+        Photos, exposures, the number of background Gaussians and Adam's numbers of steps stay.
+
+        Parameters
+        ----------
+        geometry : mapping of str to tensor
+            New values, float32: means [M, 3], quats [M, 4], log_scales [M, 3], opacity_logits [M].
+        sources : int64 tensor of shape [M]
+            Gaussians that harmonics, features and all moments are those of, 0 to N - 1.
+        fresh : bool tensor of shape [M]
+            Gaussians whose moments are zero.
+
+        Raises
+        ------
+        ValueError
+            If shapes or types do not match, or a source does not exist.
+        EnvironmentProblem
+            If the card's memory is full.
+        """
+        check_rearrangement(self.parameters, geometry, sources, fresh)
+        parameters, m = self.parameters, len(sources)
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            if m > parameters.room:
+                self._free_frames()
+                self._pool.clear()  # so that it is not in memory together with both the old and the new parameters
+                parameters.reserve(self._room_for(m))
+            Rearrangement(self.gpu, parameters, self._pool).run(sources.numpy(), fresh.numpy())
+            for name, value in geometry.items():
+                parameters.write(name, value.detach().numpy())
+            parameters.n = m
+            for frame in self._frames.values():
+                frame.resize(m)
+
+    def _room_for(self, n: int) -> int:
+        """Return the room of buffers that hold `n` Gaussians: that of the present ones if it is enough."""
+        return self.parameters.room if n <= self.parameters.room else int(_HEADROOM * n)
+
+    def _free_frames(self) -> None:
+        for frame in self._frames.values():
+            frame.release()
         self._frames.clear()
-        self._scratch.clear()
-        self.parameters = GpuParameters(self.gpu, arrays, moments, n_background=n_background)
 
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
         """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
@@ -286,8 +300,7 @@ class GpuTrainer:
                 self.parameters.steps[name] += 1
             self.exposures.step += plan.exposure_rate is not None
         if halted == _TOO_MANY_PAIRS:
-            self._frames.clear()
-            self._scratch.clear()
+            self._free_frames()
             self._capacity = grown_capacity(wanted, self.parameters.n)
         elif halted:
             self._raise(halted)
@@ -347,15 +360,14 @@ class GpuTrainer:
 
     def _make_frame(self, camera: PinholeCamera) -> None:
         parameters, width, height = self.parameters, camera.width, camera.height
-        size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
+        size = FrameSize(
+            parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity, room=parameters.room
+        )
         n_moving = 3 if self.settings.detached_features else None
-        frame = TrainingFrame(
-            self.gpu, size, parameters, self.exposures, self._status, self._scratch, n_moving=n_moving,
+        self._frames[width, height] = TrainingFrame(
+            self.gpu, size, parameters, self.exposures, self._status, self._pool, n_moving=n_moving,
             limits=self.settings.limits,
         )  # fmt: skip
-        self._frames[width, height] = frame
-        for name, buffer in frame.scratch.items():
-            self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
 
     def _raise(self, found: int) -> None:
         """Raise the error for a step that was not made, as the processor's step raises it."""
@@ -380,11 +392,3 @@ class GpuTrainer:
         raise NumericalError(
             "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
         )
-
-
-def _valid_pixels(shape: tuple[int, ...], valid: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Return the pixels that count; raise ValueError where `valid` does not fit, or leaves none."""
-    counts = np.ones(shape, bool) if valid is None else np.asarray(valid, bool)
-    if counts.shape != shape or not counts.any():
-        raise ValueError(f"`valid` must have shape {shape} and leave a pixel for the loss")
-    return counts

@@ -16,7 +16,10 @@ from typing import Any
 
 from .adapters import Gpu
 
-__all__ = ["LIMIT_S", "Dispatch", "Submissions", "encode"]
+__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "encode"]
+
+Count = int | Callable[[], int]
+"""A number, or what gives it when the work is queued, because it changes with the number of Gaussians."""
 
 LIMIT_S = 0.2
 """Longest submission, seconds. Watchdogs wait for 2 s (Windows, Linux) or more; the picture on the screen stands still
@@ -34,7 +37,7 @@ MEASURE_INTERVAL = 64
 
 @dataclass(frozen=True)
 class Dispatch:
-    """A dispatch: `groups` workgroups, or as many as the buffer of dispatches says from entry `indirect` on.
+    """A dispatch: `count` workgroups, or as many as the buffer of dispatches says from entry `indirect` on.
 
     `part` returns the dispatch of some of the workgroups, from a first one to an end; None if that is not possible.
     """
@@ -42,14 +45,23 @@ class Dispatch:
     stage: str
     pipeline: Any
     bindings: Any
-    groups: tuple[int, int]
+    count: Count
     indirect: int = -1
     part: Callable[[int, int], Dispatch] | None = None
 
     @property
     def n_groups(self) -> int:
         """Number of workgroups; 1 where only the card knows."""
-        return self.groups[0] * self.groups[1] if self.indirect < 0 else 1
+        if self.indirect >= 0:
+            return 1
+        return self.count() if callable(self.count) else self.count
+
+    @property
+    def groups(self) -> tuple[int, int]:
+        """Workgroups along x and y; kernels leave out those beyond their number."""
+        n = max(1, self.n_groups)
+        x = min(n, 65535)
+        return x, -(-n // x)
 
     def parts(self, n: int) -> list[Dispatch]:
         """Return the same work in at most `n` dispatches."""
@@ -101,6 +113,10 @@ class Submissions:
                 encoder = self._gpu.device.create_command_encoder()
             encode(encoder, together, self._sizes)
             self._gpu.device.queue.submit([encoder.finish()])
+
+    def forget(self) -> None:
+        """Measure again in the next run, because the work has grown."""
+        self.seconds = []
 
     def batches(self) -> list[list[Dispatch]]:
         """Return the dispatches of each submission, by the measured times."""

@@ -18,7 +18,7 @@ from ..scenes import camera, random_scene
 
 def dispatch(n_groups: int, *, splits: bool = False) -> Dispatch:
     """Return a dispatch that no card runs."""
-    whole = Dispatch("stage", None, None, (n_groups, 1))
+    whole = Dispatch("stage", None, None, n_groups)
     return replace(whole, part=lambda first, end: dispatch(end - first)) if splits else whole
 
 
