@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .child_process import ChildFailure, run_in_child
 from .errors import EnvironmentProblem, HeritageError
 
 __all__ = ["Check", "examine", "missing_package"]
@@ -32,10 +31,6 @@ _REQUIRED_PACKAGES = {
     "platformdirs": "platformdirs",
 }
 _MIN_FREE_GB = 2.0
-_CARD_SECONDS = 60.0
-"""For the self-test of the graphics card, which takes one or two."""
-_CARD_BYTES = 1 << 46
-"""Address space for it: drivers reserve much more than they use."""
 
 
 @dataclass(frozen=True)
@@ -94,16 +89,11 @@ def _package(module: str, distribution: str) -> Check:
 
 
 def _gpu() -> Check:
-    try:
-        # In a process of its own: a driver may crash or hang, and this command is called when something is wrong.
-        usable, found = run_in_child(
-            "rasterizer.devices:describe_cards", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
-            what="testing the graphics card",
-        )  # fmt: skip
-    except ChildFailure as failure:
-        usable, found = False, f"{str(failure).rstrip('.')}; update its driver"
-    uses = "`render` uses it, training uses the CPU" if usable else "pictures and training use the CPU"
-    return Check("graphics card", usable, False, f"{found}; {uses}")
+    from .rasterizer import look_for_card
+
+    findings = look_for_card()
+    uses = "`render` and training use it" if findings.card is not None else "pictures and training use the CPU"
+    return Check("graphics card", findings.card is not None, False, f"{findings.found}; {uses}")
 
 
 def _models() -> list[Check]:

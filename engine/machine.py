@@ -1,4 +1,4 @@
-"""Cores, free memory and peak memory of this machine. Standard library only."""
+"""Cores, free memory, peak memory and memory of graphics cards of this machine. Standard library only."""
 
 from __future__ import annotations
 
@@ -12,10 +12,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-__all__ = ["Machine", "PeakMemory", "cpu_seconds", "describe_machine", "free_memory", "peak_memory"]
+__all__ = [
+    "Machine",
+    "PeakMemory",
+    "card_memory",
+    "cpu_seconds",
+    "describe_machine",
+    "free_memory",
+    "peak_memory",
+]
 
 _CGROUP = Path("/sys/fs/cgroup")
 _OWN_GROUPS = Path("/proc/self/cgroup")
+_GRAPHICS = Path("/sys/class/drm")
 
 
 @dataclass(frozen=True)
@@ -52,6 +61,31 @@ def _processor() -> str:
     if not text:
         return platform.processor()
     return next((line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")), "")
+
+
+def card_memory(name: str) -> int | None:
+    """Return the bytes of a graphics card's own memory, None where the system does not tell them.
+
+    Parameters
+    ----------
+    name : str
+        As the driver reports it. The smallest one counts where several cards have this name.
+
+    Notes
+    -----
+    NVIDIA: ``nvidia-smi``. AMD on Linux: ``mem_info_vram_total``, where there is one such card. wgpu tells no sizes.
+    """
+    if name.startswith("NVIDIA"):
+        command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader,nounits"]
+        try:
+            text = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout
+        except (OSError, subprocess.SubprocessError):
+            return None
+        rows = (line.rpartition(",") for line in text.splitlines())
+        found = [int(size) << 20 for card, _, size in rows if card.strip() == name and size.strip().isdecimal()]
+        return min(found, default=None)
+    sizes = [_text(file).strip() for file in _GRAPHICS.glob("card*/device/mem_info_vram_total")]
+    return int(sizes[0]) if name.startswith("AMD") and len(sizes) == 1 and sizes[0].isdecimal() else None
 
 
 def cpu_seconds() -> float:

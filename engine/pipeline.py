@@ -15,14 +15,19 @@ from .photos import extract_frames, is_video
 from .photos.settings import PhotoSettings, VideoSettings
 from .planning import (
     PlanSettings,
+    kept_sizes,
     plan_and_forecast,
     plan_scene,
+    planned_device,
+    record_sizes,
     require_enough_memory,
     store_forecast,
+    training_is_to_come,
     training_settings,
     update_calibration,
 )
 from .project_folder import ProjectFolder
+from .rasterizer import Device, choose_training_device
 from .stages import (
     STAGES,
     StageRunner,
@@ -110,6 +115,11 @@ def reconstruct(
         photo_set, statistics = photos_stage(runner, photos, settings.photos, photo_masks=settings.photo_masks)
         project.put("photo_folder", str(photos.resolve()))
         project.put("engine_version", __version__)
+        preset, wanted = settings.plan.preset, STAGES[: STAGES.index(until) + 1]
+        # A finished training and the stages before it need no card, whose test takes seconds.
+        looks_for_card = "training" in wanted and training_is_to_come(
+            project, preset, photos_changed="photos" in runner.computed
+        )
         work, forecast, calibration = plan_and_forecast(
             photo_set,
             statistics,
@@ -117,9 +127,10 @@ def reconstruct(
             cameras=settings.cameras,
             model=settings.camera_model,
             n_prompts=len(settings.prompts),
+            device=choose_training_device(settings.plan.device) if looks_for_card else planned_device(project, preset),
+            kept=kept_sizes(project, preset),
             emit=emit,
         )
-        wanted = STAGES[: STAGES.index(until) + 1]
         needed = tuple(stage for stage in forecast.stages if stage.stage in wanted)
         require_enough_memory(replace(forecast, stages=needed), work, calibration)
         store_forecast(project, work, forecast)
@@ -138,7 +149,14 @@ def reconstruct(
             cameras_key = runner.key_of("cameras")
             masks_key = runner.key_of("masks") if label_maps else cameras_key
             given = TrainingInput(photo_set, camera_set, label_maps, cameras_key, masks_key)
-            training_stage(runner, given, plan, training, preset=work.preset)
+
+            def find_device() -> Device:
+                """Return the planned device; one is looked for now if the plan took a training for done that is not."""
+                planned = Device(work.device.backend, work.device.name, work.device.reason)
+                return planned if looks_for_card else choose_training_device(settings.plan.device)
+
+            record_sizes(project, preset, work.sizes)
+            training_stage(runner, given, plan, training, preset=preset, find_device=find_device)
             if until == "training":
                 return project
             objects_stage(runner, settings.prompts, settings.segment, sam_model=settings.masks.model)

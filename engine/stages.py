@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from .cameras.settings import CameraSettings
-from .errors import FormatError, ProjectError
-from .events import Warned
+from .errors import EnvironmentProblem, FormatError, ProjectError
+from .events import Progress, Warned
 from .files import delete_derived, file_sha256, read_json, record_of, write_json
 from .masks.settings import MaskSettings
 from .objects_stage import forget_found_objects, objects_stage
@@ -24,6 +24,7 @@ from .photos import PhotoStatistics
 from .photos.settings import PhotoSettings
 from .planning import ScenePlan
 from .project_folder import SCENE_OUTPUT, ProjectFolder, stage_key
+from .rasterizer import Device, device_words, training_stopped
 from .scene import CameraSet, PhotoSet
 from .settings import to_dict
 from .stage_runner import StageRunner
@@ -231,8 +232,19 @@ class TrainingInput:
     masks_key: str | None
 
 
+def on_processor() -> Device:
+    """Return the processor as the device to train on."""
+    return Device("cpu", "cpu")
+
+
 def training_stage(
-    runner: StageRunner, given: TrainingInput, plan: ScenePlan, settings: TrainingSettings, *, preset: str
+    runner: StageRunner,
+    given: TrainingInput,
+    plan: ScenePlan,
+    settings: TrainingSettings,
+    *,
+    preset: str,
+    find_device: Callable[[], Device] = on_processor,
 ) -> None:
     """Train the Gaussians and store them in the project.
 
@@ -246,13 +258,20 @@ def training_stage(
     settings : TrainingSettings
     preset : str
         Name of the preset that `settings` come from, for the report.
+    find_device : callable
+        Returns what to train on; called only if the stage is not done. The key does not depend on it.
+
+    Raises
+    ------
+    EnvironmentProblem
+        When memory is full, or the graphics card stops working. The next run continues from the last checkpoint.
     """
-    from .training import former_settings
+    from .training import former_settings, key_values
 
     # Not the whole plan: its sentences about what is left out may change without a change of the result.
     inputs = [given.cameras_key, given.masks_key]
     decided = [plan.held_out, plan.mask_photos, plan.features]
-    key = stage_key(inputs, decided, to_dict(settings))
+    key = stage_key(inputs, decided, key_values(settings))
     n_training = len(given.photo_set.photos) - len(plan.held_out)
     former = former_settings(settings, preset=preset, n_training=n_training)
     folder = runner.project.path / "gaussians"
@@ -278,19 +297,26 @@ def training_stage(
             should_stop=runner.should_stop,
         )
         start = start_gaussians(given.camera_set, views, settings, emit=runner.emit)
-        result = train(
-            start,
-            views,
-            settings,
-            checkpoints=checkpoints / key[:12],
-            emit=runner.emit,
-            should_stop=runner.should_stop,
-            background=background_gaussians(given.camera_set.points, views, settings),
-        )
+        device = find_device()
+        words = device_words(device.name, device.reason)
+        runner.emit(Progress("training", 0.0, message=f"training on {words}"))
+        try:
+            result = train(
+                start,
+                views,
+                settings if settings.backend == "reference" else settings.changed(backend=device.backend),
+                checkpoints=checkpoints / key[:12],
+                emit=runner.emit,
+                should_stop=runner.should_stop,
+                background=background_gaussians(given.camera_set.points, views, settings),
+            )
+        except EnvironmentProblem as problem:
+            raise training_stopped(device, problem) from problem
         save_gaussians(folder, result.gaussians, before_replacing=before_replacing)
         return {
             **result.figures,
             "preset": preset,
+            "device": device.name,
             "curve": [asdict(point) for point in result.curve],
             "held_out": list(plan.held_out),
             "n_gaussians": len(result.gaussians),

@@ -10,11 +10,13 @@ from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..masks.settings import PRESETS as MASK_PRESETS
 from ..pipeline import PipelineSettings, reconstruct
-from ..planning import PlanSettings
+from ..planning import PlanSettings, planned_device
+from ..project_folder import ProjectFolder
+from ..rasterizer import device_words
 from ..stages import STAGES
 from .chosen_models import add_sam_argument
 from .deprecated import add_deprecated_option
-from .scene_options import add_camera_options, add_no_objects_option, add_preset_option
+from .scene_options import add_camera_options, add_device_option, add_no_objects_option, add_preset_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -30,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="project folder; an unfinished run in it is continued")
     parser.add_argument("--prompts", default="", help='objects to isolate at the end, e.g. "vase;bust"')
     add_preset_option(parser)
+    add_device_option(parser)
     add_camera_options(parser)
     transients = parser.add_argument(
         "--transients",
@@ -67,7 +70,10 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
     settings = PipelineSettings(
         plan=PlanSettings(
-            preset=options.preset, wants_objects=not options.no_objects, exclude_transients=options.transients
+            preset=options.preset,
+            device=options.device,
+            wants_objects=not options.no_objects,
+            exclude_transients=options.transients,
         ),
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
         camera_model=options.cameras,
@@ -84,9 +90,19 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     figures = (project.stage_record("objects") or {}).get("figures", {}) if prompts else {}
     refused = figures.get("refused", {})
     report = project.path / "report" / "report.html"
-    message = f"The scene is in {project.path}, its report in {report}."
+    message = f"The scene is in {project.path}, its report in {report}.{_trained_on(project)}"
     if refused:
         message += f" Not isolated: {', '.join(refused)}. {' '.join(refused.values())}"
     outputs = {"project": str(project.path), "report": str(report), "objects": figures.get("found", {})}
     emit(Finished(message, {**outputs, "refused": refused}))
     return 0
+
+
+def _trained_on(project: ProjectFolder) -> str:
+    """Return a sentence about the device of the training; empty for one of an earlier release, which says none."""
+    record = project.stage_record("training") or {"figures": {}}
+    name = record["figures"].get("device")
+    if not isinstance(name, str):
+        return ""
+    planned = planned_device(project, str(record["figures"].get("preset")))
+    return f" It was trained on {device_words(name, planned.reason if planned.name == name else '')}."

@@ -8,7 +8,13 @@ from pathlib import Path
 from ..planning import PlanSettings
 from ..training.settings import PRESET_LIST
 
-__all__ = ["add_camera_options", "add_no_objects_option", "add_preset_option", "describe_presets"]
+__all__ = [
+    "add_camera_options",
+    "add_device_option",
+    "add_no_objects_option",
+    "add_preset_option",
+    "describe_presets",
+]
 
 
 def describe_presets() -> str:
@@ -23,6 +29,16 @@ def add_preset_option(parser: argparse.ArgumentParser) -> None:
         choices=[preset.name for preset in PRESET_LIST],
         default=PlanSettings().preset,
         help=f"how much work. {describe_presets()} (default: %(default)s)",
+    )
+
+
+def add_device_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--device``."""
+    parser.add_argument(
+        "--device",
+        choices=("auto", "cpu", "gpu"),
+        default="auto",
+        help="what to train on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
     )
 
 

@@ -18,26 +18,35 @@ if TYPE_CHECKING:
         training_settings,
         work_plan_as_dict,
     )
-    from .forecast import forecast_as_dict, forecast_work, require_enough_memory
+    from .device_choice import choose_sizes, kept_sizes, planned_device, record_sizes, training_is_to_come
+    from .forecast import forecast_as_dict, forecast_work
+    from .memory_check import require_enough_memory
     from .outcome import update_calibration
     from .plan_text import format_plan
     from .planned_work import plan_and_forecast, plan_photos, store_forecast
+    from .training_device import TrainingDevice
 
 __all__ = [
     "Calibration",
     "PlanSettings",
     "ScenePlan",
+    "TrainingDevice",
     "WorkPlan",
     "calibrate",
+    "choose_sizes",
     "forecast_as_dict",
     "forecast_work",
     "format_plan",
+    "kept_sizes",
     "plan_and_forecast",
     "plan_photos",
     "plan_scene",
     "plan_work",
+    "planned_device",
+    "record_sizes",
     "require_enough_memory",
     "store_forecast",
+    "training_is_to_come",
     "training_settings",
     "update_calibration",
     "work_plan_as_dict",

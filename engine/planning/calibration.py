@@ -20,7 +20,15 @@ from ..files import check, optional, read_json, write_json
 from ..machine import Machine
 from ..project_folder import stage_key
 
-__all__ = ["CALIBRATION_VARIABLE", "Benchmark", "Calibration", "Correction", "calibration_file", "load_calibration"]
+__all__ = [
+    "CALIBRATION_VARIABLE",
+    "Benchmark",
+    "Calibration",
+    "Correction",
+    "calibration_file",
+    "load_calibration",
+    "outcome_name",
+]
 
 _log = logging.getLogger(__name__)
 
@@ -36,6 +44,8 @@ _NEW_OUTCOME_WEIGHT = 0.4  # chosen on museum_room, sakharov_statue32
 _MAX_LOG_RATIO = math.log(8.0)  # chosen on museum_room, sakharov_statue32
 """Largest |log(actual / formula)| that is used. Beyond it the cause is not the machine's speed: the run was paused, or
 part of the stage was reused from an earlier run."""
+_MAX_CARD_LOG_RATIO = math.log(100.0)  # by definition
+"""The same for training on a graphics card: its formula does not know how fast the card is."""
 _MIN_SECONDS = 2.0  # chosen on museum_room, sakharov_statue32
 """Shortest stage that is used, in seconds. In shorter ones the start-up dominates."""
 
@@ -62,6 +72,23 @@ PRIOR_DEVIATION = {
     "report": {"cpu": 0.4, "wall": 0.2, "memory": 0.25},
 }  # chosen on museum_room, sakharov_statue32
 """Standard deviations of log(actual / formula) per stage, before any run on a machine is known."""
+_CARD_DEVIATION = {"cpu": 0.6, "wall": 0.6, "memory": 0.3}  # by definition
+"""The same for training on a graphics card."""
+_ON_CARD = "training on "
+
+
+def outcome_name(stage: str, device: str) -> str:
+    """Return the name under which outcomes of a stage are kept: training has its own on each graphics card."""
+    return f"{_ON_CARD}{device}" if stage == "training" and device != "cpu" else stage
+
+
+def _deviations(outcome: str) -> dict[str, float]:
+    """Return the standard deviations of a stage, or of training on a card; empty for an unknown name."""
+    return _CARD_DEVIATION if outcome.startswith(_ON_CARD) else PRIOR_DEVIATION.get(outcome, {})
+
+
+def _max_log_ratio(outcome: str) -> float:
+    return _MAX_CARD_LOG_RATIO if outcome.startswith(_ON_CARD) else _MAX_LOG_RATIO
 
 
 @dataclass(frozen=True)
@@ -132,7 +159,7 @@ class Calibration:
     benchmark : Benchmark or None
         None before the first benchmark.
     outcomes : dict
-        Corrections by stage and quantity: ``cpu``, ``wall`` or ``memory``.
+        Corrections by stage, see `outcome_name`, and quantity: ``cpu``, ``wall`` or ``memory``.
     n_runs : int
         Number of runs in the corrections.
     """
@@ -144,9 +171,12 @@ class Calibration:
     n_runs: int = 0  # by definition
 
     def slowdown(self, stage: str) -> float:
-        """Return the CPU time of a stage's kind of work on this machine, divided by that on the reference machine."""
+        """Return the CPU time of a stage's kind of work on this machine, divided by that on the reference machine.
+
+        1 for training on a graphics card, whose formula is for the kind of card.
+        """
         measured = self.benchmark
-        if measured is None:
+        if measured is None or stage.startswith(_ON_CARD):
             return 1.0
         if stage in ("training", "report"):
             return measured.training_step / REFERENCE.training_step
@@ -166,7 +196,7 @@ class Calibration:
     def correction(self, stage: str, quantity: str) -> Correction:
         """Return the correction of a stage's formula for ``cpu``, ``wall`` or ``memory``."""
         known = self.outcomes.get(stage, {}).get(quantity)
-        return known or Correction(0.0, PRIOR_DEVIATION[stage][quantity] ** 2)
+        return known or Correction(0.0, _deviations(stage)[quantity] ** 2)
 
     def add_outcome(self, stage: str, quantity: str, *, formula: float, actual: float | None) -> None:
         """Add one outcome to the corrections. An outcome that says nothing about the formula is ignored."""
@@ -175,7 +205,7 @@ class Calibration:
         if quantity != "memory" and max(formula, actual) < _MIN_SECONDS:
             return
         ratio = math.log(actual / formula)
-        if abs(ratio) > _MAX_LOG_RATIO:
+        if abs(ratio) > _max_log_ratio(stage):
             _log.info(
                 "%s took %.3g times the expected %s; this run does not correct it", stage, math.exp(ratio), quantity
             )
@@ -277,10 +307,10 @@ def _is_valid(machine: Any) -> bool:
             return False
         if not 0 <= (benchmark["libraries"] or 0) <= _MAX_LIBRARY_BYTES:
             return False
-    corrections = [one for stage in machine["outcomes"].values() for one in stage.values()]
+    corrections = [(stage, one) for stage, found in machine["outcomes"].items() for one in found.values()]
     return machine["n_runs"] >= 0 and all(
-        abs(one["mean"]) <= _MAX_LOG_RATIO and 0 <= one["variance"] <= _MAX_VARIANCE and one["n"] >= 0
-        for one in corrections
+        abs(one["mean"]) <= _max_log_ratio(stage) and 0 <= one["variance"] <= _MAX_VARIANCE and one["n"] >= 0
+        for stage, one in corrections
     )
 
 
@@ -294,10 +324,10 @@ def _parse(empty: Calibration, stored: dict[str, Any]) -> Calibration:
             stage: {
                 quantity: Correction(values["mean"], values["variance"], values["n"])
                 for quantity, values in corrections.items()
-                if quantity in PRIOR_DEVIATION[stage]
+                if quantity in _deviations(stage)
             }
             for stage, corrections in outcomes.items()
-            if stage in PRIOR_DEVIATION
+            if _deviations(stage)
         },
         n_runs=stored["n_runs"],
     )

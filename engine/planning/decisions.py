@@ -10,16 +10,19 @@ No other module makes these decisions. Measurements behind the constants: docs/d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
 from ..cameras.settings import CameraSettings
 from ..photos import PhotoStatistics
-from ..scene import CameraSet, PhotoSet
+from ..rasterizer import Wanted
+from ..scene import CameraSet, Photo, PhotoSet
 from ..settings import require
+from ..training import settings_with_sizes
 from ..training.settings import MIN_PHOTOS_TO_CHOOSE, PRESETS, TrainingSettings, validation_photos
+from .training_device import ON_PROCESSOR, DeviceChoice, TrainingDevice
 
 __all__ = [
     "LeftOut",
@@ -27,6 +30,8 @@ __all__ = [
     "ScenePlan",
     "WorkPlan",
     "evenly_spaced",
+    "largest_photo",
+    "n_test_photos",
     "plan_scene",
     "plan_work",
     "training_settings",
@@ -53,6 +58,8 @@ class PlanSettings:
     ----------
     preset : str
         Name of a training preset.
+    device : {"auto", "cpu", "gpu"}
+        What to train on. ``auto``: the graphics card if there is one that passes its self-test.
     wants_objects : bool
         Whether objects are to be isolated. Without objects, no masks are made and no features are trained.
     n_mask_photos : int
@@ -65,6 +72,7 @@ class PlanSettings:
     """
 
     preset: str = "standard"  # by definition
+    device: Wanted = "auto"  # by definition
     wants_objects: bool = True  # by definition
     n_mask_photos: int = 28  # chosen on museum_room
     exclude_transients: bool = False  # chosen on museum_room
@@ -129,6 +137,10 @@ class WorkPlan:
         Advice to the user before the work starts, as sentences.
     exclude_transients : bool
         See `PlanSettings`.
+    device : TrainingDevice
+        What is trained on.
+    sizes : dict
+        Settings in place of those of the preset, by name.
     """
 
     preset: str
@@ -153,6 +165,8 @@ class WorkPlan:
     trial: float
     clustering_interval: int
     exclude_transients: bool = False
+    device: TrainingDevice = ON_PROCESSOR.device
+    sizes: dict[str, int] = field(default_factory=dict)
 
     @property
     def n_training(self) -> int:
@@ -197,6 +211,7 @@ def plan_work(
     cameras: CameraSettings,
     poses_given: bool,
     points_given: bool = False,
+    choice: DeviceChoice = ON_PROCESSOR,
 ) -> WorkPlan:
     """Make the decisions that need only the photos and the settings.
 
@@ -211,13 +226,13 @@ def plan_work(
         States up to how many photos every pair is matched.
     poses_given, points_given : bool
         Whether the user gave camera poses, and sparse points with them.
+    choice : DeviceChoice
+        What is trained on, and the sizes of the preset there.
     """
     count = len(photo_set.photos)
-    preset = PRESETS[settings.preset]
-    every = preset.measurement.held_out_every
-    n_held_out = len(range(every // 2, count, every)) if every else 0
-    preset = preset.for_photos(count - n_held_out)
-    largest = max(photo_set.photos, key=lambda photo: photo.width * photo.height)
+    n_held_out = n_test_photos(count, settings.preset)
+    preset = settings_with_sizes(settings.preset, choice.sizes).for_photos(count - n_held_out)
+    largest = largest_photo(photo_set)
     scale = min(1.0, preset.schedule.max_side / max(largest.width, largest.height))
     left_out: list[LeftOut] = []
     pairs, n_pairs = _pairs(count, cameras, points_given, left_out)
@@ -244,6 +259,13 @@ def plan_work(
                 f"their longest side has {max(largest.width, largest.height)} pixels",
             )
         )
+    if choice.device.limited:
+        left_out.append(
+            LeftOut(
+                f"Gaussians beyond {preset.growth.max_gaussians:,}",
+                f"{choice.device.name} holds no more beside the photos",
+            )
+        )
     texture = float(np.median([photo.texture for photo in statistics])) if statistics else 1.0
     steps = _steps(count - n_held_out, preset, settings, left_out)
     _choose_nothing(count - n_held_out, preset, settings, left_out)
@@ -267,10 +289,34 @@ def plan_work(
         max_gaussians=preset.growth.max_gaussians,
         steps=steps,
         left_out=tuple(left_out),
-        notes=_notes(photo_set, texture, poses_given),
+        notes=_notes(photo_set, texture, poses_given) + _kept_sizes(choice, preset),
         trial=preset.appearance.trial_fraction if settings.leave_out else 0.0,
         clustering_interval=interval,
         exclude_transients=settings.exclude_transients,
+        device=choice.device,
+        sizes=dict(choice.sizes),
+    )
+
+
+def largest_photo(photo_set: PhotoSet) -> Photo:
+    """Return the photo with the most pixels."""
+    return max(photo_set.photos, key=lambda photo: photo.width * photo.height)
+
+
+def n_test_photos(count: int, preset: str) -> int:
+    """Return how many of `count` photos are test photos."""
+    every = PRESETS[preset].measurement.held_out_every
+    return len(range(every // 2, count, every)) if every else 0
+
+
+def _kept_sizes(choice: DeviceChoice, preset: TrainingSettings) -> tuple[str, ...]:
+    """Return a sentence about sizes that an earlier run chose for another device; nothing for present ones."""
+    if not choice.device.kept:
+        return ()
+    return (
+        f"The training of this project was begun on {'a graphics card' if choice.sizes else 'the processor'} and keeps "
+        f"its sizes: at most {preset.growth.max_gaussians:,} Gaussians, pictures of {preset.schedule.max_side} pixels. "
+        "Choose another preset or a new folder for those of this device.",
     )
 
 
@@ -385,7 +431,7 @@ def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str,
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
     """Return the settings of the plan's preset, changed by the plan's decisions."""
-    preset = PRESETS[work.preset].for_photos(work.n_training)
+    preset = settings_with_sizes(work.preset, work.sizes).for_photos(work.n_training)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
     return preset.changed(

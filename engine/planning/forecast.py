@@ -9,14 +9,14 @@ shared server; docs/design_notes/planning.md lists the measurements.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..cameras.settings import CameraSettings
-from ..errors import EnvironmentProblem
 from ..machine import Machine
-from ..training.settings import PRESET_LIST, PRESETS, TrainingSettings
-from .calibration import Calibration
+from ..training.settings import TrainingSettings
+from .calibration import Calibration, outcome_name
+from .card_forecast import card_slowdown, card_step_seconds
 from .decisions import WorkPlan
 
 __all__ = [
@@ -26,9 +26,8 @@ __all__ = [
     "cpu_seconds_of",
     "forecast_work",
     "memory_of",
-    "require_enough_memory",
     "step_seconds",
-    "training_cpu_seconds",
+    "training_seconds",
     "wall_share",
 ]
 
@@ -124,6 +123,8 @@ _GAUSSIAN_NUMBER_BYTES = 24  # by definition
 """Training: bytes per number of a Gaussian: value, gradient, two moments, and copies during growth."""
 _GAUSSIAN_FEATURE_BYTES = 256  # by definition
 """Training: additional bytes per Gaussian for blending its segmentation features."""
+_DRIVER_BYTES = 300_000_000  # by definition
+"""Training on a graphics card: memory of its driver in this process."""
 _VIEW_GAUSSIAN_BYTES = 130  # by definition
 """Objects: bytes per Gaussian and photo of the views that are kept."""
 _MAX_VIEW_BYTES = 500_000_000  # by definition
@@ -172,12 +173,15 @@ class Forecast:
     cores : int
     n_runs : int
         Number of earlier runs on this machine that corrected the forecast.
+    device : str
+        What training is forecast for, see `TrainingDevice.name`.
     """
 
     stages: tuple[StageForecast, ...]
     free_memory: int | None
     cores: int
     n_runs: int
+    device: str = "cpu"
 
     @property
     def seconds(self) -> tuple[float, float, float]:
@@ -211,9 +215,17 @@ def step_seconds(n_gaussians: int, n_pixels: int, *, sh_degree: int, features: b
     return seconds
 
 
-def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
-    """Return the CPU seconds of training: `step_seconds` summed over the schedule with growth and coarse levels."""
+def training_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
+    """Return the seconds of training: those of a step summed over the schedule with growth and coarse levels.
+
+    CPU seconds of the reference machine with `step_seconds`, or those of the planned card with `card_step_seconds`.
+    """
     from ..training import Schedule
+
+    cost, slowdown = step_seconds, 1.0
+    if work.device.backend == "gpu":
+        cost = card_step_seconds
+        slowdown = card_slowdown(work.device.memory, shares_memory=work.device.shares_memory)
 
     n_trained = max(1, work.n_training)
     schedule = Schedule(settings, n_trained, 1.0)
@@ -224,7 +236,8 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
     for step in range(settings.schedule.steps):
         degree = schedule.sh_degree(step)
         # Bands of colour that are not used yet are neither evaluated nor optimised.
-        step_cost = step_seconds(n, round(pixels * schedule.scale(step) ** 2), sh_degree=degree, features=work.features)
+        step_pixels = round(pixels * schedule.scale(step) ** 2)
+        step_cost = slowdown * cost(n, step_pixels, sh_degree=degree, features=work.features)
         growing = (
             settings.growth.grow_from * settings.schedule.steps
             <= step
@@ -238,7 +251,7 @@ def training_cpu_seconds(work: WorkPlan, settings: TrainingSettings) -> float:
         n_measured = n_evaluated * (step + 1 in schedule.curve_steps)
         n_measured += len(schedule.validation) * 2 * (step in schedule.trials)
         if n_measured:
-            full = step_seconds(n, pixels, sh_degree=degree, features=False)
+            full = slowdown * cost(n, pixels, sh_degree=degree, features=False)
             seconds += n_measured * _EVALUATION_SHARE * full
     return seconds
 
@@ -257,7 +270,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     - cameras: (2.5 s per megapixel of the working copies + 5 ms per compared pair + 65 ms per matched pair + 0.03 s
       n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
     - masks: 6.5 s per photo
-    - training: `training_cpu_seconds`
+    - training: `training_seconds`
     - objects: 8 s and 18 s per prompt
     - report: 4 s
     """
@@ -278,7 +291,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     if stage == "masks":
         return work.n_mask_photos * _MASK_SECONDS
     if stage == "training":
-        return training_cpu_seconds(work, settings)
+        return training_seconds(work, settings)
     if stage == "objects":
         return _VOCABULARY_SECONDS + n_prompts * _OBJECT_SECONDS if n_prompts else 0.0
     return _REPORT_SECONDS
@@ -321,7 +334,8 @@ def memory_of(
     - masks: 880 MB for SAM
     - training: per photo and pixel, 3 bytes for the photo, 12 for labels and their index, 36 for the prepared target
       (one photo only where all would take more than 1 GiB); per Gaussian, 24 bytes per number and 256 with features;
-      the rendered picture with its channels and gradients; 420 MB that remain of SAM
+      the rendered picture with its channels and gradients; 420 MB that remain of SAM. On a graphics card no targets and
+      no 256 bytes, but 300 MB for the driver, and `card_bytes` where it uses the computer's memory
     - objects: the memory of training, which the process does not return to the system, SAM again, and 130 bytes per
       Gaussian and photo for views, up to 500 MB
     - report: the memory of training
@@ -338,15 +352,19 @@ def memory_of(
         return int(python + _COLMAP_BYTES + _COLMAP_PIXEL_BYTES * _copy_pixels(work) * min(4, cores))
     if stage == "masks":
         return python + _SAM_BYTES
+    on_card = work.device.backend == "gpu"
     targets = _TARGET_PIXEL_BYTES * pixels * work.n_photos
     kept_targets = targets if targets <= _MAX_TARGET_BYTES else _TARGET_PIXEL_BYTES * pixels
     channels = 3 + 16 * work.features
     numbers = 11 + 3 * (work.sh_degree + 1) ** 2 + 16 * work.features
-    gaussians = settings.growth.max_gaussians * (
-        _GAUSSIAN_NUMBER_BYTES * numbers + _GAUSSIAN_FEATURE_BYTES * work.features
-    )
+    blended = _GAUSSIAN_FEATURE_BYTES if work.features and not on_card else 0
+    gaussians = settings.growth.max_gaussians * (_GAUSSIAN_NUMBER_BYTES * numbers + blended)
     photos = pixels * (3 * work.n_photos + 12 * work.n_mask_photos)
-    training = python + photos + kept_targets + gaussians + pixels * (60 + 16 * channels)
+    training = python + photos + gaussians + pixels * (60 + 16 * channels)
+    if on_card:
+        training += _DRIVER_BYTES + (work.device.n_bytes if work.device.shares_memory else 0)
+    else:
+        training += kept_targets
     training += _KEPT_AFTER_SAM_BYTES if work.n_mask_photos else 0
     views = min(_MAX_VIEW_BYTES, _VIEW_GAUSSIAN_BYTES * settings.growth.max_gaussians * work.n_photos)
     return training + _SAM_BYTES + views if stage == "objects" else training
@@ -380,6 +398,7 @@ def forecast_work(
         machine.free_bytes,
         machine.cores,
         calibration.n_runs,
+        work.device.name,
     )
 
 
@@ -391,7 +410,8 @@ def _forecast_stage(
     calibration: Calibration,
     n_prompts: int,
 ) -> StageForecast:
-    model_cpu = cpu_seconds_of(stage, work, settings, n_prompts=n_prompts) * calibration.slowdown(stage)
+    outcome = outcome_name(stage, work.device.name)
+    model_cpu = cpu_seconds_of(stage, work, settings, n_prompts=n_prompts) * calibration.slowdown(outcome)
     model_memory = memory_of(
         stage,
         work,
@@ -400,9 +420,9 @@ def _forecast_stage(
         libraries=calibration.extra_library_memory,
         free=machine.free_bytes,
     )
-    cpu, wall, memory = (calibration.correction(stage, quantity) for quantity in ("cpu", "wall", "memory"))
+    cpu, wall, memory = (calibration.correction(outcome, quantity) for quantity in ("cpu", "wall", "memory"))
     cpu_seconds = model_cpu * math.exp(cpu.mean)
-    seconds = cpu_seconds * wall_share(stage, machine.cores) * math.exp(wall.mean)
+    seconds = cpu_seconds * wall_share(outcome, machine.cores) * math.exp(wall.mean)
     spread = math.exp(_SPREAD_80 * math.sqrt(cpu.variance + wall.variance))
     peak = model_memory * math.exp(memory.mean)
     memory_spread = math.exp(_SPREAD_80 * math.sqrt(memory.variance))
@@ -413,61 +433,14 @@ def _forecast_stage(
 
 
 def wall_share(stage: str, cores: int) -> float:
-    """Return the wall seconds per CPU second of a stage on `cores` idle cores, after Amdahl's law."""
+    """Return the wall seconds per CPU second of a stage on `cores` idle cores, after Amdahl's law.
+
+    A stage on a graphics card, named as by `outcome_name`, takes as long as its formula says on any number of cores.
+    """
+    if stage not in _SERIAL_SHARE:
+        return 1.0
     cores = min(cores, _MAX_CORES.get(stage, cores))
     return _SERIAL_SHARE[stage] + (1.0 - _SERIAL_SHARE[stage]) / cores
-
-
-def require_enough_memory(forecast: Forecast, work: WorkPlan, calibration: Calibration) -> None:
-    """Raise an error if a stage needs more memory than is free.
-
-    Raises
-    ------
-    EnvironmentProblem
-        When a stage is expected to need more memory than is free. The message states both and the presets that fit.
-    """
-    free, largest = forecast.free_memory, forecast.largest
-    if free is None or largest.memory <= free:
-        return
-    size = f"{work.max_gaussians:,} Gaussians, {work.n_photos} photos of {work.width} x {work.height} pixels"
-    fitting = _presets_that_fit(work, forecast.cores, calibration, free)
-    if fitting:
-        change = "Choose " + " or ".join(f"--preset {name} (needs {_gb(need)})" for name, need in fitting)
-        change += ", or close other programs."
-    else:
-        change = "No preset fits: close other programs, use fewer photos, or use a machine with more memory."
-    raise EnvironmentProblem(
-        f"The preset {work.preset} needs about {_gb(largest.memory)} of memory for {largest.stage} ({size}), and "
-        f"{_gb(free)} are free. {change}"
-    )
-
-
-def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free: int) -> list[tuple[str, int]]:
-    """Return the smaller presets that fit into `free` bytes, the largest first, with the bytes that each needs."""
-    fitting = []
-    for name in reversed([preset.name for preset in PRESET_LIST if preset.offered]):
-        preset = PRESETS[name].for_photos(work.n_training)
-        scale = min(1.0, preset.schedule.max_side / max(work.photo_width, work.photo_height))
-        smaller = replace(
-            work, preset=name, max_gaussians=preset.growth.max_gaussians, sh_degree=preset.appearance.sh_degree,
-            steps=preset.schedule.steps,
-            width=round(work.photo_width * scale), height=round(work.photo_height * scale),
-        )  # fmt: skip
-        stages = ["photos", "cameras", "training"] + (["masks"] if work.n_mask_photos else [])
-        need = max(
-            int(
-                memory_of(stage, smaller, preset, cores=cores, libraries=calibration.extra_library_memory, free=free)
-                * math.exp(calibration.correction(stage, "memory").mean)
-            )
-            for stage in stages
-        )
-        if need <= free and name != work.preset and preset.growth.max_gaussians < work.max_gaussians:
-            fitting.append((name, need))
-    return fitting
-
-
-def _gb(value: int) -> str:
-    return f"{value / 1e9:.1f} GB"
 
 
 def forecast_as_dict(forecast: Forecast) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..project_folder import ProjectFolder
-from .calibration import Calibration
+from .calibration import Calibration, outcome_name
 from .decisions import WorkPlan
 from .forecast import Forecast, wall_share
 
@@ -44,11 +44,14 @@ def update_calibration(
         record = project.stage_record(stage)
         if record is None or record["continued"] or stage not in expected:
             continue
+        if stage == "training" and record["figures"].get("device", "cpu") != forecast.device:
+            continue  # The plan expected that it would be reused.
         formula = expected[stage].model_cpu_seconds
         cpu, wall = record["cpu_seconds"], record["wall_seconds"]
-        calibration.add_outcome(stage, "cpu", formula=formula, actual=cpu)
-        calibration.add_outcome(stage, "wall", formula=cpu * wall_share(stage, forecast.cores), actual=wall)
-        calibration.add_outcome(stage, "memory", formula=expected[stage].model_memory, actual=record["peak_memory"])
+        outcome = outcome_name(stage, forecast.device)
+        calibration.add_outcome(outcome, "cpu", formula=formula, actual=cpu)
+        calibration.add_outcome(outcome, "wall", formula=cpu * wall_share(outcome, forecast.cores), actual=wall)
+        calibration.add_outcome(outcome, "memory", formula=expected[stage].model_memory, actual=record["peak_memory"])
         updated = True
     if updated:
         calibration.n_runs += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..masks.settings import EMBEDDING_BYTES, MAX_EMBEDDINGS
+from ..rasterizer import device_words
 from ..training.settings import validation_photos
 from .decisions import WorkPlan
 from .forecast import Forecast
@@ -49,8 +50,18 @@ def _decisions(work: WorkPlan) -> list[tuple[str, str]]:
         ("features", "16 numbers per Gaussian, trained together with the colour" if work.features else "none"),
         ("exposure", "one brightness correction per photo" if work.exposure else "no correction"),
         ("steps", f"{work.steps:,}"),
+        ("training on", _device(work)),
         ("test photos", test_photos if work.n_held_out else "none"),
     ]
+
+
+def _device(work: WorkPlan) -> str:
+    device = work.device
+    words = device_words(device.name, device.reason)
+    if device.backend == "cpu":
+        return words
+    of = "" if device.memory is None else f" of its {device.memory / 1e9:.0f} GB"
+    return f"{words}, about {device.n_bytes / 1e9:.1f} GB{of} memory"
 
 
 def _forecast_table(forecast: Forecast) -> list[str]:
@@ -63,7 +74,8 @@ def _forecast_table(forecast: Forecast) -> list[str]:
     lines.append(f"  {'together':<12}{f'{middle:.1f} ({low:.1f} to {high:.1f})':<28}{_free_memory(forecast)}")
     runs = f"{forecast.n_runs} earlier runs" if forecast.n_runs != 1 else "one earlier run"
     basis = f"a short benchmark and {runs}" if forecast.n_runs else "a short benchmark; every run improves it"
-    lines.append(f"  for {forecast.cores} otherwise idle cores, based on {basis}")
+    card = f" and {forecast.device}" if forecast.device != "cpu" else ""
+    lines.append(f"  for {forecast.cores} otherwise idle cores{card}, based on {basis}")
     return lines
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,11 +14,14 @@ from ..machine import describe_machine
 from ..photos import PhotoStatistics, inspect_photos, read_photos
 from ..photos.settings import PhotoSettings
 from ..project_folder import ProjectFolder
+from ..rasterizer import Device, choose_training_device
 from ..scene import PhotoSet
 from .benchmark import calibrate
 from .calibration import Calibration
 from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, work_plan_as_dict
+from .device_choice import choose_sizes
 from .forecast import Forecast, forecast_as_dict, forecast_work
+from .training_device import TrainingDevice
 
 __all__ = ["PlannedWork", "plan_and_forecast", "plan_photos", "store_forecast"]
 
@@ -50,12 +53,17 @@ def plan_photos(
     ------
     PhotoError, CameraError
         When there are no usable photos, or no camera model at the given path.
+    EnvironmentProblem
+        When a graphics card is demanded and there is none, or it does not hold the scene.
     Cancelled
         When `should_stop` returns true.
     """
     photo_set = read_photos(folder, photos, masks=photo_masks, emit=emit, should_stop=should_stop)
     statistics = inspect_photos(photo_set, should_stop=should_stop)
-    return plan_and_forecast(photo_set, statistics, settings, cameras=cameras, model=model, n_prompts=0, emit=emit)
+    device = choose_training_device(settings.device)
+    return plan_and_forecast(
+        photo_set, statistics, settings, cameras=cameras, model=model, n_prompts=0, device=device, kept=None, emit=emit
+    )
 
 
 def plan_and_forecast(
@@ -66,6 +74,8 @@ def plan_and_forecast(
     cameras: CameraSettings,
     model: Path | None,
     n_prompts: int,
+    device: Device | TrainingDevice,
+    kept: Mapping[str, int] | None,
     emit: Emit,
 ) -> PlannedWork:
     """Plan the run and forecast its time and memory on this machine. Measure the machine first if it is not known yet.
@@ -81,17 +91,26 @@ def plan_and_forecast(
         Camera model that the user gave.
     n_prompts : int
         Number of objects to be isolated at the end.
+    device, kept
+        See `choose_sizes`.
     emit : Emit
+
+    Raises
+    ------
+    EnvironmentProblem
+        When a graphics card is demanded that does not hold the scene.
     """
     points_given = False
     if model is not None:
         from ..cameras import has_points
 
         points_given = has_points(model)
-    work = plan_work(
-        photo_set, statistics, settings, cameras=cameras, poses_given=model is not None, points_given=points_given
-    )
     machine = describe_machine()
+    choice = choose_sizes(settings, photo_set, device, kept, free=machine.free_bytes)
+    work = plan_work(
+        photo_set, statistics, settings, cameras=cameras, poses_given=model is not None, points_given=points_given,
+        choice=choice,
+    )  # fmt: skip
     calibration = calibrate(machine, emit=emit)
     forecast = forecast_work(work, training_settings(work), machine, calibration, n_prompts=n_prompts)
     return PlannedWork(work, forecast, calibration)

@@ -15,7 +15,17 @@ if TYPE_CHECKING:
     from .api import rasterize
     from .cached_view import CachedView
     from .compilation import compile_kernels
-    from .devices import Device, Wanted, choose_device, describe_cards, fallback
+    from .devices import (
+        Card,
+        Device,
+        Wanted,
+        choose_device,
+        choose_training_device,
+        device_words,
+        fallback,
+        look_for_card,
+        training_stopped,
+    )
     from .jit import cache_folder
     from .loss import Target, photometric_loss, ssim
     from .raster import CulledCounts, Raster
@@ -26,6 +36,7 @@ __all__ = [
     "MAX_CHANNELS",
     "AdamState",
     "CachedView",
+    "Card",
     "CulledCounts",
     "Device",
     "Raster",
@@ -34,14 +45,17 @@ __all__ = [
     "adam_step",
     "cache_folder",
     "choose_device",
+    "choose_training_device",
     "compile_kernels",
-    "describe_cards",
+    "device_words",
     "fallback",
+    "look_for_card",
     "photometric_loss",
     "project_centres",
     "project_covariances",
     "rasterize",
     "ssim",
+    "training_stopped",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

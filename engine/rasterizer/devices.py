@@ -1,21 +1,87 @@
-"""Choice between the graphics card and the processor for a picture, and what the user is told about it."""
+"""Choice between the graphics card and the processor, for a picture and for training, and what the user is told."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
+from ..child_process import ChildFailure, run_in_child
 from ..errors import EnvironmentProblem
+from ..machine import card_memory
 
-__all__ = ["Device", "Wanted", "choose_device", "describe_cards", "fallback"]
+__all__ = [
+    "Card",
+    "CardFindings",
+    "Device",
+    "Wanted",
+    "choose_device",
+    "choose_training_device",
+    "describe_cards",
+    "device_words",
+    "fallback",
+    "look_for_card",
+    "training_stopped",
+]
 
 Wanted = Literal["auto", "cpu", "gpu"]
+
+_CARD_SECONDS = 60.0
+"""For the self-test of the graphics card, which takes one or two."""
+_CARD_BYTES = 1 << 46
+"""Address space for it: drivers reserve much more than they use."""
+_NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
+
+
+@dataclass(frozen=True)
+class Card:
+    """A graphics card that passed its self-test.
+
+    Attributes
+    ----------
+    name, interface : str
+        Such as ``NVIDIA H100 80GB HBM3`` and ``Vulkan``.
+    max_buffer_bytes : int
+        Largest buffer that a kernel can see.
+    memory : int or None
+        Bytes of its own memory; None where that is not known, or the card uses the computer's memory.
+    shares_memory : bool
+        Whether its buffers are in the computer's memory.
+    """
+
+    name: str
+    interface: str
+    max_buffer_bytes: int
+    memory: int | None
+    shares_memory: bool
+
+    @property
+    def label(self) -> str:
+        """Name and interface, as the user reads them."""
+        return f"{self.name} ({self.interface})"
+
+
+@dataclass(frozen=True)
+class CardFindings:
+    """What was found when a graphics card was looked for.
+
+    Attributes
+    ----------
+    found : str
+        Cards, self-test, and software that is not used, for `doctor`.
+    reason : str
+        Why no card is used, a clause; empty if one is.
+    card : Card or None
+    """
+
+    found: str
+    reason: str
+    card: Card | None
 
 
 @dataclass(frozen=True)
 class Device:
-    """What renders a picture.
+    """What renders or trains.
 
     Attributes
     ----------
@@ -25,11 +91,14 @@ class Device:
         ``cpu``, or the card with its interface.
     reason : str
         Why the card is not used, empty if it is or nobody asked for it.
+    card : Card or None
+        Known where training chose it.
     """
 
     backend: Literal["cpu", "gpu"]
     name: str
     reason: str = ""
+    card: Card | None = None
 
 
 def choose_device(wanted: Wanted) -> Device:
@@ -58,23 +127,89 @@ def choose_device(wanted: Wanted) -> Device:
     return Device("gpu", f"{gpu.name} ({gpu.backend})")
 
 
+def choose_training_device(wanted: Wanted) -> Device:
+    """Return the device to train on. Unlike `choose_device`, it survives a driver that crashes or hangs.
+
+    Parameters
+    ----------
+    wanted : {"auto", "cpu", "gpu"}
+        See `choose_device`.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If ``gpu`` is wanted, and there is no card or it fails the self-test.
+    """
+    if wanted == "cpu":
+        return Device("cpu", "cpu")
+    findings = look_for_card()
+    if findings.card is not None:
+        return Device("gpu", findings.card.label, card=findings.card)
+    if wanted == "gpu":
+        raise EnvironmentProblem(f"{findings.reason}; train with --device cpu.")
+    return Device("cpu", "cpu", findings.reason)
+
+
 def fallback(problem: EnvironmentProblem) -> Device:
     """Return the processor, with what is wrong with the card as the reason, without the advice to use the processor."""
-    return Device("cpu", "cpu", str(problem).partition(";")[0].rstrip("."))
+    return Device("cpu", "cpu", _clause(problem))
 
 
-def describe_cards() -> tuple[bool, str]:
-    """Return whether there is a usable graphics card, and what was found: cards, self-test, software that is not used."""
-    from .gpu import describe_adapters, open_gpu
+def device_words(name: str, reason: str = "") -> str:
+    """Return the name of a device and why it is not the card, as the end of a sentence without its full stop."""
+    shown = "the processor" if name == "cpu" else name
+    return f"{shown}, because {reason}" if reason else shown
+
+
+def training_stopped(device: Device, problem: EnvironmentProblem) -> EnvironmentProblem:
+    """Return the error of a training that `problem` ended: what is wrong with the card says how to continue."""
+    card = device.name.rpartition(" (")[0]
+    if device.backend == "cpu" or card not in str(problem):
+        return problem
+    return EnvironmentProblem(
+        f"Training on {device.name} stopped, because {_clause(problem)}. Run again to continue from the last checkpoint, "
+        "or with --device cpu to continue on the processor; a smaller preset or fewer photos need less of the card's memory."
+    )
+
+
+def look_for_card() -> CardFindings:
+    """Return what `describe_cards` finds, in a process of its own: a driver may crash or hang."""
+    try:
+        answer = run_in_child(
+            "rasterizer.devices:describe_cards", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
+            what="testing the graphics card",
+        )  # fmt: skip
+    except ChildFailure as failure:
+        reason = str(failure).rstrip(".")
+        return CardFindings(f"{reason}; update its driver", f"{reason[:1].lower()}{reason[1:]}", None)
+    card = answer["card"]
+    return CardFindings(answer["found"], answer["reason"], None if card is None else Card(**card))
+
+
+def describe_cards() -> dict[str, Any]:
+    """Return the values of `CardFindings` as JSON values: cards, self-test, software that is not used."""
+    from .gpu import describe_adapters
 
     try:
         cards, software = describe_adapters(), describe_adapters(software=True)
         unused = "".join(f"; {name} is software and not used" for name in software)
         if not cards:
-            return False, f"none with Vulkan, Metal or DirectX 12{unused}"
+            return {"found": f"none with Vulkan, Metal or DirectX 12{unused}", "reason": _NO_CARD, "card": None}
+        # Only now, because it imports torch, which takes longer than to look for cards.
+        from .gpu import open_gpu
+
         start = time.perf_counter()
-        open_gpu()
+        gpu = open_gpu()
     except EnvironmentProblem as problem:
-        return False, str(problem).rstrip(".")
+        return {"found": str(problem).rstrip("."), "reason": _clause(problem), "card": None}
+    seconds = time.perf_counter() - start
+    memory = None if gpu.shares_memory else card_memory(gpu.name)
+    card = Card(gpu.name, gpu.backend, gpu.max_binding_bytes, memory, gpu.shares_memory)
     unused = "".join(f"; {name} is another card and not used" for name in cards[1:]) + unused
-    return True, f"{cards[0]}; self-test against the CPU passed in {time.perf_counter() - start:.1f} s{unused}"
+    size = "" if memory is None else f", {memory / 2**30:.0f} GiB memory"
+    found = f"{cards[0]}{size}; self-test against the CPU passed in {seconds:.1f} s{unused}"
+    return {"found": found, "reason": "", "card": asdict(card)}
+
+
+def _clause(problem: EnvironmentProblem) -> str:
+    return str(problem).partition(";")[0].rstrip(".")

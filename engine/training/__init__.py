@@ -8,6 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .background import background_gaussians
+    from .card_settings import key_values, settings_with_sizes, sizes_on_card
     from .checkpoint import CHECKPOINT_FILE, delete_old_runs, latest_run, read_progress
     from .coverage import WELL_SEEN, Coverage
     from .earlier_releases import former_settings
@@ -32,11 +33,14 @@ __all__ = [
     "former_settings",
     "gaussians_so_far",
     "is_held_out",
+    "key_values",
     "latest_run",
     "load_views",
     "measure_quality",
     "read_progress",
     "render",
+    "settings_with_sizes",
+    "sizes_on_card",
     "start_gaussians",
     "train",
 ]

@@ -23,7 +23,7 @@ from ..errors import FormatError, NumericalError
 from ..files import ArraySpec, atomic_write, delete_derived, finite_or_null, parse_json, read_arrays
 from ..rasterizer import AdamState
 from ..scene import Gaussians
-from ..settings import to_dict
+from .card_settings import key_values
 from .guards import ADVICE
 from .held_out import CurvePoint
 from .parameters import NAMES, Parameters
@@ -175,8 +175,8 @@ class RunState:
 
 
 def run_key(start: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> str:
-    """Return a hash of everything that the result depends on; a checkpoint with another key is not resumed."""
-    values = {name: v for name, v in to_dict(settings).items() if name not in SETTINGS_WITHOUT_EFFECT}
+    """Return a hash of what the result depends on, but the device; a checkpoint with another key is not resumed."""
+    values = {name: v for name, v in key_values(settings).items() if name not in SETTINGS_WITHOUT_EFFECT}
     digest = hashlib.sha256(json.dumps([VERSION, values], sort_keys=True).encode())
     for array in (start.means, start.log_scales, start.quats, start.opacity_logits, start.sh, start.features):
         if array is not None:

@@ -79,6 +79,7 @@ class GpuSteps:
                 GpuParameters(self._gpu, values, parameters.moments, n_background=parameters.n_background),
                 step_settings(self._inputs),
                 exposures=GpuExposures(self._gpu, exposure, state.exposure_moments),
+                max_gaussians=self._inputs.settings.growth.max_gaussians,
             )
         else:
             self._trainer.upload(parameters.values, parameters.moments, n_background=parameters.n_background)

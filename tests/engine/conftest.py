@@ -20,6 +20,15 @@ def blobs() -> BlobScene:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _no_graphics_card() -> Iterator[None]:
+    """Commands of tests train on the processor, also on a computer with a card, and do not look for one."""
+    answer = {"found": "none", "reason": "tests use no graphics card", "card": None}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _speed_of_the_reference_machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Forecasts of tests neither measure this machine nor change what its user's forecasts are made from."""
     before = os.environ.get(CALIBRATION_VARIABLE)

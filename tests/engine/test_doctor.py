@@ -10,11 +10,9 @@ from pathlib import Path
 import pytest
 
 from engine import doctor
-from engine.child_process import ChildFailure
+from engine.child_process import ChildFailure, run_in_child
 from engine.cli import main
 from engine.doctor import examine
-from engine.errors import EnvironmentProblem
-from engine.rasterizer import describe_cards
 
 
 def test_set_up_machine_has_all_that_is_required() -> None:
@@ -67,34 +65,22 @@ def test_card_whose_driver_crashes_or_hangs_is_one_of_the_checks(monkeypatch: py
     def crash(*_: object, **__: object) -> None:
         raise ChildFailure("Testing the graphics card crashed (SIGSEGV).", "crash")
 
-    monkeypatch.setattr(doctor, "run_in_child", crash)
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", crash)
     check = doctor._gpu()
     assert not check.ok and not check.required
     assert check.detail.startswith("Testing the graphics card crashed (SIGSEGV); update its driver; ")
+    assert check.detail.endswith("pictures and training use the CPU")
 
 
-def test_card_is_looked_for_in_a_process_of_its_own() -> None:
+def test_card_is_looked_for_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", run_in_child)
     check = doctor._gpu()
     assert check.ok or "none with Vulkan" in check.detail or "not used" in check.detail
 
 
-def test_software_adapter_is_named_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = {False: [], True: ["llvmpipe (Vulkan, driver Mesa, CPU, ...)"]}
-    monkeypatch.setattr("engine.rasterizer.gpu.describe_adapters", lambda software=False: lines[software])
-    usable, found = describe_cards()
-    assert not usable and "none with Vulkan" in found and "llvmpipe" in found and "is software" in found
-
-
-def test_card_is_described_with_the_result_of_its_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
-    lines = {False: ["Card (Vulkan, driver 1.2, DiscreteGPU, buffers to 2048 MiB)"], True: []}
-    monkeypatch.setattr("engine.rasterizer.gpu.describe_adapters", lambda software=False: lines[software])
-    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: None)
-    usable, found = describe_cards()
-    assert usable and "driver 1.2" in found and "self-test" in found
-
-    def refuse() -> None:
-        raise EnvironmentProblem("the graphics card Card computes a test picture wrongly; use the CPU.")
-
-    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", refuse)
-    usable, found = describe_cards()
-    assert not usable and "computes a test picture wrongly" in found
+def test_card_that_passes_its_self_test_is_used_for_pictures_and_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    card = {"name": "Card", "interface": "Vulkan", "max_buffer_bytes": 1, "memory": None, "shares_memory": False}
+    answer = {"found": "Card (Vulkan, ...)", "reason": "", "card": card}
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
+    check = doctor._gpu()
+    assert check.ok and check.detail == "Card (Vulkan, ...); `render` and training use it"

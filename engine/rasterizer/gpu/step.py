@@ -96,7 +96,7 @@ class GpuTrainer:
         self._capacity = capacity or max(4096, 2 * parameters.room)
         self.guards: Counter[str] = Counter()
         self._photos: list[Photo] = []
-        self._frames: dict[tuple[int, int], TrainingFrame] = {}
+        self._frames: dict[tuple[int, int, bool], TrainingFrame] = {}
         self._pool: dict[str, Any] = {}
         self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
 
@@ -328,7 +328,7 @@ class GpuTrainer:
     def _queue(self, plan: StepPlan, index: int, queued: Mapping[str, int]) -> None:
         """Queue one step. `queued` counts the steps of each group since the status was cleared, with this one."""
         photo, settings = self._photos[plan.photo], self.settings
-        frame = self._frame(photo.camera)
+        frame = self._frame(photo.camera, with_features="features" in plan.learning_rates)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
@@ -350,21 +350,25 @@ class GpuTrainer:
         frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
         frame.step()
 
-    def _frame(self, camera: PinholeCamera) -> TrainingFrame:
-        """Return the frame of the camera's size of picture. The largest is made first, so that its buffers fit all."""
-        if not self._frames:
-            self._make_frame(max((photo.camera for photo in self._photos), key=lambda one: one.width * one.height))
-        if (camera.width, camera.height) not in self._frames:
-            self._make_frame(camera)
-        return self._frames[camera.width, camera.height]
+    def _frame(self, camera: PinholeCamera, *, with_features: bool = True) -> TrainingFrame:
+        """Return the frame of a size of picture, which blends features only if they are trained in the step.
 
-    def _make_frame(self, camera: PinholeCamera) -> None:
+        The largest is made first, so that its buffers fit all.
+        """
+        with_features = with_features and self.parameters.n_features > 0
+        if not self._frames:
+            largest = max((photo.camera for photo in self._photos), key=lambda one: one.width * one.height)
+            self._make_frame(largest, with_features=self.parameters.n_features > 0)
+        if (camera.width, camera.height, with_features) not in self._frames:
+            self._make_frame(camera, with_features=with_features)
+        return self._frames[camera.width, camera.height, with_features]
+
+    def _make_frame(self, camera: PinholeCamera, *, with_features: bool) -> None:
         parameters, width, height = self.parameters, camera.width, camera.height
-        size = FrameSize(
-            parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity, room=parameters.room
-        )
+        n_features = parameters.n_features if with_features else 0
+        size = FrameSize(parameters.n, parameters.n_sh, n_features, width, height, self._capacity, room=parameters.room)
         n_moving = 3 if self.settings.detached_features else None
-        self._frames[width, height] = TrainingFrame(
+        self._frames[width, height, with_features] = TrainingFrame(
             self.gpu, size, parameters, self.exposures, self._status, self._pool, n_moving=n_moving,
             limits=self.settings.limits,
         )  # fmt: skip

@@ -15,10 +15,10 @@ from engine.planning.forecast import (
     Forecast,
     cpu_seconds_of,
     forecast_work,
-    require_enough_memory,
     step_seconds,
-    training_cpu_seconds,
+    training_seconds,
 )
+from engine.planning.memory_check import require_enough_memory
 
 from .scenes import work
 
@@ -104,7 +104,7 @@ def test_larger_libraries_are_added_to_every_stage_that_loads_them(known: Calibr
 def test_trials_are_forecast_where_they_are_made() -> None:
     def seconds(n: int, **values: float) -> float:
         plan = work(n)
-        return training_cpu_seconds(plan, training_settings(plan).changed(**values))
+        return training_seconds(plan, training_settings(plan).changed(**values))
 
     assert seconds(26) == seconds(26, trial_fraction=0.0)
     assert seconds(48) > seconds(48, trial_fraction=0.0)

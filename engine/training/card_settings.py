@@ -1,0 +1,85 @@
+"""What a graphics card changes in the settings: it affords more Gaussians and pixels. Standard library only.
+
+The numbers are provisional: no card was measured for them yet. They are written here and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..settings import to_dict
+from .settings import PRESETS, TrainingSettings
+
+__all__ = ["CARD_SIZES", "CardSizes", "key_values", "settings_with_sizes", "sizes_on_card"]
+
+_ROUNDED_TO = 10_000  # by definition
+"""Numbers of Gaussians that memory decides are multiples of this."""
+
+
+@dataclass(frozen=True)
+class CardSizes:
+    """What a preset has on a card in place of its own sizes.
+
+    Attributes
+    ----------
+    steps, rounds, max_side : int
+        See `ScheduleSettings`.
+    max_gaussians : int
+        Largest number of Gaussians.
+    most_gaussians : int
+        The same on a card whose memory is known and holds so many.
+    """
+
+    steps: int
+    rounds: int
+    max_side: int
+    max_gaussians: int
+    most_gaussians: int
+
+
+CARD_SIZES: dict[str, CardSizes] = {
+    "preview": CardSizes(1_500, 0, 1_600, 60_000, 60_000),  # by definition
+    # All steps from 42 training photos on, those of the museum room.
+    "standard": CardSizes(7_000, 168, 1_600, 300_000, 300_000),  # by definition
+    "best": CardSizes(30_000, 720, 1_600, 1_000_000, 3_000_000),  # by definition
+}
+"""By the name of the preset. Presets that are not named here have their own sizes on a card too."""
+
+
+def sizes_on_card(preset: str, room: int, *, memory_is_known: bool) -> dict[str, int]:
+    """Return the settings that a preset has on a card in place of its own, by name; empty for none.
+
+    Parameters
+    ----------
+    preset : str
+    room : int
+        Number of Gaussians that the card holds beside the photos.
+    memory_is_known : bool
+        Whether that comes from the size of its memory.
+    """
+    sizes = CARD_SIZES.get(preset)
+    if sizes is None:
+        return {}
+    wanted = sizes.most_gaussians if memory_is_known else sizes.max_gaussians
+    n = wanted if room >= wanted else max(PRESETS[preset].growth.max_gaussians, room // _ROUNDED_TO * _ROUNDED_TO)
+    return {"steps": sizes.steps, "rounds": sizes.rounds, "max_side": sizes.max_side, "max_gaussians": n}
+
+
+def settings_with_sizes(preset: str, sizes: Mapping[str, int]) -> TrainingSettings:
+    """Return the settings of a preset with other `sizes`; bands of colour begin after the same share of the steps."""
+    base = PRESETS[preset]
+    if not sizes:
+        return base
+    steps = sizes.get("steps", base.schedule.steps)
+    interval = base.appearance.sh_interval * steps // base.schedule.steps
+    return base.changed(**sizes, sh_interval=max(1, interval))
+
+
+def key_values(settings: TrainingSettings) -> dict[str, Any]:
+    """Return the settings as keys of runs and stages hash them: the same for training on a card and on the processor.
+
+    Their results differ as those of two computers do. A scene stays done, and a run continues, on the other one.
+    """
+    return to_dict(replace(settings, backend="cpu") if settings.backend == "gpu" else settings)

@@ -1,0 +1,104 @@
+"""Which device trains: a card that passed its self-test in a process of its own, else the processor with the reason."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from engine.child_process import ChildFailure
+from engine.errors import EnvironmentProblem
+from engine.rasterizer.devices import (
+    Device,
+    choose_training_device,
+    describe_cards,
+    device_words,
+    training_stopped,
+)
+
+CARD = {"name": "Card", "interface": "Vulkan", "max_buffer_bytes": 2 << 30, "memory": 8 << 30, "shares_memory": False}
+NO_CARD = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
+
+
+def answer(monkeypatch: pytest.MonkeyPatch, card: dict[str, Any] | None, reason: str = "") -> None:
+    """Let the child process find this."""
+    found = {"found": "", "reason": reason, "card": card}
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: found)
+
+
+def adapters(monkeypatch: pytest.MonkeyPatch, cards: list[str], software: list[str]) -> None:
+    lines = {False: cards, True: software}
+    monkeypatch.setattr("engine.rasterizer.gpu.describe_adapters", lambda software=False: lines[software])
+
+
+def test_card_that_works_is_used_without_being_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer(monkeypatch, CARD)
+    device = choose_training_device("auto")
+    assert (device.backend, device.name, device.reason) == ("gpu", "Card (Vulkan)", "")
+    assert choose_training_device("gpu") == device
+
+
+def test_without_a_card_the_processor_trains_and_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer(monkeypatch, None, NO_CARD)
+    device = choose_training_device("auto")
+    assert device == Device("cpu", "cpu", NO_CARD)
+    assert device_words(device.name, device.reason) == f"the processor, because {NO_CARD}"
+    with pytest.raises(EnvironmentProblem, match=f"{NO_CARD}; train with --device cpu"):
+        choose_training_device("gpu")
+
+
+def test_processor_that_is_asked_for_needs_no_look_at_the_cards(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise AssertionError("looked for a card")
+
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", fail)
+    device = choose_training_device("cpu")
+    assert device_words(device.name, device.reason) == "the processor"
+
+
+def test_driver_that_crashes_in_the_test_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(*_: object, **__: object) -> None:
+        raise ChildFailure("Testing the graphics card crashed (SIGSEGV).", "crash")
+
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", crash)
+    assert choose_training_device("auto").reason == "testing the graphics card crashed (SIGSEGV)"
+
+
+def test_software_adapter_is_named_and_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    adapters(monkeypatch, [], ["llvmpipe (Vulkan, driver Mesa, CPU, ...)"])
+    found = describe_cards()
+    assert found["card"] is None and found["reason"] == NO_CARD
+    assert "none with Vulkan" in found["found"] and "llvmpipe" in found["found"] and "is software" in found["found"]
+
+
+def test_card_is_described_with_the_result_of_its_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    adapters(monkeypatch, ["Card (Vulkan, driver 1.2, DiscreteGPU, buffers to 2048 MiB)"], [])
+    gpu = SimpleNamespace(name="Card", backend="Vulkan", max_binding_bytes=2 << 30, shares_memory=False)
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
+    monkeypatch.setattr("engine.rasterizer.devices.card_memory", lambda name: 8 << 30)
+    found = describe_cards()
+    assert found["card"] == CARD
+    assert "driver 1.2" in found["found"] and "8 GiB memory; self-test" in found["found"]
+    gpu.shares_memory = True
+    assert describe_cards()["card"]["memory"] is None
+
+    def refuse() -> None:
+        raise EnvironmentProblem("the graphics card Card computes a test picture wrongly; use the CPU.")
+
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", refuse)
+    found = describe_cards()
+    assert found["card"] is None and found["reason"] == "the graphics card Card computes a test picture wrongly"
+
+
+def test_training_that_the_card_ends_says_how_to_continue() -> None:
+    device = Device("gpu", "Card (Vulkan)")
+    full = EnvironmentProblem("the memory of the graphics card Card is full; train fewer Gaussians, or use the CPU.")
+    message = str(training_stopped(device, full))
+    assert message.startswith(
+        "Training on Card (Vulkan) stopped, because the memory of the graphics card Card is full."
+    )
+    assert "Run again to continue" in message and "--device cpu" in message and "smaller preset" in message
+    other = EnvironmentProblem("The memory of this machine is full. Close other programs.")
+    assert training_stopped(device, other) is other
+    assert training_stopped(Device("cpu", "cpu"), full) is full
