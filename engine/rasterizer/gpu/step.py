@@ -18,13 +18,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...errors import NumericalError
 from ...scene import PinholeCamera
 from ..adam import AdamState
-from ..raster import check_camera, check_finite
+from ..raster import check_camera
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
 from .exposure import GpuExposures
+from .faults import raise_fault
 from .layout import FrameSize, grown_capacity
 from .parameters import GROUPS, GpuParameters
 from .plans import Photo, StepPlan, valid_pixels
@@ -40,7 +40,7 @@ _BATCH = 64
 _EXPOSURE = "exposure"
 _GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
-_TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
+_TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
 
 _HEADROOM = 1.25
 """Room that the buffers get when they have to grow, in Gaussians."""
@@ -284,27 +284,74 @@ class GpuTrainer:
                 losses += self._batch(batch)
         return losses
 
+    def gaussian_errors(self, photos: Sequence[int], sh_degree: int) -> torch.Tensor:
+        """Return the error of the pictures in the pixels of each Gaussian, summed over `photos`, float32 [N].
+
+        ``v_g = sum over valid pixels of w_g mean|image - photo|`` with w_g the blending weight, without dropout and
+        exposures.
+
+        Parameters
+        ----------
+        photos : sequence of int
+            Results of `add_photo`.
+        sh_degree : int
+            Highest band of spherical harmonics.
+
+        Raises
+        ------
+        NumericalError
+            If a parameter or an image is not finite.
+        EnvironmentProblem
+            If the card's memory is full, or the card stops working.
+        """
+        if not photos:
+            return torch.zeros(self.parameters.n)
+        nothing = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            while True:
+                self._clear_status()
+                for place, number in enumerate(photos):
+                    photo = self._photos[number]
+                    frame = self._frame(photo.camera)
+                    frame.set_view(photo.camera, self.settings.raster, sh_degree)
+                    loss = PhotoLoss(photo.pixels, photo.n_valid, 0.0)
+                    frame.set_optimiser(0, loss, self.settings.unit_features, *nothing)
+                    frame.add_errors(photo.pixels, zeroed=place == 0)
+                halted, _, wanted = (int(value) for value in self._read_status()[:3])
+                if not halted:
+                    return torch.from_numpy(frame.read("errors", (self.parameters.n,)))
+                self._grow_or_raise(halted, wanted)
+
+    def _clear_status(self) -> None:
+        self.gpu.device.queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
+
+    def _read_status(self) -> NDArray[np.uint32]:
+        return np.frombuffer(self.gpu.device.queue.read_buffer(self._status), np.uint32)
+
     def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
         """Queue steps and return the losses of those that were made; grow the buffers, or raise, where one was not."""
-        queue = self.gpu.device.queue
-        queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
+        self._clear_status()
         queued: Counter[str] = Counter()
         for index, plan in enumerate(plans):
             queued.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
             self._queue(plan, index, queued)
-        status = np.frombuffer(queue.read_buffer(self._status), np.uint32)
+        status = self._read_status()
         halted, made, wanted = (int(value) for value in status[:3])
         self.guards.update(dict(zip(GUARDS, (int(n) for n in status[3:_LOSSES]), strict=True)))
         for plan in plans[:made]:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
             self.exposures.step += plan.exposure_rate is not None
-        if halted == _TOO_MANY_PAIRS:
-            self._free_frames()
-            self._capacity = grown_capacity(wanted, self.parameters.n)
-        elif halted:
-            self._raise(halted)
+        if halted:
+            self._grow_or_raise(halted, wanted)
         return [float(loss) for loss in status[_LOSSES : _LOSSES + made].view(np.float32)]
+
+    def _grow_or_raise(self, halted: int, wanted: int) -> None:
+        """Make the buffers hold `wanted` pairs if there were too many, otherwise raise why no step was made."""
+        if halted != _TOO_MANY_PAIRS:
+            raise_fault(halted, self.parameters)
+        self._free_frames()
+        self._capacity = grown_capacity(wanted, self.parameters.n)
 
     def _check(self, plan: StepPlan) -> None:
         """Raise ValueError if a plan cannot be carried out: kernels do not check their indices."""
@@ -372,27 +419,3 @@ class GpuTrainer:
             self.gpu, size, parameters, self.exposures, self._status, self._pool, n_moving=n_moving,
             limits=self.settings.limits,
         )  # fmt: skip
-
-    def _raise(self, found: int) -> None:
-        """Raise the error for a step that was not made, as the processor's step raises it."""
-        if found & 1:
-            for name, value in self.parameters.values().items():
-                check_finite(name, torch.from_numpy(value))
-                if name == "log_scales":
-                    with np.errstate(over="ignore"):
-                        check_finite("scales", torch.from_numpy(np.exp(value)))
-            raise NumericalError("a parameter of the Gaussians is not finite; resume from the last checkpoint.")
-        if found & 4:
-            raise NumericalError(
-                "the rendered image is not finite at a pixel that is compared with the photo; "
-                "lower the learning rate or resume from the last checkpoint."
-            )
-        if found & 2:
-            raise NumericalError("the gradient of the image is not finite; check the loss that produced it.")
-        if found == _ALL_LEFT_OUT:
-            raise NumericalError(
-                "no gradient of any Gaussian is finite; lower the learning rate or resume from the last checkpoint."
-            )
-        raise NumericalError(
-            "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
-        )

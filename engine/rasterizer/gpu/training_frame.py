@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..settings import StepLimits
 from .adapters import Gpu
 from .clustering import ClusteringLoss, ClusteringSample
+from .errors import ErrorSum
 from .exposure import GpuExposures
 from .frame import Frame
 from .layout import BLOCK, FrameSize
@@ -169,6 +170,7 @@ class TrainingFrame(Frame):
         self._noise_uniform = self._uniform(32)
         self._clustering = ClusteringLoss(self)
         self._neighbours = NeighbourLoss(self)
+        self._errors = ErrorSum(self, optimiser)
         self._activate = self._submissions([activate])
         self._finish = self._submissions(self._finish_steps(optimiser))
         self._write_tests()
@@ -179,6 +181,7 @@ class TrainingFrame(Frame):
             "maps": 36 * s.width * s.height, "partial_sums": 8 * s.n_tiles, "loss_values": 16,
             "exposure_sums": 16 * s.n_tiles, "exposure_gradient": 16, "ray_sums": 8 * s.n_tiles,
             "gaussian_sums": 8 * -(-s.n_room // 256), "skipped": 4 * (s.n_room + 1), "nothing": 16,
+            "errors": 4 * s.n_room,
         }  # fmt: skip
 
     def set_parameters(self, parameters: GpuParameters) -> None:
@@ -196,7 +199,7 @@ class TrainingFrame(Frame):
             self.gpu.device.queue.write_buffer(buffer, 0, length)
 
     def _runs_by_gaussian(self) -> list[Submissions]:
-        return [*super()._runs_by_gaussian(), self._activate, self._finish]
+        return [*super()._runs_by_gaussian(), self._activate, self._finish, self._errors.run]
 
     def _optimiser_uniform(self, first: int) -> Any:
         buffer = self._uniform(128 + 16 * (len(GROUPS) + 1))
@@ -378,6 +381,12 @@ class TrainingFrame(Frame):
         if self._photo.neighbours is not None:
             self._neighbours.add(self._photo.neighbours)
         self._submit(self._finish, ["skipped"])
+
+    def add_errors(self, pixels: Any, *, zeroed: bool) -> None:
+        """Queue a picture, and add its errors to the buffer ``errors``, which is `zeroed` before or not."""
+        self._submit(self._activate, ["errors"] if zeroed else [])
+        self.forward()
+        self._errors.add(pixels)
 
 
 def _dropout_values(dropout: Dropout | None) -> NDArray[np.uint32]:
