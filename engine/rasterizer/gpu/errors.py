@@ -40,3 +40,7 @@ class ErrorSum:
             self._gradients[id(pixels)] = self._frame._submissions([step])
         self._gradients[id(pixels)].run([])
         self.run.run([])
+
+    def forget_photo(self, pixels: Any) -> None:
+        """Free what refers to a photo."""
+        self._gradients.pop(id(pixels), None)

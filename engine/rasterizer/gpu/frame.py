@@ -237,9 +237,13 @@ class Frame(Workspace):
 
     def forward(self, time: Callable[[str, Any], Any] | None = None) -> None:
         """Queue the forward pass. `time` gives the descriptor of a compute pass for each stage, to measure it."""
+        self.start_counts()
+        self._submit(self._forward, ["tile_ranges"], time)
+
+    def start_counts(self) -> None:
+        """Set what the passes count to its start, before the forward pass."""
         counts = np.array([self.size.n, 0, 0, 0], np.uint32)
         self.gpu.device.queue.write_buffer(self.buffers["counts"], 0, counts)
-        self._submit(self._forward, ["tile_ranges"], time)
 
     def backward(self, time: Callable[[str, Any], Any] | None = None) -> None:
         """Queue the backward pass, from ``gradient`` to the gradients of all inputs."""

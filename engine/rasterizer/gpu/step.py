@@ -40,6 +40,8 @@ _BATCH = 64
 _EXPOSURE = "exposure"
 _GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
+_INPUT_NOT_FINITE = 1  # as in verdict.wgsl
+
 _TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
 
 _HEADROOM = 1.25
@@ -95,7 +97,8 @@ class GpuTrainer:
         self.exposures = exposures or GpuExposures(gpu, np.zeros((1, 3), np.float32))
         self._capacity = capacity or max(4096, 2 * parameters.room)
         self.guards: Counter[str] = Counter()
-        self._photos: list[Photo] = []
+        self._photos: dict[int, Photo] = {}
+        self._n_photos = 0
         self._frames: dict[tuple[int, int, bool], TrainingFrame] = {}
         self._pool: dict[str, Any] = {}
         self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
@@ -143,14 +146,21 @@ class GpuTrainer:
         packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
         with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
             buffer = self.gpu.device.create_buffer_with_data(
-                data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {len(self._photos)}"
+                data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {self._n_photos}"
             )
             given = None
             if by_features is not None:
                 data = np.ascontiguousarray(by_features, np.float32)
                 given = self.gpu.device.create_buffer_with_data(data=data, usage=STORAGE, label="by_features")
-        self._photos.append(Photo(camera, buffer, int(counts.sum()), given, view))
-        return len(self._photos) - 1
+        number, self._n_photos = self._n_photos, self._n_photos + 1
+        self._photos[number] = Photo(camera, buffer, int(counts.sum()), given, view)
+        return number
+
+    def free_photo(self, number: int) -> None:
+        """Free the memory of a photo, which is not used again."""
+        photo = self._photos.pop(number)
+        for frame in self._frames.values():
+            frame.forget_photo(photo.pixels)
 
     def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
         """Set the pixels of a photo that count from the next step on, for example all but those of transients.
@@ -312,7 +322,7 @@ class GpuTrainer:
                 self._clear_status()
                 for place, number in enumerate(photos):
                     photo = self._photos[number]
-                    frame = self._frame(photo.camera)
+                    frame = self._frame(photo.camera, with_features=False)
                     frame.set_view(photo.camera, self.settings.raster, sh_degree)
                     loss = PhotoLoss(photo.pixels, photo.n_valid, 0.0)
                     frame.set_optimiser(0, loss, self.settings.unit_features, *nothing)
@@ -321,6 +331,23 @@ class GpuTrainer:
                 if not halted:
                     return torch.from_numpy(frame.read("errors", (self.parameters.n,)))
                 self._grow_or_raise(halted, wanted)
+
+    def render(self, camera: PinholeCamera, sh_degree: int) -> NDArray[np.float32]:
+        """Return a picture of the Gaussians over black, float32 [H, W, 3]; errors as of `gaussian_errors`."""
+        nothing = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            while True:
+                self._clear_status()
+                frame = self._frame(camera, with_features=False)
+                frame.set_view(camera, self.settings.raster, sh_degree)
+                frame.set_optimiser(0, PhotoLoss(None, 1, 0.0), self.settings.unit_features, *nothing)
+                frame.render()
+                counts = frame.counts()
+                if counts.not_finite & _INPUT_NOT_FINITE:
+                    raise_fault(_INPUT_NOT_FINITE, self.parameters)
+                if counts.n_wanted <= self._capacity:
+                    return frame.read("image", (camera.height, camera.width, 3))
+                self._grow_or_raise(_TOO_MANY_PAIRS, counts.n_wanted)
 
     def _clear_status(self) -> None:
         self.gpu.device.queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
@@ -404,7 +431,7 @@ class GpuTrainer:
         """
         with_features = with_features and self.parameters.n_features > 0
         if not self._frames:
-            largest = max((photo.camera for photo in self._photos), key=lambda one: one.width * one.height)
+            largest = max((photo.camera for photo in self._photos.values()), key=lambda one: one.width * one.height)
             self._make_frame(largest, with_features=self.parameters.n_features > 0)
         if (camera.width, camera.height, with_features) not in self._frames:
             self._make_frame(camera, with_features=with_features)

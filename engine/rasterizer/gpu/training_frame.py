@@ -19,7 +19,7 @@ from .frame import Frame
 from .layout import BLOCK, FrameSize
 from .neighbours import NeighbourLoss, NeighbourSample
 from .parameters import GROUPS, GpuParameters
-from .submissions import Dispatch, Submissions
+from .submissions import Dispatch, Submissions, run_together
 
 __all__ = ["Dropout", "PhotoLoss", "PositionNoise", "TrainingFrame"]
 
@@ -372,15 +372,25 @@ class TrainingFrame(Frame):
 
     def step(self) -> None:
         """Queue one step."""
+        runs = [(self._activate, []), (self._forward, [self.buffers["tile_ranges"]]), (self._loss, [])]
+        if self._photo.clustering is not None:
+            runs.append((self._clustering.prepared(self._photo.clustering), []))
+        runs.append((self._backward, []))
+        if self._photo.neighbours is not None:
+            runs.append((self._neighbours.prepared(self._photo.neighbours), []))
+        runs.append((self._finish, [self.buffers["skipped"]]))
+        self.start_counts()
+        run_together(self.gpu, runs)
+
+    def render(self) -> None:
+        """Queue a picture without a loss."""
         self._submit(self._activate, [])
         self.forward()
-        self._submit(self._loss, [])
-        if self._photo.clustering is not None:
-            self._clustering.add(self._photo.clustering)
-        self.backward()
-        if self._photo.neighbours is not None:
-            self._neighbours.add(self._photo.neighbours)
-        self._submit(self._finish, ["skipped"])
+
+    def forget_photo(self, pixels: Any) -> None:
+        """Free what refers to a photo."""
+        self._photos = {key: run for key, run in self._photos.items() if key[0] != id(pixels)}
+        self._errors.forget_photo(pixels)
 
     def add_errors(self, pixels: Any, *, zeroed: bool) -> None:
         """Queue a picture, and add its errors to the buffer ``errors``, which is `zeroed` before or not."""

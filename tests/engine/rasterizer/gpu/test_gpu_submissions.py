@@ -25,7 +25,7 @@ def dispatch(n_groups: int, *, splits: bool = False) -> Dispatch:
 def batches(seconds: list[float], dispatches: list[Dispatch], gpu: Gpu) -> list[list[Dispatch]]:
     planned = Submissions(gpu, dispatches, None)
     planned.seconds = seconds
-    return planned.batches()
+    return [together for _, together in planned.batches()]
 
 
 def test_short_dispatches_are_one_submission(opened_gpu: Gpu) -> None:
