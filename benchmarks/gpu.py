@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.documents import put_into
 from benchmarks.gpu_document import document
 from engine.rasterizer.gpu import Frame, FrameSize, Gpu, open_adapter
 from engine.rasterizer.gpu.layout import pack_sh
@@ -363,8 +364,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(json.dumps(first_picture()))
         return
     if options.part == "document":
-        from benchmarks.batch.__main__ import put_into
-
         put_into(options.doc, "figures", document(options.results))
         return
     gpu = open_adapter(software=options.software)

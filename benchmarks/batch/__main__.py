@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -13,6 +12,7 @@ from pathlib import Path
 
 from engine.machine import describe_machine
 
+from ..documents import put_into
 from .runs import ROOT
 
 __all__ = ["main"]
@@ -52,16 +52,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(text)
     shutil.rmtree(folder)
     return 0
-
-
-def put_into(document: Path, part: str, text: str) -> None:
-    """Replace what stands between the marks of a part."""
-    before = document.read_text(encoding="utf-8")
-    begin, end = f"<!-- {part} -->", f"<!-- end of {part} -->"
-    after, count = re.subn(f"{begin}.*?{end}", lambda _: f"{begin}\n{text}\n{end}", before, flags=re.DOTALL)
-    if count != 1:
-        raise ValueError(f"{document} has no {begin} ... {end}")
-    document.write_text(after, encoding="utf-8")
 
 
 if __name__ == "__main__":

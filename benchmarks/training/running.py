@@ -116,6 +116,16 @@ class TrainingBench:
         """
         return self._with_cameras(photos).camera_set
 
+    def prepared(self, photos: PhotoSetFolder) -> PreparedScene:
+        """Return photos, cameras and masks of a set, made at the first call.
+
+        Raises
+        ------
+        HeritageError
+            As the stages of the pipeline.
+        """
+        return self._prepare(photos, Variant("as-planned"))
+
     def folder(self, photos: PhotoSetFolder, variant: Variant, seed: int) -> Path:
         """Return the project folder of a training."""
         return self._runs / photos.name / f"{self.preset}-{variant.name}-{seed}"

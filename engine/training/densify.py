@@ -6,15 +6,29 @@ Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo" (Neu
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 
 from .parameters import Parameters, render
+from .population import Population
 from .settings import Backend
+from .start import StartPoints
 from .views import Level
 
-__all__ = ["copy_correction", "drop", "gaussian_errors", "grow", "mixed_weights", "position_noise", "relocate", "split"]
+__all__ = [
+    "MAX_RAISED_OPACITY",
+    "MAX_WALK",
+    "copy_correction",
+    "drop",
+    "gaussian_errors",
+    "grow",
+    "grow_by_error",
+    "mixed_weights",
+    "position_noise",
+    "relocate",
+    "split",
+]
 
 MAX_COPIES = 51  # published: Kheradmand et al. 2024
 """Largest number of coincident copies; more are treated as this many. `copy_correction` is accurate up to it."""
@@ -75,7 +89,7 @@ _BINOMIALS = torch.tensor(
 )  # by definition
 
 
-def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Generator) -> int:
+def relocate(parameters: Parameters | Population, *, min_opacity: float, generator: torch.Generator) -> int:
     """Move each Gaussian of opacity below `min_opacity` onto a living one, drawn by opacity; return how many moved.
 
     The picture stays the same to first order (`copy_correction`). Nothing is moved when all Gaussians are dead.
@@ -92,12 +106,12 @@ def relocate(parameters: Parameters, *, min_opacity: float, generator: torch.Gen
     return len(dead)
 
 
-def grow(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> None:
+def grow(parameters: Parameters | Population, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> None:
     """Add `n_new` copies of Gaussians drawn by `weights`, with replacement; the picture stays the same to first order.
 
     Parameters
     ----------
-    parameters : Parameters
+    parameters : Parameters or Population
         Changed in place.
     weights : tensor of shape [N]
         Opacities, or the result of `mixed_weights`. Those of the background count as 0.
@@ -113,17 +127,58 @@ def grow(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator
     parameters.append(parameters.copies(chosen))
 
 
-def split(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generator: torch.Generator) -> int:
+def grow_by_error(
+    parameters: Parameters | Population,
+    errors: torch.Tensor,
+    n_new: int,
+    start_points: StartPoints,
+    *,
+    generator: torch.Generator,
+) -> None:
+    """Add `n_new` Gaussians, drawn half by `errors` and half by opacity: half are halves, half are copies.
+
+    Only Gaussians near initial points are split. Far from them, halves explain what single photos show there.
+
+    Parameters
+    ----------
+    parameters : Parameters or Population
+        Changed in place.
+    errors : tensor of shape [N]
+        See `gaussian_errors`.
+    n_new : int
+    start_points : StartPoints
+    generator : torch.Generator
+    """
+    values = parameters.values
+    weights = mixed_weights(errors, values["opacity_logits"].detach().sigmoid())
+    means = values["means"].detach()
+    n_split = split(
+        parameters, weights, n_new // 2, allowed=lambda rows: start_points.near(means[rows]), generator=generator
+    )
+    # The halves that were added are not copied in the same step.
+    grow(parameters, torch.cat([weights, torch.zeros(n_split)]), n_new - n_split, generator=generator)
+
+
+def split(
+    parameters: Parameters | Population,
+    weights: torch.Tensor,
+    n_new: int,
+    *,
+    generator: torch.Generator,
+    allowed: Callable[[torch.Tensor], torch.Tensor] | None = None,
+) -> int:
     """Split `n_new` Gaussians drawn by `weights`, without replacement, into two; return how many were split.
 
     Parameters
     ----------
-    parameters : Parameters
+    parameters : Parameters or Population
         Changed in place: one half takes the place of the Gaussian, the other is appended.
     weights : tensor of shape [N]
         Those of the background count as 0.
     n_new : int
     generator : torch.Generator
+    allowed : callable, optional
+        Returns which of the given rows may be split; all by default.
 
     Notes
     -----
@@ -133,12 +188,9 @@ def split(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generato
     """
     weights = weights.clone()
     weights[: parameters.n_background] = 0.0
-    n_new = min(n_new, int((weights > 0).sum()))
-    if n_new <= 0:
+    rows = _draw_distinct(weights, n_new, generator, allowed)
+    if len(rows) == 0:
         return 0
-    # The n smallest of E / w, with E exponentially distributed, are a draw without replacement by w.
-    race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
-    rows = (race / weights.double()).topk(n_new, largest=False).indices
     whole = parameters.copies(rows)
     longest, index = whole["log_scales"].argmax(dim=1), torch.arange(len(rows))
     axis = _rotation_matrices(whole["quats"])[index, :, longest]
@@ -150,7 +202,7 @@ def split(parameters: Parameters, weights: torch.Tensor, n_new: int, *, generato
     half = {**whole, "log_scales": log_scales, "opacity_logits": logits}
     parameters.overwrite(rows, {**half, "means": half["means"] - shift})
     parameters.append({**half, "means": half["means"] + shift})
-    return n_new
+    return len(rows)
 
 
 def drop(opacities: torch.Tensor, fraction: float, *, n_background: int, generator: torch.Generator) -> torch.Tensor:
@@ -216,7 +268,31 @@ def _draw(weights: torch.Tensor, n: int, generator: torch.Generator) -> torch.Te
     return torch.searchsorted(edges, points, right=True).clamp_max(len(weights) - 1)
 
 
-def _share_between_copies(parameters: Parameters, chosen: torch.Tensor) -> None:
+def _draw_distinct(
+    weights: torch.Tensor,
+    n: int,
+    generator: torch.Generator,
+    allowed: Callable[[torch.Tensor], torch.Tensor] | None,
+) -> torch.Tensor:
+    """Return up to `n` distinct rows drawn by `weights` of those that are `allowed`."""
+    n_possible = int((weights > 0).sum())
+    if n <= 0 or n_possible == 0:
+        return torch.zeros(0, dtype=torch.int64)
+    # The n smallest of E / w, with E exponentially distributed, are a draw without replacement by w.
+    race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
+    race = race / weights.double()
+    n_asked = n
+    while True:
+        # Few rows are asked about, because the answer can take long.
+        n_asked = min(n_asked, n_possible)
+        rows = race.topk(n_asked, largest=False).indices
+        kept = rows if allowed is None else rows[allowed(rows)]
+        if len(kept) >= n or n_asked == n_possible:
+            return kept[:n]
+        n_asked *= 2
+
+
+def _share_between_copies(parameters: Parameters | Population, chosen: torch.Tensor) -> None:
     """Give each distinct Gaussian in `chosen` the opacity and scales of one of its copies, which include itself."""
     rows, times = chosen.unique(return_counts=True)
     opacities, scales = copy_correction(

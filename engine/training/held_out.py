@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,16 +137,9 @@ def render_picture(values: dict[str, torch.Tensor], level: Level, *, backend: Ba
         return render(values, level.camera, backend=backend, sh_degree=sh_degree).image[..., :3].clamp(0.0, 1.0)
 
 
-def measure(values: dict[str, torch.Tensor], levels: Sequence[Level], *, backend: Backend, sh_degree: int) -> Quality:
-    """Return the mean quality over the photos in `levels`."""
-    return mean_quality(
-        [
-            image_quality(
-                render_picture(values, level, backend=backend, sh_degree=sh_degree), level.pixels, level.valid
-            )
-            for level in levels
-        ]
-    )
+def measure(picture: Callable[[Level], torch.Tensor], levels: Sequence[Level]) -> Quality:
+    """Return the mean quality over the photos in `levels`; `picture` renders one as `render_picture` does."""
+    return mean_quality([image_quality(picture(level), level.pixels, level.valid) for level in levels])
 
 
 def mean_quality(qualities: Sequence[Quality]) -> Quality:

@@ -13,29 +13,13 @@ import torch
 
 from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
-from ..rasterizer import AdamState, adam_step, compile_kernels
+from ..rasterizer import AdamState, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
 from .coverage import Coverage
-from .densify import gaussian_errors, grow, mixed_weights, position_noise, relocate, split
-from .guards import (
-    backward,
-    check_result,
-    check_start,
-    clamp_parameters,
-    step_finite_rows,
-    translate_out_of_memory,
-)
-from .held_out import (
-    MAX_MEASURED_PHOTOS,
-    Clock,
-    CurvePoint,
-    flat_psnr,
-    mean_color,
-    measure,
-    render_picture,
-    write_picture,
-)
+from .cpu_steps import CpuSteps
+from .guards import check_result, check_start, clamp_parameters, translate_out_of_memory
+from .held_out import MAX_MEASURED_PHOTOS, Clock, CurvePoint, flat_psnr, mean_color, measure, write_picture
 from .parameters import Parameters
 from .quality import measure_levels
 from .result import TrainingResult, make_result
@@ -43,7 +27,7 @@ from .schedule import Schedule
 from .settings import TrainingSettings
 from .spectrum import coarse_shares
 from .start import StartPoints
-from .step import step_loss
+from .steps import Inputs, Steps
 from .transients import find_transients
 from .trials import Trial, brightness_factors, exposure_corrected_quality
 from .views import Level, TrainingView, ViewPyramid, evenly_spaced_indices, scene_extent
@@ -60,17 +44,17 @@ CANCELLED_MESSAGE = "Training was cancelled; the next run continues from where i
 EVENT_INTERVAL = 1.0  # by definition
 """Shortest time between two progress events, seconds."""
 
-N_ERROR_VIEWS = 3  # chosen on museum_room
-"""Random photos in which the error of each Gaussian is measured before growth."""
-
 GOOD_PSNR = 30.0  # chosen on stability_scenes
 """PSNR in dB, a mean error of 3 %, from which no warning is given, however uniform the photos are."""
 
 TRANSIENT_SEARCH_SIDE = 100.0  # chosen on museum_room
 """Longest side of a picture that is large enough to find transients, pixels."""
 
-_RELOCATE, _GROW, _NOISE = 3, 4, 5  # by definition
-"""Purposes of random draws, see `Schedule.generator`."""
+STEPS_SECONDS = 0.5  # by definition
+"""Time after which steps that are made at once end, so that progress is seen and a run can be cancelled."""
+
+MAX_STEPS_AT_ONCE = 64  # by definition
+"""Largest number of them."""
 
 
 def train(
@@ -128,10 +112,12 @@ def train(
     A resumed run gives the same Gaussians, bit for bit, as an uninterrupted one on the same computer.
     """
     with translate_out_of_memory(), _one_torch_thread():
+        # Not in the first step, because the clock of the error curve must not include work done once per computer.
         if settings.backend == "cpu":
-            # Not in the first step, because the clock of the error curve must not include work done once per computer.
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
             compile_kernels()
+        elif settings.backend == "gpu":
+            emit(Progress(STAGE, 0.0, message="testing the graphics card"))
         run = _TrainingRun(start, views, settings, checkpoints, emit, should_stop, background)
         if run.state.step:
             emit(Progress(STAGE, run.schedule.done(run.state.step), message="continued from a checkpoint"))
@@ -177,22 +163,24 @@ class _TrainingRun:
         training = [view for view in views if not view.held_out]
         held_out = [view for view in views if view.held_out]
         check_start(start)
-        self.start_points = StartPoints(start.means)
+        start_points = StartPoints(start.means)
         n_background = 0
         if background is not None and len(background):
             check_start(background)
             n_background, start = len(background), background.joined(start)
         self.settings, self.checkpoints, self.emit, self.should_stop = settings, checkpoints, emit, should_stop
-        self.pyramid = ViewPyramid(training, settings.features)
+        self.pyramid = ViewPyramid(training, settings.features, prepares_targets=settings.backend != "gpu")
         self.measured_on = "test photos" if held_out else "training photos"
         self.measured = ViewPyramid(_measured_views(held_out or training), settings.features)
-        self.extent = scene_extent([view.pinhole for view in training])
-        self.center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)
+        extent = scene_extent([view.pinhole for view in training])
+        center = torch.tensor(np.mean([view.pinhole.center for view in training], axis=0), dtype=torch.float32)
         labelled = [
             i for i, view in enumerate(training) if settings.features.train_features and view.labels is not None
         ]
         shares = coarse_shares(training, 2 * settings.schedule.coarse_levels)
-        self.schedule = Schedule(settings, len(training), self.extent, labelled=labelled, shares=shares)
+        self.schedule = Schedule(settings, len(training), extent, labelled=labelled, shares=shares)
+        self.inputs = Inputs(settings, self.pyramid, start_points, center, extent)
+        self.steps = _open_steps(self.inputs)
         self.key = run_key(start, views, settings)
         begun = self._initial_state(start, n_background)
         stored = read_checkpoint(checkpoints, self.key)
@@ -200,11 +188,12 @@ class _TrainingRun:
             stored = begun
         self.state = stored
         self.state.parameters.n_background = n_background
-        self.pyramid.mask_pixels(self.state.transient_masks)
+        self._use(self.state, self.schedule)
         self.clock = Clock(self.state.wall_seconds, self.state.cpu_seconds)
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
         self._loss = float("nan")
-        self._reported = self._previewed = time.monotonic()
+        self._steps_at_once = 1
+        self._reported = self._previewed = self._stored = time.monotonic()
         if not held_out:
             emit(Warned("There are too few photos for test photos; errors are measured on the training photos."))
 
@@ -220,8 +209,14 @@ class _TrainingRun:
             AdamState.zeros_like(exposure),
             sh_limit=0 if self.schedule.trial_steps else None,
         )
-        clamp_parameters(state.parameters, self.center, self.extent, state.guards)
+        clamp_parameters(state.parameters, self.inputs.center, self.inputs.extent, state.guards)
         return state
+
+    def _use(self, state: RunState, schedule: Schedule) -> None:
+        """Train `state` by `schedule` from now on."""
+        self.state, self.schedule = state, schedule
+        self.pyramid.mask_pixels(state.transient_masks)
+        self.steps.use(state, schedule)
 
     @property
     def finished(self) -> bool:
@@ -236,114 +231,86 @@ class _TrainingRun:
         if band is not None and band == (state.sh_limit or 0) + 1:
             self._run_trial(band)
         if schedule.validation and self.settings.appearance.exposure and state.step == schedule.validation_until:
+            self.steps.store()
             state.exposure.detach()[list(schedule.validation)] = self._fitted_exposure(schedule.validation)
-        self._step()
+            self.steps.use(state, schedule)
+        self._advance(min(step for step in self._stops() if step > state.step))
+
+    def _stops(self) -> Iterator[int]:
+        """Yield numbers of finished steps at which something else than steps is due."""
+        schedule = self.schedule
+        yield self.settings.schedule.steps
+        yield from schedule.curve_steps
+        yield from schedule.trials
+        yield from schedule.searches_for_transients
+        yield schedule.validation_until
+        if self.steps.checkpoint_seconds is None:
+            interval = self.settings.schedule.checkpoint_interval
+            yield (self.state.step // interval + 1) * interval
 
     def _run_trial(self, band: int) -> None:
         """Train two copies, without `band` and with it, and use it from now on if that gains enough."""
         state, schedule = self.state, self.schedule
         self.write_checkpoint()  # A run that is stopped during a trial resumes before it.
         without, with_it = (self._psnr_in_trial(state.copy(), limit) for limit in (state.sh_limit or 0, band))
-        self.state, self.schedule = state, schedule
-        self.pyramid.mask_pixels(state.transient_masks)
         kept = with_it - without >= self.settings.appearance.min_trial_gain
         state.trials.append(Trial(str(band), state.step, schedule.trial_steps, with_it - without, kept))
         if kept:
             state.sh_limit = band
         else:
             state.parameters.cut_sh(state.sh_limit or 0)
+        self._use(state, schedule)
 
     def _psnr_in_trial(self, state: RunState, sh_limit: int) -> float:
         """Train `state` for the steps of a trial with falling rates and return the PSNR on the validation photos.
 
         The cooldown is needed because at full rates the PSNR depends on the last photos trained on.
         """
-        n_steps = self.schedule.trial_steps
-        self.state, self.schedule = state, self.schedule.of_trial(state.step)
-        self.pyramid.mask_pixels(state.transient_masks)
+        end = state.step + self.schedule.trial_steps
         state.sh_limit = sh_limit
-        for _ in range(n_steps):
+        self._use(state, self.schedule.of_trial(state.step))
+        while state.step < end:
             if self.should_stop():
                 raise Cancelled(CANCELLED_MESSAGE)
-            self._step()
+            self._advance(end)
             self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}, trying view-dependent colours")
         levels = [self.pyramid.level(view, 0) for view in self.schedule.validation]
         measure_trial = exposure_corrected_quality if self.settings.appearance.exposure else measure
-        return measure_trial(
-            state.parameters.values, levels, backend=self.settings.backend, sh_degree=self._sh_degree()
-        ).psnr  # fmt: skip
+        return measure_trial(self._picture, levels).psnr
 
     def _fitted_exposure(self, views: Sequence[int]) -> torch.Tensor:
         """Return the logarithms of the brightness factors that fit the current pictures of `views` best, [n, 3]."""
         reductions = self.schedule.reductions(self.state.step)
-        factors = []
-        for view in views:
-            level = self.pyramid.level(view, reductions)
-            image = render_picture(
-                self.state.parameters.values, level, backend=self.settings.backend, sh_degree=self._sh_degree()
-            )
-            factors.append(brightness_factors(image, level).log())
-        return torch.stack(factors)
+        levels = [self.pyramid.level(view, reductions) for view in views]
+        return torch.stack([brightness_factors(self._picture(level), level).log() for level in levels])
+
+    def _picture(self, level: Level) -> torch.Tensor:
+        return self.steps.picture(level, self._sh_degree())
 
     def _sh_degree(self) -> int:
         """Return the highest band that the last step used."""
         return self.schedule.sh_degree(max(0, self.state.step - 1), self.state.sh_limit)
 
-    def _step(self) -> None:
-        state, settings, schedule = self.state, self.settings, self.schedule
+    def _advance(self, end: int) -> None:
+        """Make steps, at most up to `end` finished ones, and search transients when it is due."""
+        state, schedule = self.state, self.schedule
         with self.clock:
-            view = schedule.view(state.step)
-            reductions = schedule.reductions(state.step)
-            level = self.pyramid.level(view, reductions)
-            state.parameters.track()
-            state.exposure.requires_grad_(settings.appearance.exposure).grad = None
-            loss = step_loss(state, level, view, schedule, settings, self.extent)
-            if backward(loss, state.guards):
-                step_finite_rows(state.parameters, self._update, state.guards)
-            with torch.no_grad():
-                self._update_population()
-                clamp_parameters(state.parameters, self.center, self.extent, state.guards)
-            state.step += 1
-            self._loss = loss.item()
+            before, reductions = self.clock.wall, schedule.reductions(state.step)
+            begun = state.step
+            self._loss = self.steps.advance(min(self._steps_at_once, end - begun))
+            fitting = (state.step - begun) * STEPS_SECONDS / max(self.clock.wall - before, 1e-6)
+            self._steps_at_once = max(1, min(int(fitting), MAX_STEPS_AT_ONCE))
             if state.step in schedule.searches_for_transients:
                 self._search_transients()
             if schedule.reductions(state.step) != reductions:
                 self.pyramid.free_smaller_levels(schedule.reductions(state.step))
-
-    def _update(self) -> None:
-        state = self.state
-        state.parameters.step(self.schedule.learning_rates(state.step))
-        if state.exposure.grad is not None:
-            exposure = state.exposure.detach()
-            adam_step([(exposure, state.exposure.grad, self.settings.optimiser.lr_exposure)], [state.exposure_moments])
-            # The brightness common to all photos is part of the colours of the Gaussians.
-            views = self.schedule.trained_on(state.step)
-            exposure[views] -= exposure[views].mean(dim=0)
-
-    def _update_population(self) -> None:
-        """Relocate and add Gaussians when it is due, and apply the random walk until growth ends."""
-        state, settings, schedule = self.state, self.settings, self.schedule
-        if schedule.grows(state.step):
-            n = len(state.parameters)
-            n_new = schedule.gaussians_after_growth(state.step, n) - n
-            moves, additions = (schedule.generator(state.step, purpose) for purpose in (_RELOCATE, _GROW))
-            relocate(state.parameters, min_opacity=settings.growth.min_opacity, generator=moves)
-            if n_new > 0:
-                self._grow(n_new, additions)
-        if settings.growth.noise > 0 and not schedule.growth_ended(state.step):
-            position_noise(
-                state.parameters,
-                learning_rate=schedule.means_rate(state.step),
-                extent=self.extent,
-                strength=settings.growth.noise,
-                generator=schedule.generator(state.step, _NOISE),
-            )
 
     def _search_transients(self) -> None:
         side = max(max(view.pinhole.width, view.pinhole.height) for view in self.pyramid.views)
         # Not larger than the size trained on so far: what is still blurred there is not a transient.
         sufficient = math.floor(2.0 * math.log2(max(1.0, side / TRANSIENT_SEARCH_SIDE)))
         reductions = max(self.schedule.reductions(self.state.step - 1), sufficient)
+        self.steps.store()
         masks = find_transients(
             self.state.parameters,
             [self.pyramid.unmasked_level(view, reductions) for view in range(len(self.pyramid.views))],
@@ -352,26 +319,6 @@ class _TrainingRun:
         )
         self.state.transient_masks = {view: mask for view, mask in enumerate(masks) if mask is not None}
         self.pyramid.mask_pixels(self.state.transient_masks)
-
-    def _grow(self, n_new: int, generator: torch.Generator) -> None:
-        """Add `n_new` Gaussians according to ``growth_strategy``."""
-        state, schedule, backend = self.state, self.schedule, self.settings.backend
-        opacities = state.parameters.values["opacity_logits"].detach().sigmoid()
-        if self.settings.growth.growth_strategy == "opacity":
-            grow(state.parameters, opacities, n_new, generator=generator)
-            return
-        views = schedule.trained_on(state.step)
-        drawn = torch.randperm(len(views), generator=generator)[:N_ERROR_VIEWS].tolist()
-        levels = [self.pyramid.level(views[place], schedule.reductions(state.step)) for place in drawn]
-        degree = schedule.sh_degree(state.step, state.sh_limit)
-        errors = gaussian_errors(state.parameters, levels, backend=backend, sh_degree=degree)
-        weights = mixed_weights(errors, opacities)
-        # Far from all points, halves explain what single photos show there.
-        near = self.start_points.near(state.parameters.values["means"].detach())
-        n_split = split(state.parameters, weights * near, n_new // 2, generator=generator)
-        # The halves that were added are not copied in the same step.
-        weights = torch.cat([weights, torch.zeros(n_split)])
-        grow(state.parameters, weights, n_new - n_split, generator=generator)
 
     def report(self) -> None:
         """Measure the error, write the preview and a checkpoint, and emit progress, each when it is due."""
@@ -382,9 +329,15 @@ class _TrainingRun:
         if now - self._previewed >= self.settings.measurement.preview_seconds or finished:
             self._previewed = now
             self._preview()
-        if state.step % self.settings.schedule.checkpoint_interval == 0 or finished:
+        if self._checkpoint_is_due(now) or finished:
             self.write_checkpoint()
         self._emit_progress(f"step {state.step} of {self.settings.schedule.steps}", finished=finished)
+
+    def _checkpoint_is_due(self, now: float) -> bool:
+        seconds = self.steps.checkpoint_seconds
+        if seconds is None:
+            return self.state.step % self.settings.schedule.checkpoint_interval == 0
+        return now - self._stored >= seconds
 
     def _emit_progress(self, message: str, *, finished: bool = False) -> None:
         """Emit progress and metrics, at most once per second except at the end."""
@@ -393,7 +346,7 @@ class _TrainingRun:
             return
         self._reported = now
         self.emit(Metric(STAGE, "loss", self._loss, state.step))
-        self.emit(Metric(STAGE, "gaussians", float(len(state.parameters)), state.step))
+        self.emit(Metric(STAGE, "gaussians", float(self.steps.n_gaussians), state.step))
         done = self.schedule.done(state.step)
         spent = (self.clock.wall - self._first_wall) / (done - self._first_done)
         done = 1.0 if finished else done
@@ -408,9 +361,9 @@ class _TrainingRun:
 
     def _curve_point(self, levels: Sequence[Level]) -> CurvePoint:
         state = self.state
-        quality = measure(state.parameters.values, levels, backend=self.settings.backend, sh_degree=self._sh_degree())
+        quality = measure(self._picture, levels)
         return CurvePoint(
-            state.step, self.clock.wall, self.clock.cpu, quality.psnr, quality.ssim, quality.l1, len(state.parameters)
+            state.step, self.clock.wall, self.clock.cpu, quality.psnr, quality.ssim, quality.l1, self.steps.n_gaussians
         )
 
     def emit_curve(self, points: Sequence[CurvePoint]) -> None:
@@ -420,15 +373,15 @@ class _TrainingRun:
 
     def _preview(self) -> None:
         level = self.measured.level(len(self.measured.views) // 2, 0)
-        image = render_picture(
-            self.state.parameters.values, level, backend=self.settings.backend, sh_degree=self._sh_degree()
-        )
+        image = self._picture(level)
         path = self.checkpoints / PREVIEW_FILE
         write_picture(path, image)
         self.emit(Preview(STAGE, str(path)))
 
     def write_checkpoint(self) -> None:
         """Write the current state."""
+        self.steps.store()
+        self._stored = time.monotonic()
         self.state.wall_seconds, self.state.cpu_seconds = self.clock.wall, self.clock.cpu
         write_checkpoint(self.checkpoints, self.key, self.state)
 
@@ -467,6 +420,14 @@ class _TrainingRun:
             measured_on=self.measured_on,
             measured=measured,
         )
+
+
+def _open_steps(inputs: Inputs) -> Steps:
+    if inputs.settings.backend == "gpu":
+        from .gpu_steps import GpuSteps
+
+        return GpuSteps(inputs)
+    return CpuSteps(inputs)
 
 
 def _measured_views(views: Sequence[TrainingView]) -> list[TrainingView]:

@@ -15,6 +15,9 @@ from scipy.spatial import cKDTree
 __all__ = [
     "LabelledPixels",
     "clustering_loss",
+    "drawn_anchors",
+    "drawn_of_paper",
+    "drawn_pixels",
     "labelled_pixels",
     "nearest_neighbours",
     "neighbour_regulariser",
@@ -65,11 +68,13 @@ def labelled_pixels(labels: NDArray[np.int32], *, min_pixels: int) -> LabelledPi
 
     A contrastive loss on one segment is constant.
     """
-    ids, inverse, counts = np.unique(labels.ravel(), return_inverse=True, return_counts=True)
-    kept = (ids > 0) & (counts > min_pixels)
+    flat = np.maximum(labels.ravel(), 0)
+    counts = np.bincount(flat)
+    kept = counts > min_pixels
+    kept[0] = False
     if kept.sum() < 2:
         return None
-    renumbered = np.where(kept, np.cumsum(kept) - 1, -1)[inverse.ravel()]
+    renumbered = np.where(kept, np.cumsum(kept) - 1, -1)[flat]
     index = np.flatnonzero(renumbered >= 0)
     return LabelledPixels(
         index.astype(np.int32),
@@ -115,14 +120,8 @@ def clustering_loss(
     ----------
     Dahaghin et al. 2024, the contrastive clustering loss; Silva et al. 2024 (arXiv 2404.12784).
     """
-    index = torch.from_numpy(labelled.index)
-    cluster = torch.from_numpy(labelled.cluster)
-    weight = 1.0
-    if 0 < n_samples < len(labelled):
-        sample = torch.randint(len(labelled), (n_samples,), generator=generator)
-        weight = len(labelled) / n_samples
-        index, cluster = index[sample], cluster[sample]
-    cluster = cluster.long()
+    drawn, weight = drawn_pixels(labelled, n_samples, generator)
+    index, cluster = torch.from_numpy(labelled.index)[drawn], torch.from_numpy(labelled.cluster)[drawn].long()
     f = features.reshape(-1, features.shape[-1])[index.long()]
     f = f / (f.norm(dim=1, keepdim=True) + 1e-9)
     n_clusters = len(labelled.counts)
@@ -134,6 +133,15 @@ def clustering_loss(
     logits = (f @ means.T / (phi + 1e-6)).masked_fill(sampled == 0, -torch.inf)
     loss = torch.logsumexp(logits, dim=1) - logits.gather(1, cluster[:, None])[:, 0]
     return loss.sum() * (weight / n_clusters)
+
+
+def drawn_pixels(
+    labelled: LabelledPixels, n_samples: int, generator: torch.Generator | None
+) -> tuple[torch.Tensor | slice, float]:
+    """Return which labelled pixels are drawn, all of them for 0, and the weight of each."""
+    if not 0 < n_samples < len(labelled):
+        return slice(None), 1.0
+    return torch.randint(len(labelled), (n_samples,), generator=generator), len(labelled) / n_samples
 
 
 def _temperatures(
@@ -200,12 +208,10 @@ def neighbour_regulariser(
     form (`paper_regulariser`) includes a Gaussian among its neighbours, and pushes the same few outliers for all
     anchors.
     """
-    n = len(features)
-    anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
+    anchors, tries = drawn_anchors(len(features), generator)
     unit = torch.nn.functional.normalize(features, dim=1, eps=1e-9)
     near = (unit[anchors, None] * unit[neighbours[anchors].long()]).sum(dim=2)
     loss = lambda_pull * torch.sigmoid(1.0 - near.mean())
-    tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
     places = means.detach()
     is_far = (places[anchors, None] - places[tries]).norm(dim=2) > far
     is_far &= is_far.cumsum(dim=1) <= N_FAR
@@ -214,6 +220,18 @@ def neighbour_regulariser(
         distant = (unit[anchors[row]] * unit[tries[row, column]]).sum(dim=1)
         loss = loss + lambda_push * torch.sigmoid(distant.mean())
     return loss
+
+
+def drawn_anchors(n: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    """Draw the rows of `neighbour_regulariser` from `n`: anchors [A], and candidates for far Gaussians [A, 16]."""
+    anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
+    return anchors, torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
+
+
+def drawn_of_paper(n: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    """Draw the rows of `paper_regulariser` from `n`: the subset, and the places of the anchors in it."""
+    subset = torch.randperm(n, generator=generator)[:PAPER_SUBSET]
+    return subset, torch.randperm(len(subset), generator=generator)[:N_ANCHORS]
 
 
 def paper_regulariser(
@@ -244,9 +262,7 @@ def paper_regulariser(
     -------
     tensor, scalar
     """
-    n = len(features)
-    subset = torch.randperm(n, generator=generator)[:PAPER_SUBSET]
-    anchors = torch.randperm(len(subset), generator=generator)[:N_ANCHORS]
+    subset, anchors = drawn_of_paper(len(features), generator)
     places = means.detach()[subset]
     unit = torch.nn.functional.normalize(features[subset], dim=1, eps=1e-9)
     distances = torch.cdist(places[anchors], places)

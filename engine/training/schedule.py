@@ -12,7 +12,10 @@ import torch
 from .settings import TrainingSettings, validation_photos
 from .spectrum import TYPICAL_SHARES
 
-__all__ = ["Schedule"]
+__all__ = ["ANCHORS", "DROP", "GROW", "NOISE", "RELOCATE", "SAMPLE", "Schedule"]
+
+SAMPLE, ANCHORS, RELOCATE, GROW, NOISE, DROP = 1, 2, 3, 4, 5, 6  # by definition
+"""Purposes of random draws, see `Schedule.generator`."""
 
 SIZE_INDEPENDENT_WORK = 0.25  # chosen on museum_room
 """Time of projection and Adam, which do not depend on the size of the picture, per time of the pixels of a full-size

@@ -369,7 +369,7 @@ class TrainingSettings:
     seed : int
         Seed of every random draw.
     backend : {"cpu", "gpu", "reference"}
-        Which rasterizer is used.
+        Which rasterizer is used; ``gpu``: all of training runs on a graphics card.
     """
 
     schedule: ScheduleSettings = ScheduleSettings()

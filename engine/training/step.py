@@ -15,17 +15,14 @@ from .losses import (
     ray_disagreement,
 )
 from .parameters import blended_features, render
-from .schedule import Schedule
+from .schedule import ANCHORS, DROP, SAMPLE, Schedule
 from .settings import PAPER_PIXELS, FeatureSettings, TrainingSettings
 from .views import Level
 
-__all__ = ["step_loss"]
+__all__ = ["clustering_scale", "clusters", "neighbours_are_stale", "regularises", "step_loss"]
 
 NEIGHBOUR_UPDATE_INTERVAL = 100  # chosen on museum_room
 """Steps after which the cached neighbours are found again. Gaussians move little in between."""
-
-_SAMPLE, _ANCHORS, _DROP = 1, 2, 6  # by definition
-"""Purposes of random draws, see `Schedule.generator`."""
 
 
 def step_loss(
@@ -47,12 +44,7 @@ def step_loss(
         Extent of the scene, world units.
     """
     step, values, features = state.step, state.parameters.values, settings.features
-    evaluates_clustering = (
-        "features" in values
-        and level.labelled is not None
-        and step % features.clustering_interval == 0
-        and features.lambda_clustering + features.lambda_ray > 0
-    )
+    evaluates_clustering = "features" in values and clusters(features, step, level)
     detached = features.feature_gradient == "detached"
     degree = schedule.sh_degree(step, state.sh_limit)
     channels = blended_features(values, features) if evaluates_clustering else None
@@ -60,7 +52,7 @@ def step_loss(
     rendered = opacities
     if dropout := schedule.dropout(step):
         n_background = state.parameters.n_background
-        rendered = drop(opacities, dropout, n_background=n_background, generator=schedule.generator(step, _DROP))
+        rendered = drop(opacities, dropout, n_background=n_background, generator=schedule.generator(step, DROP))
     raster = render(
         values, level.camera, backend=settings.backend, sh_degree=degree, channels=channels,
         detached_channels=detached, opacities=rendered,
@@ -77,12 +69,33 @@ def step_loss(
         loss = loss + settings.loss.lambda_scale / extent * values["log_scales"].exp().mean()
     if evaluates_clustering:
         transmittance = raster.transmittance.detach() if detached else raster.transmittance
-        sample = schedule.generator(step, _SAMPLE)
+        sample = schedule.generator(step, SAMPLE)
         loss = loss + _feature_loss(raster.image[..., 3:], transmittance, level, sample, features)
-    regularises = features.lambda_pull + features.lambda_push > 0 and len(state.parameters) > 1
-    if "features" in values and regularises and step % features.regularisation_interval == 0:
-        loss = loss + _regulariser(state, schedule.generator(step, _ANCHORS), features, extent)
+    if "features" in values and regularises(features, step, len(state.parameters)):
+        loss = loss + _regulariser(state, schedule.generator(step, ANCHORS), features, extent)
     return loss
+
+
+def clusters(features: FeatureSettings, step: int, level: Level) -> bool:
+    """Return whether L_CC, and the disagreement along rays, are evaluated in the step."""
+    weight = features.lambda_clustering + features.lambda_ray
+    return level.labelled is not None and step % features.clustering_interval == 0 and weight > 0
+
+
+def regularises(features: FeatureSettings, step: int, n: int) -> bool:
+    """Return whether L_reg of `n` Gaussians is evaluated in the step."""
+    return n > 1 and step % features.regularisation_interval == 0 and features.lambda_pull + features.lambda_push > 0
+
+
+def neighbours_are_stale(state: RunState, step: int, n: int) -> bool:
+    """Return whether the neighbours of `n` Gaussians have to be found again for the step."""
+    missing = state.neighbours is None or len(state.neighbours) != n
+    return missing or step - state.neighbours_step >= NEIGHBOUR_UPDATE_INTERVAL
+
+
+def clustering_scale(level: Level) -> float:
+    """Return the factor of L_CC, a sum over pixels, by which it weighs as much as on pictures of the paper's size."""
+    return PAPER_PIXELS / (level.camera.width * level.camera.height)
 
 
 def _feature_loss(
@@ -93,11 +106,9 @@ def _feature_loss(
     settings: FeatureSettings,
 ) -> torch.Tensor:
     assert level.labelled is not None
-    # L_CC is a sum over pixels. Without the scale, it would weigh less on pictures smaller than those of the paper.
-    scale = PAPER_PIXELS / (level.camera.width * level.camera.height)
     loss = (
         settings.lambda_clustering
-        * scale
+        * clustering_scale(level)
         * clustering_loss(
             features,
             level.labelled,
@@ -121,8 +132,7 @@ def _regulariser(state: RunState, generator: torch.Generator, settings: FeatureS
             lambda_push=settings.lambda_push,
             generator=generator,
         )
-    stale = state.neighbours is None or len(state.neighbours) != len(state.parameters)
-    if stale or state.step - state.neighbours_step >= NEIGHBOUR_UPDATE_INTERVAL:
+    if neighbours_are_stale(state, state.step, len(state.parameters)):
         state.neighbours, state.neighbours_step = nearest_neighbours(values["means"]), state.step
     assert state.neighbours is not None
     return neighbour_regulariser(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
 
-from .held_out import Quality, image_quality, mean_quality, render_picture
-from .settings import Backend
+from .held_out import Quality, image_quality, mean_quality
 from .views import Level
 
 __all__ = ["Trial", "brightness_factors", "exposure_corrected_quality"]
@@ -54,16 +53,14 @@ def brightness_factors(image: torch.Tensor, level: Level) -> torch.Tensor:
     return factors.clamp(1.0 / MAX_BRIGHTNESS_FACTOR, MAX_BRIGHTNESS_FACTOR).float()
 
 
-def exposure_corrected_quality(
-    values: dict[str, torch.Tensor], levels: Sequence[Level], *, backend: Backend, sh_degree: int
-) -> Quality:
+def exposure_corrected_quality(picture: Callable[[Level], torch.Tensor], levels: Sequence[Level]) -> Quality:
     """Return the mean quality over `levels` of pictures whose brightness is fitted to their photos.
 
-    The exposure of a photo that was not trained on is unknown, so errors that brightness factors can correct are not
-    counted, neither with the correction nor without.
+    `picture` renders one as `held_out.render_picture` does. The exposure of a photo that was not trained on is unknown,
+    so errors that brightness factors can correct are not counted, neither with the correction nor without.
     """
     qualities = []
     for level in levels:
-        image = render_picture(values, level, backend=backend, sh_degree=sh_degree)
+        image = picture(level)
         qualities.append(image_quality(image * brightness_factors(image, level), level.pixels, level.valid))
     return mean_quality(qualities)

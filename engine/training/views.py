@@ -202,10 +202,19 @@ class Level:
 
 @dataclass
 class ViewPyramid:
-    """The views at every size; each size of a view is made at its first use."""
+    """The views at every size; each size of a view is made at its first use.
+
+    Attributes
+    ----------
+    views : sequence of TrainingView
+    settings : FeatureSettings
+    prepares_targets : bool
+        Keep the photos prepared for the loss on the processor if memory allows.
+    """
 
     views: Sequence[TrainingView]
     settings: FeatureSettings
+    prepares_targets: bool = True
     _keep_targets: bool = field(init=False)
     _levels: dict[tuple[int, int], Level] = field(default_factory=dict)
     _masked: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
@@ -216,7 +225,7 @@ class ViewPyramid:
         for view in self.views:
             _check_size(view)
         pixels = sum(view.pixels.shape[0] * view.pixels.shape[1] for view in self.views)
-        self._keep_targets = pixels * TARGET_BYTES_PER_PIXEL <= MAX_TARGET_BYTES
+        self._keep_targets = self.prepares_targets and pixels * TARGET_BYTES_PER_PIXEL <= MAX_TARGET_BYTES
 
     def level(self, view: int, reductions: int) -> Level:
         """Return view number `view` reduced by sqrt(2) `reductions` times."""

@@ -1,4 +1,4 @@
-"""The undistorted photos, cameras and sparse points of a set in one file, all that training needs."""
+"""The undistorted photos, cameras, segments and sparse points of a set in one file, all that training needs."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ _ARRAYS = {
     "picture_ends": ArraySpec("int64", ("v",)),
     "pictures": ArraySpec("uint8", (-1,)),
 }
+_LABELS = {"labels.*": ArraySpec("uint16", (-1, -1))}
+"""Segments of the views that have any, by their number."""
 _ADVICE = "Make it again with `python -m benchmarks.training.screening prepare`."
 
 
@@ -38,16 +40,18 @@ def write_views(file: Path, cameras: CameraSet, views: list[TrainingView]) -> No
         NPZ file.
     cameras : CameraSet
     views : list of TrainingView
-        Without masks; labels are not kept.
+        Without masks.
     """
     pictures = []
+    labels = {f"labels.{i}": view.labels.astype(np.uint16) for i, view in enumerate(views) if view.labels is not None}
     for view in views:
         stream = io.BytesIO()
         Image.fromarray(view.pixels).save(stream, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
         pictures.append(np.frombuffer(stream.getvalue(), np.uint8))
     with atomic_write(file) as out:
-        np.savez(
+        np.savez_compressed(
             out,
+            **labels,
             points=cameras.points,
             point_colors=cameras.point_colors,
             viewmats=np.stack([view.pinhole.viewmat for view in views]),
@@ -67,12 +71,13 @@ def read_views(file: Path) -> tuple[CameraSet, list[TrainingView]]:
     FormatError
         When the file cannot be read.
     """
-    arrays = read_arrays(file, _ARRAYS, advice=_ADVICE)
+    arrays = read_arrays(file, _ARRAYS, optional=_LABELS, advice=_ADVICE)
     cameras = CameraSet((), (), arrays["points"], arrays["point_colors"], float("nan"), np.eye(4), False)
     views, begin = [], 0
     for i, end in enumerate(arrays["picture_ends"]):
         pixels = np.array(Image.open(io.BytesIO(arrays["pictures"][begin:end].tobytes())))
         pinhole = PinholeCamera(arrays["viewmats"][i], arrays["intrinsics"][i], pixels.shape[1], pixels.shape[0])
-        views.append(TrainingView(str(arrays["photos"][i]), pinhole, pixels, None, bool(arrays["held_out"][i])))
+        labels = arrays[f"labels.{i}"].astype(np.int32) if f"labels.{i}" in arrays else None
+        views.append(TrainingView(str(arrays["photos"][i]), pinhole, pixels, labels, bool(arrays["held_out"][i])))
         begin = end
     return cameras, views

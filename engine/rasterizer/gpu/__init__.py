@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from .layout import FrameSize
     from .neighbours import NeighbourSample
     from .parameters import GpuParameters
+    from .plans import StepPlan
     from .self_test import open_gpu
-    from .step import GpuTrainer, StepPlan
+    from .step import GpuTrainer
     from .training_frame import Dropout, PositionNoise
 
 __all__ = [

@@ -77,22 +77,22 @@ class ClusteringLoss:
         self._uniform = frame._uniform(16)
         self._submissions: Submissions | None = None
 
-    def add(self, sample: ClusteringSample) -> None:
-        """Queue the loss of a sample."""
+    def prepared(self, sample: ClusteringSample) -> Submissions:
+        """Copy a sample to the card and return the dispatches of its loss, to be run before the backward pass."""
         samples, segments = sample.packed()
         wanted = (len(samples), len(segments))
         if self._submissions is None or any(n > held for n, held in zip(wanted, self._sizes, strict=True)):
             self._sizes = max(wanted[0], self._sizes[0]), max(wanted[1], self._sizes[1])
-            self._submissions = self._prepared()
+            self._submissions = self._made()
         constants = np.array([*wanted, 0, -(-len(samples) // 256)], np.uint32)
         constants[2] = np.float32(sample.weight / len(segments)).view(np.uint32)
         queue = self._frame.gpu.device.queue
         queue.write_buffer(self._uniform, 0, constants)
         self._frame.write("samples", samples)
         self._frame.write("segments", segments)
-        self._submissions.run([])
+        return self._submissions
 
-    def _prepared(self) -> Submissions:
+    def _made(self) -> Submissions:
         """Make the buffers and return the dispatches on them."""
         frame = self._frame
         n_samples, n_segments = self._sizes

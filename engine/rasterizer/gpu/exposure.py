@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..adam import AdamState
 from .adapters import Gpu
-from .frame import STORAGE
+from .workspace import STORAGE
 
 __all__ = ["GpuExposures"]
 
@@ -45,18 +45,21 @@ class GpuExposures:
         if values.ndim != 2 or values.shape[1] != 3 or not len(values):
             raise ValueError(f"exposures have shape [V, 3], got {values.shape}")
         self._gpu, self.n = gpu, len(values)
-        zeros = np.zeros(values.shape, np.float32)
+        self._used: tuple[int, ...] = ()
+        self.buffers: dict[str, Any] = {
+            name: gpu.device.create_buffer(size=12 * self.n, usage=STORAGE, label=name)
+            for name in ("exposure", "exposure_mean", "exposure_square")
+        }
+        self.write(values, moments)
+        self.buffers["in_use"] = gpu.device.create_buffer(size=4 * self.n, usage=STORAGE, label="in_use")
+
+    def write(self, values: Float32, moments: AdamState | None = None) -> None:
+        """Replace the values [V, 3] and their moments, which are zero by default."""
+        zeros = np.zeros((self.n, 3), np.float32)
         mean, square = (zeros, zeros) if moments is None else (moments.mean.numpy(), moments.square.numpy())
         self.step = 0 if moments is None else moments.step
-        self._used: tuple[int, ...] = ()
-        arrays = {"exposure": values, "exposure_mean": mean, "exposure_square": square}
-        self.buffers: dict[str, Any] = {
-            name: gpu.device.create_buffer_with_data(
-                data=np.ascontiguousarray(array, np.float32), usage=STORAGE, label=name
-            )
-            for name, array in arrays.items()
-        }
-        self.buffers["in_use"] = gpu.device.create_buffer(size=4 * self.n, usage=STORAGE, label="in_use")
+        for name, array in (("exposure", values), ("exposure_mean", mean), ("exposure_square", square)):
+            self._gpu.device.queue.write_buffer(self.buffers[name], 0, np.ascontiguousarray(array, np.float32))
 
     def use(self, views: Sequence[int]) -> None:
         """Set the views whose mean is subtracted after the next steps."""

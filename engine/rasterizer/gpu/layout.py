@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import NumericalError
 
-__all__ = ["BLOCK", "Counts", "FrameSize", "grown_capacity", "pack_sh", "unpack_sh"]
+__all__ = ["BLOCK", "Counts", "FrameSize", "grown_capacity", "pack_sh", "sh_bytes", "sh_ranges", "unpack_sh"]
 
 Float32 = NDArray[np.float32]
 
@@ -31,6 +31,8 @@ class FrameSize:
         Pairs of a tile and a Gaussian.
     backward : bool
         Whether the backward pass has buffers too.
+    room : int
+        Gaussians that the buffers hold, if that is more than `n`.
     """
 
     n: int
@@ -40,6 +42,12 @@ class FrameSize:
     height: int
     capacity: int
     backward: bool = True
+    room: int = 0
+
+    @property
+    def n_room(self) -> int:
+        """Gaussians that the buffers hold, at least 1."""
+        return max(self.n, self.room, 1)
 
     @property
     def n_rgb(self) -> int:
@@ -80,6 +88,25 @@ class Counts:
     n_pairs: int
     n_wanted: int
     not_finite: int
+
+
+def sh_bytes(n: int, n_sh: int) -> int:
+    """Return the size of the harmonics of `pack_sh` in bytes."""
+    return 4 * 3 * n_sh * BLOCK * -(-n // BLOCK)
+
+
+def sh_ranges(n: int, n_sh: int, max_bytes: int) -> list[tuple[int, int, int, int]]:
+    """Return ranges of at most `max_bytes` of the harmonics of `pack_sh`: first Gaussian, end, first byte, bytes.
+
+    The end is that of a block. Without harmonics there are 16 bytes.
+    """
+    row = sh_bytes(1, max(n_sh, 1))
+    per_range = max(1, max_bytes // row)
+    ranges = []
+    for first in range(0, -(-n // BLOCK), per_range):
+        last = min(first + per_range, -(-n // BLOCK))
+        ranges.append((first * BLOCK, last * BLOCK, first * row, (last - first) * row if n_sh else 16))
+    return ranges
 
 
 def pack_sh(sh: Float32) -> Float32:

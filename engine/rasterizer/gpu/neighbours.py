@@ -97,14 +97,14 @@ class NeighbourLoss:
         self._uniform = frame._uniform(48)
         self._submissions: Submissions | None = None
 
-    def add(self, sample: NeighbourSample) -> None:
-        """Queue the loss of a sample; after the backward pass."""
+    def prepared(self, sample: NeighbourSample) -> Submissions:
+        """Copy a sample to the card and return the dispatches of its loss, to be run after the backward pass."""
         frame, rows = self._frame, sample.rows
         gaussians, pairs = sample.pairs()
         sizes = {"anchors": rows.nbytes, "gaussians": gaussians.nbytes, "pairs": pairs.nbytes, "distant": 4 * len(rows)}
         if self._submissions is None or any(n_bytes > self._sizes[name] for name, n_bytes in sizes.items()):
             self._sizes = {name: max(n_bytes, self._sizes.get(name, 0)) for name, n_bytes in sizes.items()}
-            self._submissions = self._prepared()
+            self._submissions = self._made()
         constants = np.zeros(12, np.uint32)
         constants[:6] = (
             len(rows), len(gaussians), sample.near.shape[1], sample.tries.shape[1], sample.max_far,
@@ -115,9 +115,9 @@ class NeighbourLoss:
         frame.gpu.device.queue.write_buffer(self._uniform, 0, constants)
         for name, values in (("anchors", rows), ("gaussians", gaussians), ("pairs", pairs)):
             frame.write(name, values)
-        self._submissions.run([])
+        return self._submissions
 
-    def _prepared(self) -> Submissions:
+    def _made(self) -> Submissions:
         """Make the buffers and return the dispatches on them."""
         frame = self._frame
         frame.allocate({**self._sizes, "slopes": 16})

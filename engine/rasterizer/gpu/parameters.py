@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..adam import AdamState
 from .adapters import Gpu, translate_card_errors
-from .frame import STORAGE
-from .layout import BLOCK, pack_sh, unpack_sh
+from .layout import pack_sh, sh_bytes, unpack_sh
+from .workspace import STORAGE
 
 __all__ = ["GROUPS", "GpuParameters"]
 
@@ -47,9 +47,15 @@ class GpuParameters:
         Moments of the same names; zero by default.
     n_background : int
         The first so many Gaussians train their features alone.
+    room : int
+        Gaussians that the buffers hold, if that is more than N.
+    reuse : dict of str to wgpu.GPUBuffer, optional
+        Buffers of earlier Gaussians that are gone: those that are large enough are used. Emptied.
 
     Attributes
     ----------
+    room : int
+        Gaussians that the buffers hold.
     buffers : dict of str to wgpu.GPUBuffer
         ``means``, ``quats``, ``log_scales``, ``opacity_logits``, ``sh`` (see `pack_sh`) and ``features``; the activated
         ``scales``, ``opacities`` and ``channels``; the moments ``rows_mean``, ``sh_mean``, ``features_mean`` and
@@ -70,10 +76,13 @@ class GpuParameters:
         moments: Mapping[str, AdamState] | None = None,
         *,
         n_background: int = 0,
+        room: int = 0,
+        reuse: dict[str, Any] | None = None,
     ) -> None:
         self._gpu = gpu
         self.names = tuple(name for name in GROUPS if name in values)
         self.n, self.n_background = len(values["means"]), n_background
+        self.room = max(self.n, room)
         self.n_sh = 1 + (values["sh_rest"].shape[1] if "sh_rest" in values else 0)
         self.n_features = values["features"].shape[1] if "features" in values else 0
         zeros = {name: np.zeros(values[name].shape, np.float32) for name in self.names}
@@ -88,9 +97,6 @@ class GpuParameters:
             **{name: values[name] for name in _COLUMNS},
             "sh": self._packed(values),
             "features": values.get("features", np.zeros(0, np.float32)),
-            "scales": np.zeros_like(values["log_scales"]),
-            "opacities": np.zeros(self.n, np.float32),
-            "channels": np.zeros((self.n, self.n_features), np.float32),
         }
         for part in ("mean", "square"):
             group = {name: getattr(state, part) for name, state in states.items()}
@@ -103,16 +109,65 @@ class GpuParameters:
                 f"features_{part}": group.get("features", np.zeros(0, np.float32)),
             }
         self.buffers: dict[str, Any] = {}
+        held = reuse if reuse is not None else {}
         with translate_card_errors(gpu, "train fewer Gaussians, or use the CPU"):
+            for name, n_bytes in self._sizes().items():
+                buffer = held.pop(name, None)
+                if buffer is None or buffer.size < n_bytes:
+                    buffer = None  # freed before the new one is made
+                    buffer = self._buffer(name, n_bytes)
+                self.buffers[name] = buffer
             for name, array in arrays.items():
-                self.buffers[name] = gpu.device.create_buffer(size=max(16, array.nbytes), usage=STORAGE, label=name)
-                if array.size:
-                    gpu.device.queue.write_buffer(self.buffers[name], 0, np.ascontiguousarray(array, np.float32))
+                self.write(name, array)
+
+    def _sizes(self) -> dict[str, int]:
+        """Return the sizes of the buffers in bytes."""
+        n, harmonics, features = self.room, sh_bytes(self.room, self.n_sh), 4 * self.room * self.n_features
+        moments = {"rows": 48 * n, "sh": harmonics, "features": features}
+        return {
+            "means": 12 * n, "quats": 16 * n, "log_scales": 12 * n, "opacity_logits": 4 * n, "sh": harmonics,
+            "features": features, "scales": 12 * n, "opacities": 4 * n, "channels": features,
+            **{f"{name}_{part}": n_bytes for part in ("mean", "square") for name, n_bytes in moments.items()},
+        }  # fmt: skip
+
+    def _buffer(self, name: str, n_bytes: int) -> Any:
+        return self._gpu.device.create_buffer(size=max(16, n_bytes), usage=STORAGE, label=name)
+
+    def write(self, name: str, values: Float32) -> None:
+        """Copy an array to the start of the buffer `name`."""
+        if values.size:
+            self._gpu.device.queue.write_buffer(self.buffers[name], 0, np.ascontiguousarray(values, np.float32))
+
+    def reserve(self, room: int) -> None:
+        """Make room for so many Gaussians, in new buffers with the same contents.
+
+        Raises
+        ------
+        EnvironmentProblem
+            If the card's memory is full.
+        """
+        if room <= self.room:
+            return
+        self.room = room
+        device = self._gpu.device
+        with translate_card_errors(self._gpu, "train fewer Gaussians, or use the CPU"):
+            for name, n_bytes in self._sizes().items():
+                old = self.buffers[name]
+                if old.size < n_bytes:
+                    self.buffers[name] = self._buffer(name, n_bytes)
+                    encoder = device.create_command_encoder()
+                    encoder.copy_buffer_to_buffer(old, 0, self.buffers[name], 0, old.size)
+                    device.queue.submit([encoder.finish()])
+
+    def geometry(self) -> dict[str, Float32]:
+        """Return copies of means, quats, log_scales and opacity_logits."""
+        return {name: self._read(name, shape) for name, shape in self._shapes().items()}
 
     def values(self) -> dict[str, Float32]:
         """Return copies of the values by name."""
-        found = {name: self._read(name, shape) for name, shape in self._shapes().items()}
-        return found | self._bands("sh") | ({"features": self._features("features")} if self.n_features else {})
+        return (
+            self.geometry() | self._bands("sh") | ({"features": self._features("features")} if self.n_features else {})
+        )
 
     def moments(self) -> dict[str, AdamState]:
         """Return copies of the moments by name."""
@@ -136,7 +191,7 @@ class GpuParameters:
         return pack_sh(np.concatenate(bands, axis=1))
 
     def _bands(self, name: str) -> dict[str, Float32]:
-        packed = self._read(name, (-(-self.n // BLOCK) * BLOCK * 3 * self.n_sh,))
+        packed = self._read(name, (sh_bytes(self.n, self.n_sh) // 4,))
         sh = unpack_sh(packed, self.n, self.n_sh)
         bands = {"sh_dc": sh[:, :1], "sh_rest": sh[:, 1:]} if self.n_sh > 1 else {"sh_dc": sh}
         return {band: np.ascontiguousarray(value) for band, value in bands.items()}

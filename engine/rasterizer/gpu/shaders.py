@@ -72,6 +72,10 @@ KERNELS = {
     "adam_channels": ("optimiser", "channel_gradient", "adam_channels"),
     "noise": ("philox", "noise"),
     "limits": ("optimiser", "limits"),
+    "error_gradient": ("error_gradient",),
+    "add_errors": ("optimiser", "add_errors"),
+    "gather_rows": ("gather_rows",),
+    "gather_sh": ("gather_sh",),
     "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),
 }
 """Files of each kernel, after ``common``."""

@@ -11,28 +11,28 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...errors import NumericalError
 from ...scene import PinholeCamera
 from ..adam import AdamState
-from ..raster import check_camera, check_finite
+from ..raster import check_camera
 from ..settings import StepSettings
 from .adapters import Gpu, translate_card_errors
-from .clustering import ClusteringSample
 from .exposure import GpuExposures
-from .frame import STORAGE
+from .faults import raise_fault
 from .layout import FrameSize, grown_capacity
-from .neighbours import NeighbourSample
 from .parameters import GROUPS, GpuParameters
-from .training_frame import Dropout, PhotoLoss, PositionNoise, TrainingFrame
+from .plans import Photo, StepPlan, valid_pixels
+from .rearrange import Rearrangement, check_rearrangement
+from .training_frame import PhotoLoss, TrainingFrame
+from .workspace import STORAGE
 
-__all__ = ["GpuTrainer", "StepPlan"]
+__all__ = ["GpuTrainer"]
 
 _BATCH = 64
 """Largest number of steps between two reads of the status. A larger one saves no time, and repeats more after a failure."""
@@ -40,62 +40,18 @@ _BATCH = 64
 _EXPOSURE = "exposure"
 _GROUPS = (*GROUPS, _EXPOSURE)  # as in optimiser.wgsl
 
-_TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
+_INPUT_NOT_FINITE = 1  # as in verdict.wgsl
+
+_TOO_MANY_PAIRS = 16  # as in optimiser.wgsl
+
+_HEADROOM = 1.25
+"""Room that the buffers get when they have to grow, in Gaussians."""
 
 _LOSSES = 8
 """Values of the status before the losses, as in optimiser.wgsl."""
 
 GUARDS = ("scales_at_limit", "opacities_at_limit", "clamped_positions", "reset_rotations", "gaussians_not_updated")
 """Counts in the status, by the names of the processor's trainer."""
-
-
-@dataclass(frozen=True)
-class StepPlan:
-    """One training step.
-
-    Attributes
-    ----------
-    photo : int
-        Result of `GpuTrainer.add_photo`.
-    learning_rates : mapping of str to float
-        By the names of `GROUPS`. Groups that are left out, and ``sh_rest`` at degree 0, keep values and moments.
-        The processor's trainer leaves out ``features`` in steps without a loss of features.
-    sh_degree : int
-        Highest band of spherical harmonics.
-    exposure_rate : float, optional
-        Learning rate of the exposures, which otherwise keep values and moments.
-    centred : sequence of int
-        Views whose mean exposure is subtracted after the step.
-    lambda_ray : float
-        Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
-    clustering : ClusteringSample, optional
-        Pixels of the photo that L_CC is evaluated on.
-    neighbours : NeighbourSample, optional
-        Gaussians that L_reg is evaluated on.
-    dropout : Dropout, optional
-    noise : PositionNoise, optional
-        Random walk after the step, before the limits.
-    """
-
-    photo: int
-    learning_rates: Mapping[str, float]
-    sh_degree: int
-    exposure_rate: float | None = None
-    centred: Sequence[int] = ()
-    lambda_ray: float = 0.0
-    clustering: ClusteringSample | None = None
-    neighbours: NeighbourSample | None = None
-    dropout: Dropout | None = None
-    noise: PositionNoise | None = None
-
-
-@dataclass(frozen=True)
-class _Photo:
-    camera: PinholeCamera
-    pixels: Any
-    n_valid: int
-    by_features: Any
-    view: int
 
 
 class GpuTrainer:
@@ -111,6 +67,9 @@ class GpuTrainer:
         Changed by `steps`. By default, photos have no brightness factors.
     capacity : int, optional
         Pairs of a tile and a Gaussian that the buffers hold at first; they grow.
+    max_gaussians : int, optional
+        Gaussians that the buffers have room for from the start. By default, and beyond that, buffers that are too small
+        get a quarter more room than is needed.
 
     Attributes
     ----------
@@ -131,14 +90,17 @@ class GpuTrainer:
         *,
         exposures: GpuExposures | None = None,
         capacity: int | None = None,
+        max_gaussians: int | None = None,
     ) -> None:
         self.gpu, self.parameters, self.settings = gpu, parameters, settings or StepSettings()
+        parameters.reserve(max_gaussians or 0)
         self.exposures = exposures or GpuExposures(gpu, np.zeros((1, 3), np.float32))
-        self._capacity = capacity or max(4096, 4 * parameters.n)
+        self._capacity = capacity or max(4096, 2 * parameters.room)
         self.guards: Counter[str] = Counter()
-        self._photos: list[_Photo] = []
-        self._frames: dict[tuple[int, int], TrainingFrame] = {}
-        self._scratch: dict[str, Any] = {}
+        self._photos: dict[int, Photo] = {}
+        self._n_photos = 0
+        self._frames: dict[tuple[int, int, bool], TrainingFrame] = {}
+        self._pool: dict[str, Any] = {}
         self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
 
     def add_photo(
@@ -180,18 +142,25 @@ class GpuTrainer:
             raise ValueError(f"`by_features` must have shape {shape}, got {by_features.shape}")
         if not 0 <= view < self.exposures.n:
             raise ValueError(f"there are exposures of {self.exposures.n} views, got view {view}")
-        counts = _valid_pixels(pixels.shape[:2], valid)
+        counts = valid_pixels(pixels.shape[:2], valid)
         packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
         with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
             buffer = self.gpu.device.create_buffer_with_data(
-                data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {len(self._photos)}"
+                data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {self._n_photos}"
             )
             given = None
             if by_features is not None:
                 data = np.ascontiguousarray(by_features, np.float32)
                 given = self.gpu.device.create_buffer_with_data(data=data, usage=STORAGE, label="by_features")
-        self._photos.append(_Photo(camera, buffer, int(counts.sum()), given, view))
-        return len(self._photos) - 1
+        number, self._n_photos = self._n_photos, self._n_photos + 1
+        self._photos[number] = Photo(camera, buffer, int(counts.sum()), given, view)
+        return number
+
+    def free_photo(self, number: int) -> None:
+        """Free the memory of a photo, which is not used again."""
+        photo = self._photos.pop(number)
+        for frame in self._frames.values():
+            frame.forget_photo(photo.pixels)
 
     def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
         """Set the pixels of a photo that count from the next step on, for example all but those of transients.
@@ -209,7 +178,7 @@ class GpuTrainer:
         """
         photo, queue = self._photos[number], self.gpu.device.queue
         shape = (photo.camera.height, photo.camera.width)
-        counts = _valid_pixels(shape, valid)
+        counts = valid_pixels(shape, valid)
         with translate_card_errors(self.gpu, "use the CPU"):
             packed = np.frombuffer(queue.read_buffer(photo.pixels), np.uint8).reshape(*shape, 4).copy()
             packed[..., 3] = np.where(counts, 255, 0)
@@ -222,10 +191,15 @@ class GpuTrainer:
             values = {name: torch.from_numpy(value) for name, value in self.parameters.values().items()}
             return values, self.parameters.moments()
 
+    def geometry(self) -> dict[str, torch.Tensor]:
+        """Return copies of means [N, 3], quats [N, 4], log_scales [N, 3] and opacity_logits [N], float32."""
+        with translate_card_errors(self.gpu, "use the CPU"):
+            return {name: torch.from_numpy(value) for name, value in self.parameters.geometry().items()}
+
     def upload(
         self, values: Mapping[str, torch.Tensor], moments: Mapping[str, AdamState], *, n_background: int = 0
     ) -> None:
-        """Replace the Gaussians, for example by a relocated or larger set; photos and exposures stay.
+        """Replace the Gaussians, for example by those of a checkpoint; photos and exposures stay.
 
         Parameters
         ----------
@@ -244,10 +218,60 @@ class GpuTrainer:
         n_features = arrays["features"].shape[1] if "features" in arrays else 0
         if n_features != self.parameters.n_features:
             raise ValueError(f"the Gaussians have {self.parameters.n_features} features, got {n_features}")
-        # The buffers of the frames are those of the old Gaussians, which are freed before the new ones are made.
+        old = self.parameters
+        room = self._room_for(len(arrays["means"]))
+        # Frames are bound to the buffers of the parameters, which stay only if nothing is larger.
+        if room > old.room or arrays.get("sh_rest", np.zeros((0, 0))).shape[1] + 1 != old.n_sh:
+            self._free_frames()
+        self.parameters = GpuParameters(
+            self.gpu, arrays, moments, n_background=n_background, room=room, reuse=old.buffers
+        )
+        for frame in self._frames.values():
+            frame.set_parameters(self.parameters)
+
+    def rearrange(self, geometry: Mapping[str, torch.Tensor], sources: torch.Tensor, fresh: torch.Tensor) -> None:
+        """Make M Gaussians of the N that there are: some moved, copied, or removed.
+
+        Photos, exposures, the number of background Gaussians and Adam's numbers of steps stay.
+
+        Parameters
+        ----------
+        geometry : mapping of str to tensor
+            New values, float32: means [M, 3], quats [M, 4], log_scales [M, 3], opacity_logits [M].
+        sources : int64 tensor of shape [M]
+            Gaussians that harmonics, features and all moments are those of, 0 to N - 1.
+        fresh : bool tensor of shape [M]
+            Gaussians whose moments are zero.
+
+        Raises
+        ------
+        ValueError
+            If shapes or types do not match, or a source does not exist.
+        EnvironmentProblem
+            If the card's memory is full.
+        """
+        check_rearrangement(self.parameters, geometry, sources, fresh)
+        parameters, m = self.parameters, len(sources)
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            if m > parameters.room:
+                self._free_frames()
+                self._pool.clear()  # so that it is not in memory together with both the old and the new parameters
+                parameters.reserve(self._room_for(m))
+            Rearrangement(self.gpu, parameters, self._pool).run(sources.numpy(), fresh.numpy())
+            for name, value in geometry.items():
+                parameters.write(name, value.detach().numpy())
+            parameters.n = m
+            for frame in self._frames.values():
+                frame.resize(m)
+
+    def _room_for(self, n: int) -> int:
+        """Return the room of buffers that hold `n` Gaussians: that of the present ones if it is enough."""
+        return self.parameters.room if n <= self.parameters.room else int(_HEADROOM * n)
+
+    def _free_frames(self) -> None:
+        for frame in self._frames.values():
+            frame.release()
         self._frames.clear()
-        self._scratch.clear()
-        self.parameters = GpuParameters(self.gpu, arrays, moments, n_background=n_background)
 
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
         """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
@@ -270,28 +294,91 @@ class GpuTrainer:
                 losses += self._batch(batch)
         return losses
 
+    def gaussian_errors(self, photos: Sequence[int], sh_degree: int) -> torch.Tensor:
+        """Return the error of the pictures in the pixels of each Gaussian, summed over `photos`, float32 [N].
+
+        ``v_g = sum over valid pixels of w_g mean|image - photo|`` with w_g the blending weight, without dropout and
+        exposures.
+
+        Parameters
+        ----------
+        photos : sequence of int
+            Results of `add_photo`.
+        sh_degree : int
+            Highest band of spherical harmonics.
+
+        Raises
+        ------
+        NumericalError
+            If a parameter or an image is not finite.
+        EnvironmentProblem
+            If the card's memory is full, or the card stops working.
+        """
+        if not photos:
+            return torch.zeros(self.parameters.n)
+        nothing = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            while True:
+                self._clear_status()
+                for place, number in enumerate(photos):
+                    photo = self._photos[number]
+                    frame = self._frame(photo.camera, with_features=False)
+                    frame.set_view(photo.camera, self.settings.raster, sh_degree)
+                    loss = PhotoLoss(photo.pixels, photo.n_valid, 0.0)
+                    frame.set_optimiser(0, loss, self.settings.unit_features, *nothing)
+                    frame.add_errors(photo.pixels, zeroed=place == 0)
+                halted, _, wanted = (int(value) for value in self._read_status()[:3])
+                if not halted:
+                    return torch.from_numpy(frame.read("errors", (self.parameters.n,)))
+                self._grow_or_raise(halted, wanted)
+
+    def render(self, camera: PinholeCamera, sh_degree: int) -> NDArray[np.float32]:
+        """Return a picture of the Gaussians over black, float32 [H, W, 3]; errors as of `gaussian_errors`."""
+        nothing = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            while True:
+                self._clear_status()
+                frame = self._frame(camera, with_features=False)
+                frame.set_view(camera, self.settings.raster, sh_degree)
+                frame.set_optimiser(0, PhotoLoss(None, 1, 0.0), self.settings.unit_features, *nothing)
+                frame.render()
+                counts = frame.counts()
+                if counts.not_finite & _INPUT_NOT_FINITE:
+                    raise_fault(_INPUT_NOT_FINITE, self.parameters)
+                if counts.n_wanted <= self._capacity:
+                    return frame.read("image", (camera.height, camera.width, 3))
+                self._grow_or_raise(_TOO_MANY_PAIRS, counts.n_wanted)
+
+    def _clear_status(self) -> None:
+        self.gpu.device.queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
+
+    def _read_status(self) -> NDArray[np.uint32]:
+        return np.frombuffer(self.gpu.device.queue.read_buffer(self._status), np.uint32)
+
     def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
         """Queue steps and return the losses of those that were made; grow the buffers, or raise, where one was not."""
-        queue = self.gpu.device.queue
-        queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
+        self._clear_status()
         queued: Counter[str] = Counter()
         for index, plan in enumerate(plans):
             queued.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
             self._queue(plan, index, queued)
-        status = np.frombuffer(queue.read_buffer(self._status), np.uint32)
+        status = self._read_status()
         halted, made, wanted = (int(value) for value in status[:3])
         self.guards.update(dict(zip(GUARDS, (int(n) for n in status[3:_LOSSES]), strict=True)))
         for plan in plans[:made]:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
             self.exposures.step += plan.exposure_rate is not None
-        if halted == _TOO_MANY_PAIRS:
-            self._frames.clear()
-            self._scratch.clear()
-            self._capacity = grown_capacity(wanted, self.parameters.n)
-        elif halted:
-            self._raise(halted)
+        if halted:
+            self._grow_or_raise(halted, wanted)
         return [float(loss) for loss in status[_LOSSES : _LOSSES + made].view(np.float32)]
+
+    def _grow_or_raise(self, halted: int, wanted: int) -> None:
+        """Make the buffers hold `wanted` pairs if there were too many, otherwise raise why no step was made."""
+        if halted != _TOO_MANY_PAIRS:
+            raise_fault(halted, self.parameters)
+        self._free_frames()
+        self._capacity = grown_capacity(wanted, self.parameters.n)
 
     def _check(self, plan: StepPlan) -> None:
         """Raise ValueError if a plan cannot be carried out: kernels do not check their indices."""
@@ -315,7 +402,7 @@ class GpuTrainer:
     def _queue(self, plan: StepPlan, index: int, queued: Mapping[str, int]) -> None:
         """Queue one step. `queued` counts the steps of each group since the status was cleared, with this one."""
         photo, settings = self._photos[plan.photo], self.settings
-        frame = self._frame(photo.camera)
+        frame = self._frame(photo.camera, with_features="features" in plan.learning_rates)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
@@ -337,54 +424,25 @@ class GpuTrainer:
         frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
         frame.step()
 
-    def _frame(self, camera: PinholeCamera) -> TrainingFrame:
-        """Return the frame of the camera's size of picture. The largest is made first, so that its buffers fit all."""
-        if not self._frames:
-            self._make_frame(max((photo.camera for photo in self._photos), key=lambda one: one.width * one.height))
-        if (camera.width, camera.height) not in self._frames:
-            self._make_frame(camera)
-        return self._frames[camera.width, camera.height]
+    def _frame(self, camera: PinholeCamera, *, with_features: bool = True) -> TrainingFrame:
+        """Return the frame of a size of picture, which blends features only if they are trained in the step.
 
-    def _make_frame(self, camera: PinholeCamera) -> None:
+        The largest is made first, so that its buffers fit all.
+        """
+        with_features = with_features and self.parameters.n_features > 0
+        if not self._frames:
+            largest = max((photo.camera for photo in self._photos.values()), key=lambda one: one.width * one.height)
+            self._make_frame(largest, with_features=self.parameters.n_features > 0)
+        if (camera.width, camera.height, with_features) not in self._frames:
+            self._make_frame(camera, with_features=with_features)
+        return self._frames[camera.width, camera.height, with_features]
+
+    def _make_frame(self, camera: PinholeCamera, *, with_features: bool) -> None:
         parameters, width, height = self.parameters, camera.width, camera.height
-        size = FrameSize(parameters.n, parameters.n_sh, parameters.n_features, width, height, self._capacity)
+        n_features = parameters.n_features if with_features else 0
+        size = FrameSize(parameters.n, parameters.n_sh, n_features, width, height, self._capacity, room=parameters.room)
         n_moving = 3 if self.settings.detached_features else None
-        frame = TrainingFrame(
-            self.gpu, size, parameters, self.exposures, self._status, self._scratch, n_moving=n_moving,
+        self._frames[width, height, with_features] = TrainingFrame(
+            self.gpu, size, parameters, self.exposures, self._status, self._pool, n_moving=n_moving,
             limits=self.settings.limits,
         )  # fmt: skip
-        self._frames[width, height] = frame
-        for name, buffer in frame.scratch.items():
-            self._scratch[name] = max(buffer, self._scratch.get(name, buffer), key=lambda one: one.size)
-
-    def _raise(self, found: int) -> None:
-        """Raise the error for a step that was not made, as the processor's step raises it."""
-        if found & 1:
-            for name, value in self.parameters.values().items():
-                check_finite(name, torch.from_numpy(value))
-                if name == "log_scales":
-                    with np.errstate(over="ignore"):
-                        check_finite("scales", torch.from_numpy(np.exp(value)))
-            raise NumericalError("a parameter of the Gaussians is not finite; resume from the last checkpoint.")
-        if found & 4:
-            raise NumericalError(
-                "the rendered image is not finite at a pixel that is compared with the photo; "
-                "lower the learning rate or resume from the last checkpoint."
-            )
-        if found & 2:
-            raise NumericalError("the gradient of the image is not finite; check the loss that produced it.")
-        if found == _ALL_LEFT_OUT:
-            raise NumericalError(
-                "no gradient of any Gaussian is finite; lower the learning rate or resume from the last checkpoint."
-            )
-        raise NumericalError(
-            "a gradient of the Gaussians is not finite; lower the learning rate or resume from the last checkpoint."
-        )
-
-
-def _valid_pixels(shape: tuple[int, ...], valid: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Return the pixels that count; raise ValueError where `valid` does not fit, or leaves none."""
-    counts = np.ones(shape, bool) if valid is None else np.asarray(valid, bool)
-    if counts.shape != shape or not counts.any():
-        raise ValueError(f"`valid` must have shape {shape} and leave a pixel for the loss")
-    return counts

@@ -16,7 +16,10 @@ from typing import Any
 
 from .adapters import Gpu
 
-__all__ = ["LIMIT_S", "Dispatch", "Submissions", "encode"]
+__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "encode", "run_together"]
+
+Count = int | Callable[[], int]
+"""A number, or what gives it when the work is queued, because it changes with the number of Gaussians."""
 
 LIMIT_S = 0.2
 """Longest submission, seconds. Watchdogs wait for 2 s (Windows, Linux) or more; the picture on the screen stands still
@@ -34,7 +37,7 @@ MEASURE_INTERVAL = 64
 
 @dataclass(frozen=True)
 class Dispatch:
-    """A dispatch: `groups` workgroups, or as many as the buffer of dispatches says from entry `indirect` on.
+    """A dispatch: `count` workgroups, or as many as the buffer of dispatches says from entry `indirect` on.
 
     `part` returns the dispatch of some of the workgroups, from a first one to an end; None if that is not possible.
     """
@@ -42,14 +45,23 @@ class Dispatch:
     stage: str
     pipeline: Any
     bindings: Any
-    groups: tuple[int, int]
+    count: Count
     indirect: int = -1
     part: Callable[[int, int], Dispatch] | None = None
 
     @property
     def n_groups(self) -> int:
         """Number of workgroups; 1 where only the card knows."""
-        return self.groups[0] * self.groups[1] if self.indirect < 0 else 1
+        if self.indirect >= 0:
+            return 1
+        return self.count() if callable(self.count) else self.count
+
+    @property
+    def groups(self) -> tuple[int, int]:
+        """Workgroups along x and y; kernels leave out those beyond their number."""
+        n = max(1, self.n_groups)
+        x = min(n, 65535)
+        return x, -(-n // x)
 
     def parts(self, n: int) -> list[Dispatch]:
         """Return the same work in at most `n` dispatches."""
@@ -71,49 +83,50 @@ class Submissions:
 
     Attributes
     ----------
+    sizes : wgpu.GPUBuffer
     seconds : list of float
         Measured time of each dispatch, empty before the first run. Wall time: it includes what the driver adds, and every
         card can measure it.
     """
 
     def __init__(self, gpu: Gpu, dispatches: Sequence[Dispatch], sizes: Any) -> None:
-        self._gpu, self.dispatches, self._sizes = gpu, dispatches, sizes
+        self._gpu, self.dispatches, self.sizes = gpu, dispatches, sizes
         self._runs = 0
-        self._batches: list[list[Dispatch]] = []
+        self._batches: list[tuple[float, list[Dispatch]]] = []
         self.seconds: list[float] = []
 
     def run(self, zeroed: Iterable[Any]) -> None:
         """Queue all dispatches after setting the buffers `zeroed` to zero."""
-        due = self._runs % MEASURE_INTERVAL == 0 and sum(self.seconds) > LIMIT_S / 10
-        measures = not self.seconds or due
-        self._runs += 1
-        encoder = self._gpu.device.create_command_encoder()
-        for buffer in zeroed:
-            encoder.clear_buffer(buffer)
-        if measures:
-            self._gpu.device.queue.submit([encoder.finish()])
-            before: list[float | None] = [*self.seconds] or [None] * len(self.dispatches)
-            self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
-            self._batches = self.batches()
-            return
-        for number, together in enumerate(self._batches):
-            if number:
-                encoder = self._gpu.device.create_command_encoder()
-            encode(encoder, together, self._sizes)
-            self._gpu.device.queue.submit([encoder.finish()])
+        run_together(self._gpu, [(self, zeroed)])
 
-    def batches(self) -> list[list[Dispatch]]:
-        """Return the dispatches of each submission, by the measured times."""
-        batches: list[list[Dispatch]] = [[]]
-        filled = 0.0
+    def next_batches(self) -> list[tuple[float, list[Dispatch]]]:
+        """Return the dispatches of each submission of the next run with its forecast time, none if it measures them."""
+        due = self._runs % MEASURE_INTERVAL == 0 and sum(self.seconds) > LIMIT_S / 10
+        self._runs += 1
+        return [] if due or not self.seconds else self._batches
+
+    def measure(self) -> None:
+        """Run the dispatches one by one, and decide which are joined from now on."""
+        before: list[float | None] = [*self.seconds] or [None] * len(self.dispatches)
+        self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
+        self._batches = self.batches()
+
+    def forget(self) -> None:
+        """Measure again in the next run, because the work has grown."""
+        self.seconds = []
+
+    def batches(self) -> list[tuple[float, list[Dispatch]]]:
+        """Return the time and the dispatches of each submission, by the measured times."""
+        batches: list[tuple[float, list[Dispatch]]] = [(0.0, [])]
         for one, seconds in zip(self.dispatches, self.seconds, strict=True):
             parts = one.parts(_n_parts(seconds))
             for part in parts:
-                if batches[-1] and filled + seconds / len(parts) > FILL * LIMIT_S:
-                    batches.append([])
-                    filled = 0.0
-                filled += seconds / len(parts)
-                batches[-1].append(part)
+                filled, together = batches[-1]
+                if together and filled + seconds / len(parts) > FILL * LIMIT_S:
+                    filled, together = 0.0, []
+                    batches.append((filled, together))
+                together.append(part)
+                batches[-1] = filled + seconds / len(parts), together
         return batches
 
     def _measure(self, dispatch: Dispatch, before: float | None) -> float:
@@ -134,14 +147,43 @@ class Submissions:
     def _seconds_of(self, dispatch: Dispatch) -> float:
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
-        encode(encoder, [dispatch], self._sizes)
+        encode(encoder, [dispatch], self.sizes)
         self._gpu.device.queue.submit([encoder.finish()])
         self._wait()
         return time.perf_counter() - start
 
     def _wait(self) -> None:
         """Wait until all that is queued is done: a read comes last. wgpu 0.32 fails in `on_submitted_work_done_sync`."""
-        self._gpu.device.queue.read_buffer(self._sizes, 0, 4)
+        self._gpu.device.queue.read_buffer(self.sizes, 0, 4)
+
+
+def run_together(gpu: Gpu, runs: Iterable[tuple[Submissions, Iterable[Any]]]) -> None:
+    """Queue lists of dispatches one after the other, in as few submissions as the limit allows.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    runs : iterable of (Submissions, iterable of wgpu.GPUBuffer)
+        With each list, the buffers that are set to zero before it. What the processor writes to buffers in between is
+        there from the first dispatch on.
+    """
+    queue = gpu.device.queue
+    encoder, filled = gpu.device.create_command_encoder(), 0.0
+    for run, zeroed in runs:
+        for buffer in zeroed:
+            encoder.clear_buffer(buffer)
+        batches = run.next_batches()
+        for seconds, together in batches:
+            if filled and filled + seconds > FILL * LIMIT_S:
+                queue.submit([encoder.finish()])
+                encoder, filled = gpu.device.create_command_encoder(), 0.0
+            encode(encoder, together, run.sizes)
+            filled += seconds
+        if not batches:
+            queue.submit([encoder.finish()])
+            run.measure()
+            encoder, filled = gpu.device.create_command_encoder(), 0.0
+    queue.submit([encoder.finish()])
 
 
 def _n_parts(seconds: float) -> int:
@@ -152,11 +194,12 @@ def _n_parts(seconds: float) -> int:
 def encode(
     encoder: Any, dispatches: Iterable[Dispatch], sizes: Any, time_stage: Callable[[str, Any], Any] | None = None
 ) -> None:
-    """Add dispatches to the commands of `encoder`, neighbours of one stage in one compute pass.
+    """Add dispatches to the commands of `encoder`, in one compute pass.
 
-    `time_stage` gives the descriptor of the pass of a stage, to measure it.
+    `time_stage` gives the descriptor of a compute pass for each stage, to measure it.
     """
-    for stage, together in itertools.groupby(dispatches, key=lambda dispatch: dispatch.stage):
+    timed = time_stage is not None
+    for stage, together in itertools.groupby(dispatches, key=lambda dispatch: dispatch.stage if timed else ""):
         descriptor = {} if time_stage is None else {"timestamp_writes": time_stage(stage, encoder)}
         compute = encoder.begin_compute_pass(**descriptor)
         for dispatch in together:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +13,13 @@ from numpy.typing import NDArray
 from ..settings import StepLimits
 from .adapters import Gpu
 from .clustering import ClusteringLoss, ClusteringSample
+from .errors import ErrorSum
 from .exposure import GpuExposures
 from .frame import Frame
-from .layout import FrameSize
+from .layout import BLOCK, FrameSize
 from .neighbours import NeighbourLoss, NeighbourSample
 from .parameters import GROUPS, GpuParameters
-from .submissions import Submissions
+from .submissions import Dispatch, Submissions, run_together
 
 __all__ = ["Dropout", "PhotoLoss", "PositionNoise", "TrainingFrame"]
 
@@ -128,8 +130,8 @@ class TrainingFrame(Frame):
     exposures : GpuExposures
     status : wgpu.GPUBuffer
         See optimiser.wgsl.
-    scratch : mapping of str to wgpu.GPUBuffer
-        The `scratch` of a frame of the same parameters, whose steps do not overlap those of this one.
+    pool : dict of str to wgpu.GPUBuffer
+        See `Workspace`; that of frames whose steps do not overlap those of this one.
     n_moving : int, optional
         See `Frame`.
     limits : StepLimits, optional
@@ -147,46 +149,57 @@ class TrainingFrame(Frame):
         parameters: GpuParameters,
         exposures: GpuExposures,
         status: Any,
-        scratch: Mapping[str, Any],
+        pool: dict[str, Any],
         *,
         n_moving: int | None = None,
         limits: StepLimits | None = None,
     ) -> None:
-        super().__init__(gpu, size, n_moving=n_moving, shared={**scratch, **parameters.buffers})
-        n_pixels = size.width * size.height
-        self.allocate({"maps": 36 * n_pixels, "partial_sums": 8 * size.n_tiles, "loss_values": 16})
-        self.allocate({"exposure_sums": 16 * size.n_tiles, "exposure_gradient": 16, "ray_sums": 8 * size.n_tiles})
-        self.allocate({"gaussian_sums": 8 * -(-size.n // 256), "skipped": 4 * (size.n + 1), "nothing": 16})
+        super().__init__(gpu, size, n_moving=n_moving, shared=parameters.buffers, pool=pool)
         self.buffers |= parameters.buffers | exposures.buffers | {"status": status}
         self._parameters, self._exposures, self._limits = parameters, exposures, limits
         self._loss_uniform = self._uniform(64)
         self._optimisers: list[tuple[Any, int]] = []
+        self._tests: list[tuple[Any, int]] = []
         self._photos: dict[tuple[int, int], Submissions] = {}
         optimiser = self._optimiser_uniform(0)
         activate = self._step(
             "activations", "activate", optimiser,
             ["log_scales", "opacity_logits", "features", "scales", "opacities", "channels", "status", "gaussian_sums"],
-            -(-size.n // 256),
+            self._over(256),
         )  # fmt: skip
         self._noise_uniform = self._uniform(32)
         self._clustering = ClusteringLoss(self)
         self._neighbours = NeighbourLoss(self)
+        self._errors = ErrorSum(self, optimiser)
         self._activate = self._submissions([activate])
         self._finish = self._submissions(self._finish_steps(optimiser))
+        self._write_tests()
 
-    @property
-    def scratch(self) -> dict[str, Any]:
-        """The buffers that hold nothing from one step to the next."""
-        kept = {
-            "gradient",
-            "photo",
-            "given",
-            "status",
-            "dispatches",
-            *self._parameters.buffers,
-            *self._exposures.buffers,
-        }
-        return {name: buffer for name, buffer in self.buffers.items() if name not in kept}
+    def _sizes(self) -> dict[str, int]:
+        s = self.size
+        return super()._sizes() | {
+            "maps": 36 * s.width * s.height, "partial_sums": 8 * s.n_tiles, "loss_values": 16,
+            "exposure_sums": 16 * s.n_tiles, "exposure_gradient": 16, "ray_sums": 8 * s.n_tiles,
+            "gaussian_sums": 8 * -(-s.n_room // 256), "skipped": 4 * (s.n_room + 1), "nothing": 16,
+            "errors": 4 * s.n_room,
+        }  # fmt: skip
+
+    def set_parameters(self, parameters: GpuParameters) -> None:
+        """Continue with other Gaussians in the same buffers."""
+        self._parameters = parameters
+        self.resize(parameters.n)
+
+    def resize(self, n: int) -> None:
+        super().resize(n)
+        self._write_tests()
+
+    def _write_tests(self) -> None:
+        for buffer, fours in self._tests:
+            length = np.array([fours * self.size.n, _GRADIENT_NOT_FINITE], np.uint32)
+            self.gpu.device.queue.write_buffer(buffer, 0, length)
+
+    def _runs_by_gaussian(self) -> list[Submissions]:
+        return [*super()._runs_by_gaussian(), self._activate, self._finish, self._errors.run]
 
     def _optimiser_uniform(self, first: int) -> Any:
         buffer = self._uniform(128 + 16 * (len(GROUPS) + 1))
@@ -196,36 +209,50 @@ class TrainingFrame(Frame):
     def _finish_steps(self, optimiser: Any) -> list[Any]:
         """Return the dispatches after the backward pass: tests, verdict, Adam, noise, limits."""
         s = self.size
-        steps = []
-        for name in ("gradients", "totals"):
-            steps.append(self._find_not_finite(name, 0, self.buffers[name].size))
+        chunks = -(-s.n_out // 4)
+        steps = [self._find_not_finite("gradients", 3), self._find_not_finite("totals", chunks + 2)]
         names = ["gradients", "log_scales", "opacity_logits", "totals", "channels", "features", "skipped"]
-        steps.append(self._step("tests", "find_overflow", optimiser, names, -(-s.n // 128)))
+        steps.append(self._step("tests", "find_overflow", optimiser, names, self._over(128)))
         uniforms = {first: self._optimiser_uniform(first) if first else optimiser for first, *_ in self._color_ranges()}
-        for first, _, at, n_bytes in self._color_ranges():
-            parts: list[str | tuple[str, int, int]] = [("sh_gradient", at, n_bytes), "skipped", "counts"]
-            steps.append(self._step("tests", "find_sh_overflow", uniforms[first], parts, -(-n_bytes // 512)))
+        steps += self._sh_steps("tests", "find_sh_overflow", uniforms, ["sh_gradient"], ["skipped", "counts"])
         steps.append(self._step("verdict", "verdict", optimiser, ["counts", "loss_values", "status", "skipped"], 1))
         names = ["gradients", "means", "quats", "log_scales", "opacity_logits", "rows_mean", "rows_square", "skipped"]
-        steps.append(self._step("adam", "adam_rows", optimiser, names, -(-12 * s.n // 128)))
-        for first, _, at, n_bytes in self._color_ranges():
-            slices = [(name, at, n_bytes) for name in ("sh_gradient", "sh", "sh_mean", "sh_square")]
-            steps.append(self._step("adam", "adam_sh", uniforms[first], [*slices, "skipped"], -(-n_bytes // 512)))
+        steps.append(self._step("adam", "adam_rows", optimiser, names, self._over(128, 12)))
+        names = ["sh_gradient", "sh", "sh_mean", "sh_square"]
+        steps += self._sh_steps("adam", "adam_sh", uniforms, names, ["skipped"])
         if s.n_channels:
             names = ["totals", "channels", "features", "features_mean", "features_square", "skipped"]
-            steps.append(self._step("adam", "adam_channels", optimiser, names, -(-s.n // 128)))
+            steps.append(self._step("adam", "adam_channels", optimiser, names, self._over(128)))
         names = ["exposure_gradient", "exposure", "exposure_mean", "exposure_square", "in_use", "skipped"]
         steps.append(self._step("adam", "adam_exposure", optimiser, names, 1))
         names = ["means", "quats", "log_scales", "opacity_logits", "skipped"]
-        steps.append(self._step("noise", "noise", self._noise_uniform, names, -(-s.n // 128)))
+        steps.append(self._step("noise", "noise", self._noise_uniform, names, self._over(128)))
         if self._limits is not None:
             names = ["means", "quats", "log_scales", "opacity_logits", "skipped", "status"]
-            steps.append(self._step("limits", "limits", optimiser, names, -(-s.n // 128)))
+            steps.append(self._step("limits", "limits", optimiser, names, self._over(128)))
         return steps
 
-    def _find_not_finite(self, name: str, at: int, n_bytes: int) -> Any:
-        settings = self._constants(n_bytes // 16, _GRADIENT_NOT_FINITE)
-        return self._step("tests", "find_not_finite", settings, [(name, at, n_bytes), "counts"], -(-n_bytes // 2048))
+    def _find_not_finite(self, name: str, fours: int) -> Dispatch:
+        """Return the test of a buffer with so many vec4 for each Gaussian."""
+        settings = self._uniform(16)
+        self._tests.append((settings, fours))
+        return self._step("tests", "find_not_finite", settings, [name, "counts"], self._over(128, fours))
+
+    def _sh_steps(
+        self, stage: str, kernel: str, uniforms: Mapping[int, Any], parts: Sequence[str], names: Sequence[str]
+    ) -> list[Dispatch]:
+        """Return the dispatches of a kernel over the values of harmonics, on all ranges of the buffers `parts`."""
+
+        def groups(first: int, last: int) -> int:
+            return -(-self._blocks_of(first, last) * BLOCK * 3 * self.size.n_sh // 128)
+
+        return [
+            self._step(
+                stage, kernel, uniforms[first], [*((name, at, n_bytes) for name in parts), *names],
+                functools.partial(groups, first, last),
+            )
+            for first, last, at, n_bytes in self._color_ranges()
+        ]  # fmt: skip
 
     def set_photo(self, photo: PhotoLoss) -> None:
         """Set the photo of the next steps and the weights of the loss."""
@@ -345,15 +372,31 @@ class TrainingFrame(Frame):
 
     def step(self) -> None:
         """Queue one step."""
+        runs = [(self._activate, []), (self._forward, [self.buffers["tile_ranges"]]), (self._loss, [])]
+        if self._photo.clustering is not None:
+            runs.append((self._clustering.prepared(self._photo.clustering), []))
+        runs.append((self._backward, []))
+        if self._photo.neighbours is not None:
+            runs.append((self._neighbours.prepared(self._photo.neighbours), []))
+        runs.append((self._finish, [self.buffers["skipped"]]))
+        self.start_counts()
+        run_together(self.gpu, runs)
+
+    def render(self) -> None:
+        """Queue a picture without a loss."""
         self._submit(self._activate, [])
         self.forward()
-        self._submit(self._loss, [])
-        if self._photo.clustering is not None:
-            self._clustering.add(self._photo.clustering)
-        self.backward()
-        if self._photo.neighbours is not None:
-            self._neighbours.add(self._photo.neighbours)
-        self._submit(self._finish, ["skipped"])
+
+    def forget_photo(self, pixels: Any) -> None:
+        """Free what refers to a photo."""
+        self._photos = {key: run for key, run in self._photos.items() if key[0] != id(pixels)}
+        self._errors.forget_photo(pixels)
+
+    def add_errors(self, pixels: Any, *, zeroed: bool) -> None:
+        """Queue a picture, and add its errors to the buffer ``errors``, which is `zeroed` before or not."""
+        self._submit(self._activate, ["errors"] if zeroed else [])
+        self.forward()
+        self._errors.add(pixels)
 
 
 def _dropout_values(dropout: Dropout | None) -> NDArray[np.uint32]:

@@ -13,7 +13,7 @@ from engine.rasterizer.adam import AdamState
 from engine.stability import training_measure, training_scenes
 from engine.stability.table import run_case, select_cases
 from engine.stability.training_table import TrainingRow
-from engine.training import checkpoint, densify, guards, views
+from engine.training import checkpoint, cpu_steps, densify, guards, views
 from engine.training import loop as train
 from engine.training.schedule import Schedule
 
@@ -40,7 +40,8 @@ def test_a_checkpoint_that_is_not_finite_is_refused_when_it_is_written(monkeypat
 
 
 def test_missing_clamping_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(train, "clamp_parameters", lambda *arguments: None)
+    for module in (train, cpu_steps):
+        monkeypatch.setattr(module, "clamp_parameters", lambda *arguments: None)
     assert "`scales` is not finite" in problems_of("start_scales_1e39")
 
 

@@ -11,13 +11,14 @@ import torch
 
 from engine.events import ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
+from engine.training.held_out import render_picture
 from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS, TrainingSettings
 from engine.training.trials import brightness_factors, exposure_corrected_quality
-from engine.training.views import TrainingView, ViewPyramid
+from engine.training.views import Level, TrainingView, ViewPyramid
 
 from .conftest import N_MANY_VIEWS, Scene, camera_at, make_truth, photograph
 
@@ -95,8 +96,12 @@ def test_trials_begin_with_their_bands_and_end_before_the_cooldown() -> None:
 def test_exposure_of_a_photo_does_not_count_as_error(large_scene: Scene) -> None:
     view = replace(large_scene.views[4], pixels=(large_scene.views[4].pixels * 0.5).round().astype(np.uint8))
     level = ViewPyramid([view], BANDS.features).level(0, 0)
-    picture = torch.from_numpy(large_scene.views[4].pixels).float() / 255.0
-    assert brightness_factors(picture, level).numpy() == pytest.approx(0.5, abs=0.01)
+    brighter = torch.from_numpy(large_scene.views[4].pixels).float() / 255.0
+    assert brightness_factors(brighter, level).numpy() == pytest.approx(0.5, abs=0.01)
     truth, _ = make_truth()
     values = Parameters.from_gaussians(truth, sh_degree=0, features=False).values
-    assert exposure_corrected_quality(values, [level], backend="cpu", sh_degree=0).psnr > 40
+
+    def picture(level: Level) -> torch.Tensor:
+        return render_picture(values, level, backend="cpu", sh_degree=0)
+
+    assert exposure_corrected_quality(picture, [level]).psnr > 40

@@ -53,6 +53,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 by_exposure[c] = slope * x;
             }
             gradient[at * (CHANNELS + 1u) + c] = slope * factors[c];
+            if (CHANNELS == 3u && c == 0u) {  // ray_gradient writes the others where there are channels
+                gradient[at * (CHANNELS + 1u) + 3u] = 0.0;
+            }
         }
         workgroupBarrier();
     }

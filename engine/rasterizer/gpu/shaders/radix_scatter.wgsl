@@ -55,7 +55,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 position += team_counts[k * 256u + digit];
             }
             sorted_keys[position] = key;
-            sorted_values[position] = values[at];
+            sorted_values[position] = select(values[at], at, settings.numbers != 0u);
         }
         workgroupBarrier();
         for (var k = 0u; k < 8u; k++) {

@@ -9,8 +9,8 @@ import torch
 from engine.errors import NumericalError
 from engine.rasterizer import Target, photometric_loss
 from engine.rasterizer.gpu import FrameSize, Gpu, GpuExposures, GpuParameters
-from engine.rasterizer.gpu.frame import STORAGE
 from engine.rasterizer.gpu.training_frame import PhotoLoss, TrainingFrame
+from engine.rasterizer.gpu.workspace import STORAGE
 from engine.training.parameters import Parameters as CpuParameters
 
 from ..scenes import camera

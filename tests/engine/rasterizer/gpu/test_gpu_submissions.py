@@ -18,14 +18,14 @@ from ..scenes import camera, random_scene
 
 def dispatch(n_groups: int, *, splits: bool = False) -> Dispatch:
     """Return a dispatch that no card runs."""
-    whole = Dispatch("stage", None, None, (n_groups, 1))
+    whole = Dispatch("stage", None, None, n_groups)
     return replace(whole, part=lambda first, end: dispatch(end - first)) if splits else whole
 
 
 def batches(seconds: list[float], dispatches: list[Dispatch], gpu: Gpu) -> list[list[Dispatch]]:
     planned = Submissions(gpu, dispatches, None)
     planned.seconds = seconds
-    return planned.batches()
+    return [together for _, together in planned.batches()]
 
 
 def test_short_dispatches_are_one_submission(opened_gpu: Gpu) -> None:

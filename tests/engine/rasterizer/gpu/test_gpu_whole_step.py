@@ -19,9 +19,9 @@ from engine.rasterizer.settings import StepLimits, StepSettings
 from engine.training import guards
 from engine.training.checkpoint import RunState
 from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, labelled_pixels, nearest_neighbours
-from engine.training.schedule import Schedule
+from engine.training.schedule import ANCHORS, SAMPLE, Schedule
 from engine.training.settings import PAPER_PIXELS, TrainingSettings
-from engine.training.step import _ANCHORS, _SAMPLE, step_loss
+from engine.training.step import step_loss
 from engine.training.views import Level
 
 from ..scenes import camera
@@ -55,7 +55,7 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
     view, features = schedule.view(step), SETTINGS.features
     rates, clustering, regulariser = schedule.learning_rates(step), None, None
     if step % features.clustering_interval == 0:
-        labelled, generator = levels[view].labelled, schedule.generator(step, _SAMPLE)
+        labelled, generator = levels[view].labelled, schedule.generator(step, SAMPLE)
         assert labelled is not None and len(labelled) > features.clustering_pixels
         drawn = torch.randint(len(labelled), (features.clustering_pixels,), generator=generator).numpy()
         scale = PAPER_PIXELS / (VIEWS[view].width * VIEWS[view].height)
@@ -64,7 +64,7 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
             labelled.index[drawn], labelled.cluster[drawn], labelled.counts.numpy(), weight
         )  # fmt: skip
     if step % features.regularisation_interval == 0:
-        n, generator = len(neighbours), schedule.generator(step, _ANCHORS)
+        n, generator = len(neighbours), schedule.generator(step, ANCHORS)
         anchors = torch.randint(n, (min(N_ANCHORS, n),), generator=generator)
         tries = torch.randint(n, (len(anchors), N_FAR_CANDIDATES), generator=generator)
         regulariser = NeighbourSample(

@@ -1,0 +1,18 @@
+"""The generated parts of documents."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+__all__ = ["put_into"]
+
+
+def put_into(document: Path, part: str, text: str) -> None:
+    """Replace what stands between the marks of a part."""
+    before = document.read_text(encoding="utf-8")
+    begin, end = f"<!-- {part} -->", f"<!-- end of {part} -->"
+    after, count = re.subn(f"{begin}.*?{end}", lambda _: f"{begin}\n{text}\n{end}", before, flags=re.DOTALL)
+    if count != 1:
+        raise ValueError(f"{document} has no {begin} ... {end}")
+    document.write_text(after, encoding="utf-8")

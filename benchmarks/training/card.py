@@ -1,0 +1,159 @@
+"""Quality of training on a graphics card against seconds: ``python -m benchmarks.training.card COMMAND``.
+
+`prepare` writes photos, cameras and segments of sets on a machine with the whole engine. `train` needs these files, a
+graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator. A training that was measured
+before is not repeated. `document` puts the table into a document.
+
+example: python -m benchmarks.training.card prepare --sets museum_room --sides 640 --out out/card
+         python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
+         python -m benchmarks.training.card document out/card/results --doc docs/error_vs_time.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from engine.errors import HeritageError
+from engine.events import ignore_events, never_stop
+from engine.files import read_json, write_json
+from engine.training import TrainingView, background_gaussians, load_views, start_gaussians, train
+from engine.training.settings import PRESETS, TrainingSettings
+
+from ..documents import put_into
+from .photo_sets import photo_set
+from .screening.views_file import read_views, write_views
+
+_SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    one = commands.add_parser("prepare", help="write the views of photo sets with their segments")
+    one.add_argument("--sets", required=True)
+    one.add_argument("--sides", default="640", help="longest sides of the photos, pixels (default: %(default)s)")
+    one.add_argument("--out", type=Path, default=Path("out/card"), help="(default: %(default)s)")
+    one.set_defaults(run=_prepare)
+    one = commands.add_parser("train", help="train and measure")
+    one.add_argument("views", type=Path, help="folder written by `prepare`")
+    one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS[:NAME=VALUE ...], separated by commas")
+    one.add_argument("--only", default="", help="files whose names begin like this")
+    one.add_argument("--seeds", default="0", help="(default: %(default)s)")
+    one.add_argument("--backend", default="gpu", choices=("gpu", "cpu"))
+    one.set_defaults(run=_train)
+    one = commands.add_parser("document", help="put the table of all results into a document")
+    one.add_argument("results", type=Path)
+    one.add_argument("--doc", type=Path, required=True)
+    one.set_defaults(run=lambda options: put_into(options.doc, "on a card", table(options.results)))
+    options = parser.parse_args(arguments)
+    try:
+        options.run(options)
+    except HeritageError as error:
+        sys.exit(str(error))
+
+
+def _prepare(options: argparse.Namespace) -> None:
+    from .running import TrainingBench  # Not on the machine with the card: it needs every package of the engine.
+
+    bench = TrainingBench(Path("out/training"), preset="standard", objects=False)
+    options.out.mkdir(parents=True, exist_ok=True)
+    for photos in [photo_set(name) for name in options.sets.split(",")]:
+        prepared = bench.prepared(photos)
+        for side in map(int, options.sides.split(",")):
+            settings = PRESETS["standard"].changed(max_side=side)
+            views = load_views(photos.photos, prepared.camera_set, prepared.label_maps, settings)
+            write_views(options.out / f"{photos.name}-{side}.npz", prepared.camera_set, views)
+            sys.stderr.write(f"{photos.name}, {side} pixels: {len(views)} views\n")
+
+
+def _train(options: argparse.Namespace) -> None:
+    results = options.views / "results"
+    results.mkdir(exist_ok=True)
+    for file in sorted(options.views.glob(f"{options.only}*.npz")):
+        cameras, views = read_views(file)
+        for run in options.runs.split(","):
+            for seed in map(int, options.seeds.split(",")):
+                out = results / f"{file.stem}-{run.replace(':', '_')}-{seed}.json"
+                if out.exists():
+                    continue
+                settings = _settings(run, seed, views, options.backend)
+                # The first run of a process compiles kernels; a few steps of the same kind do it before the clock runs.
+                begun = time.perf_counter()
+                _run(
+                    cameras,
+                    views,
+                    settings.changed(steps=12, sh_interval=4, regularisation_interval=5, coarse_levels=0),
+                )
+                first = time.perf_counter() - begun
+                figures = _run(cameras, views, settings)
+                write_json(out, {"set": file.stem, "run": run, "seed": seed, "first": first, "figures": figures})
+                sys.stderr.write(
+                    f"{out.stem}: {figures['psnr']:.2f} dB, fitted {figures['fitted_psnr']:.2f}, "
+                    f"{figures['wall_seconds']:.1f} s, {figures['n_gaussians']} Gaussians, first {first:.1f} s, "
+                    f"{figures['total']:.1f} s in all\n"
+                )
+
+
+def _settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) -> TrainingSettings:
+    steps, gaussians, *others = run.split(":")
+    n_training = sum(not view.held_out for view in views)
+    settings = PRESETS["standard"].for_photos(n_training)
+    settings = settings.changed(
+        seed=seed, steps=int(steps), max_gaussians=int(gaussians), backend=backend, max_side=4096
+    )
+    changes: dict[str, Any] = {}
+    for other in others:
+        name, value = other.split("=")
+        changes[name] = (
+            value in ("True",) if value in ("True", "False") else float(value) if "." in value else int(value)
+        )
+    return settings.changed(**changes)
+
+
+def _run(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
+    begun = time.perf_counter()
+    start = start_gaussians(cameras, views, settings, emit=ignore_events)
+    background = background_gaussians(cameras.points, views, settings)
+    with tempfile.TemporaryDirectory() as folder:
+        result = train(
+            start, list(views), settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop,
+            background=background,
+        )  # fmt: skip
+    curve = [asdict(point) for point in result.curve]
+    return {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
+
+
+def table(results: Path) -> str:
+    """Return the table of all results: the worst seed of each figure."""
+    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for file in sorted(results.glob("*.json")):
+        result = read_json(file, _SCHEMA, advice="Delete it.")
+        found.setdefault((result["set"], result["run"]), []).append(result)
+    lines = [
+        "| photos, longest side | steps : Gaussians | seeds | test PSNR dB, worst (mean) | fitted | seconds, worst | "
+        "Gaussians | first steps of a process, s |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for (name, run), runs in sorted(found.items()):
+        figures = [one["figures"] for one in runs]
+        psnr = [one["psnr"] for one in figures]
+        lines.append(
+            f"| {name} | {run} | {len(runs)} | {min(psnr):.2f} ({statistics.mean(psnr):.2f}) | "
+            f"{statistics.mean(one['fitted_psnr'] for one in figures):.2f} | "
+            f"{max(one['wall_seconds'] for one in figures):.1f} | {figures[0]['n_gaussians']:,} | "
+            f"{max(one['first'] for one in runs):.1f} |"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()

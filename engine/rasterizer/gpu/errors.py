@@ -1,0 +1,46 @@
+"""Errors of pictures in the pixels of each Gaussian, on a card."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .frame import Frame
+from .submissions import Submissions
+
+__all__ = ["ErrorSum"]
+
+
+class ErrorSum:
+    """Dispatches that add the errors of pictures of one size to the buffer ``errors`` [N] of a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        Of training, whose backward pass begins with the gradients of blending and their sums; the rest is not needed.
+    optimiser : wgpu.GPUBuffer
+        Its constants of a step.
+    """
+
+    def __init__(self, frame: Frame, optimiser: Any) -> None:
+        self._frame = frame
+        self._n_pixels = frame.size.width * frame.size.height
+        self._uniform = frame._constants(self._n_pixels)
+        names = ["totals", "counts", "errors", "status"]
+        add = frame._step("errors", "add_errors", optimiser, names, frame._over(128))
+        self.run = frame._submissions([*frame._backward.dispatches[:2], add])
+        self._gradients: dict[int, Submissions] = {}
+
+    def add(self, pixels: Any) -> None:
+        """Queue the errors of the image that was rendered last, compared with a photo."""
+        if id(pixels) not in self._gradients:
+            self._frame.buffers["photo"] = pixels
+            names = ["image", "photo", "gradient", "counts"]
+            n_groups = -(-self._n_pixels // 256)
+            step = self._frame._step("errors", "error_gradient", self._uniform, names, n_groups)
+            self._gradients[id(pixels)] = self._frame._submissions([step])
+        self._gradients[id(pixels)].run([])
+        self.run.run([])
+
+    def forget_photo(self, pixels: Any) -> None:
+        """Free what refers to a photo."""
+        self._gradients.pop(id(pixels), None)

@@ -1,0 +1,125 @@
+"""What a graphics card needs for one training step, with the draws of the processor's steps."""
+
+from __future__ import annotations
+
+import torch
+
+from ..rasterizer.gpu import ClusteringSample, Dropout, NeighbourSample, PositionNoise, StepPlan
+from ..rasterizer.settings import StepLimits, StepSettings
+from .densify import MAX_RAISED_OPACITY, MAX_WALK
+from .guards import MAX_ASPECT, MAX_DISTANCE, MAX_LOGIT, MAX_SCALE, MIN_SCALE
+from .losses import N_FAR, LabelledPixels, drawn_anchors, drawn_pixels
+from .schedule import ANCHORS, SAMPLE, Schedule
+from .settings import FeatureSettings
+from .step import clustering_scale, clusters
+from .steps import Inputs
+from .views import Level
+
+__all__ = ["plan_of_step", "step_settings"]
+
+
+def step_settings(inputs: Inputs) -> StepSettings:
+    """Return what is the same in all steps of a run."""
+    settings, extent = inputs.settings, inputs.extent
+    x, y, z = (float(value) for value in inputs.center)
+    limits = StepLimits(
+        center=(x, y, z),
+        max_distance=MAX_DISTANCE * extent,
+        min_scale=MIN_SCALE * extent,
+        max_scale=MAX_SCALE * extent,
+        max_aspect=MAX_ASPECT,
+        max_logit=MAX_LOGIT,
+    )
+    return StepSettings(
+        lambda_dssim=settings.loss.lambda_dssim,
+        lambda_exposure=settings.appearance.lambda_exposure if settings.appearance.exposure else 0.0,
+        lambda_opacity=settings.loss.lambda_opacity,
+        lambda_scale=settings.loss.lambda_scale / extent,
+        limits=limits,
+        unit_features=settings.features.feature_init == "unit",
+        detached_features=settings.features.feature_gradient == "detached",
+    )
+
+
+def plan_of_step(
+    inputs: Inputs,
+    schedule: Schedule,
+    step: int,
+    level: Level,
+    *,
+    photo: int,
+    sh_limit: int | None,
+    neighbours: torch.Tensor | None,
+    has_features: bool,
+) -> StepPlan:
+    """Return the plan of one step.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    schedule : Schedule
+    step : int
+    level : Level
+        The photo at the size of this step.
+    photo : int
+        Its number on the card.
+    sh_limit : int or None
+        See `RunState`.
+    neighbours : int tensor of shape [N, k] or None
+        Nearest neighbours; None in steps without L_reg.
+    has_features : bool
+        Whether the Gaussians have features.
+    """
+    settings, extent = inputs.settings, inputs.extent
+    features, appearance, growth = settings.features, settings.appearance, settings.growth
+    rates = schedule.learning_rates(step)
+    clustering, lambda_ray = None, 0.0
+    if has_features and clusters(features, step, level):
+        assert level.labelled is not None
+        weight = features.lambda_clustering * clustering_scale(level)
+        clustering = _clustering(level.labelled, weight, features, schedule.generator(step, SAMPLE))
+        lambda_ray = features.lambda_ray
+    regulariser = None
+    if neighbours is not None:
+        regulariser = _regulariser(neighbours, extent, features, schedule.generator(step, ANCHORS))
+    if clustering is None and regulariser is None:
+        del rates["features"]
+    dropout = noise = None
+    if fraction := schedule.dropout(step):
+        dropout = Dropout(fraction, MAX_RAISED_OPACITY, settings.seed, step)
+    if growth.noise > 0 and not schedule.growth_ended(step):
+        noise = PositionNoise(schedule.means_rate(step) * growth.noise / extent, MAX_WALK, settings.seed, step)
+    return StepPlan(
+        photo,
+        rates,
+        schedule.sh_degree(step, sh_limit),
+        exposure_rate=settings.optimiser.lr_exposure if appearance.exposure else None,
+        centred=schedule.trained_on(step) if appearance.exposure else (),
+        lambda_ray=lambda_ray,
+        clustering=clustering,
+        neighbours=regulariser,
+        dropout=dropout,
+        noise=noise,
+    )
+
+
+def _clustering(
+    labelled: LabelledPixels, weight: float, features: FeatureSettings, generator: torch.Generator
+) -> ClusteringSample:
+    drawn, times = drawn_pixels(labelled, features.clustering_pixels, generator)
+    return ClusteringSample(labelled.index[drawn], labelled.cluster[drawn], labelled.counts.numpy(), weight * times)
+
+
+def _regulariser(
+    neighbours: torch.Tensor, extent: float, features: FeatureSettings, generator: torch.Generator
+) -> NeighbourSample:
+    anchors, tries = drawn_anchors(len(neighbours), generator)
+    return NeighbourSample(
+        anchors.numpy(),
+        neighbours[anchors].numpy(),
+        tries.numpy(),
+        N_FAR,
+        extent,
+        features.lambda_pull,
+        features.lambda_push,
+    )

@@ -1,0 +1,178 @@
+"""Training steps on a graphics card. Gaussians, moments and photos stay there; the processor decides where to grow."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import torch
+
+from ..errors import EnvironmentProblem
+from ..rasterizer.gpu import GpuExposures, GpuParameters, GpuTrainer, StepPlan, open_gpu
+from .checkpoint import RunState
+from .densify import grow, grow_by_error, relocate
+from .gpu_plan import plan_of_step, step_settings
+from .losses import N_NEIGHBOURS
+from .population import Population
+from .schedule import GROW, RELOCATE, Schedule
+from .step import neighbours_are_stale, regularises
+from .steps import Inputs, error_levels
+from .views import Level
+
+__all__ = ["GpuSteps"]
+
+CHECKPOINT_SECONDS = 30.0  # by definition
+"""Time between two checkpoints: what a card that stops working loses at most."""
+
+
+_ADVICE = (
+    "run again, which continues from the last checkpoint; add `--device cpu` to continue on the processor, or choose a "
+    "smaller preset if the card's memory is full."
+)
+
+
+@contextlib.contextmanager
+def _told_how_to_continue() -> Iterator[None]:
+    """Give the advice of training in place of that of a single picture."""
+    try:
+        yield
+    except EnvironmentProblem as problem:
+        raise EnvironmentProblem(f"{str(problem).partition(';')[0].rstrip('.')}; {_ADVICE}") from problem
+
+
+class GpuSteps:
+    """See `steps.Steps`. The numbers are on the card until `store` is called.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If there is no card, it fails its self-test, its memory is full, or it stops working.
+    """
+
+    checkpoint_seconds = CHECKPOINT_SECONDS
+
+    def __init__(self, inputs: Inputs) -> None:
+        self._inputs = inputs
+        self._gpu = open_gpu()
+        self._trainer: GpuTrainer | None = None
+        self._photos: dict[tuple[int, int], tuple[Level, int]] = {}
+
+    @property
+    def n_gaussians(self) -> int:
+        """Present number of Gaussians."""
+        return self._card.parameters.n
+
+    @property
+    def _card(self) -> GpuTrainer:
+        assert self._trainer is not None, "`use` comes first"
+        return self._trainer
+
+    @_told_how_to_continue()
+    def use(self, state: RunState, schedule: Schedule) -> None:
+        """Copy `state` to the card and train it from now on."""
+        self._state, self._schedule = state, schedule
+        parameters, exposure = state.parameters, state.exposure.detach().numpy()
+        if self._trainer is None:
+            values = {name: value.detach().numpy() for name, value in parameters.values.items()}
+            self._trainer = GpuTrainer(
+                self._gpu,
+                GpuParameters(self._gpu, values, parameters.moments, n_background=parameters.n_background),
+                step_settings(self._inputs),
+                exposures=GpuExposures(self._gpu, exposure, state.exposure_moments),
+                max_gaussians=self._inputs.settings.growth.max_gaussians,
+            )
+        else:
+            self._trainer.upload(parameters.values, parameters.moments, n_background=parameters.n_background)
+            self._trainer.exposures.write(exposure, state.exposure_moments)
+
+    @_told_how_to_continue()
+    def advance(self, n: int) -> float:
+        """Make up to `n` steps, at least one, with the growth that is due after them; return the last loss."""
+        plans = self._plans(n)
+        losses = self._card.steps(plans)
+        state = self._state
+        state.guards.update(self._card.guards)
+        self._card.guards.clear()
+        last = state.step + len(plans) - 1
+        if self._schedule.grows(last):
+            self._update_population(last)
+        state.step = last + 1
+        reductions = self._schedule.reductions(state.step)
+        for key in [key for key in self._photos if key[1] > reductions]:
+            self._card.free_photo(self._photos.pop(key)[1])
+        return losses[-1]
+
+    def _plans(self, n: int) -> list[StepPlan]:
+        """Return the plans of up to `n` steps: up to growth, or to the next search of neighbours."""
+        state, schedule, settings = self._state, self._schedule, self._inputs.settings
+        has_features = "features" in state.parameters.values
+        n_gaussians = self.n_gaussians
+        plans: list[StepPlan] = []
+        for step in range(state.step, state.step + n):
+            neighbours = None
+            if has_features and regularises(settings.features, step, n_gaussians):
+                if neighbours_are_stale(state, step, n_gaussians):
+                    if plans:
+                        break
+                    state.neighbours, state.neighbours_step = self._card.nearest_neighbours(N_NEIGHBOURS), step
+                neighbours = state.neighbours
+            view = schedule.view(step)
+            level, photo = self._photo(view, schedule.reductions(step))
+            plans.append(
+                plan_of_step(
+                    self._inputs, schedule, step, level, photo=photo, sh_limit=state.sh_limit, neighbours=neighbours,
+                    has_features=has_features,
+                )
+            )  # fmt: skip
+            if schedule.grows(step):
+                break
+        return plans
+
+    def _photo(self, view: int, reductions: int) -> tuple[Level, int]:
+        """Return a photo at one size and its number on the card, where it is copied at its first use."""
+        key = view, reductions
+        level = self._inputs.pyramid.level(view, reductions)
+        known = self._photos.get(key)
+        if known is None:
+            number = self._card.add_photo(level.camera, level.pixels, valid=level.valid, view=view)
+            self._photos[key] = level, number
+        elif known[0] is not level:  # its mask has changed
+            self._card.mask_photo(known[1], level.valid)
+            self._photos[key] = level, known[1]
+        return self._photos[key]
+
+    def _update_population(self, step: int) -> None:
+        """Relocate and add Gaussians: decided by the processor from their geometry, carried out on the card."""
+        state, schedule, inputs = self._state, self._schedule, self._inputs
+        growth = inputs.settings.growth
+        population = Population(self._card.geometry(), n_background=state.parameters.n_background)
+        n = len(population)
+        n_new = schedule.gaussians_after_growth(step, n) - n
+        moves, additions = (schedule.generator(step, purpose) for purpose in (RELOCATE, GROW))
+        errors = None
+        if n_new > 0 and growth.growth_strategy == "mixed":
+            drawn = error_levels(inputs, schedule, step, additions)
+            photos = [self._photo(*one)[1] for one in drawn]
+            errors = self._card.gaussian_errors(photos, schedule.sh_degree(step, state.sh_limit))
+        relocate(population, min_opacity=growth.min_opacity, generator=moves)
+        sources = population.values["sources"]
+        if errors is not None:
+            errors = (errors / sources.bincount(minlength=n))[sources]  # copies at one place share the error
+            grow_by_error(population, errors, n_new, inputs.start_points, generator=additions)
+        elif n_new > 0:
+            grow(population, population.values["opacity_logits"].sigmoid(), n_new, generator=additions)
+        if bool(population.fresh.any()):
+            self._card.rearrange(population.geometry, population.values["sources"], population.fresh)
+
+    @_told_how_to_continue()
+    def picture(self, level: Level, sh_degree: int) -> torch.Tensor:
+        """Return the Gaussians over black from the camera of `level`, [h, w, 3] in [0, 1]."""
+        return torch.from_numpy(self._card.render(level.camera, sh_degree)).clamp_(0.0, 1.0)
+
+    @_told_how_to_continue()
+    def store(self) -> None:
+        """Write all numbers into the state."""
+        parameters = self._state.parameters
+        parameters.values, parameters.moments = self._card.download()
+        self._state.exposure = torch.from_numpy(self._card.exposures.values())
+        self._state.exposure_moments = self._card.exposures.moments()
