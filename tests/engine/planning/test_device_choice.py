@@ -89,7 +89,7 @@ def test_most_gaussians_need_a_memory_that_is_known() -> None:
     assert small.device.n_bytes < 4 * GIB
     assert f"Gaussians beyond {small.max_gaussians:,}" in [item.what for item in small.left_out]
     # The gradients of all pairs are one buffer.
-    assert plan(card(None, buffers=128 << 20), "standard").max_gaussians < 300_000
+    assert plan(card(None, buffers=64 << 20), "standard").max_gaussians < 300_000
     assert plan(card(shared=True), "best", free=4 * GIB).max_gaussians < 1_000_000
 
 
