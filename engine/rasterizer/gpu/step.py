@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...scene import PinholeCamera
 from ..adam import AdamState
 from ..raster import check_camera
-from ..settings import StepSettings
+from ..settings import MAX_CHANNELS, StepSettings
 from .adapters import Gpu, translate_card_errors
 from .exposure import GpuExposures
 from .faults import raise_fault
@@ -29,6 +29,7 @@ from .layout import FrameSize, grown_capacity
 from .parameters import GROUPS, GpuParameters
 from .plans import Photo, StepPlan, valid_pixels
 from .rearrange import Rearrangement, check_rearrangement
+from .search import NearestSearch
 from .training_frame import PhotoLoss, TrainingFrame
 from .workspace import STORAGE
 
@@ -321,6 +322,25 @@ class GpuTrainer:
                 if not halted:
                     return torch.from_numpy(frame.read("errors", (self.parameters.n,)))
                 self._grow_or_raise(halted, wanted)
+
+    def nearest_neighbours(self, k: int) -> torch.Tensor:
+        """Return the `k` nearest other Gaussians of each, the nearest first, int32 [N, k].
+
+        With k other Gaussians or fewer, all of them, repeated.
+
+        Raises
+        ------
+        ValueError
+            If there is one Gaussian, or `k` is not from 1 to 64.
+        EnvironmentProblem
+            If the card's memory is full, or the card stops working.
+        """
+        n = self.parameters.n
+        if n < 2 or not 1 <= k <= MAX_CHANNELS:
+            raise ValueError(f"two Gaussians and more have 1 to {MAX_CHANNELS} neighbours, got {n} and {k}")
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            found = NearestSearch(self.gpu, self.parameters, self._pool, min(k, n - 1)).run()
+        return torch.from_numpy(np.ascontiguousarray(found[:, np.arange(k) % found.shape[1]]))
 
     def _clear_status(self) -> None:
         self.gpu.device.queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
