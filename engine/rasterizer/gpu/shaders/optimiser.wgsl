@@ -55,7 +55,9 @@ const LOSSES: u32 = 8u;
 const TOO_MANY_PAIRS: u32 = 16u;
 const ALL_LEFT_OUT: u32 = 32u;
 
-// `skipped`: the number of Gaussians with a gradient whose square overflows, or NO_STEP; then 1 for each of them.
+// `skipped`: the number of Gaussians with a gradient whose square overflows, then 1 for each of them. Instead of the number
+// REFUSED: a step without Adam; NO_STEP: nothing changes.
+const REFUSED: u32 = 0xfffffffeu;
 const NO_STEP: u32 = 0xffffffffu;
 
 // Whether the square of `x` is not finite: from 2^64 on. A compiler may assume that a product is finite, so bits are read.
