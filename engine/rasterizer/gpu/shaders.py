@@ -78,6 +78,7 @@ KERNELS = {
         f"search_{part}": ("search", f"search_{part}")
         for part in ("sample", "codes", "permute", "points", "boxes", "nearest")
     },
+    "extremes": ("extremes",),
     "gather_rows": ("gather_rows",),
     "gather_sh": ("gather_sh",),
     "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),

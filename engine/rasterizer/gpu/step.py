@@ -26,6 +26,7 @@ from .adapters import Gpu, translate_card_errors
 from .exposure import GpuExposures
 from .faults import MAX_REFUSED_STEPS, is_refusal, raise_fault
 from .layout import FrameSize, grown_capacity
+from .paper import PaperSample, neighbours_of
 from .parameters import GROUPS, GpuParameters
 from .plans import Photo, StepPlan, valid_pixels
 from .rearrange import Rearrangement, check_rearrangement
@@ -420,7 +421,7 @@ class GpuTrainer:
             raise ValueError("the plan has a loss of features, and the Gaussians have none")
         if plan.clustering is not None and plan.clustering.pixels.max() >= camera.width * camera.height:
             raise ValueError(f"the plan samples pixels outside of {camera.width} x {camera.height}")
-        if plan.neighbours is not None and plan.neighbours.rows.max() >= self.parameters.n:
+        if plan.neighbours is not None and plan.neighbours.n_needed > self.parameters.n:
             raise ValueError(f"the plan samples Gaussians beyond the {self.parameters.n} that there are")
 
     def _trained(self, plan: StepPlan) -> list[str]:
@@ -436,10 +437,13 @@ class GpuTrainer:
         photo, settings = self._photos[plan.photo], self.settings
         frame = self._frame(photo.camera, with_features="features" in plan.learning_rates)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
+        neighbours = plan.neighbours
+        if isinstance(neighbours, PaperSample):
+            neighbours = neighbours_of(neighbours, self.gpu, self.parameters, self._pool)
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
             settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
-            plan.clustering, plan.dropout, plan.neighbours,
+            plan.clustering, plan.dropout, neighbours,
         )  # fmt: skip
         frame.set_photo(loss)
         self.exposures.use(plan.centred)
@@ -451,9 +455,11 @@ class GpuTrainer:
             t = done + queued[name]
             root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
             groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
-        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
         frame.set_noise(plan.noise)
-        frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
+        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
+        frame.set_optimiser(
+            index, loss, settings.unit_features, np.array(factors, np.float32), groups, with_limits=plan.limits
+        )
         frame.step()
 
     def _frame(self, camera: PinholeCamera, *, with_features: bool = True) -> TrainingFrame:

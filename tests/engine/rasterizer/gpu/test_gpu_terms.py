@@ -83,6 +83,8 @@ def test_gaussians_beyond_the_limits_are_brought_back_and_counted_as_on_the_proc
     cpu.n_background = 20
     trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values, n_background=20), StepSettings(limits=LIMITS))
     trainer.add_photo(VIEW, photo(VIEW))
+    trainer.steps([StepPlan(0, {}, 3, limits=False)])
+    assert all(np.array_equal(value, values[name]) for name, value in trainer.parameters.values().items())
     trainer.steps([StepPlan(0, {}, 3)])  # without learning rates, the limits alone change values
     counts: Counter[str] = Counter()
     guards.clamp_parameters(cpu, torch.tensor(LIMITS.center), EXTENT, counts)

@@ -195,8 +195,8 @@ def test_pictures_of_many_sizes_take_the_memory_of_one(opened_gpu: Gpu) -> None:
         buffers = {id(one): one.size for frame in trainer._frames.values() for one in frame.buffers.values()}
         return sum(buffers.values())
 
-    # Each further size has a photo and a gradient of its own: 20 bytes for each of its pixels.
-    assert memory([(50, 81), (60, 60), (81, 50), (64, 48)]) <= memory([(81, 50)]) + 3 * 20 * 81 * 50 + 1000
+    # Each further size has a photo of its own: 4 bytes for each of its pixels.
+    assert memory([(50, 81), (60, 60), (81, 50), (64, 48)]) <= memory([(81, 50)]) + 3 * 4 * 81 * 50 + 1000
 
 
 def test_harmonics_beyond_the_limit_of_a_binding_give_the_same_bits(opened_gpu: Gpu) -> None:
