@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .frame import Frame
     from .layout import FrameSize
     from .neighbours import NeighbourSample
+    from .paper import PaperSample
     from .parameters import GpuParameters
     from .plans import StepPlan
     from .self_test import open_gpu
@@ -35,6 +36,7 @@ __all__ = [
     "GpuParameters",
     "GpuTrainer",
     "NeighbourSample",
+    "PaperSample",
     "PositionNoise",
     "StepPlan",
     "describe_adapters",

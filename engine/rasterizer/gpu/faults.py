@@ -11,9 +11,17 @@ from ...errors import NumericalError
 from ..raster import check_finite
 from .parameters import GpuParameters
 
-__all__ = ["raise_fault"]
+__all__ = ["MAX_REFUSED_STEPS", "is_refusal", "raise_fault"]
 
-_ALL_LEFT_OUT = 32  # as in optimiser.wgsl
+MAX_REFUSED_STEPS = 20
+"""Steps without an update after which training fails, as on the processor."""
+
+_TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
+
+
+def is_refusal(found: int) -> bool:
+    """Return whether a step was not made because of its gradient alone, as in verdict.wgsl."""
+    return found not in (0, _TOO_MANY_PAIRS) and not found & 5
 
 
 def raise_fault(found: int, parameters: GpuParameters) -> NoReturn:

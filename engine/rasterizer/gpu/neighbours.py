@@ -61,6 +61,11 @@ class NeighbourSample:
         """Rows ``anchors`` of neighbours.wgsl."""
         return np.column_stack([self.anchors, self.near, self.tries]).astype(np.uint32)
 
+    @property
+    def n_needed(self) -> int:
+        """Number of Gaussians that there have to be."""
+        return int(self.rows.max()) + 1
+
     def pairs(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
         """Return ``gaussians`` [R, 4] and ``pairs`` [P, 4] of neighbour_gradients.wgsl: each pair at both Gaussians."""
         rows = self.rows

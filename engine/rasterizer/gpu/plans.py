@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...scene import PinholeCamera
 from .clustering import ClusteringSample
 from .neighbours import NeighbourSample
+from .paper import PaperSample
 from .training_frame import Dropout, PositionNoise
 
 __all__ = ["Photo", "StepPlan", "valid_pixels"]
@@ -38,11 +39,13 @@ class StepPlan:
         Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
     clustering : ClusteringSample, optional
         Pixels of the photo that L_CC is evaluated on.
-    neighbours : NeighbourSample, optional
-        Gaussians that L_reg is evaluated on.
+    neighbours : NeighbourSample or PaperSample, optional
+        Gaussians that L_reg is evaluated on. The second one needs a read from the card.
     dropout : Dropout, optional
     noise : PositionNoise, optional
         Random walk after the step, before the limits.
+    limits : bool
+        Whether `StepSettings.limits` are applied after the step.
     """
 
     photo: int
@@ -52,9 +55,10 @@ class StepPlan:
     centred: Sequence[int] = ()
     lambda_ray: float = 0.0
     clustering: ClusteringSample | None = None
-    neighbours: NeighbourSample | None = None
+    neighbours: NeighbourSample | PaperSample | None = None
     dropout: Dropout | None = None
     noise: PositionNoise | None = None
+    limits: bool = True
 
 
 @dataclass(frozen=True)

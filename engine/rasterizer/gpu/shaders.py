@@ -74,6 +74,11 @@ KERNELS = {
     "limits": ("optimiser", "limits"),
     "error_gradient": ("error_gradient",),
     "add_errors": ("optimiser", "add_errors"),
+    **{
+        f"search_{part}": ("search", f"search_{part}")
+        for part in ("sample", "codes", "permute", "points", "boxes", "nearest")
+    },
+    "extremes": ("extremes",),
     "gather_rows": ("gather_rows",),
     "gather_sh": ("gather_sh",),
     "adam_exposure": ("optimiser", "tree_sum_4", "adam_exposure"),

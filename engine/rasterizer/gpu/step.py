@@ -21,14 +21,16 @@ from numpy.typing import NDArray
 from ...scene import PinholeCamera
 from ..adam import AdamState
 from ..raster import check_camera
-from ..settings import StepSettings
+from ..settings import MAX_CHANNELS, StepSettings
 from .adapters import Gpu, translate_card_errors
 from .exposure import GpuExposures
-from .faults import raise_fault
+from .faults import MAX_REFUSED_STEPS, is_refusal, raise_fault
 from .layout import FrameSize, grown_capacity
+from .paper import PaperSample, neighbours_of
 from .parameters import GROUPS, GpuParameters
 from .plans import Photo, StepPlan, valid_pixels
 from .rearrange import Rearrangement, check_rearrangement
+from .search import NearestSearch
 from .training_frame import PhotoLoss, TrainingFrame
 from .workspace import STORAGE
 
@@ -49,6 +51,8 @@ _HEADROOM = 1.25
 
 _LOSSES = 8
 """Values of the status before the losses, as in optimiser.wgsl."""
+
+REFUSED_STEPS = "refused_steps"
 
 GUARDS = ("scales_at_limit", "opacities_at_limit", "clamped_positions", "reset_rotations", "gaussians_not_updated")
 """Counts in the status, by the names of the processor's trainer."""
@@ -75,7 +79,7 @@ class GpuTrainer:
     ----------
     guards : Counter
         Gaussians at each of the limits, and Gaussians left out because the square of a gradient overflows, summed over the
-        steps; see `GUARDS`.
+        steps, see `GUARDS`; and ``refused_steps``.
 
     Notes
     -----
@@ -276,10 +280,13 @@ class GpuTrainer:
     def steps(self, plans: Sequence[StepPlan]) -> list[float]:
         """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
 
+        A step with a gradient that is not finite is refused: it changes nothing but by the random walk and the limits.
+
         Raises
         ------
         NumericalError
-            If a parameter, the image, the loss or a gradient is not finite: no step was made from that one on.
+            If a parameter, the image or the loss is not finite, or after 20 refused steps in total: no step was made
+            from that one on.
         EnvironmentProblem
             If the card's memory is full, or the card stops working.
         ValueError
@@ -349,6 +356,25 @@ class GpuTrainer:
                     return frame.read("image", (camera.height, camera.width, 3))
                 self._grow_or_raise(_TOO_MANY_PAIRS, counts.n_wanted)
 
+    def nearest_neighbours(self, k: int) -> torch.Tensor:
+        """Return the `k` nearest other Gaussians of each, the nearest first, int32 [N, k].
+
+        With k other Gaussians or fewer, all of them, repeated.
+
+        Raises
+        ------
+        ValueError
+            If there is one Gaussian, or `k` is not from 1 to 64.
+        EnvironmentProblem
+            If the card's memory is full, or the card stops working.
+        """
+        n = self.parameters.n
+        if n < 2 or not 1 <= k <= MAX_CHANNELS:
+            raise ValueError(f"two Gaussians and more have 1 to {MAX_CHANNELS} neighbours, got {n} and {k}")
+        with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
+            found = NearestSearch(self.gpu, self.parameters, self._pool, min(k, n - 1)).run()
+        return torch.from_numpy(np.ascontiguousarray(found[:, np.arange(k) % found.shape[1]]))
+
     def _clear_status(self) -> None:
         self.gpu.device.queue.write_buffer(self._status, 0, np.zeros(_LOSSES + _BATCH, np.uint32))
 
@@ -356,7 +382,10 @@ class GpuTrainer:
         return np.frombuffer(self.gpu.device.queue.read_buffer(self._status), np.uint32)
 
     def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
-        """Queue steps and return the losses of those that were made; grow the buffers, or raise, where one was not."""
+        """Queue steps and return the losses of those that were made or refused, up to the first that was refused.
+
+        Grow the buffers, or raise, where one was not made for another reason.
+        """
         self._clear_status()
         queued: Counter[str] = Counter()
         for index, plan in enumerate(plans):
@@ -369,9 +398,13 @@ class GpuTrainer:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
             self.exposures.step += plan.exposure_rate is not None
+        losses = status[_LOSSES:].view(np.float32)
+        if is_refusal(halted) and self.guards[REFUSED_STEPS] < MAX_REFUSED_STEPS:
+            self.guards[REFUSED_STEPS] += 1
+            return [float(loss) for loss in losses[: made + 1]]
         if halted:
             self._grow_or_raise(halted, wanted)
-        return [float(loss) for loss in status[_LOSSES : _LOSSES + made].view(np.float32)]
+        return [float(loss) for loss in losses[:made]]
 
     def _grow_or_raise(self, halted: int, wanted: int) -> None:
         """Make the buffers hold `wanted` pairs if there were too many, otherwise raise why no step was made."""
@@ -388,7 +421,7 @@ class GpuTrainer:
             raise ValueError("the plan has a loss of features, and the Gaussians have none")
         if plan.clustering is not None and plan.clustering.pixels.max() >= camera.width * camera.height:
             raise ValueError(f"the plan samples pixels outside of {camera.width} x {camera.height}")
-        if plan.neighbours is not None and plan.neighbours.rows.max() >= self.parameters.n:
+        if plan.neighbours is not None and plan.neighbours.n_needed > self.parameters.n:
             raise ValueError(f"the plan samples Gaussians beyond the {self.parameters.n} that there are")
 
     def _trained(self, plan: StepPlan) -> list[str]:
@@ -404,10 +437,13 @@ class GpuTrainer:
         photo, settings = self._photos[plan.photo], self.settings
         frame = self._frame(photo.camera, with_features="features" in plan.learning_rates)
         frame.set_view(photo.camera, settings.raster, plan.sh_degree)
+        neighbours = plan.neighbours
+        if isinstance(neighbours, PaperSample):
+            neighbours = neighbours_of(neighbours, self.gpu, self.parameters, self._pool)
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
             settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
-            plan.clustering, plan.dropout, plan.neighbours,
+            plan.clustering, plan.dropout, neighbours,
         )  # fmt: skip
         frame.set_photo(loss)
         self.exposures.use(plan.centred)
@@ -419,9 +455,11 @@ class GpuTrainer:
             t = done + queued[name]
             root_correction = 1.0 / math.sqrt(1.0 - settings.beta2**t)
             groups[_GROUPS.index(name), :3] = rate / (1.0 - settings.beta1**t), root_correction, 1.0
-        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
         frame.set_noise(plan.noise)
-        frame.set_optimiser(index, loss, settings.unit_features, np.array(factors, np.float32), groups)
+        factors = (settings.beta1, settings.beta2, 1.0 - settings.beta1, 1.0 - settings.beta2, settings.eps)
+        frame.set_optimiser(
+            index, loss, settings.unit_features, np.array(factors, np.float32), groups, with_limits=plan.limits
+        )
         frame.step()
 
     def _frame(self, camera: PinholeCamera, *, with_features: bool = True) -> TrainingFrame:

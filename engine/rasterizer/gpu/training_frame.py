@@ -324,6 +324,8 @@ class TrainingFrame(Frame):
         unit_features: bool,
         factors: NDArray[np.float32],
         groups: NDArray[np.float32],
+        *,
+        with_limits: bool = True,
     ) -> None:
         """Set the constants of the next step.
 
@@ -337,6 +339,8 @@ class TrainingFrame(Frame):
             beta1, beta2, 1 - beta1, 1 - beta2, eps.
         groups : float32 array of shape [8, 4]
             For each of `GROUPS` and the exposures: step size, root of the correction of the square, 1 if it is trained.
+        with_limits : bool
+            Whether the limits are applied after it.
         """
         s = self.size
         for buffer, first in self._optimisers:
@@ -356,6 +360,7 @@ class TrainingFrame(Frame):
                 np.array([photo.view, self._exposures.n], np.uint32),
                 self._limit_values(photo).view(np.uint32),
                 _dropout_values(photo.dropout),
+                np.array([with_limits, 0, 0], np.uint32),
                 groups.view(np.uint32).reshape(-1),
             ]
             self.gpu.device.queue.write_buffer(buffer, 0, np.concatenate(values))
@@ -400,9 +405,9 @@ class TrainingFrame(Frame):
 
 
 def _dropout_values(dropout: Dropout | None) -> NDArray[np.uint32]:
-    """Return the constants of dropout, as in optimiser.wgsl; shape [7]."""
-    values = np.zeros(7, np.uint32)
+    """Return the constants of dropout, as in optimiser.wgsl; shape [4]."""
+    values = np.zeros(4, np.uint32)
     if dropout is not None:
         values[:2] = np.array([dropout.fraction, dropout.max_opacity], np.float32).view(np.uint32)
-        values[2:4] = dropout.seed, dropout.step
+        values[2:] = dropout.seed, dropout.step
     return values

@@ -30,8 +30,13 @@ PLACES = {
     "pair_tiles": "rows",
     "maps": "rows",
     "pair_gaussians": "image",
+    "codes": "depth_keys",
+    "high_codes": "offsets",
+    "points": "geometry",
+    "boxes": "info",
+    "found": "rows",
 }
-"""Buffers that lie in the place of another one, which is written after their last use in a step."""
+"""Buffers that lie in the place of another one, which is written after their last use in a step or search."""
 
 
 class Workspace:

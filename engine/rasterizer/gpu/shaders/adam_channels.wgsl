@@ -11,7 +11,7 @@
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
         @builtin(local_invocation_index) lane: u32) {
     let g = group_number(group, groups) * 128u + lane;
-    if (g >= optimiser.n || !is_trained(FEATURES) || skipped[0] == NO_STEP || skipped[g + 1u] != 0u) {
+    if (g >= optimiser.n || !is_trained(FEATURES) || skipped[0] >= REFUSED || skipped[g + 1u] != 0u) {
         return;
     }
     let scale = feature_scale(g);

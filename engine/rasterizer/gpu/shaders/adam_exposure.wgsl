@@ -10,7 +10,7 @@
 
 @compute @workgroup_size(256)
 fn main(@builtin(local_invocation_index) lane: u32) {
-    let trained = is_trained(EXPOSURE) && skipped[0] != NO_STEP;
+    let trained = is_trained(EXPOSURE) && skipped[0] < REFUSED;
     var part = vec4<f32>(0.0);  // sums, and number of views
     // Each invocation keeps its views, so that no other one writes them.
     for (var view = lane; view < optimiser.n_views && trained; view += 256u) {

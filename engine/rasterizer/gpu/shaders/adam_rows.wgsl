@@ -15,7 +15,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let i = group_number(group, groups) * 128u + lane;
     let g = i / 12u;
     let k = i % 12u;
-    if (g >= optimiser.n || k > 10u || skipped[0] == NO_STEP || skipped[g + 1u] != 0u) {
+    if (g >= optimiser.n || k > 10u || skipped[0] >= REFUSED || skipped[g + 1u] != 0u) {
         return;
     }
     let part = group_of(k);

@@ -13,7 +13,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let row = 3u * optimiser.n_sh;
     let g = optimiser.first + i / (64u * row) * 64u + i % 64u;
     let part = select(SH_REST, SH_DC, i / 64u % row < 3u);
-    if (g >= optimiser.n || i >= arrayLength(&sh) || !is_trained(part) || skipped[0] == NO_STEP
+    if (g >= optimiser.n || i >= arrayLength(&sh) || !is_trained(part) || skipped[0] >= REFUSED
         || skipped[g + 1u] != 0u) {
         return;
     }

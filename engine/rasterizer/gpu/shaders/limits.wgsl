@@ -56,7 +56,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         atomicStore(&found[lane], 0u);
     }
     workgroupBarrier();
-    if (g < optimiser.n && skipped[0] != NO_STEP) {
+    if (g < optimiser.n && optimiser.with_limits != 0u && skipped[0] != NO_STEP) {
         limit(g);
     }
     workgroupBarrier();

@@ -29,9 +29,9 @@ struct Optimiser {
     max_raised: f32,     // largest opacity of the others
     seed: u32,           // keys of the draws
     step: u32,
+    with_limits: u32,    // whether limits.wgsl does anything in this step
     unused_0: u32,
     unused_1: u32,
-    unused_2: u32,
     groups: array<vec4<f32>, 8>,  // step size, root of the correction of v, 1 if the group is trained
 }
 
@@ -55,7 +55,9 @@ const LOSSES: u32 = 8u;
 const TOO_MANY_PAIRS: u32 = 16u;
 const ALL_LEFT_OUT: u32 = 32u;
 
-// `skipped`: the number of Gaussians with a gradient whose square overflows, or NO_STEP; then 1 for each of them.
+// `skipped`: the number of Gaussians with a gradient whose square overflows, then 1 for each of them. Instead of the number
+// REFUSED: a step without Adam; NO_STEP: nothing changes.
+const REFUSED: u32 = 0xfffffffeu;
 const NO_STEP: u32 = 0xffffffffu;
 
 // Whether the square of `x` is not finite: from 2^64 on. A compiler may assume that a product is finite, so bits are read.

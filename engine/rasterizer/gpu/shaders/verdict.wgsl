@@ -1,4 +1,5 @@
 // Decides whether this step changes the Gaussians. After one that does not, no later one does, until the status is cleared.
+// A step that is refused for its gradient alone has a loss, random walk and limits.
 @group(0) @binding(0) var<uniform> optimiser: Optimiser;
 @group(0) @binding(1) var<storage, read> counts: array<u32>;
 @group(0) @binding(2) var<storage, read> loss_values: array<f32>;
@@ -19,7 +20,11 @@ fn main() {
         } else {
             status[MADE] += 1u;
             status[LEFT_OUT] += skipped[0];
-            status[LOSSES + optimiser.index] = bitcast<u32>(loss_values[0]);
+        }
+        status[LOSSES + optimiser.index] = bitcast<u32>(loss_values[0]);
+        if (status[HALTED] != 0u && status[HALTED] != TOO_MANY_PAIRS && (status[HALTED] & 5u) == 0u) {
+            skipped[0] = REFUSED;
+            return;
         }
     }
     if (status[HALTED] != 0u) {

@@ -7,9 +7,16 @@ import pytest
 import torch
 
 from engine.rasterizer import Target, photometric_loss
-from engine.rasterizer.gpu import Gpu, GpuParameters, GpuTrainer, NeighbourSample, StepPlan
+from engine.rasterizer.gpu import Gpu, GpuParameters, GpuTrainer, NeighbourSample, PaperSample, StepPlan
 from engine.rasterizer.settings import StepSettings
-from engine.training.losses import N_ANCHORS, N_FAR, N_FAR_CANDIDATES, nearest_neighbours, neighbour_regulariser
+from engine.training.losses import (
+    N_ANCHORS,
+    N_FAR,
+    N_FAR_CANDIDATES,
+    nearest_neighbours,
+    neighbour_regulariser,
+    paper_regulariser,
+)
 from engine.training.parameters import render
 
 from ..scenes import camera
@@ -63,6 +70,39 @@ def test_regulariser_of_neighbours_is_that_of_the_processor(
     assert_same_moments(trainer, cpu)
 
 
+# With a subset of all Gaussians and of some, and with fewer Gaussians than are far from each anchor.
+@pytest.mark.parametrize(("n", "n_subset"), [(1500, 300_000), (1500, 700), (4, 300_000)])
+def test_regulariser_of_the_paper_is_that_of_the_processor(
+    n: int, n_subset: int, opened_gpu: Gpu, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.training.losses.PAPER_SUBSET", n_subset)
+    cpu, plans = start(n, n_features=5), []
+    for seed in range(3):
+        generator = torch.Generator().manual_seed(seed)
+        subset = torch.randperm(n, generator=generator)[:n_subset]
+        anchors = torch.randperm(len(subset), generator=generator)[:N_ANCHORS]
+        sample = PaperSample(subset.numpy(), anchors.numpy(), PULL, PUSH)
+        plans.append(StepPlan(0, RATES, 3, neighbours=sample))
+    trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(cpu)), StepSettings(unit_features=True))
+    trainer.add_photo(VIEW, photo(VIEW))
+    losses = trainer.steps(plans)
+    expected = []
+    for seed in range(3):
+        cpu.track()
+        unit = torch.nn.functional.normalize(cpu.values["features"], dim=1, eps=1e-9)
+        generator = torch.Generator().manual_seed(seed)
+        raster = render(cpu.values, VIEW, backend="cpu", sh_degree=3)
+        regulariser = paper_regulariser(
+            unit, cpu.values["means"], lambda_pull=PULL, lambda_push=PUSH, generator=generator
+        )
+        loss = photometric_loss(raster.image, Target(photo(VIEW))) + regulariser
+        loss.backward()
+        cpu.step(dict(RATES))
+        expected.append(loss.item())
+    np.testing.assert_allclose(losses, expected, rtol=1e-5)
+    assert_same_moments(trainer, cpu)
+
+
 def test_sample_of_gaussians_that_do_not_exist_is_refused(opened_gpu: Gpu) -> None:
     cpu = start(n_features=2)
     trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(cpu)))
@@ -70,5 +110,9 @@ def test_sample_of_gaussians_that_do_not_exist_is_refused(opened_gpu: Gpu) -> No
     one = np.array([[250]])
     with pytest.raises(ValueError, match="beyond the 250"):
         trainer.steps([StepPlan(0, RATES, 3, neighbours=NeighbourSample(one[0], one, one, 1, 1.0, PULL, PUSH))])
+    with pytest.raises(ValueError, match="beyond the 250"):
+        trainer.steps([StepPlan(0, RATES, 3, neighbours=PaperSample(one[0], np.array([0]), PULL, PUSH))])
+    with pytest.raises(ValueError, match="places in a subset of 1 Gaussians"):
+        PaperSample(one[0], np.array([1]), PULL, PUSH)
     with pytest.raises(ValueError, match="1 anchors have neighbours"):
         NeighbourSample(one[0], one[0], one, 1, 1.0, PULL, PUSH)

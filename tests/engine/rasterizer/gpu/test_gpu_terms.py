@@ -83,6 +83,8 @@ def test_gaussians_beyond_the_limits_are_brought_back_and_counted_as_on_the_proc
     cpu.n_background = 20
     trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values, n_background=20), StepSettings(limits=LIMITS))
     trainer.add_photo(VIEW, photo(VIEW))
+    trainer.steps([StepPlan(0, {}, 3, limits=False)])
+    assert all(np.array_equal(value, values[name]) for name, value in trainer.parameters.values().items())
     trainer.steps([StepPlan(0, {}, 3)])  # without learning rates, the limits alone change values
     counts: Counter[str] = Counter()
     guards.clamp_parameters(cpu, torch.tensor(LIMITS.center), EXTENT, counts)
@@ -125,11 +127,13 @@ def test_gaussian_whose_gradient_overflows_alone_is_left_out_of_the_step(opened_
     assert all(np.isfinite(one.square.numpy()).all() for one in moments.values())
 
 
-def test_step_in_which_every_gradient_overflows_is_told_and_changes_nothing(opened_gpu: Gpu) -> None:
+def test_steps_in_which_every_gradient_overflows_change_nothing_and_are_told(opened_gpu: Gpu) -> None:
     trainer, _, _ = broken_gradient(opened_gpu)
     trainer.steps([StepPlan(0, RATES, 3)])
     visible = np.abs(trainer.parameters.moments()["means"].mean.numpy()).sum(axis=1).argmax()
     trainer, values, _ = broken_gradient(opened_gpu, np.array([visible]), everywhere=True)
+    trainer.steps([StepPlan(0, RATES, 3)] * 20)
+    assert trainer.guards["refused_steps"] == 20
     with pytest.raises(NumericalError, match="no gradient of any Gaussian is finite"):
         trainer.steps([StepPlan(0, RATES, 3)])
     assert all(np.array_equal(value, values[name]) for name, value in trainer.parameters.values().items())
