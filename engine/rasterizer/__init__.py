@@ -26,6 +26,18 @@ if TYPE_CHECKING:
         look_for_card,
         training_stopped,
     )
+    from .gpu import (
+        ClusteringSample,
+        Dropout,
+        GpuExposures,
+        GpuParameters,
+        GpuTrainer,
+        NeighbourSample,
+        PaperSample,
+        PositionNoise,
+        StepPlan,
+        open_gpu,
+    )
     from .jit import cache_folder
     from .loss import Target, photometric_loss, ssim
     from .raster import CulledCounts, Raster
@@ -37,9 +49,18 @@ __all__ = [
     "AdamState",
     "CachedView",
     "Card",
+    "ClusteringSample",
     "CulledCounts",
     "Device",
+    "Dropout",
+    "GpuExposures",
+    "GpuParameters",
+    "GpuTrainer",
+    "NeighbourSample",
+    "PaperSample",
+    "PositionNoise",
     "Raster",
+    "StepPlan",
     "Target",
     "Wanted",
     "adam_step",
@@ -50,6 +71,7 @@ __all__ = [
     "device_words",
     "fallback",
     "look_for_card",
+    "open_gpu",
     "photometric_loss",
     "project_centres",
     "project_covariances",

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import torch
 
-from ..rasterizer.gpu import ClusteringSample, Dropout, NeighbourSample, PositionNoise, StepPlan
+from ..rasterizer import ClusteringSample, Dropout, NeighbourSample, PaperSample, PositionNoise, StepPlan
 from ..rasterizer.settings import StepLimits, StepSettings
+from .checkpoint import RunState
 from .densify import MAX_RAISED_OPACITY, MAX_WALK
 from .guards import MAX_ASPECT, MAX_DISTANCE, MAX_LOGIT, MAX_SCALE, MIN_SCALE
-from .losses import N_FAR, LabelledPixels, drawn_anchors, drawn_pixels
+from .losses import N_FAR, LabelledPixels, drawn_anchors, drawn_of_paper, drawn_pixels
 from .schedule import ANCHORS, SAMPLE, Schedule
 from .settings import FeatureSettings
-from .step import clustering_scale, clusters
+from .step import clustering_scale, clusters, regularises
 from .steps import Inputs
 from .views import Level
 
@@ -42,15 +43,7 @@ def step_settings(inputs: Inputs) -> StepSettings:
 
 
 def plan_of_step(
-    inputs: Inputs,
-    schedule: Schedule,
-    step: int,
-    level: Level,
-    *,
-    photo: int,
-    sh_limit: int | None,
-    neighbours: torch.Tensor | None,
-    has_features: bool,
+    inputs: Inputs, schedule: Schedule, state: RunState, step: int, level: Level, *, photo: int, n_gaussians: int
 ) -> StepPlan:
     """Return the plan of one step.
 
@@ -58,21 +51,19 @@ def plan_of_step(
     ----------
     inputs : Inputs
     schedule : Schedule
+    state : RunState
+        Whose neighbours are those of the present Gaussians where L_reg needs them.
     step : int
     level : Level
         The photo at the size of this step.
     photo : int
         Its number on the card.
-    sh_limit : int or None
-        See `RunState`.
-    neighbours : int tensor of shape [N, k] or None
-        Nearest neighbours; None in steps without L_reg.
-    has_features : bool
-        Whether the Gaussians have features.
+    n_gaussians : int
     """
     settings, extent = inputs.settings, inputs.extent
     features, appearance, growth = settings.features, settings.appearance, settings.growth
     rates = schedule.learning_rates(step)
+    has_features = "features" in state.parameters.values
     clustering, lambda_ray = None, 0.0
     if has_features and clusters(features, step, level):
         assert level.labelled is not None
@@ -80,8 +71,8 @@ def plan_of_step(
         clustering = _clustering(level.labelled, weight, features, schedule.generator(step, SAMPLE))
         lambda_ray = features.lambda_ray
     regulariser = None
-    if neighbours is not None:
-        regulariser = _regulariser(neighbours, extent, features, schedule.generator(step, ANCHORS))
+    if has_features and regularises(features, step, n_gaussians):
+        regulariser = _regulariser(state, n_gaussians, extent, features, schedule.generator(step, ANCHORS))
     if clustering is None and regulariser is None:
         del rates["features"]
     dropout = noise = None
@@ -92,7 +83,7 @@ def plan_of_step(
     return StepPlan(
         photo,
         rates,
-        schedule.sh_degree(step, sh_limit),
+        schedule.sh_degree(step, state.sh_limit),
         exposure_rate=settings.optimiser.lr_exposure if appearance.exposure else None,
         centred=schedule.trained_on(step) if appearance.exposure else (),
         lambda_ray=lambda_ray,
@@ -111,15 +102,13 @@ def _clustering(
 
 
 def _regulariser(
-    neighbours: torch.Tensor, extent: float, features: FeatureSettings, generator: torch.Generator
-) -> NeighbourSample:
-    anchors, tries = drawn_anchors(len(neighbours), generator)
-    return NeighbourSample(
-        anchors.numpy(),
-        neighbours[anchors].numpy(),
-        tries.numpy(),
-        N_FAR,
-        extent,
-        features.lambda_pull,
-        features.lambda_push,
-    )
+    state: RunState, n: int, extent: float, features: FeatureSettings, generator: torch.Generator
+) -> NeighbourSample | PaperSample:
+    weights = features.lambda_pull, features.lambda_push
+    if features.regularisation == "paper":
+        subset, anchors = drawn_of_paper(n, generator)
+        return PaperSample(subset.numpy(), anchors.numpy(), *weights)
+    assert state.neighbours is not None
+    anchors, tries = drawn_anchors(n, generator)
+    near = state.neighbours[anchors]
+    return NeighbourSample(anchors.numpy(), near.numpy(), tries.numpy(), N_FAR, extent, *weights)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator
 
 import torch
 
 from ..errors import EnvironmentProblem
-from ..rasterizer.gpu import GpuExposures, GpuParameters, GpuTrainer, StepPlan, open_gpu
+from ..rasterizer import GpuExposures, GpuParameters, GpuTrainer, StepPlan, open_gpu
 from .checkpoint import RunState
 from .densify import grow, grow_by_error, relocate
 from .gpu_plan import plan_of_step, step_settings
@@ -84,6 +85,7 @@ class GpuSteps:
         else:
             self._trainer.upload(parameters.values, parameters.moments, n_background=parameters.n_background)
             self._trainer.exposures.write(exposure, state.exposure_moments)
+        self._trainer.guards = Counter(state.guards)
 
     @_told_how_to_continue()
     def advance(self, n: int) -> float:
@@ -91,8 +93,7 @@ class GpuSteps:
         plans = self._plans(n)
         losses = self._card.steps(plans)
         state = self._state
-        state.guards.update(self._card.guards)
-        self._card.guards.clear()
+        state.guards = Counter(self._card.guards)
         last = state.step + len(plans) - 1
         if self._schedule.grows(last):
             self._update_population(last)
@@ -107,23 +108,17 @@ class GpuSteps:
         state, schedule, settings = self._state, self._schedule, self._inputs.settings
         has_features = "features" in state.parameters.values
         n_gaussians = self.n_gaussians
+        needs_neighbours = has_features and settings.features.regularisation == "neighbours"
         plans: list[StepPlan] = []
         for step in range(state.step, state.step + n):
-            neighbours = None
-            if has_features and regularises(settings.features, step, n_gaussians):
-                if neighbours_are_stale(state, step, n_gaussians):
-                    if plans:
-                        break
-                    state.neighbours, state.neighbours_step = self._card.nearest_neighbours(N_NEIGHBOURS), step
-                neighbours = state.neighbours
+            regularised = needs_neighbours and regularises(settings.features, step, n_gaussians)
+            if regularised and neighbours_are_stale(state, step, n_gaussians):
+                if plans:
+                    break
+                state.neighbours, state.neighbours_step = self._card.nearest_neighbours(N_NEIGHBOURS), step
             view = schedule.view(step)
             level, photo = self._photo(view, schedule.reductions(step))
-            plans.append(
-                plan_of_step(
-                    self._inputs, schedule, step, level, photo=photo, sh_limit=state.sh_limit, neighbours=neighbours,
-                    has_features=has_features,
-                )
-            )  # fmt: skip
+            plans.append(plan_of_step(self._inputs, schedule, state, step, level, photo=photo, n_gaussians=n_gaussians))
             if schedule.grows(step):
                 break
         return plans

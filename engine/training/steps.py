@@ -45,8 +45,9 @@ class Inputs:
 class Steps(Protocol):
     """Makes the steps of one state at a time. The state's numbers may be elsewhere until `store` is called."""
 
-    checkpoint_seconds: float | None
-    """Time between two checkpoints; None where they are written after ``checkpoint_interval`` steps."""
+    @property
+    def checkpoint_seconds(self) -> float | None:
+        """Time between two checkpoints; None where they are written after ``checkpoint_interval`` steps."""
 
     @property
     def n_gaussians(self) -> int:

@@ -145,3 +145,15 @@ def test_trials_are_made_on_the_card(large_scene: Scene, tmp_path: Path) -> None
     result = run(replace(large_scene, start=replace(large_scene.start, features=None)), settings, tmp_path)
     assert [(trial["what"], trial["kept"]) for trial in result.figures["trials"]] == [("1", False)]
     assert result.gaussians.sh.shape[1] == 1
+
+
+def test_the_published_method_trains_on_the_card(scene: Scene, tmp_path: Path) -> None:
+    settings = LAST.changed(
+        feature_init="paper", feature_gradient="joint", clustering_pixels=0, regularisation="paper", lambda_ray=0.0,
+        growth_strategy="opacity", exposure=False, transients=False,
+    )  # fmt: skip
+    on_card = run(scene, settings, tmp_path / "card")
+    on_cpu = run(scene, settings.changed(backend="cpu"), tmp_path / "cpu")
+    assert psnr(on_card) > psnr(on_cpu) - 1.2  # as above
+    assert np.isfinite(on_card.gaussians.features).all()
+    assert np.abs(on_card.gaussians.features - on_cpu.gaussians.features).mean() < 0.1
