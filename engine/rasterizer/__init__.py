@@ -1,7 +1,8 @@
 """Differentiable rasterization of 3D Gaussians with any number of channels, with the loss and optimiser of training.
 
 `rasterize` takes Gaussians and a camera and returns a `Raster`. `photometric_loss` compares its image with a photo, and
-`adam_step` updates the parameters. `CachedView` renders the same Gaussians many times from one camera.
+`adam_step` updates the parameters. `CachedView` renders the same Gaussians many times from one camera, and `GpuScene` on
+a graphics card from any camera.
 """
 
 from __future__ import annotations
@@ -12,20 +13,24 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .adam import AdamState, adam_step
-    from .api import rasterize
+    from .api import rasterize, scene_on_card
     from .cached_view import CachedView
     from .compilation import compile_kernels
     from .devices import (
+        PROCESSOR,
         Card,
         Device,
         Wanted,
         choose_device,
+        choose_objects_device,
         choose_training_device,
         device_words,
         fallback,
         look_for_card,
+        run_on,
         training_stopped,
     )
+    from .gpu import GpuScene
     from .jit import cache_folder
     from .loss import Target, photometric_loss, ssim
     from .raster import CulledCounts, Raster
@@ -34,17 +39,20 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAX_CHANNELS",
+    "PROCESSOR",
     "AdamState",
     "CachedView",
     "Card",
     "CulledCounts",
     "Device",
+    "GpuScene",
     "Raster",
     "Target",
     "Wanted",
     "adam_step",
     "cache_folder",
     "choose_device",
+    "choose_objects_device",
     "choose_training_device",
     "compile_kernels",
     "device_words",
@@ -54,6 +62,8 @@ __all__ = [
     "project_centres",
     "project_covariances",
     "rasterize",
+    "run_on",
+    "scene_on_card",
     "ssim",
     "training_stopped",
 ]
