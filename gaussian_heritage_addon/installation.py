@@ -36,7 +36,7 @@ def describe(build: str, bundle: str) -> list[str]:
     lines = [f"From: {bundle}" if bundle else f"Size: {sizes(build)}"]
     lines.append(f"Place: {installed_engine().folder}")
     if build == "cuda":
-        lines.append("With PyTorch for NVIDIA graphics cards. Training uses the processor in this version.")
+        lines.append("With PyTorch for NVIDIA graphics cards. Training on a graphics card does not need it.")
     lines += [f"{part.names}: {part.licence}" for part in CONTENTS]
     return lines + [f"{model.name}: {terms}" for model in list_models() if not model.optional for terms in model.terms]
 

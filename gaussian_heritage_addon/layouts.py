@@ -11,6 +11,7 @@ import bpy
 from ..engine.jobs import Job, JobState, format_seconds
 from .curve import Point
 from .pictures import curve_icon, picture_icon
+from .planned_device import planned_device
 from .problems import plain_text
 from .time_left import seconds_left_in_all
 
@@ -60,6 +61,9 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
         left = seconds_left_in_all(Path(job.subject), state) if job.kind == "reconstruct" else None
         if left is not None:
             box.label(text=f"About {format_seconds(left)} left in all", icon="TIME")
+        device = planned_device(Path(job.subject)) if job.kind == "reconstruct" else ""
+        if device:
+            draw_text(box, device, icon="SYSTEM")
         icon = picture_icon(Path(state.preview)) if state.preview else 0
         if icon:
             box.template_icon(icon_value=icon, scale=8.0)

@@ -21,13 +21,16 @@ from ..planning import (
     PlanSettings,
     WorkPlan,
     calibrate,
+    choose_sizes,
     forecast_work,
+    kept_sizes,
     plan_scene,
     plan_work,
     require_enough_memory,
     training_settings,
 )
 from ..project_folder import PROJECT_FILE, ProjectFolder
+from ..rasterizer import choose_training_device
 from ..scene import Gaussians
 from ..settings import to_dict
 from ..training import gaussians_so_far, latest_run, measure_quality, read_progress
@@ -69,6 +72,8 @@ class Row:
         Points of `training.held_out.CurvePoint`, measured during training at the picture size of the preset.
     fitted_psnr, well_seen_psnr, well_seen_share, dark_share : float or None
         See `training.quality.MeasuredQuality`.
+    device : str
+        What was trained on, see `TrainingDevice.name`.
     """
 
     name: str
@@ -92,6 +97,7 @@ class Row:
     well_seen_psnr: float | None = None
     well_seen_share: float | None = None
     dark_share: float | None = None
+    device: str = "cpu"
 
 
 def compare(scene: Path, out: Path, settings: BenchSettings, *, emit: Emit, should_stop: StopCheck) -> list[Row]:
@@ -141,12 +147,18 @@ class _ComparedScene:
         else:
             self._base = prepare(scene, out / "scene", self._pipeline, emit=emit, should_stop=should_stop)
             self._mask_record = {}
+        self._device = choose_training_device(settings.device)
+        plans = [self.plan(preset, True, out / preset) for preset in settings.presets]
+        self._max_side = max(training_settings(plan).schedule.max_side for plan in plans)
         self._masked: dict[bool, tuple[PreparedScene, dict[str, Any]]] = {}
 
-    def plan(self, preset: str, leave_out: bool) -> WorkPlan:
-        """Return the work plan of a preset for this scene."""
-        plan_settings = PlanSettings(preset=preset, wants_objects=self.settings.wants_objects, leave_out=leave_out)
-        base = self._base
+    def plan(self, preset: str, leave_out: bool, folder: Path) -> WorkPlan:
+        """Return the work plan of a preset for this scene, with the sizes that its run in `folder` was begun with."""
+        plan_settings = PlanSettings(
+            preset=preset, device=self.settings.device, wants_objects=self.settings.wants_objects, leave_out=leave_out
+        )
+        base, is_begun = self._base, (folder / PROJECT_FILE).is_file()
+        kept = kept_sizes(ProjectFolder.open_existing(folder), preset) if is_begun else None
         given = base.camera_set.poses_given
         plan = plan_work(
             base.photo_set,
@@ -155,6 +167,7 @@ class _ComparedScene:
             cameras=CameraSettings(),
             poses_given=given,
             points_given=given,
+            choice=choose_sizes(plan_settings, base.photo_set, self._device, kept, free=describe_machine().free_bytes),
         )
         # Label maps are made of registered photos only.
         return replace(plan, n_mask_photos=min(plan.n_mask_photos, len(base.camera_set.cameras)))
@@ -172,7 +185,7 @@ class _ComparedScene:
             self._base.camera_set,
             names,
             trained=[name for name in registered if name not in held_out],
-            max_side=max(PRESETS[preset].schedule.max_side for preset in self.settings.presets),
+            max_side=self._max_side,
             photo_masks=self._base.photo_set.mask_files,
             should_stop=self.should_stop,
         )
@@ -206,7 +219,8 @@ def _row(compared: _ComparedScene, preset: str, leave_out: bool, seed: int, cali
     settings, out = compared.settings, compared.out
     name = preset if leave_out else preset + EVERYTHING
     run = name if seed == PRESETS[preset].seed else f"{name} {seed}"
-    work = compared.plan(preset, leave_out)
+    folder = out / run.replace(" ", "-")
+    work = compared.plan(preset, leave_out, folder)
     training = training_settings(work).changed(seed=seed)
     refused = ""
     forecast = forecast_work(work, training, describe_machine(), calibration)
@@ -217,11 +231,10 @@ def _row(compared: _ComparedScene, preset: str, leave_out: bool, seed: int, cali
     prepared, masks = compared.with_masks(work, leave_out) if not refused else (None, {})
     row = Row(
         name, seed, 0, training.schedule.steps, 0, None, None, None, None, 0.0, 0.0, None, masks.get("cpu_seconds"),
-        masks.get("wall_seconds"), "", refused, (),
+        masks.get("wall_seconds"), "", refused, (), device=work.device.name,
     )  # fmt: skip
     if prepared is None:
         return row
-    folder = out / run.replace(" ", "-")
     earlier = _stopped_earlier(folder, training)
     if earlier is not None and settings.limit_minutes is not None and earlier >= settings.limit_minutes:
         return compared.with_errors(_stopped(row, _progress_in(folder), earlier), work, _gaussians_so_far(folder))
@@ -300,7 +313,7 @@ def _finished(row: Row, record: dict[str, Any]) -> Row:
     figures = record["figures"]
     return replace(
         row, steps=figures["steps"], wall_seconds=figures["wall_seconds"], cpu_seconds=figures["cpu_seconds"],
-        peak_memory=record.get("peak_memory"), curve=tuple(figures["curve"]),
+        peak_memory=record.get("peak_memory"), curve=tuple(figures["curve"]), device=figures.get("device", "cpu"),
     )  # fmt: skip
 
 

@@ -11,8 +11,9 @@ from ..events import Emit, StopCheck
 from ..masks import label_map_path
 from ..photos import PhotoStatistics, inspect_photos
 from ..pipeline import PipelineSettings
-from ..planning import WorkPlan, plan_scene
+from ..planning import WorkPlan, plan_scene, record_sizes
 from ..project_folder import ProjectFolder
+from ..rasterizer import Device
 from ..scene import read_camera_set, read_photo_set
 from ..stages import StageRunner, TrainingInput, cameras_stage, masks_stage, photos_stage, training_stage
 from ..training.settings import TrainingSettings
@@ -108,5 +109,8 @@ def train_prepared(
         runner = StageRunner(project, emit, should_stop)
         plan = plan_scene(work, prepared.camera_set)
         label_maps = {name: path for name, path in prepared.label_maps.items() if name in plan.mask_photos}
-        training_stage(runner, replace(prepared, label_maps=label_maps), plan, training, preset=work.preset)
+        given, planned = replace(prepared, label_maps=label_maps), work.device
+        device = Device(planned.backend, planned.name, planned.reason)
+        record_sizes(project, work.preset, work.sizes)
+        training_stage(runner, given, plan, training, preset=work.preset, find_device=lambda: device)
         return project

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from ..settings import require
 from ..training.settings import PRESETS
@@ -32,6 +33,8 @@ class BenchSettings:
         seeds are chance.
     limit_minutes : float or None
         Wall time after which the training of a preset is stopped; its row says so.
+    device : {"auto", "cpu", "gpu"}
+        What is trained on, see ``reconstruct --device``.
     camera_model, photo_masks : Path or None
         As for the command ``reconstruct``.
     """
@@ -41,6 +44,7 @@ class BenchSettings:
     everything: bool = False
     random_seeds: tuple[int, ...] = (0,)
     limit_minutes: float | None = None
+    device: Literal["auto", "cpu", "gpu"] = "auto"
     camera_model: Path | None = None
     photo_masks: Path | None = None
 

@@ -139,8 +139,17 @@ def _body(rows: Sequence[Row], *, command: str, mark: str) -> str:
     return (
         f"```\n{command}\n```\n\n{mark}\n\n{markdown(rows)}\n\n"
         f"Errors on {measured}. Gaussian Heritage {__version__}, {machine.cores} cores, "
-        f"{platform.system()} {platform.machine()}."
+        f"{platform.system()} {platform.machine()}{_cards(rows)}."
     )
+
+
+def _cards(rows: Sequence[Row]) -> str:
+    """Return what was trained on graphics cards, whose work CPU seconds do not tell; nothing without a card."""
+    names: dict[str, list[str]] = {}
+    for row in rows:
+        if row.device != "cpu":
+            names.setdefault(row.device, []).append(f"`{row.name}`")
+    return "".join(f"; trained on {device}: {', '.join(dict.fromkeys(found))}" for device, found in names.items())
 
 
 def _as_json(rows: Sequence[Row], *, title: str, command: str) -> dict[str, Any]:

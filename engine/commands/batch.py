@@ -9,7 +9,7 @@ from ..errors import Cancelled, EnvironmentProblem, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..files import atomic_write, write_json
 from ..stages import STAGES
-from .scene_options import add_no_objects_option, add_preset_option
+from .scene_options import add_device_option, add_no_objects_option, add_preset_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--prompts", default="", help='objects to isolate in every scene, e.g. "vase;bust"')
     add_preset_option(parser)
+    add_device_option(parser)
     add_no_objects_option(parser)
     parser.add_argument(
         "--scheduler", default="", metavar="ADDRESS", help="Dask scheduler, e.g. tcp://head:8786; without: workers here"
@@ -62,6 +63,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if options.no_objects and options.prompts:
         raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
     arguments = [f"--preset={options.preset}"]
+    arguments += [f"--device={options.device}"] if options.device != "auto" else []
     arguments += ["--no-objects"] if options.no_objects else []
     arguments += [f"--prompts={options.prompts}"] if options.prompts else []
     settings = BatchSettings(

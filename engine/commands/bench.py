@@ -10,7 +10,7 @@ from ..errors import ProjectError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import PROJECT_FILE, ProjectFolder
 from .deprecated import add_deprecated_option
-from .scene_options import add_camera_options, add_no_objects_option, describe_presets
+from .scene_options import add_camera_options, add_device_option, add_no_objects_option, describe_presets
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--doc", type=Path, metavar="FILE.md", help="also write the table and its picture there")
     add_camera_options(parser)
     add_no_objects_option(parser)
+    add_device_option(parser)
     parser.add_argument("--limit", type=float, metavar="MINUTES", help="stop the training of a preset after this time")
     parser.add_argument(
         "--everything",
@@ -75,6 +76,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         everything=options.everything,
         random_seeds=_random_seeds(options.random_seeds),
         limit_minutes=options.limit,
+        device=options.device,
         camera_model=options.cameras,
         photo_masks=options.photo_masks,
     )
@@ -110,5 +112,6 @@ def _command(options: argparse.Namespace) -> str:
     words += ["--no-objects"] if options.no_objects else []
     words += ["--everything"] if options.everything else []
     words += [f"--random-seeds {options.random_seeds}"] if options.random_seeds != "0" else []
+    words += [f"--device {options.device}"] if options.device != "auto" else []
     words += [f"--limit {options.limit:g}"] if options.limit is not None else []
     return " ".join(words)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import EnvironmentProblem
 from ..events import Emit, Finished, StopCheck
+from .scene_options import add_device_option
 
 if TYPE_CHECKING:
     from ..serve import Accounts
@@ -56,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="do the jobs on the workers of this Dask cluster, which share the data folder; default: here, one by one",
     )
+    add_device_option(parser)
     parser.add_argument("--check", action="store_true", help="say whether the server on this port answers")
     parser.add_argument("--add-user", metavar="NAME", help="add a user, or give a user a new token; prints it once")
     parser.add_argument("--remove-user", metavar="NAME", help="remove a user; the user's projects stay")
@@ -71,7 +73,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
 
     settings = ServeSettings(
         data=options.data.absolute(), port=options.port, lan=options.lan, names=tuple(options.name),
-        stop_jobs=options.stop_jobs, scheduler=options.scheduler,
+        stop_jobs=options.stop_jobs, scheduler=options.scheduler, device=options.device,
     )  # fmt: skip
     if options.check:
         check_server(settings)

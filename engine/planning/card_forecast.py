@@ -9,8 +9,12 @@ __all__ = ["card_bytes", "card_slowdown", "card_step_seconds", "gaussians_that_f
 
 _FEATURES = 16  # by definition
 """Segmentation features of a Gaussian."""
-_PAIRS = 5  # by definition
-"""Expected pairs of a tile and a Gaussian, per Gaussian, that the buffers hold; those of a new run hold 4."""
+_PAIRS = 3  # by definition
+"""Expected pairs of a tile and a Gaussian, per Gaussian, that the buffers hold; those of a new run hold 2."""
+_ROOM = 1.25  # by definition
+"""Gaussians that the buffers have room for, per Gaussian: `GpuTrainer` grows them by a quarter more than is needed."""
+_MAP_BYTES = 36  # by definition
+"""Bytes per pixel of the picture of the maps of the similarity."""
 _LEVELS = 4 / 3  # by definition
 """Pixels of a picture and all its halved copies, divided by those of the picture."""
 _OWN_SHARE = 0.85  # by definition
@@ -46,19 +50,22 @@ def card_bytes(n_gaussians: int, *, sh_degree: int, features: bool, width: int, 
     Notes
     -----
     With S coefficients of spherical harmonics for each colour, F features, K = 3 + F channels in C = K / 4 groups of
-    four, rounded up, and 5 pairs of a tile and a Gaussian for each Gaussian:
+    four, rounded up, and 3 pairs of a tile and a Gaussian for each Gaussian:
 
     - a Gaussian: parameters, their activated values and moments 156 + 36 S + 16 F; projection, colours, sorting and
-      gradients 156 + 32 C + 12 S; each pair 100 + 16 C; with degree 3 and features 2.4 kB
-    - a pixel of the picture: image 4 K, transmittance 13, maps of the similarity 36, gradient 4 (K + 1) 4/3 for all its
-      sizes
+      gradients 156 + 32 C + 12 S; each pair 76 + 16 C; a quarter more for growth; with degree 3 and features 2.5 kB
+    - a pixel of the picture: image 4 K, gradient 4 (K + 1), transmittance 12, and 36 for maps of the similarity, which
+      lie where the gradients of the pairs are written later
     - a pixel of a photo: 4, and 4/3 of that with its smaller copies
     """
-    n_photo_pixels = n_photos * width * height
+    n_pixels = width * height
+    pair_gradients = n_gaussians * _pair_gradient_bytes(features)
     return int(
         n_gaussians * _bytes_per_gaussian(sh_degree, features)
-        + width * height * _bytes_per_pixel(features)
-        + 4 * _LEVELS * n_photo_pixels
+        - pair_gradients
+        + max(pair_gradients, _MAP_BYTES * n_pixels)
+        + n_pixels * _bytes_per_pixel(features)
+        + 4 * _LEVELS * n_photos * n_pixels
     )
 
 
@@ -84,8 +91,7 @@ def gaussians_that_fit(
     sh_degree, features, width, height, n_photos
         See `card_bytes`.
     """
-    # The largest buffer has the gradients of each pair.
-    most = max_buffer_bytes // (16 * (_chunks(features) + 2) * _PAIRS)
+    most = int(max_buffer_bytes / _pair_gradient_bytes(features))
     budgets = [_OWN_SHARE * own_memory] if own_memory is not None else []
     budgets += [_SHARED_SHARE * free] if free is not None else []
     fixed = card_bytes(
@@ -118,12 +124,17 @@ def _chunks(features: bool) -> int:
     return -(-(3 + _FEATURES * features) // 4)
 
 
-def _bytes_per_gaussian(sh_degree: int, features: bool) -> int:
+def _pair_gradient_bytes(features: bool) -> float:
+    """Return the bytes per Gaussian of the largest buffer, the gradients of each pair."""
+    return _ROOM * _PAIRS * 16 * (_chunks(features) + 2)
+
+
+def _bytes_per_gaussian(sh_degree: int, features: bool) -> float:
     n_sh, n_features, chunks = (sh_degree + 1) ** 2, _FEATURES * features, _chunks(features)
     parameters = 156 + 36 * n_sh + 16 * n_features
-    return parameters + 156 + 32 * chunks + 12 * n_sh + _PAIRS * (100 + 16 * chunks)
+    return _ROOM * (parameters + 156 + 32 * chunks + 12 * n_sh + _PAIRS * (76 + 16 * chunks))
 
 
-def _bytes_per_pixel(features: bool) -> float:
+def _bytes_per_pixel(features: bool) -> int:
     channels = 3 + _FEATURES * features
-    return 4 * channels + 13 + 36 + 4 * (channels + 1) * _LEVELS
+    return 4 * channels + 4 * (channels + 1) + 12

@@ -212,8 +212,8 @@ def device_words(name: str, reason: str = "") -> str:
 
 def training_stopped(device: Device, problem: EnvironmentProblem) -> EnvironmentProblem:
     """Return the error of a training that `problem` ended: what is wrong with the card says how to continue."""
-    card = device.name.rpartition(" (")[0]
-    if device.backend == "cpu" or card not in str(problem):
+    card, message = device.name.rpartition(" (")[0], str(problem)
+    if device.backend == "cpu" or card not in message or "--device cpu" in message:
         return problem
     return EnvironmentProblem(
         f"Training on {device.name} stopped, because {_clause(problem)}. Run again to continue from the last checkpoint, "

@@ -36,6 +36,7 @@ _FIGURES: dict[str, Schema] = {
         "measured_photos": optional(([str], None)),
         "validation_photos": optional(([str], None)),
         "preset": optional((str, None)),
+        "device": optional((str, None)),
         "guards": optional({str: float}),
         "limits": optional({str: float}),
         "trials": optional([{"what": str, "step": int, "n_steps": int, "gain": (float, None), "kept": bool}]),
@@ -53,6 +54,7 @@ _VALUES: dict[str, Schema] = {
     "work_plan": {
         "pairs": str,
         "features": bool,
+        "device": optional({"name": str, "reason": str}),
         **dict.fromkeys(("width", "height", "n_pairs", "n_mask_photos", "max_gaussians", "sh_degree", "steps"), int),
     },
     "measured_savings": {str: {"training_cpu_seconds": float, "psnr_lost": float, "mask_cpu_seconds": optional(float)}},

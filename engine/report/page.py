@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..rasterizer import device_words
 from .markup import Html, fill, joined
 from .plots import error_curve
 from .style import STYLE
@@ -250,8 +251,17 @@ def _plan(facts: dict[str, Any]) -> Html:
         ("segmentation features", "yes" if plan["features"] else "no"),
         ("brightness correction per photo", "yes" if "exposure" in training else "no"),
         ("maximum number of steps", _count(plan["steps"])),
+        ("trained on", _trained_on(plan, training)),
     ]
     return _section("Plan and forecast", joined((_pairs(table), _forecast(facts["forecast"]))))
+
+
+def _trained_on(plan: dict[str, Any], training: dict[str, Any]) -> str:
+    """Return the device of the training and why it was not the card; empty where an earlier release recorded none."""
+    name, planned = training.get("device"), plan.get("device") or {}
+    if not name:
+        return ""
+    return device_words(name, planned.get("reason", "") if planned.get("name") == name else "")
 
 
 def _forecast(rows: list[dict[str, Any]]) -> Html:

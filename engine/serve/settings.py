@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 __all__ = ["PHOTO_TYPES", "ServeSettings"]
 
@@ -30,6 +31,8 @@ class ServeSettings:
     scheduler : str
         Address of a Dask scheduler whose workers do the jobs; they share the data folder, by the same path. Empty: one
         job at a time on this computer.
+    device : {"auto", "cpu", "gpu"}
+        What jobs train on, see ``reconstruct --device``.
     max_photo_bytes, max_video_bytes, max_user_bytes : int
         Largest photo, largest video, and all files that a user has uploaded.
     max_photos : int
@@ -67,6 +70,7 @@ class ServeSettings:
     names: tuple[str, ...] = ()
     stop_jobs: bool = False
     scheduler: str = ""
+    device: Literal["auto", "cpu", "gpu"] = "auto"
     max_photo_bytes: int = 200 << 20
     max_video_bytes: int = 4 << 30
     max_user_bytes: int = 50 << 30

@@ -94,5 +94,20 @@ def test_compose_starts_it_read_only_without_privileges(service: dict[str, Any])
     assert service["ports"] == ["${HERITAGE_BIND:-127.0.0.1}:8765:8765"]
 
 
+def test_image_has_the_loader_of_vulkan_and_asks_for_the_driver() -> None:
+    environment = dict(word.split("=", 1) for word in shlex.split(of_kind("ENV")[-1]))
+    assert {"graphics", "compute", "utility"} == set(environment["NVIDIA_DRIVER_CAPABILITIES"].split(","))
+    assert any("libvulkan1" in command for command in of_kind("RUN"))
+    assert f"--from=build {environment['LD_LIBRARY_PATH']} {environment['LD_LIBRARY_PATH']}" in of_kind("COPY")
+
+
+def test_container_starts_without_a_card_unless_it_is_asked_for(service: dict[str, Any]) -> None:
+    assert "deploy" not in service and "devices" not in service
+    text = (ROOT / "compose.gpu.yaml").read_text(encoding="utf-8")
+    (name,) = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))["services"]
+    (reserved,) = yaml.safe_load(text)["services"][name]["deploy"]["resources"]["reservations"]["devices"]
+    assert reserved == {"driver": "nvidia", "count": "all", "capabilities": ["gpu"]}
+
+
 def test_container_is_given_the_time_that_a_job_needs_to_save_its_work(service: dict[str, Any]) -> None:
     assert int(service["stop_grace_period"].removesuffix("s")) > job_queue._STOP_SECONDS + 10

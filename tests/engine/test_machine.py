@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.machine import PeakMemory, cpu_seconds, describe_machine, free_memory, peak_memory
+from engine.machine import PeakMemory, card_memory, cpu_seconds, describe_machine, free_memory, peak_memory
 from tests.conftest import ROOT
 
 
@@ -111,3 +111,29 @@ def test_work_takes_cpu_seconds() -> None:
     before = cpu_seconds()
     sum(range(3_000_000))
     assert cpu_seconds() > before
+
+
+def test_memory_of_a_card_is_what_its_driver_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def smi(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.CompletedProcess(command, 0, "NVIDIA L4, 23034\nNVIDIA T4, 15360\nNVIDIA L4, 20000\n")
+
+    monkeypatch.setattr(subprocess, "run", smi)
+    assert card_memory("NVIDIA L4") == 20000 << 20, "of two cards of one name, the smaller one"
+    assert card_memory("NVIDIA A2") is None
+    monkeypatch.setattr("engine.machine._GRAPHICS", tmp_path)
+    assert card_memory("AMD Radeon") is None
+    for number in (0, 1):
+        device = tmp_path / f"card{number}" / "device"
+        device.mkdir(parents=True)
+        (device / "mem_info_vram_total").write_text("8589934592\n")
+        # With two cards it is not known which one is meant.
+        assert card_memory("AMD Radeon") == (8 << 30 if number == 0 else None)
+    assert card_memory("Intel Arc") is None
+
+
+def test_memory_of_a_card_is_unknown_without_the_tool_of_its_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(*_: object, **__: object) -> None:
+        raise FileNotFoundError
+
+    monkeypatch.setattr(subprocess, "run", missing)
+    assert card_memory("NVIDIA L4") is None

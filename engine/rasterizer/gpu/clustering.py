@@ -49,11 +49,12 @@ class ClusteringSample:
 
     def packed(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
         """Return the rows ``samples`` [U, 4] and ``segments`` [n_p, 4] of clustering.wgsl."""
-        pixels, first, times = np.unique(self.pixels, return_index=True, return_counts=True)
-        clusters = self.clusters[first]
-        order = np.argsort(clusters, kind="stable")
-        samples = np.zeros((len(pixels), 4), np.uint32)
-        samples[:, 0], samples[:, 1], samples[:, 2] = pixels[order], clusters[order], times[order]
+        keys = np.sort((self.clusters.astype(np.uint64) << np.uint64(32)) | self.pixels.astype(np.uint64))
+        first = np.flatnonzero(np.diff(keys, prepend=~keys[:1]))
+        samples = np.zeros((len(first), 4), np.uint32)
+        samples[:, 0] = keys[first] & np.uint64(0xFFFFFFFF)
+        samples[:, 1] = keys[first] >> np.uint64(32)
+        samples[:, 2] = np.diff(first, append=len(keys))
         segments = np.zeros((len(self.counts), 4), np.uint32)
         edges = np.searchsorted(samples[:, 1], np.arange(len(self.counts) + 1))
         segments[:, 0], segments[:, 1] = edges[:-1], edges[1:]

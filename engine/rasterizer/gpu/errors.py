@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .frame import Frame
-from .submissions import Submissions
+from .submissions import run_together
 
 __all__ = ["ErrorSum"]
 
@@ -28,19 +28,11 @@ class ErrorSum:
         names = ["totals", "counts", "errors", "status"]
         add = frame._step("errors", "add_errors", optimiser, names, frame._over(128))
         self.run = frame._submissions([*frame._backward.dispatches[:2], add])
-        self._gradients: dict[int, Submissions] = {}
+        names = ["image", "photo", "gradient", "counts"]
+        step = frame._step("errors", "error_gradient", self._uniform, names, -(-self._n_pixels // 256))
+        self._gradient = frame._submissions([step])
 
     def add(self, pixels: Any) -> None:
         """Queue the errors of the image that was rendered last, compared with a photo."""
-        if id(pixels) not in self._gradients:
-            self._frame.buffers["photo"] = pixels
-            names = ["image", "photo", "gradient", "counts"]
-            n_groups = -(-self._n_pixels // 256)
-            step = self._frame._step("errors", "error_gradient", self._uniform, names, n_groups)
-            self._gradients[id(pixels)] = self._frame._submissions([step])
-        self._gradients[id(pixels)].run([])
-        self.run.run([])
-
-    def forget_photo(self, pixels: Any) -> None:
-        """Free what refers to a photo."""
-        self._gradients.pop(id(pixels), None)
+        frame = self._frame
+        run_together(frame.gpu, [(self._gradient, []), (self.run, [])], copies=[(pixels, frame.buffers["photo"])])

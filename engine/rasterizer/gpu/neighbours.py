@@ -76,15 +76,23 @@ class NeighbourSample:
         kind = np.maximum(np.arange(width) - self.near.shape[1] + 1, 0)
         kinds = np.tile(kind, n).astype(np.uint32)
         own = np.concatenate([anchor, other])
-        order = np.argsort(own, kind="stable")
+        order = order_of(own)
         pairs = np.zeros((2 * len(anchor), 4), np.uint32)
         pairs[:, 0] = np.concatenate([other, anchor])[order]
         pairs[:, 1] = np.concatenate([number, number])[order]
         pairs[:, 2] = np.concatenate([kinds, kinds])[order]
-        found, first = np.unique(own[order], return_index=True)
-        gaussians = np.zeros((len(found), 4), np.uint32)
-        gaussians[:, 0], gaussians[:, 1], gaussians[:, 2] = found, first, [*first[1:], len(pairs)]
+        own = own[order]
+        first = np.flatnonzero(np.diff(own, prepend=~own[:1]))
+        gaussians = np.zeros((len(first), 4), np.uint32)
+        gaussians[:, 0], gaussians[:, 1], gaussians[:, 2] = own[first], first, np.append(first[1:], len(pairs))
         return gaussians, pairs
+
+
+def order_of(keys: NDArray[np.uint32]) -> NDArray[np.intp]:
+    """Return the stable order of uint32 keys; NumPy sorts numbers several times as fast as it finds their order."""
+    n_bits = np.uint64(len(keys).bit_length())
+    marked = np.sort((keys.astype(np.uint64) << n_bits) | np.arange(len(keys), dtype=np.uint64))
+    return (marked & ((np.uint64(1) << n_bits) - np.uint64(1))).astype(np.intp)
 
 
 class NeighbourLoss:

@@ -163,8 +163,9 @@ class GpuTrainer:
     def free_photo(self, number: int) -> None:
         """Free the memory of a photo, which is not used again."""
         photo = self._photos.pop(number)
-        for frame in self._frames.values():
-            frame.forget_photo(photo.pixels)
+        if photo.by_features is not None:
+            for frame in self._frames.values():
+                frame.forget(photo.by_features)
 
     def mask_photo(self, number: int, valid: NDArray[np.bool_] | None) -> None:
         """Set the pixels of a photo that count from the next step on, for example all but those of transients.

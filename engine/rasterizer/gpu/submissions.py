@@ -157,7 +157,9 @@ class Submissions:
         self._gpu.device.queue.read_buffer(self.sizes, 0, 4)
 
 
-def run_together(gpu: Gpu, runs: Iterable[tuple[Submissions, Iterable[Any]]]) -> None:
+def run_together(
+    gpu: Gpu, runs: Iterable[tuple[Submissions, Iterable[Any]]], *, copies: Iterable[tuple[Any, Any]] = ()
+) -> None:
     """Queue lists of dispatches one after the other, in as few submissions as the limit allows.
 
     Parameters
@@ -166,9 +168,13 @@ def run_together(gpu: Gpu, runs: Iterable[tuple[Submissions, Iterable[Any]]]) ->
     runs : iterable of (Submissions, iterable of wgpu.GPUBuffer)
         With each list, the buffers that are set to zero before it. What the processor writes to buffers in between is
         there from the first dispatch on.
+    copies : iterable of (wgpu.GPUBuffer, wgpu.GPUBuffer)
+        Buffers that are first copied to the start of others.
     """
     queue = gpu.device.queue
     encoder, filled = gpu.device.create_command_encoder(), 0.0
+    for source, to in copies:
+        encoder.copy_buffer_to_buffer(source, 0, to, 0, source.size)
     for run, zeroed in runs:
         for buffer in zeroed:
             encoder.clear_buffer(buffer)

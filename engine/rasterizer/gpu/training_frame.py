@@ -160,7 +160,7 @@ class TrainingFrame(Frame):
         self._loss_uniform = self._uniform(64)
         self._optimisers: list[tuple[Any, int]] = []
         self._tests: list[tuple[Any, int]] = []
-        self._photos: dict[tuple[int, int], Submissions] = {}
+        self._losses: dict[int, Submissions] = {}
         optimiser = self._optimiser_uniform(0)
         activate = self._step(
             "activations", "activate", optimiser,
@@ -178,7 +178,7 @@ class TrainingFrame(Frame):
     def _sizes(self) -> dict[str, int]:
         s = self.size
         return super()._sizes() | {
-            "maps": 36 * s.width * s.height, "partial_sums": 8 * s.n_tiles, "loss_values": 16,
+            "photo": 4 * s.width * s.height, "maps": 36 * s.width * s.height, "partial_sums": 8 * s.n_tiles, "loss_values": 16,
             "exposure_sums": 16 * s.n_tiles, "exposure_gradient": 16, "ray_sums": 8 * s.n_tiles,
             "gaussian_sums": 8 * -(-s.n_room // 256), "skipped": 4 * (s.n_room + 1), "nothing": 16,
             "errors": 4 * s.n_room,
@@ -273,7 +273,7 @@ class TrainingFrame(Frame):
         values[6], values[8] = photo.view, -(-s.n // 256)
         values[12], values[13] = photo.detached, photo.given is not None
         self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
-        self._loss = self._loss_of(photo.pixels, photo.given)
+        self._loss = self._loss_of(photo.given)
         self._photo = photo
 
     def set_noise(self, noise: PositionNoise | None) -> None:
@@ -285,11 +285,11 @@ class TrainingFrame(Frame):
             values[4:6] = np.array([noise.amount, noise.max_walk], np.float32).view(np.uint32)
         self.gpu.device.queue.write_buffer(self._noise_uniform, 0, values)
 
-    def _loss_of(self, pixels: Any, given: Any) -> Submissions:
-        """Return the dispatches of the loss with a photo."""
-        key = id(pixels), id(given)
-        if key not in self._photos:
-            self.buffers |= {"photo": pixels, "given": self.buffers["nothing"] if given is None else given}
+    def _loss_of(self, given: Any) -> Submissions:
+        """Return the dispatches of the loss, with a further one whose gradient is `given`."""
+        key = id(given)
+        if key not in self._losses:
+            self.buffers["given"] = self.buffers["nothing"] if given is None else given
             n, loss = self.size.n_tiles, self._loss_uniform
             steps = [
                 self._step("loss", "similarity", loss, ["image", "photo", "maps", "partial_sums", "exposure"], n),
@@ -314,8 +314,8 @@ class TrainingFrame(Frame):
             if self.size.n_channels:
                 names = ["image", "transmittance", "given", "gradient", "ray_sums"]
                 steps.insert(0, self._step("loss", "ray_gradient", loss, names, n))
-            self._photos[key] = self._submissions(steps)
-        return self._photos[key]
+            self._losses[key] = self._submissions(steps)
+        return self._losses[key]
 
     def set_optimiser(
         self,
@@ -385,17 +385,16 @@ class TrainingFrame(Frame):
             runs.append((self._neighbours.prepared(self._photo.neighbours), []))
         runs.append((self._finish, [self.buffers["skipped"]]))
         self.start_counts()
-        run_together(self.gpu, runs)
+        run_together(self.gpu, runs, copies=[(self._photo.pixels, self.buffers["photo"])])
 
     def render(self) -> None:
         """Queue a picture without a loss."""
         self._submit(self._activate, [])
         self.forward()
 
-    def forget_photo(self, pixels: Any) -> None:
-        """Free what refers to a photo."""
-        self._photos = {key: run for key, run in self._photos.items() if key[0] != id(pixels)}
-        self._errors.forget_photo(pixels)
+    def forget(self, given: Any) -> None:
+        """Free what refers to the gradient of a further loss."""
+        self._losses.pop(id(given), None)
 
     def add_errors(self, pixels: Any, *, zeroed: bool) -> None:
         """Queue a picture, and add its errors to the buffer ``errors``, which is `zeroed` before or not."""

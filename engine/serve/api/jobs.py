@@ -64,7 +64,7 @@ def start_job(
     if server.queue.n_waiting(folders) >= server.settings.max_waiting:
         raise ProjectError(f"{server.settings.max_waiting} of your jobs are waiting, which is the limit.")
     if isinstance(wanted, Reconstruction):
-        arguments = _reconstruction(project, wanted)
+        arguments = _reconstruction(project, wanted, server.settings)
     else:
         arguments = _segmentation(project, wanted, server.settings)
     return dict(vars(server.queue.submit(project, arguments)))
@@ -82,10 +82,11 @@ def continue_job(job_id: str, project: CurrentProject, request: Request) -> dict
     return dict(vars(server_of(request).queue.resume(project, job_id)))
 
 
-def _reconstruction(project: WebProject, wanted: Reconstruction) -> list[str]:
+def _reconstruction(project: WebProject, wanted: Reconstruction, settings: ServeSettings) -> list[str]:
     if not project.photo_names():
         raise ProjectError("Upload photos first.")
-    return ["reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}"]
+    device = [f"--device={settings.device}"] if settings.device != "auto" else []
+    return ["reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *device]
 
 
 def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSettings) -> list[str]:

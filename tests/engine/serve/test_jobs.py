@@ -7,6 +7,7 @@ import json
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,15 @@ def test_reconstruction_runs_the_engine_on_the_uploaded_photos(client: Client, p
     words = json.loads((client.folder(project) / "project" / "words.json").read_text())
     photos, out = client.folder(project) / "photos", client.folder(project) / "project"
     assert words == ["reconstruct", str(photos), f"--out={out}", "--preset=preview", "--events"]
+
+
+def test_server_that_is_told_what_to_train_on_tells_the_engine(client: Client, project: str) -> None:
+    state = client.http.app.state  # type: ignore[attr-defined]
+    state.server = replace(state.server, settings=replace(state.server.settings, device="cpu"))
+    reconstruct(client, project)
+    client.wait_for_job(project, "finished")
+    words = json.loads((client.folder(project) / "project" / "words.json").read_text())
+    assert words[-2:] == ["--device=cpu", "--events"]
 
 
 def test_project_without_photos_is_not_reconstructed(client: Client) -> None:

@@ -29,6 +29,7 @@ def gpu_loss(
     packed = np.ascontiguousarray(np.dstack([pixels, np.where(valid, 255, 0).astype(np.uint8)]))
     buffer = gpu.device.create_buffer_with_data(data=packed, usage=STORAGE)
     frame.set_photo(PhotoLoss(buffer, int(valid.sum()), lambda_dssim))
+    frame.write("photo", packed)
     frame.write("image", image)
     frame.write("counts", np.zeros(4, np.uint32))
     frame._submit(frame._loss, [])
