@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from .events import Warned
 from .objects.settings import SegmentSettings
 from .project_folder import stage_key
+from .rasterizer import PROCESSOR, Device
 from .settings import to_dict
 from .stage_runner import StageRunner
 
@@ -22,7 +23,14 @@ those that are made again, and null in the place of the others; ``before``: ids 
 """
 
 
-def objects_stage(runner: StageRunner, prompts: Sequence[str], settings: SegmentSettings, *, sam_model: str) -> None:
+def objects_stage(
+    runner: StageRunner,
+    prompts: Sequence[str],
+    settings: SegmentSettings,
+    *,
+    sam_model: str,
+    find_device: Callable[[], Device] = lambda: PROCESSOR,
+) -> None:
     """Isolate what the texts `prompts` name, if any, and say which stored objects are damaged.
 
     Parameters
@@ -32,6 +40,8 @@ def objects_stage(runner: StageRunner, prompts: Sequence[str], settings: Segment
     settings : SegmentSettings
     sam_model : str
         Name of the Segment Anything model, see `MaskSettings.model`.
+    find_device : callable
+        Returns what to render on; called only if the stage is not done. The key does not depend on it.
     """
     key = stage_key(runner.key_of("training"), tuple(prompts), to_dict(settings))
 
@@ -44,7 +54,8 @@ def objects_stage(runner: StageRunner, prompts: Sequence[str], settings: Segment
         refused: dict[str, str] = {}
         _discard_unfinished(runner, [text for text in prompts if text not in found])
         _note(runner, key, found, again)
-        context = load_context(runner.project, settings, functools.partial(load_sam, sam_model))
+        device, sam_factory = find_device(), functools.partial(load_sam, sam_model)
+        context = load_context(runner.project, settings, sam_factory, device=device, emit=runner.emit)
         for result in segment_each_text(
             runner.project,
             context,
@@ -63,7 +74,7 @@ def objects_stage(runner: StageRunner, prompts: Sequence[str], settings: Segment
             if again.pop(result.text, None) is None:
                 found[result.text] = [record.id for record in result.records]
             _note(runner, key, found, again)
-        return {"found": found, "refused": refused}
+        return {"found": found, "refused": refused, "device": device.name}
 
     _forget_damaged_objects(runner, key if prompts else None)
     if prompts:

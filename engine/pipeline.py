@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -150,6 +151,7 @@ def reconstruct(
             masks_key = runner.key_of("masks") if label_maps else cameras_key
             given = TrainingInput(photo_set, camera_set, label_maps, cameras_key, masks_key)
 
+            @functools.cache
             def find_device() -> Device:
                 """Return the planned device; one is looked for now if the plan took a training for done that is not."""
                 planned = Device(work.device.backend, work.device.name, work.device.reason)
@@ -159,10 +161,17 @@ def reconstruct(
             training_stage(runner, given, plan, training, preset=preset, find_device=find_device)
             if until == "training":
                 return project
-            objects_stage(runner, settings.prompts, settings.segment, sam_model=settings.masks.model)
+
+            def rendering_device() -> Device:
+                return replace(find_device(), required=settings.plan.device == "gpu")
+
+            objects_stage(
+                runner, settings.prompts, settings.segment,
+                sam_model=settings.masks.model, find_device=rendering_device,
+            )  # fmt: skip
             if until == "objects":
                 return project
-            report_stage(runner)
+            report_stage(runner, find_device=rendering_device)
         finally:
             # The finished stages inform the next forecast, also when the others were stopped.
             update_calibration(project, runner.computed, work, forecast, calibration)

@@ -24,7 +24,7 @@ from .photos import PhotoStatistics
 from .photos.settings import PhotoSettings
 from .planning import ScenePlan
 from .project_folder import SCENE_OUTPUT, ProjectFolder, stage_key
-from .rasterizer import Device, device_words, training_stopped
+from .rasterizer import PROCESSOR, Device, device_words, run_on, training_stopped
 from .scene import CameraSet, PhotoSet
 from .settings import to_dict
 from .stage_runner import StageRunner
@@ -234,7 +234,7 @@ class TrainingInput:
 
 def on_processor() -> Device:
     """Return the processor as the device to train on."""
-    return Device("cpu", "cpu")
+    return PROCESSOR
 
 
 def training_stage(
@@ -352,12 +352,13 @@ def _discard_objects(runner: StageRunner) -> None:
     )
 
 
-def report_stage(runner: StageRunner) -> None:
-    """Write the report of what the other stages did."""
+def report_stage(runner: StageRunner, *, find_device: Callable[[], Device]) -> None:
+    """Write the report of what the other stages did; see `objects_stage` for `find_device`."""
     from .report import build_report
 
     def compute() -> dict[str, Any]:
-        return {"html": str(build_report(runner.project).relative_to(runner.project.path))}
+        built, device = run_on(find_device(), lambda device: build_report(runner.project, backend=device.backend))
+        return {"html": str(built.relative_to(runner.project.path)), "device": device.name}
 
     page = runner.project.path / "report" / "report.html"
     runner.run("report", stage_key([runner.key_of(stage) for stage in STAGES[:-1]]), compute, {page: None})

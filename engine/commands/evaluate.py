@@ -12,6 +12,7 @@ from ..masks.settings import SAM_MODELS
 from ..project_folder import ProjectFolder
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
+from .scene_options import add_device_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -52,6 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--view-counts", default="", metavar="N,N", help="also with these numbers of photos, e.g. 1,2,4,8,16"
     )
     add_sam_argument(parser)
+    # Not `auto`: tables of several computers are compared, and they hold times.
+    add_device_option(parser, "render views and count votes", default="cpu")
     parser.add_argument("--objects", default="", help='only these objects, e.g. "vase;bust"')
     parser.add_argument(
         "--doc", type=Path, metavar="FILE.md", help="also write the section of this scene into this file"
@@ -69,6 +72,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Compare, print the table and write it."""
     from ..evaluation import evaluate_project, markdown, write_evaluation, write_results
     from ..evaluation.settings import EvaluationSettings
+    from ..rasterizer import choose_objects_device
 
     for file in (options.doc, options.results):
         if file is not None and file.is_dir():
@@ -91,6 +95,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         **model_factories(options),
         emit=emit,
         should_stop=should_stop,
+        device=choose_objects_device(options.device),
     )
     outputs = {}
     if options.doc is not None:
@@ -125,6 +130,7 @@ def _command(options: argparse.Namespace) -> str:
     words += ["--ablations"] if options.ablations else []
     words += [f"--view-counts {options.view_counts}"] if options.view_counts else []
     words += [f"--sam {options.sam}"] if options.sam != SAM_MODELS[0] else []
+    words += [f"--device {options.device}"] if options.device != "cpu" else []
     words += [f"--objects {shlex.quote(options.objects)}"] if options.objects else []
     return " ".join([*words, f"--doc {_short(options.doc, 1)}"])
 

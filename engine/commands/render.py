@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import CameraError, EnvironmentProblem, SettingsError
+from ..errors import CameraError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
 from ..scene import Camera, CameraSet, PinholeCamera
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..gaussians import load_gaussians
     from ..objects import load_membership, load_object, object_gaussians
     from ..pictures import render_view, write_png
-    from ..rasterizer import Device, choose_device, fallback
+    from ..rasterizer import Device, choose_device, run_on
     from ..scene import read_camera_set
 
     out: Path = options.out
@@ -84,14 +84,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     def render(device: Device) -> NDArray[Any]:
         return render_view(gaussians, camera, what=options.what, members=members, click=click, backend=device.backend)
 
-    device = choose_device(options.device)
-    try:
-        picture = render(device)
-    except EnvironmentProblem as problem:
-        if device.backend == "cpu" or options.device == "gpu":
-            raise
-        device = fallback(problem)
-        picture = render(device)
+    picture, device = run_on(choose_device(options.device), render)
     write_png(out, picture)
     why = f", because {device.reason}" if device.reason else ""
     emit(Finished(f"Wrote {out}. It was rendered on {device.name}{why}.", {"file": str(out), "device": device.name}))

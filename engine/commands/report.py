@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
+from .scene_options import add_device_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -18,6 +19,7 @@ EXAMPLE = "python -m engine report scene"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
+    add_device_option(parser, "render the pictures")
 
 
 def project_folder(options: argparse.Namespace) -> Path:
@@ -28,13 +30,19 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write report.json and report.html."""
+    from ..rasterizer import Device, choose_objects_device, device_words, run_on
     from ..report import build_report
 
     with ProjectFolder.open_existing(options.project) as project:
         project.require_intact("cameras", "training")
-        page = build_report(project)
+
+        def build(device: Device) -> Path:
+            return build_report(project, backend=device.backend)
+
+        page, device = run_on(choose_objects_device(options.device), build)
         if project.stage_record("report") is not None:
             # The report is an output of that stage, which would take it for damaged.
             project.record_outputs("report", [page])
-    emit(Finished(f"The report is {page}.", {"report": str(page)}))
+    words = f"Its pictures were rendered on {device_words(device.name, device.reason)}."
+    emit(Finished(f"The report is {page}. {words}", {"report": str(page), "device": device.name}))
     return 0

@@ -32,13 +32,13 @@ def add_preset_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_device_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--device``."""
+def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, default: str = "auto") -> None:
+    """Add ``--device``: what to do `what` on."""
     parser.add_argument(
         "--device",
         choices=("auto", "cpu", "gpu"),
-        default="auto",
-        help="what to train on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
+        default=default,
+        help=f"what to {what} on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
     )
 
 

@@ -11,8 +11,10 @@ from ..events import Emit, Finished, StopCheck
 from ..objects import parse_point, parse_prompt, parse_texts
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
+from ..rasterizer import Device, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
+from .scene_options import add_device_option
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -58,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="preset of the method (default: %(default)s)"
     )
     add_sam_argument(parser)
+    add_device_option(parser, "render views and count votes")
 
 
 def project_folder(options: argparse.Namespace) -> Path:
@@ -112,11 +115,12 @@ def _texts(
         raise SettingsError(
             "--name cannot be combined with several texts. Without it, each object is named after its text."
         )
+    device = choose_objects_device(options.device)
     records, refused = segment_texts(
         project, texts, options.name, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop,
+        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
     )  # fmt: skip
-    outputs: dict[str, Any] = {"objects": [record.id for record in records]}
+    outputs = _outputs(records, device)
     if refused:
         outputs["refused"] = refused
         outputs["candidates"] = CANDIDATES
@@ -130,10 +134,12 @@ def _pointed(
 
     prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
     name = "object" if options.name is None else options.name
+    device = choose_objects_device(options.device)
     records = segment_project(
-        project, prompt, name, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop
-    )
-    return _isolated(records), {"objects": [record.id for record in records]}
+        project, prompt, name, PRESETS[options.preset],
+        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
+    )  # fmt: skip
+    return _isolated(records), _outputs(records, device)
 
 
 def _accept(
@@ -141,11 +147,12 @@ def _accept(
 ) -> tuple[str, dict[str, Any]]:
     from ..objects import accept_candidate
 
+    device = choose_objects_device(options.device)
     records = accept_candidate(
         project, options.accept, options.name, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop,
+        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
     )  # fmt: skip
-    return _isolated(records), {"objects": [record.id for record in records]}
+    return _isolated(records), _outputs(records, device)
 
 
 def _refine(
@@ -157,19 +164,20 @@ def _refine(
     excluded = [parse_point(text) for text in options.excluded]
     if options.level is not None and (clicks or excluded):
         raise SettingsError("--level cannot be combined with clicks: they change the object and delete its levels.")
+    if options.level is None and not (clicks or excluded):
+        raise SettingsError("--refine requires --click to add something, --not to remove something, or --level.")
+    device = choose_objects_device(options.device)
     if options.level is not None:
         record = choose_level(
             project, options.refine, options.level, PRESETS[options.preset],
-            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop,
-        )  # fmt: skip
-    elif clicks or excluded:
-        record = refine_object(
-            project, options.refine, clicks, excluded, PRESETS[options.preset],
-            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop,
+            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop, device=device,
         )  # fmt: skip
     else:
-        raise SettingsError("--refine requires --click to add something, --not to remove something, or --level.")
-    return f"{record.name} has {record.n_gaussians:,} Gaussians now.", {"objects": [record.id]}
+        record = refine_object(
+            project, options.refine, clicks, excluded, PRESETS[options.preset],
+            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop, device=device,
+        )  # fmt: skip
+    return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], device)
 
 
 def _complement(
@@ -186,12 +194,13 @@ def _all(
 ) -> tuple[str, dict[str, Any]]:
     from ..objects import segment_everything_in
 
+    device = choose_objects_device(options.device)
     created, kept, background = segment_everything_in(
-        project, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop
-    )
-    ids = [record.id for record in [*created, background]]
+        project, PRESETS[options.preset],
+        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
+    )  # fmt: skip
     message = f"{_isolated(created)} {len(kept)} existing objects were kept." if kept else _isolated(created)
-    return message, {"objects": ids, "background": background.id, "kept": kept}
+    return message, {**_outputs([*created, background], device), "background": background.id, "kept": kept}
 
 
 _ACTIONS = {
@@ -202,6 +211,10 @@ _ACTIONS = {
     "accept": _accept,
     "refine": _refine,
 }
+
+
+def _outputs(records: list[Any], device: Device) -> dict[str, Any]:
+    return {"objects": [record.id for record in records], "device": device.name}
 
 
 def _isolated(records: list[Any]) -> str:

@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="do the jobs on the workers of this Dask cluster, which share the data folder; default: here, one by one",
     )
-    add_device_option(parser)
+    add_device_option(parser, "train and to render objects")
     parser.add_argument("--check", action="store_true", help="say whether the server on this port answers")
     parser.add_argument("--add-user", metavar="NAME", help="add a user, or give a user a new token; prints it once")
     parser.add_argument("--remove-user", metavar="NAME", help="remove a user; the user's projects stay")

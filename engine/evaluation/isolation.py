@@ -16,8 +16,8 @@ from ..errors import Cancelled, SettingsError
 from ..events import Emit, Progress, StopCheck, Warned
 from ..objects import DetectorFactory, SamFactory
 from ..objects.settings import BETTER
-from ..pictures import Scene
 from ..project_folder import ProjectFolder
+from ..rasterizer import PROCESSOR, Device
 from ..scene import read_camera_set
 from .ceiling import words_of_true_masks
 from .comparison import Comparison, Scores, compare_with_all, score_photo
@@ -69,6 +69,7 @@ def evaluate_project(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> Evaluation:
     """Isolate every object with every method and compare it with its true masks.
 
@@ -84,6 +85,8 @@ def evaluate_project(
         Called only when their model is needed.
     emit, should_stop
         See `engine.events`.
+    device : Device
+        What renders the views and counts the votes, see `engine.objects.load_context`.
 
     Returns
     -------
@@ -115,9 +118,10 @@ def evaluate_project(
     methods = methods_of(settings)
     with tempfile.TemporaryDirectory() as folder:
         hidden = photos if settings.views == "held-out" else ()
-        scene = TrainedScene(project, cameras, hidden, Path(folder), detector_factory, sam_factory)
+        models = (detector_factory, sam_factory)
+        scene = TrainedScene(project, cameras, hidden, Path(folder), *models, device=device, emit=emit)
         answers = _ask(scene, _questions(tasks, truth, settings), methods, truth, emit, should_stop)
-        whole = Scene(scene.gaussians)
+        whole = scene.new_scene()
         labels = gaussian_truth(whole, cameras, truth, should_stop) if truth.every_pixel else None
         searches: tuple[Search, ...] = ()
         if settings.prompt_kind == "all":
@@ -293,7 +297,7 @@ def _match_all(
     for method in methods:
         answer = answers[tasks[0].question, method.name]
         compared = compare_with_all(
-            Scene(scene.gaussians), scene.camera_of, answer.found, truth, photos, should_stop=should_stop
+            scene.new_scene(), scene.camera_of, answer.found, truth, photos, should_stop=should_stop
         )
         likeness = np.nan_to_num(compared.iou)
         pairs = zip(*linear_sum_assignment(likeness, maximize=True), strict=True)
@@ -330,7 +334,7 @@ def _words(
         [[truth.prompts[name] == question.name for name in truth.objects] for question, _ in first], bool
     ).reshape(len(first), len(truth.objects))
     compared = compare_with_all(
-        Scene(scene.gaussians),
+        scene.new_scene(),
         scene.camera_of,
         [members for _, members in first],
         truth,
@@ -380,7 +384,7 @@ def _score(
     should_stop: StopCheck,
 ) -> None:
     """Add the scores of every photo to what is compared in it."""
-    whole = Scene(scene.gaussians)
+    whole = scene.new_scene()
     for number, photo in enumerate(photos):
         if should_stop():
             raise Cancelled("Stopped while comparing; nothing was written.")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import PromptError, SettingsError
-from ..events import StopCheck, ignore_events
+from ..events import Emit, StopCheck, ignore_events
 from ..gaussians import load_gaussians
 from ..masks import EmbeddingFolder
 from ..objects import (
@@ -30,10 +30,12 @@ from ..objects import (
     find_objects,
     label_maps_of,
     photo_folder_of,
+    scene_on,
 )
 from ..objects.settings import SegmentSettings
 from ..pictures import Scene, write_png
 from ..project_folder import ProjectFolder
+from ..rasterizer import PROCESSOR, Device
 from ..scene import CameraSet
 from .comparison import resized
 from .ground_truth import GroundTruth
@@ -109,6 +111,8 @@ class TrainedScene:
         Folder for what is computed once for several prompts.
     detector_factory, sam_factory : callable
         Called when their model is first needed.
+    device, emit
+        See `engine.objects.load_context`.
 
     Raises
     ------
@@ -126,8 +130,12 @@ class TrainedScene:
         folder: Path,
         detector_factory: DetectorFactory,
         sam_factory: SamFactory,
+        *,
+        device: Device = PROCESSOR,
+        emit: Emit = ignore_events,
     ) -> None:
         self.gaussians = load_gaussians(project.path / "gaussians")
+        self._scene = scene_on(device, self.gaussians, emit)
         self.photo_folder = photo_folder_of(project)
         self.camera_of = {camera.photo: camera for camera in cameras.cameras}
         self.looked_at = tuple(photo for photo in self.camera_of if photo not in hidden)
@@ -188,10 +196,14 @@ class TrainedScene:
         """Return the photos at the size that the models get."""
         return Photos(self.photo_folder, settings.photo_side, self._sam_factory, self._embeddings)
 
+    def new_scene(self) -> Scene:
+        """Return the scene without anything that was rendered before."""
+        return self._scene.with_gaussians(self.gaussians)
+
     def _context(self, method: Method, prompt_photo: str | None) -> SegmentationContext:
         return SegmentationContext(
             Views(
-                Scene(self.gaussians),
+                self.new_scene(),
                 self._visible_cameras(prompt_photo),
                 render_side=method.settings.render_side,
             ),

@@ -8,7 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
-    from .context import SegmentationContext, label_maps_of, load_context, photo_folder_of
+    from .context import SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .curation import (
         TextResult,
         accept_candidate,
@@ -77,6 +77,7 @@ __all__ = [
     "parse_prompt",
     "parse_texts",
     "photo_folder_of",
+    "scene_on",
     "polish",
     "refine_object",
     "restore_object",

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FormatError
-from ..events import Emit, StopCheck
-from ..pictures import Backend, Scene
+from ..errors import EnvironmentProblem, FormatError
+from ..events import Emit, Progress, StopCheck, Warned, ignore_events
+from ..pictures import Scene
 from ..project_folder import ProjectFolder
-from ..scene import CameraSet
+from ..rasterizer import PROCESSOR, Device, device_words, fallback
+from ..scene import CameraSet, Gaussians
 from .appearance import GroupAppearance, describe_groups, load_or_describe_groups
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
@@ -23,7 +24,7 @@ from .views import Views
 if TYPE_CHECKING:
     from ..grounding import Detector
 
-__all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of"]
+__all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
 
 _APPEARANCE_FILE = Path("groups") / "looks.npz"
 """Path of the stored appearance of the groups, relative to the project folder."""
@@ -69,7 +70,12 @@ class SegmentationContext:
 
 
 def load_context(
-    project: ProjectFolder, settings: SegmentSettings, sam_factory: SamFactory, *, backend: Backend = "cpu"
+    project: ProjectFolder,
+    settings: SegmentSettings,
+    sam_factory: SamFactory,
+    *,
+    device: Device = PROCESSOR,
+    emit: Emit = ignore_events,
 ) -> SegmentationContext:
     """Return the context of a trained project.
 
@@ -80,7 +86,10 @@ def load_context(
         `render_side` and `photo_side`.
     sam_factory : callable
         Called when SAM is first needed.
-    backend : {"cpu", "reference"}
+    device : Device
+        What renders the views and counts the votes. What is stored does not depend on it, but for rounding.
+    emit : callable
+        Told the device, and that the processor replaces it.
 
     Raises
     ------
@@ -93,13 +102,25 @@ def load_context(
 
     project.require_intact("cameras", "training")
     cameras = read_camera_set(project.path / "cameras")
-    scene = Scene(load_gaussians(project.path / "gaussians"), backend=backend)
+    scene = scene_on(device, load_gaussians(project.path / "gaussians"), emit)
     return SegmentationContext(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
         project.path / _APPEARANCE_FILE,
     )
+
+
+def scene_on(device: Device, gaussians: Gaussians, emit: Emit) -> Scene:
+    """Return a scene that is rendered on `device`; on the processor, if a card that is not required fails."""
+
+    def warn(problem: EnvironmentProblem) -> None:
+        processor = fallback(problem)
+        emit(Warned(f"The rest is rendered on {device_words(processor.name, processor.reason)}."))
+
+    if device.backend == "gpu" or device.reason:
+        emit(Progress("objects", 0.0, message=f"rendering on {device_words(device.name, device.reason)}"))
+    return Scene(gaussians, backend=device.backend, on_failure=None if device.required else warn)
 
 
 def photo_folder_of(project: ProjectFolder) -> Path:

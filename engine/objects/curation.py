@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..errors import ObjectError, PromptError
 from ..events import Emit, StopCheck, Warned, part_of
 from ..project_folder import ProjectFolder
+from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
 from .candidate_file import forget_candidates, load_candidate
 from .candidates import THRESHOLD, build_candidates
@@ -147,6 +148,7 @@ def segment_texts(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> tuple[list[ObjectRecord], dict[str, str]]:
     """Segment the objects of several texts and store them.
 
@@ -157,7 +159,7 @@ def segment_texts(
     texts : sequence of str
     name : str or None
         Name of the objects; by default each is named after its text.
-    settings, detector_factory, sam_factory, emit, should_stop
+    settings, detector_factory, sam_factory, emit, should_stop, device
         As in `engine.objects.segment.segment_project`.
 
     Returns
@@ -179,7 +181,7 @@ def segment_texts(
     results = list(
         segment_each_text(
             project,
-            load_context(project, settings, sam_factory),
+            load_context(project, settings, sam_factory, device=device, emit=emit),
             {text: name or text for text in texts},
             settings,
             detector_factory=detector_factory,
@@ -206,6 +208,7 @@ def accept_candidate(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> list[ObjectRecord]:
     """Segment a candidate of a refused text that the user accepted.
 
@@ -217,7 +220,7 @@ def accept_candidate(
         Number of the candidate in `engine.objects.candidate_file.CANDIDATES`.
     name : str or None
         Name of the object; by default the text.
-    settings, detector_factory, sam_factory, emit, should_stop
+    settings, detector_factory, sam_factory, emit, should_stop, device
         As in `engine.objects.segment.segment_project`.
 
     Returns
@@ -233,7 +236,7 @@ def accept_candidate(
     """
     started = time.perf_counter()
     candidate = load_candidate(project.path, number)
-    context = load_context(project, settings, sam_factory)
+    context = load_context(project, settings, sam_factory, device=device, emit=emit)
     camera = camera_of_prompt(MaskPrompt(candidate.photo, candidate.mask), context.views.cameras)
     view = context.views.of(camera)
     evidence = MaskEvidence(view, view.from_photo(load_mask(candidate.mask, camera)), candidate.score)
@@ -263,6 +266,7 @@ def refine_object(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> ObjectRecord:
     """Correct a stored object by clicks; all other Gaussians keep their membership.
 
@@ -274,7 +278,7 @@ def refine_object(
         Name or id of the object.
     clicks, excluded : sequence of Point
         Clicks on what to add, and on what to remove. At least one in total.
-    settings, sam_factory, emit, should_stop
+    settings, sam_factory, emit, should_stop, device
         As in `engine.objects.segment.segment_project`.
 
     Returns
@@ -291,7 +295,7 @@ def refine_object(
         If a click hits no Gaussian, or nothing of the object would remain.
     """
     record = load_object(project.path, name)
-    context = load_context(project, settings, sam_factory)
+    context = load_context(project, settings, sam_factory, device=device, emit=emit)
     membership = load_fitting_membership(project.path, record, len(context.views.scene))
     before = int((membership >= record.threshold).sum())
     views = context.views
@@ -327,6 +331,7 @@ def choose_level(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> ObjectRecord:
     """Replace a stored object by another one of its levels.
 
@@ -338,7 +343,7 @@ def choose_level(
         Name or id of the object.
     level : int
         Index of the level; 0 is the smallest part.
-    settings, sam_factory, emit, should_stop
+    settings, sam_factory, emit, should_stop, device
         As in `engine.objects.segment.segment_project`. SAM is not called.
 
     Returns
@@ -358,7 +363,7 @@ def choose_level(
     if not record.levels:
         return record
     changed = replace(record, level=level, n_gaussians=int((levels[level] >= record.threshold).sum()))
-    views = load_context(project, settings, sam_factory).views
+    views = load_context(project, settings, sam_factory, device=device, emit=emit).views
     load_fitting_membership(project.path, record, len(views.scene))
     (polished,) = polish_each(views, [levels[level] >= record.threshold], settings, emit=emit, should_stop=should_stop)
     save_object(project.path, changed, levels[level], levels=list(levels), polished=polished)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
+from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
 from .candidates import THRESHOLD, overlap
 from .clustering import cluster_scene, vote_for_groups
@@ -234,6 +235,7 @@ def segment_everything_in(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> tuple[list[ObjectRecord], list[str], ObjectRecord]:
     """Store every object of a trained project that is not stored yet, and the background.
 
@@ -241,7 +243,7 @@ def segment_everything_in(
     ----------
     project : ProjectFolder
         A trained project, open for writing.
-    settings, detector_factory, sam_factory, emit, should_stop
+    settings, detector_factory, sam_factory, emit, should_stop, device
         As in `engine.objects.segment.segment_project`.
 
     Returns
@@ -261,7 +263,7 @@ def segment_everything_in(
         If a part of the project is missing or damaged.
     """
     started = time.perf_counter()
-    context = load_context(project, settings, sam_factory)
+    context = load_context(project, settings, sam_factory, device=device, emit=emit)
     found = find_everything(
         context, settings, detector_factory=detector_factory, emit=part_of(emit, 0, 2), should_stop=should_stop
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck
 from ..masks import mask_box
-from ..pictures import Scene
+from ..pictures import Backend, Scene
 from ..scene import Gaussians, PinholeCamera, Polished
 from ..training import Parameters, render
 from .settings import SegmentSettings
@@ -141,6 +141,8 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
         return None
     parameters = Parameters.from_gaussians(trained, sh_degree=trained.sh_degree, features=False)
     rates = {**_LEARNING_RATES, "means": _LEARNING_RATES["means"] * float(np.exp(np.median(trained.log_scales)))}
+    # Few Gaussians in small parts of views: a card would wait for copies in each step.
+    backend: Backend = "cpu" if views.scene.backend == "gpu" else views.scene.backend
     random = np.random.default_rng(0)
     order: list[int] = []
     for step in range(settings.polish_steps):
@@ -149,7 +151,7 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
         order = order or random.permutation(len(targets)).tolist()
         target = targets[order.pop()]
         parameters.track()
-        raster = render(parameters.values, target.camera, backend=views.scene.backend, sh_degree=trained.sh_degree)
+        raster = render(parameters.values, target.camera, backend=backend, sh_degree=trained.sh_degree)
         color = (raster.image - target.image).abs() * target.known[..., None]
         coverage = (1 - raster.transmittance - target.alpha).abs() * target.known
         (color.mean() + _COVERAGE_WEIGHT * coverage.mean()).backward()  # type: ignore[no-untyped-call]
@@ -164,8 +166,8 @@ def _targets(
 ) -> list[_Target]:
     low, high = np.percentile(trained.means, [2, 98], axis=0)
     occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
-    scene = Scene(_others_black(views.scene.gaussians, members), backend=views.scene.backend)
-    alone = Scene(trained, backend=views.scene.backend)
+    scene = views.scene.with_gaussians(_others_black(views.scene.gaussians, members))
+    alone = views.scene.with_gaussians(trained)
     targets = []
     for camera in spread_cameras(views.facing(np.median(trained.means, axis=0)), settings.n_vote_views):
         if should_stop():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
+from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
 from .candidate_file import remember_candidates
 from .candidates import THRESHOLD, Candidate, build_candidates, fit_of, overlap
@@ -327,6 +328,7 @@ def segment_project(
     sam_factory: SamFactory,
     emit: Emit,
     should_stop: StopCheck,
+    device: Device = PROCESSOR,
 ) -> list[ObjectRecord]:
     """Isolate the objects that `prompt` asks for in a trained project, and store each of them.
 
@@ -342,6 +344,8 @@ def segment_project(
         Called only when their model is needed.
     emit, should_stop
         See `engine.events`.
+    device : Device
+        See `load_context`.
 
     Returns
     -------
@@ -356,7 +360,7 @@ def segment_project(
         When a part of the project is missing or damaged.
     """
     started = time.perf_counter()
-    context = load_context(project, settings, sam_factory)
+    context = load_context(project, settings, sam_factory, device=device, emit=emit)
     request = ObjectRequest(describe_prompt(prompt), name, settings, started)
     return _find_and_store(
         project, context, prompt, request, detector_factory=detector_factory, emit=emit, should_stop=should_stop

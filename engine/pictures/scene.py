@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from ..errors import EnvironmentProblem
 from ..rasterizer import MAX_CHANNELS, rasterize
 from ..rasterizer.settings import Backend
 from ..scene import Gaussians, PinholeCamera
 
 if TYPE_CHECKING:
-    from ..rasterizer import CachedView
+    from ..rasterizer import CachedView, GpuScene
 
 __all__ = ["Backend", "Rendered", "Scene", "normalized"]
 
 Float32 = NDArray[np.float32]
+_Result = TypeVar("_Result")
 
 _CHANNELS_PER_PASS = MAX_CHANNELS - 3
 """Channels rendered in one pass, in addition to the three of a colour. More channels take several passes."""
@@ -57,12 +60,28 @@ class Scene:
     ----------
     gaussians : Gaussians
     backend : {"cpu", "gpu", "reference"}
-        Implementation of the rasterizer.
+        Implementation of the rasterizer. With ``gpu`` the Gaussians are copied to the graphics card once.
+    on_failure : callable, optional
+        Called with the reason when the graphics card fails or is too small. The scene then continues on the processor,
+        and `backend` is ``cpu``. Without it, the error is raised.
+
+    Raises
+    ------
+    EnvironmentProblem
+        By the methods, if there is no graphics card, it fails or is too small, and there is no `on_failure`.
     """
 
-    def __init__(self, gaussians: Gaussians, *, backend: Backend = "cpu") -> None:
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        *,
+        backend: Backend = "cpu",
+        on_failure: Callable[[EnvironmentProblem], None] | None = None,
+    ) -> None:
         self.gaussians = gaussians
         self.backend: Backend = backend
+        self._on_failure = on_failure
+        self._card: GpuScene | None = None
         self._means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
         self._quats = torch.from_numpy(np.ascontiguousarray(gaussians.quats))
         self._scales = torch.from_numpy(np.ascontiguousarray(gaussians.scales))
@@ -72,6 +91,10 @@ class Scene:
 
     def __len__(self) -> int:
         return len(self.gaussians)
+
+    def with_gaussians(self, gaussians: Gaussians) -> Scene:
+        """Return a scene of other Gaussians that is rendered in the same way."""
+        return Scene(gaussians, backend=self.backend, on_failure=self._on_failure)
 
     def render(
         self, camera: PinholeCamera, *, color: bool = False, channels: NDArray[np.floating] | None = None
@@ -90,6 +113,11 @@ class Scene:
         -------
         Rendered
         """
+        if self.backend == "gpu" and len(self):
+            given = None if channels is None else np.ascontiguousarray(channels, np.float32)
+            on_card = self._on_card(lambda card: card.render(camera, given, color=color))
+            if on_card is not None:
+                return Rendered(on_card[0], 1.0 - on_card[1])
         if channels is not None and channels.shape[1] > _CHANNELS_PER_PASS:
             blocks = (
                 slice(first, first + _CHANNELS_PER_PASS) for first in range(0, channels.shape[1], _CHANNELS_PER_PASS)
@@ -120,6 +148,10 @@ class Scene:
 
     def share(self, camera: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
         """Return the share of each pixel, [H, W], that the members, bool [N], contribute in the whole scene."""
+        if self.backend == "gpu" and len(self):
+            on_card = self._on_card(lambda card: card.share(camera, members))
+            if on_card is not None:
+                return on_card
         if self.backend == "cpu" and len(self):
             return self._cached_view(camera).share(members)
         return self.render(camera, channels=members.astype(np.float32)[:, None]).channels[..., 0]
@@ -145,11 +177,16 @@ class Scene:
         Notes
         -----
         An image C_p = sum_g w_pg c_g is linear in the channels c. The gradient of sum_p weights_p C_p with respect to
-        c_g is therefore the vote, and one backward pass of the rasterizer computes the votes of all sets. The ``cpu``
-        backend caches the projected and sorted Gaussians of a camera for further images and votes.
+        c_g is therefore the vote, and one backward pass of the rasterizer computes the votes of all sets. The
+        backend ``cpu`` caches the projected and sorted Gaussians of cameras for further images and votes, ``gpu`` those
+        of the last camera.
         """
         if len(self) == 0:
             return np.zeros((0, weights.shape[2]), np.float32)
+        if self.backend == "gpu":
+            on_card = self._on_card(lambda card: card.votes(camera, np.ascontiguousarray(weights, np.float32)))
+            if on_card is not None:
+                return on_card
         if weights.shape[2] > _CHANNELS_PER_PASS:
             firsts = range(0, weights.shape[2], _CHANNELS_PER_PASS)
             return np.hstack([self.votes(camera, weights[..., first : first + _CHANNELS_PER_PASS]) for first in firsts])
@@ -168,6 +205,22 @@ class Scene:
         raster.image.backward(torch.from_numpy(np.ascontiguousarray(weights, np.float32)))
         assert channels.grad is not None
         return channels.grad.numpy()
+
+    def _on_card(self, compute: Callable[[GpuScene], _Result]) -> _Result | None:
+        """Return what `compute` returns for the Gaussians on the graphics card; None if the processor takes over."""
+        from ..rasterizer import scene_on_card
+
+        try:
+            if self._card is None:
+                arrays = (self._means, self._quats, self._scales, self._opacities, self._sh)
+                self._card = scene_on_card(*(array.numpy() for array in arrays))
+            return compute(self._card)
+        except EnvironmentProblem as problem:
+            if self._on_failure is None:
+                raise
+            self._card, self.backend = None, "cpu"
+            self._on_failure(problem)
+            return None
 
     def _cached_view(self, camera: PinholeCamera) -> CachedView:
         """Return the projected and sorted Gaussians for `camera`, cached within `_MAX_CACHE_BYTES`."""

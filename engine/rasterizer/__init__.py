@@ -1,7 +1,8 @@
 """Differentiable rasterization of 3D Gaussians with any number of channels, with the loss and optimiser of training.
 
 `rasterize` takes Gaussians and a camera and returns a `Raster`. `photometric_loss` compares its image with a photo, and
-`adam_step` updates the parameters. `CachedView` renders the same Gaussians many times from one camera.
+`adam_step` updates the parameters. `CachedView` renders the same Gaussians many times from one camera, and `GpuScene` on
+a graphics card from any camera.
 """
 
 from __future__ import annotations
@@ -12,18 +13,21 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .adam import AdamState, adam_step
-    from .api import rasterize
+    from .api import rasterize, scene_on_card
     from .cached_view import CachedView
     from .compilation import compile_kernels
     from .devices import (
+        PROCESSOR,
         Card,
         Device,
         Wanted,
         choose_device,
+        choose_objects_device,
         choose_training_device,
         device_words,
         fallback,
         look_for_card,
+        run_on,
         training_stopped,
     )
     from .gpu import (
@@ -31,6 +35,7 @@ if TYPE_CHECKING:
         Dropout,
         GpuExposures,
         GpuParameters,
+        GpuScene,
         GpuTrainer,
         NeighbourSample,
         PaperSample,
@@ -46,6 +51,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAX_CHANNELS",
+    "PROCESSOR",
     "AdamState",
     "CachedView",
     "Card",
@@ -55,6 +61,7 @@ __all__ = [
     "Dropout",
     "GpuExposures",
     "GpuParameters",
+    "GpuScene",
     "GpuTrainer",
     "NeighbourSample",
     "PaperSample",
@@ -66,6 +73,7 @@ __all__ = [
     "adam_step",
     "cache_folder",
     "choose_device",
+    "choose_objects_device",
     "choose_training_device",
     "compile_kernels",
     "device_words",
@@ -76,6 +84,8 @@ __all__ = [
     "project_centres",
     "project_covariances",
     "rasterize",
+    "run_on",
+    "scene_on_card",
     "ssim",
     "training_stopped",
 ]

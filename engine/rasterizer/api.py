@@ -1,17 +1,22 @@
-"""The function `rasterize`, which checks its arguments and calls a backend. All backends give the same image."""
+"""`rasterize` checks its arguments and calls a backend, all of which give the same image; `scene_on_card` keeps Gaussians."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from ..scene import PinholeCamera
 from .raster import Raster, RasterInputs, check_camera, check_finite
 from .settings import MAX_CHANNELS, Backend, RasterSettings
 
-__all__ = ["rasterize"]
+if TYPE_CHECKING:
+    from .gpu import GpuScene
+
+__all__ = ["rasterize", "scene_on_card"]
 
 
 def rasterize(
@@ -109,6 +114,25 @@ def rasterize(
                 check_finite(name, value)
         return rasterize_reference(inputs)
     raise ValueError(f"backend must be 'cpu', 'gpu' or 'reference', got {backend!r}")
+
+
+def scene_on_card(
+    means: NDArray[np.float32],
+    quats: NDArray[np.float32],
+    scales: NDArray[np.float32],
+    opacities: NDArray[np.float32],
+    sh: NDArray[np.float32],
+) -> GpuScene:
+    """Copy Gaussians, arrays as in `rasterize`, to the card that its backend ``gpu`` uses, for many pictures and votes.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If there is no card, it fails the self-test, or the Gaussians do not fit.
+    """
+    from .gpu import GpuScene, open_gpu
+
+    return GpuScene(open_gpu(), means, quats, scales, opacities, sh)
 
 
 def _check_shapes(

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal, TypeVar
 
 from ..child_process import ChildFailure, run_in_child
 from ..errors import EnvironmentProblem
 from ..machine import card_memory
 
 __all__ = [
+    "PROCESSOR",
     "Card",
     "CardFindings",
     "Device",
     "Wanted",
     "choose_device",
+    "choose_objects_device",
     "choose_training_device",
     "describe_cards",
     "device_words",
     "fallback",
     "look_for_card",
+    "run_on",
     "training_stopped",
 ]
+
+_Result = TypeVar("_Result")
 
 Wanted = Literal["auto", "cpu", "gpu"]
 
@@ -93,12 +99,18 @@ class Device:
         Why the card is not used, empty if it is or nobody asked for it.
     card : Card or None
         Known where training chose it.
+    required : bool
+        Whether the user asked for the card, so that the processor does not replace it when it fails.
     """
 
     backend: Literal["cpu", "gpu"]
     name: str
     reason: str = ""
     card: Card | None = None
+    required: bool = False
+
+
+PROCESSOR = Device("cpu", "cpu")
 
 
 def choose_device(wanted: Wanted) -> Device:
@@ -115,7 +127,7 @@ def choose_device(wanted: Wanted) -> Device:
         If ``gpu`` is wanted, and there is no card or it fails the self-test.
     """
     if wanted == "cpu":
-        return Device("cpu", "cpu")
+        return PROCESSOR
     from .gpu import open_gpu
 
     try:
@@ -124,7 +136,7 @@ def choose_device(wanted: Wanted) -> Device:
         if wanted == "gpu":
             raise
         return fallback(problem)
-    return Device("gpu", f"{gpu.name} ({gpu.backend})")
+    return Device("gpu", f"{gpu.name} ({gpu.backend})", required=wanted == "gpu")
 
 
 def choose_training_device(wanted: Wanted) -> Device:
@@ -140,14 +152,51 @@ def choose_training_device(wanted: Wanted) -> Device:
     EnvironmentProblem
         If ``gpu`` is wanted, and there is no card or it fails the self-test.
     """
+    return _choose_safely(wanted, advice="train with --device cpu")
+
+
+def choose_objects_device(wanted: Wanted) -> Device:
+    """Return the device to isolate objects and to write reports on. As for training, a driver may crash or hang.
+
+    Parameters
+    ----------
+    wanted : {"auto", "cpu", "gpu"}
+        See `choose_device`.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If ``gpu`` is wanted, and there is no card or it fails the self-test.
+    """
+    return replace(_choose_safely(wanted, advice="use --device cpu"), required=wanted == "gpu")
+
+
+def _choose_safely(wanted: Wanted, *, advice: str) -> Device:
     if wanted == "cpu":
-        return Device("cpu", "cpu")
+        return PROCESSOR
     findings = look_for_card()
     if findings.card is not None:
         return Device("gpu", findings.card.label, card=findings.card)
     if wanted == "gpu":
-        raise EnvironmentProblem(f"{findings.reason}; train with --device cpu.")
+        raise EnvironmentProblem(f"{findings.reason}; {advice}.")
     return Device("cpu", "cpu", findings.reason)
+
+
+def run_on(device: Device, compute: Callable[[Device], _Result]) -> tuple[_Result, Device]:
+    """Return what `compute` returns on a device, or on the processor if the card fails, and the device that did it.
+
+    Raises
+    ------
+    EnvironmentProblem
+        If it fails on the processor, or on the card that the user asked for.
+    """
+    try:
+        return compute(device), device
+    except EnvironmentProblem as problem:
+        if device.backend == "cpu" or device.required:
+            raise
+        device = fallback(problem)
+        return compute(device), device
 
 
 def fallback(problem: EnvironmentProblem) -> Device:

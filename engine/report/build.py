@@ -49,7 +49,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
     ----------
     project : ProjectFolder
         Held for writing. Stages that are not done are missing in the report too.
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
         Rasterizer of the pictures.
 
     Returns

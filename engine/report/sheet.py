@@ -42,7 +42,7 @@ def render_alone(
     camera : PinholeCamera
     background : sequence of 3 floats
         sRGB in [0, 1].
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
 
     Notes
     -----

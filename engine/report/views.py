@@ -80,7 +80,7 @@ def photo_pair(
     gaussians : Gaussians
     coverage : Coverage
         Of the training photos.
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
 
     Raises
     ------
@@ -117,7 +117,7 @@ def best_seen_from(scene: Scene, members: Sequence[NDArray[np.bool_]], cameras: 
         when the visible share of the object, which other Gaussians and the picture's border reduce, is at least nine
         tenths of the largest. Empty for an object that no picture shows.
     """
-    alone_in = [Scene(scene.gaussians[one], backend=scene.backend) for one in members]
+    alone_in = [scene.with_gaussians(scene.gaussians[one]) for one in members]
     candidates: list[set[str]] = []
     for one in alone_in:
         middle = np.median(one.gaussians.means, axis=0) if len(one) else None
@@ -227,7 +227,7 @@ def measure_feature_agreement(
     gaussians : Gaussians
     views : sequence of (Camera, int32 array of shape [h, w])
         Test photos with their label maps.
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
     seed : int
         Random seed of the random features.
 

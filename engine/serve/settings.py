@@ -32,7 +32,7 @@ class ServeSettings:
         Address of a Dask scheduler whose workers do the jobs; they share the data folder, by the same path. Empty: one
         job at a time on this computer.
     device : {"auto", "cpu", "gpu"}
-        What jobs train on, see ``reconstruct --device``.
+        What jobs train and render on, see ``reconstruct --device``.
     max_photo_bytes, max_video_bytes, max_user_bytes : int
         Largest photo, largest video, and all files that a user has uploaded.
     max_photos : int

@@ -39,7 +39,7 @@ class Coverage:
         Trained Gaussians, as in `Parameters.values`.
     cameras : sequence of PinholeCamera
         Of the training photos.
-    backend : {"cpu", "reference"}
+    backend : {"cpu", "gpu", "reference"}
     """
 
     def __init__(

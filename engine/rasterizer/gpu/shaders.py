@@ -47,6 +47,7 @@ KERNELS = {
     "blend": ("cover", "tile", "blend"),
     "blend_backward": ("cover", "blend_backward"),
     "sum_pairs": ("sum_pairs",),
+    "sum_votes": ("sum_votes",),
     "project_backward": ("ellipse", "project_backward"),
     "colors_backward": ("sh", "colors_backward"),
     "similarity": ("loss", "window", "tree_sum", "similarity"),

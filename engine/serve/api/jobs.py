@@ -85,8 +85,9 @@ def continue_job(job_id: str, project: CurrentProject, request: Request) -> dict
 def _reconstruction(project: WebProject, wanted: Reconstruction, settings: ServeSettings) -> list[str]:
     if not project.photo_names():
         raise ProjectError("Upload photos first.")
-    device = [f"--device={settings.device}"] if settings.device != "auto" else []
-    return ["reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *device]
+    return [
+        "reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *_device(settings)
+    ]  # fmt: skip
 
 
 def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSettings) -> list[str]:
@@ -97,7 +98,11 @@ def _segmentation(project: WebProject, wanted: Segmentation, settings: ServeSett
         raise SettingsError("Give exactly one of prompt, clicks, find_all, background and accept.")
     if len(wanted.prompt) > settings.max_prompt or len(wanted.clicks) > settings.max_clicks:
         raise PromptError(f"A prompt has at most {settings.max_prompt} characters or {settings.max_clicks} clicks.")
-    return ["segment", str(project.project), *_prompt(project, wanted)]
+    return ["segment", str(project.project), *_prompt(project, wanted), *_device(settings)]
+
+
+def _device(settings: ServeSettings) -> list[str]:
+    return [f"--device={settings.device}"] if settings.device != "auto" else []
 
 
 def _prompt(project: WebProject, wanted: Segmentation) -> list[str]:

@@ -25,17 +25,6 @@ def scene(blobs: BlobScene, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def card(monkeypatch: pytest.MonkeyPatch) -> gpu_backend.Gpu:
-    """Let `render` and `doctor` take a software adapter for a graphics card."""
-    try:
-        gpu = open_gpu(software=True)
-    except EnvironmentProblem as problem:
-        pytest.skip(f"no adapter for the gpu backend: {problem}")
-    monkeypatch.setattr(gpu_backend, "open_gpu", lambda: gpu)
-    return gpu
-
-
-@pytest.fixture
 def no_card(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse() -> None:
         raise EnvironmentProblem(f"{SENTENCE}; use the CPU.")
@@ -86,7 +75,7 @@ def test_picture_too_large_for_the_card_says_what_to_lower(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("engine.rasterizer.gpu.frame.free_memory", lambda: 500_000)
+    monkeypatch.setattr("engine.rasterizer.gpu.workspace.free_memory", lambda: 100_000)
     answer = render(capsys, scene, tmp_path / "out.png", "--device", "gpu")
     assert "160 x 120 pixels needs" in answer.error and "render a smaller picture" in answer.error
     (finished,) = render(capsys, scene, tmp_path / "out.png").of_kind("finished")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from engine.objects.storage import list_objects
+from engine.objects.storage import list_objects, load_membership
+from engine.rasterizer.gpu import Gpu
 from tests.engine.command_line import call
 from tests.engine.models.weights import fetched
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
@@ -37,7 +38,7 @@ def test_any_name_is_kept_and_found_again_in_a_folder_every_system_takes(
 ) -> None:
     answer = call(capsys, "segment", scene, "--mask", blue, "--name", name)
     assert answer.code == 0
-    assert answer.of_kind("finished")[0]["outputs"] == {"objects": [folder]}
+    assert answer.of_kind("finished")[0]["outputs"] == {"objects": [folder], "device": "cpu"}
     assert [path.name for path in (scene / "objects").iterdir()] == [folder]
     (record,) = list_objects(scene)
     assert record.name == (name or "object")
@@ -127,7 +128,7 @@ def test_object_is_clicked_together_and_corrected(
     assert call(capsys, "segment", scene, *clicks, "--name", "pair").code == 0
     (before,) = list_objects(scene)
     answer = call(capsys, "segment", scene, "--refine", "pair", "--not", at(BLUE, "view_4.png"))
-    assert answer.of_kind("finished")[0]["outputs"] == {"objects": ["pair"]}
+    assert answer.of_kind("finished")[0]["outputs"] == {"objects": ["pair"], "device": "cpu"}
     (after,) = list_objects(scene)
     assert 0.4 * before.n_gaussians < after.n_gaussians < 0.6 * before.n_gaussians
     assert "only one level" in call(capsys, "segment", scene, "--refine", "pair", "--level", "3").error
@@ -162,3 +163,29 @@ def test_options_that_do_not_go_together_say_so(
 ) -> None:
     answer = call(capsys, "segment", scene, *given)
     assert answer.code == 2 and message in answer.error
+
+
+@pytest.mark.usefixtures("knowing")
+def test_object_is_the_same_on_a_graphics_card_and_on_the_processor(
+    card: Gpu, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    x, y = blobs.center_of(BLUE, "view_1.png")
+    members = []
+    for device in ("auto", "cpu"):
+        project = trained_project(blobs, tmp_path / device).path
+        answer = call(capsys, "segment", project, "--click", f"view_1.png={x:g},{y:g}", "--device", device)
+        name = f"{card.name} ({card.backend})" if device == "auto" else "cpu"
+        assert answer.of_kind("finished")[0]["outputs"] == {"objects": ["object"], "device": name}
+        told = [event["message"] for event in answer.of_kind("progress") if "rendering on" in event["message"]]
+        assert told == ([f"rendering on {name}"] if device == "auto" else [])
+        members.append(load_membership(project, "object") >= 0.5)
+    # Votes differ by rounding; a Gaussian whose votes are balanced may fall on either side of one half.
+    assert members[1].any() and np.mean(members[0] == members[1]) >= 0.999
+
+
+def test_card_that_is_demanded_and_missing_is_one_sentence(
+    scene: Path, blue: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = call(capsys, "segment", scene, "--mask", blue, "--device", "gpu")
+    assert answer.error == "tests use no graphics card; use --device cpu."
+    assert list_objects(scene) == []

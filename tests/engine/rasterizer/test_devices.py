@@ -1,4 +1,4 @@
-"""Which device trains: a card that passed its self-test in a process of its own, else the processor with the reason."""
+"""Which device is used: a card that passed its self-test in another process, else the processor with the reason."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import pytest
 from engine.child_process import ChildFailure
 from engine.errors import EnvironmentProblem
 from engine.rasterizer.devices import (
+    PROCESSOR,
     Device,
+    choose_objects_device,
     choose_training_device,
     describe_cards,
     device_words,
+    run_on,
     training_stopped,
 )
 
@@ -102,3 +105,26 @@ def test_training_that_the_card_ends_says_how_to_continue() -> None:
     other = EnvironmentProblem("The memory of this machine is full. Close other programs.")
     assert training_stopped(device, other) is other
     assert training_stopped(Device("cpu", "cpu"), full) is full
+
+
+def test_card_for_objects_is_required_only_if_the_user_asked_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer(monkeypatch, CARD)
+    assert not choose_objects_device("auto").required and choose_objects_device("gpu").required
+    assert choose_objects_device("cpu") == PROCESSOR
+    answer(monkeypatch, None, NO_CARD)
+    assert choose_objects_device("auto") == Device("cpu", "cpu", NO_CARD)
+    with pytest.raises(EnvironmentProblem, match=f"{NO_CARD}; use --device cpu"):
+        choose_objects_device("gpu")
+
+
+def test_processor_replaces_a_card_that_fails_unless_the_user_asked_for_it() -> None:
+    def compute(device: Device) -> str:
+        if device.backend == "gpu":
+            raise EnvironmentProblem("the memory of the graphics card Card is full; use the CPU.")
+        return "picture"
+
+    device = Device("cpu", "cpu", "the memory of the graphics card Card is full")
+    assert run_on(Device("gpu", "Card"), compute) == ("picture", device)
+    assert run_on(PROCESSOR, compute) == ("picture", PROCESSOR)
+    with pytest.raises(EnvironmentProblem, match="is full"):
+        run_on(Device("gpu", "Card", required=True), compute)

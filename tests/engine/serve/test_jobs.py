@@ -269,6 +269,18 @@ def test_prompts_become_arguments(client: Client, project: str, wanted: dict[str
     assert written == ["segment", str(client.folder(project) / "project"), *words, "--events"]
 
 
+def test_server_that_is_told_what_to_render_on_tells_the_engine(client: Client, project: str) -> None:
+    state = client.http.app.state  # type: ignore[attr-defined]
+    state.server = replace(state.server, settings=replace(state.server.settings, device="gpu"))
+    scene = client.folder(project) / "project" / "gaussians"
+    scene.mkdir(parents=True)
+    (scene / "scene.ply").touch()
+    client.http.post(f"{API}/projects/{project}/jobs", json={"kind": "segment", "find_all": True})
+    client.wait_for_job(project, "finished")
+    words = json.loads((client.folder(project) / "project" / "words.json").read_text())
+    assert words[-3:] == ["--all", "--device=gpu", "--events"]
+
+
 @pytest.mark.parametrize(
     "wanted",
     [

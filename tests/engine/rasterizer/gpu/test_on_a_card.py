@@ -19,6 +19,13 @@ from .test_gpu_against_reference import (  # noqa: F401
     test_more_pairs_than_the_buffers_hold_grow_them,
     test_two_runs_give_the_same_bits,
 )
+from .test_gpu_scene import (  # noqa: F401
+    test_more_pairs_than_the_buffers_hold_grow_them as test_more_pairs_of_a_scene_grow_its_buffers,
+)
+from .test_gpu_scene import (  # noqa: F401
+    test_pictures_are_those_of_the_processor,
+    test_votes_are_those_of_the_processor_and_repeat_their_bits,
+)
 from .test_gpu_stability import gpu_for_cpu, test_case_ends_as_expected  # noqa: F401
 
 pytestmark = pytest.mark.gpu
