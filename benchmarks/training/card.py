@@ -12,6 +12,7 @@ example: python -m benchmarks.training.card prepare --sets museum_room --sides 6
 from __future__ import annotations
 
 import argparse
+import ast
 import statistics
 import sys
 import tempfile
@@ -82,7 +83,7 @@ def _train(options: argparse.Namespace) -> None:
         cameras, views = read_views(file)
         for run in options.runs.split(","):
             for seed in map(int, options.seeds.split(",")):
-                out = results / f"{file.stem}-{run.replace(':', '_')}-{seed}.json"
+                out = results / f"{file.stem}-{run.replace(':', '_').replace('=', '_')}-{seed}.json"
                 if out.exists():
                     continue
                 settings = _settings(run, seed, views, options.backend)
@@ -110,13 +111,14 @@ def _settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) 
     settings = settings.changed(
         seed=seed, steps=int(steps), max_gaussians=int(gaussians), backend=backend, max_side=4096
     )
-    changes: dict[str, Any] = {}
-    for other in others:
-        name, value = other.split("=")
-        changes[name] = (
-            value in ("True",) if value in ("True", "False") else float(value) if "." in value else int(value)
-        )
-    return settings.changed(**changes)
+    return settings.changed(**{name: _value(text) for name, text in (other.split("=") for other in others)})
+
+
+def _value(text: str) -> Any:
+    try:
+        return ast.literal_eval(text)
+    except ValueError:  # a word
+        return text
 
 
 def _run(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
