@@ -107,9 +107,9 @@ class Frame(Workspace):
         """Set the number of Gaussians, up to the room of the buffers."""
         self.size = replace(self.size, n=n)
         if n > REMEASURED * self._n_measured:
-            self._n_measured = n
             for run in self._runs_by_gaussian():
-                run.forget()
+                run.grow(n / self._n_measured)
+            self._n_measured = n
 
     def _runs_by_gaussian(self) -> list[Submissions]:
         """Return the lists of dispatches whose time grows with the number of Gaussians."""

@@ -470,7 +470,8 @@ class GpuTrainer:
         """
         with_features = with_features and self.parameters.n_features > 0
         if not self._frames:
-            largest = max((photo.camera for photo in self._photos.values()), key=lambda one: one.width * one.height)
+            cameras = [camera, *(photo.camera for photo in self._photos.values())]
+            largest = max(cameras, key=lambda one: one.width * one.height)
             self._make_frame(largest, with_features=self.parameters.n_features > 0)
         if (camera.width, camera.height, with_features) not in self._frames:
             self._make_frame(camera, with_features=with_features)

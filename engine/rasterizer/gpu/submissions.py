@@ -111,9 +111,13 @@ class Submissions:
         self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
         self._batches = self.batches()
 
-    def forget(self) -> None:
-        """Measure again in the next run, because the work has grown."""
-        self.seconds = []
+    def grow(self, factor: float) -> None:
+        """Expect `factor` times the work: measure again in the next run, unless it stays far below the limit."""
+        if sum(self.seconds) * factor > FILL * LIMIT_S / 10:
+            self.seconds = []
+        else:
+            self.seconds = [factor * one for one in self.seconds]
+            self._batches = self.batches() if self.seconds else []
 
     def batches(self) -> list[tuple[float, list[Dispatch]]]:
         """Return the time and the dispatches of each submission, by the measured times."""

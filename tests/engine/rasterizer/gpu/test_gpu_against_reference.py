@@ -8,6 +8,7 @@ import torch
 from engine.errors import EnvironmentProblem
 from engine.rasterizer.gpu import Gpu
 from engine.rasterizer.gpu import self_test as gpu_self_test
+from engine.rasterizer.settings import ALPHA_MIN
 
 from ..scenes import Scene, camera, gradients, random_scene
 from ..test_cpu_against_reference import relative_errors
@@ -38,8 +39,8 @@ def agrees_with_reference(scene: Scene, detached: bool) -> None:
     for name, gradient in found.items():
         errors = relative_errors(gradient, expected[name])
         assert float(errors.median()) <= 1e-5, name
-        # A pair on the threshold of alpha changes all Gaussians behind it in that pixel.
-        assert float(errors.quantile(0.98)) <= 1e-3, name
+        # A pair on the threshold of alpha, 1/255, changes those behind it in that pixel by as much.
+        assert float(errors.quantile(0.95)) <= 1e-3 and float(errors.quantile(0.98)) <= ALPHA_MIN, name
 
 
 def agrees_with_cpu(n: int, width: int, height: int) -> None:

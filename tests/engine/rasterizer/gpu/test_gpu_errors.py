@@ -10,6 +10,7 @@ from engine.errors import NumericalError
 from engine.rasterizer.gpu import Gpu, GpuExposures, GpuParameters, GpuTrainer, StepPlan
 from engine.rasterizer.settings import StepSettings
 from engine.training.densify import gaussian_errors
+from engine.training.held_out import render_picture
 from engine.training.views import Level
 
 from ..scenes import camera
@@ -73,3 +74,13 @@ def test_errors_with_a_value_that_is_not_finite_are_refused(opened_gpu: Gpu) -> 
     trainer.add_photo(VIEWS[0], photo(VIEWS[0]))
     with pytest.raises(NumericalError, match="`sh_dc` is not finite in 1 of 250 rows"):
         trainer.gaussian_errors([0], 3)
+
+
+def test_pictures_of_the_trainer_are_those_of_the_processor_also_without_photos(opened_gpu: Gpu) -> None:
+    trainer = new_trainer(opened_gpu, 3, capacity=64)  # fewer pairs than are needed
+    for number in range(len(VIEWS)):
+        trainer.free_photo(number)
+    values, view = start(n_features=3).values, camera(50, 40)
+    expected = render_picture(values, Level(view, photo(view), None, None), backend="cpu", sh_degree=2)
+    difference = np.abs(trainer.render(view, 2).clip(0, 1) - expected.numpy())
+    assert np.quantile(difference, 0.999) <= 1e-5  # single pixels lie on thresholds

@@ -84,3 +84,12 @@ def test_split_submissions_give_the_bits_of_one(opened_gpu: Gpu, monkeypatch: py
     assert counted_split[1] > 20
     for measured, whole, parts in zip(first, one, split, strict=True):
         assert np.array_equal(measured, whole) and np.array_equal(parts, whole)
+
+
+def test_grown_work_is_measured_again_only_if_it_may_take_long(opened_gpu: Gpu) -> None:
+    run = Submissions(opened_gpu, [dispatch(10), dispatch(20)], None)
+    run.seconds = [1e-4, 2e-4]
+    run.grow(2.0)
+    assert run.seconds == [2e-4, 4e-4]
+    run.grow(100.0)
+    assert run.seconds == []
