@@ -87,8 +87,7 @@ def choose_sizes(
         values = {"sh_degree": training.appearance.sh_degree, "width": width, "height": height}
         return training, {**values, "features": features, "n_photos": n_photos}
 
-    memory_is_known = card.memory is not None
-    unbounded = sizes_on_card(preset, _UNBOUNDED, memory_is_known=memory_is_known)
+    unbounded = sizes_on_card(preset, _UNBOUNDED)
     _, scene = on_card(unbounded if kept is None else kept)
     room = gaussians_that_fit(
         own_memory=card.memory,
@@ -96,7 +95,7 @@ def choose_sizes(
         max_buffer_bytes=card.max_buffer_bytes,
         **scene,
     )
-    chosen = sizes_on_card(preset, room, memory_is_known=memory_is_known)
+    chosen = sizes_on_card(preset, room)
     sizes = chosen if kept is None else kept
     needed = PRESETS[preset].growth.max_gaussians if kept is None else on_card(kept)[0].growth.max_gaussians
     if room < needed:

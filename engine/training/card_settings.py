@@ -1,6 +1,6 @@
 """What a graphics card changes in the settings: it affords more Gaussians and pixels. Standard library only.
 
-The numbers are provisional: no card was measured for them yet. They are written here and nowhere else.
+More Gaussians than these were measured to be worse on photo sets that do not determine them, see docs/gpu.md.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ __all__ = ["CARD_SIZES", "CardSizes", "key_values", "settings_with_sizes", "size
 _ROUNDED_TO = 10_000  # by definition
 """Numbers of Gaussians that memory decides are multiples of this."""
 
-
-_GROWTHS, _GROW_FACTOR = 140, 1.12  # chosen on museum_room
+_GROWTHS, _GROW_FACTOR = 60, 1.12  # chosen on museum_room
 """Intervals of growth in a run, and the factor of each. The processor decides where to grow, while the card waits."""
 
 
@@ -31,28 +30,24 @@ class CardSizes:
     steps, rounds, max_side : int
         See `ScheduleSettings`.
     max_gaussians : int
-        Largest number of Gaussians.
-    most_gaussians : int
-        The same on a card whose memory is known and holds so many.
+        Largest number of Gaussians, on a card that holds so many.
     """
 
     steps: int
     rounds: int
     max_side: int
     max_gaussians: int
-    most_gaussians: int
 
 
 CARD_SIZES: dict[str, CardSizes] = {
-    "preview": CardSizes(1_500, 0, 1_600, 60_000, 60_000),  # by definition
-    # All steps from 42 training photos on, those of the museum room.
-    "standard": CardSizes(7_000, 168, 1_600, 300_000, 300_000),  # by definition
-    "best": CardSizes(30_000, 720, 1_600, 1_000_000, 3_000_000),  # by definition
+    "preview": CardSizes(1_500, 0, 1_600, 40_000),  # by definition
+    "standard": CardSizes(3_000, 72, 1_600, 100_000),  # chosen on museum_room, sakharov_statue32, banana16
+    "best": CardSizes(12_000, 72, 1_600, 300_000),  # chosen on museum_room
 }
 """By the name of the preset. Presets that are not named here have their own sizes on a card too."""
 
 
-def sizes_on_card(preset: str, room: int, *, memory_is_known: bool) -> dict[str, int]:
+def sizes_on_card(preset: str, room: int) -> dict[str, int]:
     """Return the settings that a preset has on a card in place of its own, by name; empty for none.
 
     Parameters
@@ -60,14 +55,13 @@ def sizes_on_card(preset: str, room: int, *, memory_is_known: bool) -> dict[str,
     preset : str
     room : int
         Number of Gaussians that the card holds beside the photos.
-    memory_is_known : bool
-        Whether that comes from the size of its memory.
     """
     sizes = CARD_SIZES.get(preset)
     if sizes is None:
         return {}
-    wanted = sizes.most_gaussians if memory_is_known else sizes.max_gaussians
-    n = wanted if room >= wanted else max(PRESETS[preset].growth.max_gaussians, room // _ROUNDED_TO * _ROUNDED_TO)
+    n = sizes.max_gaussians
+    if room < n:
+        n = max(PRESETS[preset].growth.max_gaussians, room // _ROUNDED_TO * _ROUNDED_TO)
     return {"steps": sizes.steps, "rounds": sizes.rounds, "max_side": sizes.max_side, "max_gaussians": n}
 
 

@@ -60,7 +60,7 @@ def computer(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: py
     made = Computer([*command, "--cameras", cameras], scene, capsys)
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", made.find)
     monkeypatch.setattr("engine.training.train", made.train_here)
-    monkeypatch.setitem(CARD_SIZES, "test", CardSizes(50, 0, 48, 500, 500))
+    monkeypatch.setitem(CARD_SIZES, "test", CardSizes(50, 0, 48, 500))
     return made
 
 
