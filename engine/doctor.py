@@ -33,7 +33,7 @@ _REQUIRED_PACKAGES = {
 }
 _MIN_FREE_GB = 2.0
 _CARD_SECONDS = 60.0
-"""For the self-test of the graphics card, which takes one or two."""
+"""For each self-test of the graphics card, which takes one or two."""
 _CARD_BYTES = 1 << 46
 """Address space for it: drivers reserve much more than they use."""
 
@@ -71,7 +71,7 @@ def examine() -> list[Check]:
     checks = [_python()]
     checks += [_package(module, distribution) for module, distribution in _REQUIRED_PACKAGES.items()]
     if all(check.ok for check in checks):
-        checks += [_gpu(), *_models()]
+        checks += [_gpu(), _encoding(), *_models()]
     checks += [_heic(), _npm(), _disk(), _machine()]
     return checks
 
@@ -104,6 +104,17 @@ def _gpu() -> Check:
         usable, found = False, f"{str(failure).rstrip('.')}; update its driver"
     uses = "`render` uses it, training uses the CPU" if usable else "pictures and training use the CPU"
     return Check("graphics card", usable, False, f"{found}; {uses}")
+
+
+def _encoding() -> Check:
+    try:
+        usable, found = run_in_child(
+            "masks.encoder:describe_encoding", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
+            what="encoding a photo on the graphics card",
+        )  # fmt: skip
+    except ChildFailure as failure:
+        usable, found = False, f"{str(failure).rstrip('.')}; update its driver"
+    return Check("segments", usable, False, found.rstrip("."))
 
 
 def _models() -> list[Check]:

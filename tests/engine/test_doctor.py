@@ -73,6 +73,18 @@ def test_card_whose_driver_crashes_or_hangs_is_one_of_the_checks(monkeypatch: py
     assert check.detail.startswith("Testing the graphics card crashed (SIGSEGV); update its driver; ")
 
 
+def test_what_encodes_photos_is_one_of_the_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    check = doctor._encoding()
+    assert check.ok or check.detail.startswith("Photos are encoded on the CPU: ")
+
+    def crash(*_: object, **__: object) -> None:
+        raise ChildFailure("Encoding a photo on the graphics card crashed (SIGSEGV).", "crash")
+
+    monkeypatch.setattr(doctor, "run_in_child", crash)
+    check = doctor._encoding()
+    assert not check.ok and not check.required and "crashed (SIGSEGV); update its driver" in check.detail
+
+
 def test_card_is_looked_for_in_a_process_of_its_own() -> None:
     check = doctor._gpu()
     assert check.ok or "none with Vulkan" in check.detail or "not used" in check.detail
