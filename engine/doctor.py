@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from .child_process import ChildFailure, run_in_child
 from .errors import EnvironmentProblem, HeritageError
 
 __all__ = ["Check", "examine", "missing_package"]
@@ -31,6 +32,10 @@ _REQUIRED_PACKAGES = {
     "platformdirs": "platformdirs",
 }
 _MIN_FREE_GB = 2.0
+_CARD_SECONDS = 60.0
+"""For the encoding of a photo on the graphics card, which takes one or two."""
+_CARD_BYTES = 1 << 46
+"""Address space for it: drivers reserve much more than they use."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,7 @@ def examine() -> list[Check]:
     checks = [_python()]
     checks += [_package(module, distribution) for module, distribution in _REQUIRED_PACKAGES.items()]
     if all(check.ok for check in checks):
-        checks += [_gpu(), *_models()]
+        checks += [_gpu(), _encoding(), *_models()]
     checks += [_heic(), _npm(), _disk(), _machine()]
     return checks
 
@@ -94,6 +99,17 @@ def _gpu() -> Check:
     findings = look_for_card()
     uses = "`render` and training use it" if findings.card is not None else "pictures and training use the CPU"
     return Check("graphics card", findings.card is not None, False, f"{findings.found}; {uses}")
+
+
+def _encoding() -> Check:
+    try:
+        usable, found = run_in_child(
+            "masks.encoder:describe_encoding", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
+            what="encoding a photo on the graphics card",
+        )  # fmt: skip
+    except ChildFailure as failure:
+        usable, found = False, f"{str(failure).rstrip('.')}; update its driver"
+    return Check("segments", usable, False, found.rstrip("."))
 
 
 def _models() -> list[Check]:

@@ -18,7 +18,7 @@ from .cameras.settings import CameraSettings
 from .errors import EnvironmentProblem, FormatError, ProjectError
 from .events import Progress, Warned
 from .files import delete_derived, file_sha256, read_json, record_of, write_json
-from .masks.settings import MaskSettings
+from .masks.settings import SAM_MODELS, MaskSettings
 from .objects_stage import forget_found_objects, objects_stage
 from .photos import PhotoStatistics
 from .photos.settings import PhotoSettings
@@ -189,7 +189,9 @@ def masks_stage(
         from .masks import load_sam, make_masks
 
         start = time.perf_counter()
-        sam = load_sam(settings.model)
+        # The default model takes as long for the clicks of a photo as for encoding the next, which runs beside them;
+        # the encoders of the others take longer.
+        sam = load_sam(settings.model, threads=1 if settings.model == SAM_MODELS[0] else 2)
         # Label maps are replaced one by one.
         runner.before_replacing_outputs("masks")
         made = make_masks(

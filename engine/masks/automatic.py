@@ -9,6 +9,7 @@ available for comparison (`engine.masks.generator`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import StopCheck, never_stop
 from .generator import CANCELLED_MESSAGE, generate_grid_masks, stability_score
-from .mask_geometry import mask_iou
+from .mask_geometry import mask_box, mask_iou
 from .sam import INPUT_SIDE, LOW_RES_SIDE, Embedding, SegmentAnything, photo_logits
 from .settings import MaskSettings
 
@@ -31,6 +32,8 @@ Mask = NDArray[np.bool_]
 _MIN_CLICK_DISTANCE = 6
 # Uncovered areas whose largest inscribed circle has a smaller radius (low-resolution pixels) are gaps between masks.
 _MIN_FREE_RADIUS = 2.5
+# Points of the coarse grid at which a mask has at least this logit are not clicked: most give that mask again.
+_CONFIDENT_LOGIT = 6.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 
 
 @dataclass
@@ -112,7 +115,7 @@ def _search(
             break
         cv2.circle(tried, click, _MIN_CLICK_DISTANCE, 1, -1)
         point = (np.array(click) + 0.5) * (embedding.width / columns, embedding.height / rows)
-        for logits, iou in sam.predict_scales(embedding, [point], [1]):
+        for logits, iou in sam.predict_scales(embedding, [point], [1], without_padding=True):
             candidate = _Candidate(logits, logits[:rows, :columns] > 0, iou)
             if _passes_filters(candidate, logits[:rows, :columns], settings, min_low_res_area):
                 _admit(candidate, found, settings.max_overlap)
@@ -152,7 +155,8 @@ def _next_click(
             covered_by_small |= candidate.mask
     while grid:
         x, y = grid.pop(0)
-        if not covered_by_small[y, x] and not tried[y, x]:
+        confident = any(candidate.logits[y, x] >= _CONFIDENT_LOGIT for candidate in found)
+        if not (covered_by_small[y, x] or tried[y, x] or confident):
             return x, y
     return None
 
@@ -200,16 +204,34 @@ def paint_labels(
     labels = np.zeros(size, np.int32)
     order = sorted(masks, key=np.count_nonzero, reverse=True) if painting == "size" else masks
     for number, mask in enumerate(order, start=1):
-        labels[_without_islands_and_holes(mask, min_area)] = number
+        box = _box(mask, min_area)
+        labels[box][_without_islands_and_holes(mask[box], min_area)] = number
     clean = np.zeros(size, np.int32)
     number = 0
-    for old in range(1, len(masks) + 1):
+    for old, mask in enumerate(order, start=1):
+        box = _box(mask, min_area)
         # Islands are removed again, because masks painted later may have divided the segment.
-        visible = _without_islands(labels == old, min_area)
+        visible = _without_islands(labels[box] == old, min_area)
         if visible.any():
             number += 1
-            clean[visible] = number
+            clean[box][visible] = number
     return clean
+
+
+def _box(mask: Mask, min_area: int) -> tuple[slice, slice]:
+    """Return rows and columns of the mask's bounding box with a border, in which islands and holes are the same.
+
+    What is outside of the mask must not be taken for a hole: the border has at least `min_area` pixels on each side
+    where the picture goes on.
+    """
+    border = math.isqrt(min_area) + 1
+    found = mask_box(mask)
+    if found is None:
+        return slice(0, 0), slice(0, 0)
+    if min(mask.shape) <= border:
+        return slice(None), slice(None)
+    x0, y0, x1, y1 = found
+    return slice(max(0, y0 - border), y1 + border), slice(max(0, x0 - border), x1 + border)
 
 
 def _without_islands_and_holes(mask: Mask, min_area: int) -> Mask:
@@ -217,6 +239,8 @@ def _without_islands_and_holes(mask: Mask, min_area: int) -> Mask:
 
 
 def _without_islands(mask: Mask, min_area: int) -> Mask:
+    if not mask.size:
+        return mask
     _, components, statistics, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     keep = statistics[:, cv2.CC_STAT_AREA] >= min_area
     keep[0] = False

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from .cache import locate, models_folder
     from .catalogue import CATALOGUE, ModelFile, find_model_file, find_model_files
     from .fetching import fetch
-    from .onnx_session import open_session
+    from .onnx_session import open_gpu_session, open_session
+    from .onnx_weights import read_onnx_weights
     from .packages import folder_contains, npm_command
 
 __all__ = [
@@ -23,7 +24,9 @@ __all__ = [
     "locate",
     "models_folder",
     "npm_command",
+    "open_gpu_session",
     "open_session",
+    "read_onnx_weights",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -1,9 +1,16 @@
-"""Open an ONNX model on the CPU; the only module that imports onnxruntime."""
+"""Open an ONNX model on the CPU or on a graphics card; the only module that imports onnxruntime.
+
+Cards are used by the CUDA provider, which other builds of onnxruntime contain, and by the WebGPU provider for cards of
+all vendors, which the package `onnxruntime-ep-webgpu` adds to any build.
+"""
 
 from __future__ import annotations
 
+import functools
+import importlib
+import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import EnvironmentProblem, ModelFileError
 from .catalogue import CATALOGUE
@@ -11,7 +18,13 @@ from .catalogue import CATALOGUE
 if TYPE_CHECKING:
     import onnxruntime
 
-__all__ = ["open_session"]
+__all__ = ["open_gpu_session", "open_session"]
+
+_LOG = logging.getLogger(__name__)
+
+_CUDA = "CUDAExecutionProvider"
+_PLUGIN = "onnxruntime_ep_webgpu"
+_PLUGIN_PACKAGE = "onnxruntime-ep-webgpu"
 
 
 def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSession:
@@ -31,25 +44,83 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
     EnvironmentProblem
         When onnxruntime is not installed.
     """
+    onnxruntime = _imported()
+    name = next((f" {model.name}" for model in CATALOGUE.values() if model.file == path.name), "")
+    if not path.is_file():
+        raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch{name}")
+    try:
+        return onnxruntime.InferenceSession(str(path), _options(threads), providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's exceptions have no common base class but Exception
+        raise ModelFileError(
+            f"The model file {path} cannot be opened ({str(error).splitlines()[0]}). "
+            f"Delete it and run: python -m engine models fetch{name}"
+        ) from error
+
+
+def open_gpu_session(path: Path) -> tuple[onnxruntime.InferenceSession | None, str]:
+    """Return an inference session on a graphics card.
+
+    Its results are not checked: the caller compares them with those of the CPU.
+
+    Parameters
+    ----------
+    path : Path
+        An ONNX file that `open_session` can open.
+
+    Returns
+    -------
+    session : onnxruntime.InferenceSession or None
+        None without a provider, without a card, or when the provider fails.
+    description : str
+        The provider, or why there is no session; the predicate of a sentence without a full stop.
+    """
+    onnxruntime = _imported()
+    options, providers = _options(threads=1), None
+    try:
+        if _CUDA in onnxruntime.get_available_providers():
+            # Without TF32, which rounds factors to 10 bits and fails the caller's self-test.
+            name, description, providers = _CUDA, "CUDA", [(_CUDA, {"use_tf32": "0"}), "CPUExecutionProvider"]
+        elif (device := _webgpu_device()) is not None:
+            name, description = device.ep_name, f"WebGPU ({device.device.vendor})"
+            options.add_provider_for_devices([device], {})
+        else:
+            return None, f"{_PLUGIN_PACKAGE} finds no graphics card"
+        # With its fallback, onnxruntime would print to standard output and go on with the CPU.
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers, enable_fallback=0)
+    except ImportError:
+        return None, f"onnxruntime has no provider for graphics cards; `pip install {_PLUGIN_PACKAGE}` adds one"
+    except Exception as error:  # no common base class, as above; drivers raise anything
+        _LOG.info("No graphics card for %s", path.name, exc_info=True)
+        return None, f"onnxruntime cannot use a graphics card ({(str(error).splitlines() or ['unknown'])[0]})"
+    if name not in session.get_providers():
+        return None, f"onnxruntime's {description} did not start; its libraries may be missing"
+    return session, description
+
+
+@functools.cache
+def _webgpu_device() -> Any | None:
+    """Return onnxruntime's device of the WebGPU plugin, None without a card; raises ImportError without the plugin."""
+    onnxruntime, plugin = _imported(), importlib.import_module(_PLUGIN)
+    # Once per process; a second registration is an error.
+    onnxruntime.register_execution_provider_library(_PLUGIN, plugin.get_library_path())
+    return next((found for found in onnxruntime.get_ep_devices() if found.ep_name == plugin.get_ep_name()), None)
+
+
+def _imported() -> Any:
     try:
         import onnxruntime
     except ImportError as error:
         raise EnvironmentProblem(
             "onnxruntime is not installed in the engine's environment. Set up the engine again."
         ) from error
-    name = next((f" {model.name}" for model in CATALOGUE.values() if model.file == path.name), "")
-    if not path.is_file():
-        raise ModelFileError(f"The model file {path} is missing. Run: python -m engine models fetch{name}")
-    options = onnxruntime.SessionOptions()
+    return onnxruntime
+
+
+def _options(threads: int) -> onnxruntime.SessionOptions:
+    options = _imported().SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     # Idle workers must sleep: spinning ones occupy cores that the rest of the engine needs between two calls.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 3
-    try:
-        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's exceptions have no common base class but Exception
-        raise ModelFileError(
-            f"The model file {path} cannot be opened ({str(error).splitlines()[0]}). "
-            f"Delete it and run: python -m engine models fetch{name}"
-        ) from error
+    return options

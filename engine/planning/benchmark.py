@@ -145,10 +145,12 @@ def _feature_seconds(folder: Path) -> float:
 
 def _sam_encode_seconds() -> float | None:
     """Return the CPU seconds of encoding a picture, or None if the model is missing."""
-    from ..masks import load_default_sam
+    from ..masks import load_sam
+    from ..masks.settings import SAM_MODELS
 
     try:
-        sam = load_default_sam()
+        # On the CPU, whose speed it stands for; a graphics card would only encode.
+        sam = load_sam(SAM_MODELS[0], may_use_gpu=False)
     except ModelFileError:
         return None
     picture = _texture(np.random.default_rng(2), 1024, 768)

@@ -52,7 +52,7 @@ _SHARE_WITHOUT_TEXTURE = 0.5  # chosen on museum_room, sakharov_statue32, skull6
 _GIVEN_CAMERAS_SECONDS = 1.0  # chosen on museum_room, sakharov_statue32
 """Cameras: CPU seconds of reading given cameras that have sparse points."""
 
-_MASK_SECONDS = 6.5  # chosen on museum_room, sakharov_statue32
+_MASK_SECONDS = 3.0  # chosen on museum_room, sakharov_statue32
 """Masks: CPU seconds per photo."""
 _OBJECT_SECONDS = 18.0  # chosen on museum_room
 """Objects: CPU seconds per prompt."""
@@ -89,11 +89,11 @@ POINTS_PER_PHOTO = 220  # chosen on museum_room, sakharov_statue32
 """Training: expected number of sparse points per photo that training starts from."""
 
 _SERIAL_SHARE = {
-    "photos": 0.1, "cameras": 0.36, "masks": 0.1, "training": 0.16, "objects": 0.6, "report": 0.9
+    "photos": 0.1, "cameras": 0.36, "masks": 0.25, "training": 0.16, "objects": 0.6, "report": 0.9
 }  # fmt: skip  # chosen on museum_room, sakharov_statue32
 """Share of each stage's work that cannot be divided among cores."""
 _MAX_CORES = {"masks": 2}  # by definition
-"""Largest number of cores that a stage can use. SAM's session has two threads."""
+"""Largest number of cores that a stage can use. SAM encodes a photo on one and decodes clicks on the other."""
 
 _BARE_PYTHON_BYTES = 65_000_000  # by definition
 """Memory of Python without the engine's libraries."""
@@ -269,7 +269,7 @@ def cpu_seconds_of(stage: str, work: WorkPlan, settings: TrainingSettings, *, n_
     - photos: 0.006 s per photo and 0.045 s per megapixel
     - cameras: (2.5 s per megapixel of the working copies + 5 ms per compared pair + 65 ms per matched pair + 0.03 s
       n^1.5 for mapping n photos) times (0.5 + share of textured pixels); 1 s for given cameras with sparse points
-    - masks: 6.5 s per photo
+    - masks: 3 s per photo
     - training: `training_seconds`
     - objects: 8 s and 18 s per prompt
     - report: 4 s

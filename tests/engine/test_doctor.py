@@ -72,6 +72,18 @@ def test_card_whose_driver_crashes_or_hangs_is_one_of_the_checks(monkeypatch: py
     assert check.detail.endswith("pictures and training use the CPU")
 
 
+def test_what_encodes_photos_is_one_of_the_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    check = doctor._encoding()
+    assert check.ok or check.detail.startswith("Photos are encoded on the CPU: ")
+
+    def crash(*_: object, **__: object) -> None:
+        raise ChildFailure("Encoding a photo on the graphics card crashed (SIGSEGV).", "crash")
+
+    monkeypatch.setattr(doctor, "run_in_child", crash)
+    check = doctor._encoding()
+    assert not check.ok and not check.required and "crashed (SIGSEGV); update its driver" in check.detail
+
+
 def test_card_is_looked_for_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("engine.rasterizer.devices.run_in_child", run_in_child)
     check = doctor._gpu()

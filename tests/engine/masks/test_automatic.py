@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -118,6 +119,32 @@ def test_label_maps_of_random_masks_have_valid_ids_and_areas(seed: int, count: i
     assert labels.max() <= count
     for number in range(1, labels.max() + 1):
         assert np.count_nonzero(labels == number) >= min_area
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40))
+def test_holes_and_islands_are_those_of_the_whole_picture_also_at_its_edge(seed: int, min_area: int) -> None:
+    generator = np.random.default_rng(seed)
+    # Blobs of all sizes, of which many touch the edge.
+    noise = cv2.GaussianBlur(generator.random((40, 50)).astype(np.float32), (0, 0), generator.uniform(0.5, 4.0))
+    mask = noise > np.quantile(noise, generator.uniform(0.1, 0.9))
+
+    def without_islands(given_mask: np.ndarray) -> np.ndarray:
+        _, components, statistics, _ = cv2.connectedComponentsWithStats(given_mask.astype(np.uint8), connectivity=8)
+        keep = statistics[:, cv2.CC_STAT_AREA] >= min_area
+        keep[0] = False
+        return np.asarray(keep[components])
+
+    expected = without_islands(~without_islands(~without_islands(mask)))
+    labels = paint_labels([mask], (40, 50), min_area=min_area)
+    np.testing.assert_array_equal(labels > 0, expected)
+
+
+def test_same_photo_gives_the_same_label_map_whatever_was_segmented_before(sam: SegmentAnything) -> None:
+    first, other = (sam.encode(shapes_picture(seed)[0]) for seed in (2, 3))
+    labels = segment_everything(first, sam, QUICK)
+    segment_everything(other, sam, QUICK)
+    np.testing.assert_array_equal(segment_everything(first, sam, QUICK), labels)
 
 
 def test_settings_out_of_bounds_are_named() -> None:

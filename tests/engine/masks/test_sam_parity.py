@@ -215,7 +215,7 @@ def test_each_scale_of_a_click_may_become_a_segment() -> None:
     """With a fake SAM: part, object and whole of one click are nested, and the label map shows all three."""
 
     class Nested:
-        def predict_scales(self, embedding: Any, points: Any, labels: Any) -> list[tuple[np.ndarray, float]]:
+        def predict_scales(self, embedding: Any, points: Any, labels: Any, **_: bool) -> list[tuple[np.ndarray, float]]:
             scales = []
             for side in (40, 90, 200):
                 logits = np.full((256, 256), -9.0, np.float32)

@@ -12,6 +12,7 @@ from PIL import Image
 from engine.errors import Cancelled, MaskError
 from engine.events import Event, Progress
 from engine.files import file_sha256
+from engine.masks import stage
 from engine.masks.sam import Embedding
 from engine.masks.settings import MaskSettings
 from engine.masks.stage import make_masks
@@ -56,7 +57,9 @@ class _Counting:
         height, width = pixels.shape[:2]
         return Embedding(np.zeros((1, 256, 64, 64), np.float32), height, width, 1024 / max(height, width))
 
-    def predict_scales(self, embedding: Embedding, points: object, labels: object) -> list[tuple[np.ndarray, float]]:
+    def predict_scales(
+        self, embedding: Embedding, points: object, labels: object, *, without_padding: bool
+    ) -> list[tuple[np.ndarray, float]]:
         logits = np.full((256, 256), -9.0, np.float32)
         logits[60:120, 60:120] = 9.0
         return [(logits, 0.9)]
@@ -103,6 +106,40 @@ def test_cancelled_run_is_resumed_and_a_damaged_label_map_is_computed_again(fold
     assert counting.encoded == 2  # but after it was encoded
     (folder / "masks" / "a.png.npz").write_bytes(b"half")
     assert _n_computed(_run(folder, counting)) == 1 and counting.encoded == 2
+
+
+def test_next_photo_is_encoded_beside_the_clicks_and_each_label_map_is_of_its_photo(folder: Path) -> None:
+    class Telling(_Counting):
+        """Predicts a square whose place depends on the photo."""
+
+        def encode(self, pixels: np.ndarray) -> Embedding:
+            found = super().encode(pixels)
+            found.features[:] = pixels.mean() / 255
+            return found
+
+        def predict_scales(
+            self, embedding: Embedding, points: object, labels: object, *, without_padding: bool
+        ) -> list[tuple[np.ndarray, float]]:
+            logits = np.full((256, 256), -9.0, np.float32)
+            start = int(100 * embedding.features.max())
+            logits[start : start + 60, start : start + 60] = 9.0
+            return [(logits, 0.9)]
+
+    for shade, name in zip((64, 192), NAMES, strict=True):
+        Image.new("RGB", (640, 480), (shade,) * 3).save(folder / "photos" / name)
+    _run(folder, Telling())
+    first, second = (read_label_map(folder / "masks" / f"{name}.npz") for name in NAMES)
+    assert first[25, 25] > 0 and second[25, 25] == 0 and second[60, 60] > 0
+
+
+def test_label_maps_of_another_method_are_never_mixed_with_new_ones(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counting = _Counting()
+    _run(folder, counting)
+    monkeypatch.setattr(stage, "_METHOD_VERSION", stage._METHOD_VERSION + 1)
+    assert _n_computed(_run(folder, counting)) == 2
+    assert counting.encoded == 2  # embeddings do not depend on the clicks
 
 
 def test_photo_that_is_not_registered_is_rejected(folder: Path) -> None:

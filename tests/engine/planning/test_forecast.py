@@ -36,11 +36,14 @@ def forecast(plan: WorkPlan, known: Calibration, *, free: int | None = 16_000_00
 
 
 def test_runs_that_were_measured_are_forecast_within_a_third() -> None:
-    """CPU seconds of two whole runs of `standard` on two shared cores."""
+    """CPU seconds of two whole runs of `standard` on two shared cores.
+
+    Masks were measured with an earlier method, of whose time the present one takes 0.46 (docs/design_notes/masks.md).
+    """
     room, statue = work(48), work(32, width=728, height=1092)
     measured = [
-        (room, "cameras", 143.0), (room, "masks", 219.0), (room, "training", 404.0),
-        (statue, "cameras", 66.0), (statue, "masks", 173.0),
+        (room, "cameras", 143.0), (room, "masks", 0.46 * 219.0), (room, "training", 404.0),
+        (statue, "cameras", 66.0), (statue, "masks", 0.46 * 173.0),
     ]  # fmt: skip
     for plan, stage, seconds in measured:
         expected = cpu_seconds_of(stage, plan, training_settings(plan), n_prompts=0)
