@@ -93,6 +93,7 @@ bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; nee
 	$(ENGINE) -m benchmarks.gpu scene 200000
 	$(ENGINE) -m benchmarks.gpu scene 1000000
 	$(ENGINE) -m benchmarks.gpu scene 3000000
+	$(ENGINE) -m benchmarks.gpu_step 1000000
 	$(ENGINE) -m benchmarks.gpu document --doc docs/gpu.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md

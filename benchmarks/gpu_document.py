@@ -55,6 +55,25 @@ def _stage_table(scenes: dict[int, dict[str, Any]]) -> list[str]:
     return lines
 
 
+def _step_tables(results: Path) -> list[str]:
+    lines = []
+    for path in sorted(results.glob("step_*.json")):
+        part = _read(path)
+        names = list(dict.fromkeys(name for row in part["cases"].values() for name in row))
+        lines += [
+            f"Whole steps with {int(path.stem.removeprefix('step_')):,} Gaussians on {part['card']}: milliseconds "
+            "of wall time, medians, and megabytes of all buffers.",
+            "",
+            f"| step | {' | '.join(names)} |",
+            "| --- |" + " --- |" * len(names),
+        ]
+        for case, row in part["cases"].items():
+            cells = [f"{row[name]:,.1f}" if name in row else "-" for name in names]
+            lines.append(f"| {case} | {' | '.join(cells)} |")
+        lines.append("")
+    return lines
+
+
 def document(results: Path) -> str:
     """Return the tables of all results in a folder."""
     scenes = {int(path.stem.removeprefix("scene_")): _read(path) for path in results.glob("scene_*.json")}
@@ -77,6 +96,7 @@ def document(results: Path) -> str:
             *_stage_table(scenes),
             "",
         ]
+    lines += _step_tables(results)
     if ceilings:
         sort = "".join(
             f" torch.sort of {int(key.split('_')[2]):,} keys with their indices: {value:.2f} ms."
