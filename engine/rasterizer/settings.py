@@ -19,6 +19,7 @@ __all__ = [
     "INVERSE_ALPHA_MIN",
     "JACOBIAN_MARGIN",
     "MAX_CHANNELS",
+    "MAX_REFUSED_STEPS",
     "QUAT_NORM2_MIN",
     "RADIUS_SIGMAS",
     "T_MIN",
@@ -72,6 +73,9 @@ RADIUS_SIGMAS = 3.0
 MAX_CHANNELS = 64
 """Largest number of channels of an image. It bounds the scratch memory of a thread: the backward pass copies the
 incoming gradient of a tile, which takes 64 KiB with 64 channels and fits the second-level cache."""
+
+MAX_REFUSED_STEPS = 20
+"""Training steps without an update, because a gradient is not finite, after which training fails."""
 
 
 @dataclass(frozen=True)

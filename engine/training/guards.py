@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from ..errors import EnvironmentProblem, NumericalError, TrainingError, is_out_of_memory
-from ..rasterizer.settings import ALPHA_MIN
+from ..rasterizer.settings import ALPHA_MIN, MAX_REFUSED_STEPS
 from ..scene import Gaussians
 from .parameters import Parameters
 
@@ -48,9 +48,6 @@ MAX_LOGIT = 13.8  # by definition
 MAX_DISTANCE = 100.0  # by definition
 """Largest distance from the mean camera along an axis, per extent. Farther Gaussians show no parallax, and float32
 loses precision there."""
-
-MAX_REFUSED_STEPS = 20  # by definition
-"""Steps without an update after which training fails."""
 
 ADVICE = "Lower the learning rates or check the photos and cameras, then run again; the last checkpoint is kept."
 

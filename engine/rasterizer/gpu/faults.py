@@ -11,10 +11,7 @@ from ...errors import NumericalError
 from ..raster import check_finite
 from .parameters import GpuParameters
 
-__all__ = ["MAX_REFUSED_STEPS", "is_refusal", "raise_fault"]
-
-MAX_REFUSED_STEPS = 20
-"""Steps without an update after which training fails, as on the processor."""
+__all__ = ["is_refusal", "raise_fault"]
 
 _TOO_MANY_PAIRS, _ALL_LEFT_OUT = 16, 32  # as in optimiser.wgsl
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from ...scene import PinholeCamera
 from ..adam import AdamState
 from ..raster import check_camera
-from ..settings import MAX_CHANNELS, StepSettings
+from ..settings import MAX_CHANNELS, MAX_REFUSED_STEPS, StepSettings
 from .adapters import Gpu, translate_card_errors
 from .exposure import GpuExposures
-from .faults import MAX_REFUSED_STEPS, is_refusal, raise_fault
+from .faults import is_refusal, raise_fault
 from .layout import FrameSize, grown_capacity
 from .paper import PaperSample, neighbours_of
 from .parameters import GROUPS, GpuParameters
@@ -324,16 +324,12 @@ class GpuTrainer:
         """
         if not photos:
             return torch.zeros(self.parameters.n)
-        nothing = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
         with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
             while True:
                 self._clear_status()
                 for place, number in enumerate(photos):
                     photo = self._photos[number]
-                    frame = self._frame(photo.camera, with_features=False)
-                    frame.set_view(photo.camera, self.settings.raster, sh_degree)
-                    loss = PhotoLoss(photo.pixels, photo.n_valid, 0.0)
-                    frame.set_optimiser(0, loss, self.settings.unit_features, *nothing)
+                    frame = self._picture_frame(photo.camera, sh_degree)
                     frame.add_errors(photo.pixels, zeroed=place == 0)
                 halted, _, wanted = (int(value) for value in self._read_status()[:3])
                 if not halted:
@@ -342,13 +338,10 @@ class GpuTrainer:
 
     def render(self, camera: PinholeCamera, sh_degree: int) -> NDArray[np.float32]:
         """Return a picture of the Gaussians over black, float32 [H, W, 3]; errors as of `gaussian_errors`."""
-        nothing = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
         with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
             while True:
                 self._clear_status()
-                frame = self._frame(camera, with_features=False)
-                frame.set_view(camera, self.settings.raster, sh_degree)
-                frame.set_optimiser(0, PhotoLoss(None, 1, 0.0), self.settings.unit_features, *nothing)
+                frame = self._picture_frame(camera, sh_degree)
                 frame.render()
                 counts = frame.counts()
                 if counts.not_finite & _INPUT_NOT_FINITE:
@@ -356,6 +349,14 @@ class GpuTrainer:
                 if counts.n_wanted <= self._capacity:
                     return frame.read("image", (camera.height, camera.width, 3))
                 self._grow_or_raise(_TOO_MANY_PAIRS, counts.n_wanted)
+
+    def _picture_frame(self, camera: PinholeCamera, sh_degree: int) -> TrainingFrame:
+        """Return the frame of a camera, set for a picture of all Gaussians without a step."""
+        frame = self._frame(camera, with_features=False)
+        frame.set_view(camera, self.settings.raster, sh_degree)
+        factors, groups = np.zeros(5, np.float32), np.zeros((len(_GROUPS), 4), np.float32)
+        frame.set_optimiser(0, PhotoLoss(None, 1, 0.0), self.settings.unit_features, factors, groups)
+        return frame
 
     def nearest_neighbours(self, k: int) -> torch.Tensor:
         """Return the `k` nearest other Gaussians of each, the nearest first, int32 [N, k].
