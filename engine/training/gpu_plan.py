@@ -43,7 +43,7 @@ def step_settings(inputs: Inputs) -> StepSettings:
 
 
 def plan_of_step(
-    inputs: Inputs, schedule: Schedule, state: RunState, step: int, level: Level, *, photo: int, n_gaussians: int
+    inputs: Inputs, schedule: Schedule, state: RunState, step: int, level: Level, *, n_gaussians: int
 ) -> StepPlan:
     """Return the plan of one step.
 
@@ -56,9 +56,12 @@ def plan_of_step(
     step : int
     level : Level
         The photo at the size of this step.
-    photo : int
-        Its number on the card.
     n_gaussians : int
+
+    Returns
+    -------
+    StepPlan
+        Of a photo that is not on the card yet, number -1.
     """
     settings, extent = inputs.settings, inputs.extent
     features, appearance, growth = settings.features, settings.appearance, settings.growth
@@ -81,7 +84,7 @@ def plan_of_step(
     if growth.noise > 0 and not schedule.growth_ended(step):
         noise = PositionNoise(schedule.means_rate(step) * growth.noise / extent, MAX_WALK, settings.seed, step)
     return StepPlan(
-        photo,
+        -1,
         rates,
         schedule.sh_degree(step, state.sh_limit),
         exposure_rate=settings.optimiser.lr_exposure if appearance.exposure else None,

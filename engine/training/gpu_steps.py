@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import torch
 
@@ -90,11 +92,15 @@ class GpuSteps:
     @_told_how_to_continue()
     def advance(self, n: int) -> float:
         """Make up to `n` steps, at least one, with the growth that is due after them; return the last loss."""
-        plans = self._plans(n)
-        losses = self._card.steps(plans)
         state = self._state
+        steps = range(state.step, self._end(n))
+        # A thread draws samples and reduces photos while this one queues the steps before.
+        with ThreadPoolExecutor(1) as ahead:
+            losses = self._card.steps(
+                self._on_card(step, *drawn) for step, drawn in zip(steps, ahead.map(self._drawn, steps), strict=True)
+            )
         state.guards = Counter(self._card.guards)
-        last = state.step + len(plans) - 1
+        last = steps[-1]
         if self._schedule.grows(last):
             self._update_population(last)
         state.step = last + 1
@@ -103,38 +109,46 @@ class GpuSteps:
             self._card.free_photo(self._photos.pop(key)[1])
         return losses[-1]
 
-    def _plans(self, n: int) -> list[StepPlan]:
-        """Return the plans of up to `n` steps: up to growth, or to the next search of neighbours."""
+    def _end(self, n: int) -> int:
+        """Return the step before which up to `n` steps end: after growth, or before the next search of neighbours.
+
+        A search that is due in the first step is made.
+        """
         state, schedule, settings = self._state, self._schedule, self._inputs.settings
-        has_features = "features" in state.parameters.values
         n_gaussians = self.n_gaussians
-        needs_neighbours = has_features and settings.features.regularisation == "neighbours"
-        plans: list[StepPlan] = []
+        needs_neighbours = "features" in state.parameters.values and settings.features.regularisation == "neighbours"
         for step in range(state.step, state.step + n):
             regularised = needs_neighbours and regularises(settings.features, step, n_gaussians)
             if regularised and neighbours_are_stale(state, step, n_gaussians):
-                if plans:
-                    break
+                if step > state.step:
+                    return step
                 state.neighbours, state.neighbours_step = self._card.nearest_neighbours(N_NEIGHBOURS), step
-            view = schedule.view(step)
-            level, photo = self._photo(view, schedule.reductions(step))
-            plans.append(plan_of_step(self._inputs, schedule, state, step, level, photo=photo, n_gaussians=n_gaussians))
             if schedule.grows(step):
-                break
-        return plans
+                return step + 1
+        return state.step + n
 
-    def _photo(self, view: int, reductions: int) -> tuple[Level, int]:
-        """Return a photo at one size and its number on the card, where it is copied at its first use."""
+    def _drawn(self, step: int) -> tuple[Level, StepPlan]:
+        """Return the photo of a step at its size, and the plan, in which the number of the photo is missing."""
+        schedule = self._schedule
+        level = self._inputs.pyramid.level(schedule.view(step), schedule.reductions(step))
+        plan = plan_of_step(self._inputs, schedule, self._state, step, level, n_gaussians=self.n_gaussians)
+        plan.sort()
+        return level, plan
+
+    def _on_card(self, step: int, level: Level, plan: StepPlan) -> StepPlan:
+        """Return the plan with the number of its photo."""
+        return replace(plan, photo=self._photo(self._schedule.view(step), self._schedule.reductions(step), level))
+
+    def _photo(self, view: int, reductions: int, level: Level) -> int:
+        """Return the number on the card of a photo at one size, where it is copied at its first use."""
         key = view, reductions
-        level = self._inputs.pyramid.level(view, reductions)
         known = self._photos.get(key)
         if known is None:
-            number = self._card.add_photo(level.camera, level.pixels, valid=level.valid, view=view)
-            self._photos[key] = level, number
+            self._photos[key] = level, self._card.add_photo(level.camera, level.pixels, valid=level.valid, view=view)
         elif known[0] is not level:  # its mask has changed
             self._card.mask_photo(known[1], level.valid)
             self._photos[key] = level, known[1]
-        return self._photos[key]
+        return self._photos[key][1]
 
     def _update_population(self, step: int) -> None:
         """Relocate and add Gaussians: decided by the processor from their geometry, carried out on the card."""
@@ -147,7 +161,7 @@ class GpuSteps:
         errors = None
         if n_new > 0 and growth.growth_strategy == "mixed":
             drawn = error_levels(inputs, schedule, step, additions)
-            photos = [self._photo(*one)[1] for one in drawn]
+            photos = [self._photo(*one, inputs.pyramid.level(*one)) for one in drawn]
             errors = self._card.gaussian_errors(photos, schedule.sh_degree(step, state.sh_limit))
         relocate(population, min_opacity=growth.min_opacity, generator=moves)
         sources = population.values["sources"]

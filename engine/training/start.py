@@ -80,5 +80,5 @@ class StartPoints:
 
     def near(self, means: torch.Tensor) -> torch.Tensor:
         """Return which of `means`, [N, 3], lie within `MAX_SPACINGS` of the nearest point."""
-        distances, nearest = self._tree.query(means.numpy())
+        distances, nearest = self._tree.query(means.numpy(), workers=-1)
         return torch.from_numpy(distances <= self._reach[nearest])

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from engine.errors import EnvironmentProblem
 from engine.machine import describe_machine
 from engine.planning.benchmark import calibrate
 from engine.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
@@ -38,12 +37,10 @@ def _no_graphics_card() -> Iterator[None]:
 def card(monkeypatch: pytest.MonkeyPatch) -> Gpu:
     """Let all that renders, and the commands that isolate objects, take a software adapter for a graphics card."""
     from engine.rasterizer import Card
-    from engine.rasterizer.gpu import open_gpu
 
-    try:
-        gpu = open_gpu(software=True)
-    except EnvironmentProblem as problem:
-        pytest.skip(f"no adapter for the gpu backend: {problem}")
+    from .cards import card_or_skip
+
+    gpu = card_or_skip()
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
     found = asdict(Card(gpu.name, gpu.backend, gpu.max_binding_bytes, None, gpu.shares_memory))
     answer = {"found": gpu.name, "reason": "", "card": found}

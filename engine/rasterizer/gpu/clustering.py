@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frame import Frame
+from .layout import with_room
 from .submissions import Submissions
 
 __all__ = ["ClusteringLoss", "ClusteringSample"]
@@ -47,8 +49,9 @@ class ClusteringSample:
         if self.clusters.min() < 0 or self.clusters.max() >= len(self.counts) or self.pixels.min() < 0:
             raise ValueError(f"pixels of a sample are at least 0, and their segments 0 to {len(self.counts) - 1}")
 
+    @functools.cached_property
     def packed(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-        """Return the rows ``samples`` [U, 4] and ``segments`` [n_p, 4] of clustering.wgsl."""
+        """Rows ``samples`` [U, 4] and ``segments`` [n_p, 4] of clustering.wgsl."""
         keys = np.sort((self.clusters.astype(np.uint64) << np.uint64(32)) | self.pixels.astype(np.uint64))
         first = np.flatnonzero(np.diff(keys, prepend=~keys[:1]))
         samples = np.zeros((len(first), 4), np.uint32)
@@ -80,15 +83,14 @@ class ClusteringLoss:
 
     def prepared(self, sample: ClusteringSample) -> Submissions:
         """Copy a sample to the card and return the dispatches of its loss, to be run before the backward pass."""
-        samples, segments = sample.packed()
+        samples, segments = sample.packed
         wanted = (len(samples), len(segments))
         if self._submissions is None or any(n > held for n, held in zip(wanted, self._sizes, strict=True)):
-            self._sizes = max(wanted[0], self._sizes[0]), max(wanted[1], self._sizes[1])
+            self._sizes = with_room(wanted[0], self._sizes[0]), with_room(wanted[1], self._sizes[1])
             self._submissions = self._made()
         constants = np.array([*wanted, 0, -(-len(samples) // 256)], np.uint32)
         constants[2] = np.float32(sample.weight / len(segments)).view(np.uint32)
-        queue = self._frame.gpu.device.queue
-        queue.write_buffer(self._uniform, 0, constants)
+        self._uniform.write(constants)
         self._frame.write("samples", samples)
         self._frame.write("segments", segments)
         return self._submissions

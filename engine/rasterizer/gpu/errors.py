@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from .constants import Uniform
 from .frame import Frame
 from .submissions import run_together
 
@@ -17,11 +18,11 @@ class ErrorSum:
     ----------
     frame : Frame
         Of training, whose backward pass begins with the gradients of blending and their sums; the rest is not needed.
-    optimiser : wgpu.GPUBuffer
+    optimiser : Uniform
         Its constants of a step.
     """
 
-    def __init__(self, frame: Frame, optimiser: Any) -> None:
+    def __init__(self, frame: Frame, optimiser: Uniform) -> None:
         self._frame = frame
         self._n_pixels = frame.size.width * frame.size.height
         self._uniform = frame._constants(self._n_pixels)

@@ -18,14 +18,30 @@ from numpy.typing import NDArray
 from ...scene import PinholeCamera
 from ..settings import JACOBIAN_MARGIN, RasterSettings
 from .adapters import Gpu
+from .constants import Uniform
 from .layout import BLOCK, Counts, FrameSize, sh_bytes, sh_ranges
-from .submissions import Dispatch, Submissions, encode
+from .submissions import Dispatch, Submissions, Timings, encode
 from .workspace import Workspace
 
-__all__ = ["Frame"]
+__all__ = ["Frame", "camera_values"]
 
-REMEASURED = 1.5
-"""Growth of the number of Gaussians after which dispatches are measured again."""
+
+def camera_values(camera: PinholeCamera, settings: RasterSettings) -> NDArray[np.uint32]:
+    """Return the camera and the settings as kernels read them, in float32 with what it leaves out; shape [56]."""
+    K, viewmat = camera.K, np.asarray(camera.viewmat, np.float64)
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    margin_x, margin_y = JACOBIAN_MARGIN * camera.width, JACOBIAN_MARGIN * camera.height
+    values = np.zeros(28)
+    values[:9], values[9:12] = viewmat[:3, :3].reshape(-1), viewmat[:3, 3]
+    values[12:16] = fx, fy, cx, cy
+    values[16:18] = (-margin_x - cx) / fx, (camera.width + margin_x - cx) / fx
+    values[18:20] = (-margin_y - cy) / fy, (camera.height + margin_y - cy) / fy
+    values[20:23] = settings.near, settings.low_pass, settings.antialiased
+    values[23:26] = camera.center
+    with np.errstate(over="ignore", invalid="ignore"):
+        high = values.astype(np.float32)
+        low = (values - high.astype(np.float64)).astype(np.float32)
+    return np.concatenate([high.view(np.uint32), low.view(np.uint32)])
 
 
 class Frame(Workspace):
@@ -41,6 +57,8 @@ class Frame(Workspace):
         Whether the backward pass computes the gradient of the camera's pose.
     shared, pool : mapping of str to wgpu.GPUBuffer, optional
         See `Workspace`.
+    timings : Timings, optional
+        Those of other sizes of picture.
 
     Attributes
     ----------
@@ -65,14 +83,15 @@ class Frame(Workspace):
         with_pose: bool = False,
         shared: Mapping[str, Any] | None = None,
         pool: dict[str, Any] | None = None,
+        timings: Timings | None = None,
     ) -> None:
         what = f"this picture of {size.width} x {size.height} pixels"
         moving = size.n_out if n_moving is None else n_moving
         super().__init__(gpu, what, n_channels=size.n_out, n_moving=moving, shared=shared, pool=pool)
         self.size = size
-        self._n_measured = size.n
+        self._timings = timings or Timings(gpu)
         self._with_pose = with_pose
-        self._uniforms: list[tuple[Any, int, Callable[[], int]]] = []
+        self._uniforms: list[tuple[Uniform, int, Callable[[], int]]] = []
         self._view = np.zeros(68, np.uint32)
         self.allocate(self._sizes())
         self._make_dispatches()
@@ -106,14 +125,12 @@ class Frame(Workspace):
     def resize(self, n: int) -> None:
         """Set the number of Gaussians, up to the room of the buffers."""
         self.size = replace(self.size, n=n)
-        if n > REMEASURED * self._n_measured:
-            for run in self._runs_by_gaussian():
-                run.grow(n / self._n_measured)
-            self._n_measured = n
 
-    def _runs_by_gaussian(self) -> list[Submissions]:
-        """Return the lists of dispatches whose time grows with the number of Gaussians."""
-        return [self._forward, self._backward]
+    def _submissions(self, steps: Sequence[Dispatch]) -> Submissions:
+        return Submissions(
+            self.gpu, steps, self.buffers["dispatches"], constants=self._changing, timings=self._timings,
+            work=lambda: (self.size.n, self.size.n_tiles),
+        )  # fmt: skip
 
     def counts(self) -> Counts:
         """Return what the last forward and backward pass counted."""
@@ -121,41 +138,29 @@ class Frame(Workspace):
 
     def set_view(self, camera: PinholeCamera, settings: RasterSettings, sh_degree: int) -> None:
         """Set the camera, the settings and the highest band of the next passes."""
-        self._view = self._packed_view(camera, settings, sh_degree)
+        self.set_camera_values(camera_values(camera, settings), sh_degree)
+
+    def set_camera_values(self, values: NDArray[np.uint32], sh_degree: int) -> None:
+        """Set what `camera_values` returns, and the highest band of the next passes."""
+        s = self.size
+        self._view[:56] = values
+        self._view[56:] = (
+            s.n, s.width, s.height, -(-s.width // 16), s.n_tiles, sh_degree, s.n_sh, s.n_rgb, 0, s.capacity,
+            self._with_pose, s.n,
+        )  # fmt: skip
         for uniform in self._uniforms:
             self._write_view(*uniform)
 
-    def _write_view(self, buffer: Any, first: int, last: Callable[[], int]) -> None:
-        self._view[14 * 4 + 8] = np.uint32(first)
-        self._view[14 * 4 + 11] = np.uint32(last())
-        self.gpu.device.queue.write_buffer(buffer, 0, self._view)
+    def _write_view(self, uniform: Uniform, first: int, last: Callable[[], int]) -> None:
+        self._view[14 * 4 + 8] = first
+        self._view[14 * 4 + 11] = last()
+        uniform.write(self._view)
 
-    def _packed_view(self, camera: PinholeCamera, settings: RasterSettings, sh_degree: int) -> NDArray[np.uint32]:
-        s = self.size
-        K, viewmat = camera.K, np.asarray(camera.viewmat, np.float64)
-        fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-        margin_x, margin_y = JACOBIAN_MARGIN * s.width, JACOBIAN_MARGIN * s.height
-        values = np.zeros(28)
-        values[:9], values[9:12] = viewmat[:3, :3].reshape(-1), viewmat[:3, 3]
-        values[12:16] = fx, fy, cx, cy
-        values[16:18] = (-margin_x - cx) / fx, (s.width + margin_x - cx) / fx
-        values[18:20] = (-margin_y - cy) / fy, (s.height + margin_y - cy) / fy
-        values[20:23] = settings.near, settings.low_pass, settings.antialiased
-        values[23:26] = camera.center
-        with np.errstate(over="ignore", invalid="ignore"):
-            high = values.astype(np.float32)
-            low = (values - high.astype(np.float64)).astype(np.float32)
-        integers = [
-            s.n, s.width, s.height, -(-s.width // 16), s.n_tiles, sh_degree, s.n_sh, s.n_rgb, 0, s.capacity,
-            int(self._with_pose), s.n,
-        ]  # fmt: skip
-        return np.concatenate([high.view(np.uint32), low.view(np.uint32), np.array(integers, np.uint32)])
-
-    def _view_uniform(self, first: int, last: Callable[[], int]) -> Any:
-        buffer = self._uniform(272)
-        self._uniforms.append((buffer, first, last))
+    def _view_uniform(self, first: int, last: Callable[[], int]) -> Uniform:
+        uniform = self._uniform(272)
+        self._uniforms.append((uniform, first, last))
         self._write_view(*self._uniforms[-1])
-        return buffer
+        return uniform
 
     def _over(self, per_group: int, values: int = 1) -> Callable[[], int]:
         """Return the workgroups for `values` values of each Gaussian, `per_group` of them in a workgroup."""
@@ -266,6 +271,7 @@ class Frame(Workspace):
         if time is None:
             run.run(buffers)
             return
+        self._changing.send()
         encoder = self.gpu.device.create_command_encoder()
         for buffer in buffers:
             encoder.clear_buffer(buffer)

@@ -9,7 +9,17 @@ from numpy.typing import NDArray
 
 from ...errors import NumericalError
 
-__all__ = ["BLOCK", "Counts", "FrameSize", "grown_capacity", "pack_sh", "sh_bytes", "sh_ranges", "unpack_sh"]
+__all__ = [
+    "BLOCK",
+    "Counts",
+    "FrameSize",
+    "grown_capacity",
+    "pack_sh",
+    "sh_bytes",
+    "sh_ranges",
+    "unpack_sh",
+    "with_room",
+]
 
 Float32 = NDArray[np.float32]
 
@@ -79,6 +89,11 @@ def grown_capacity(n_wanted: int, n: int) -> int:
             "checkpoint with a lower learning rate for the scales."
         )
     return n_wanted + n_wanted // 8
+
+
+def with_room(n: int, held: int) -> int:
+    """Return the size of a buffer for `n` values or bytes: that which is `held` if it is enough, otherwise with headroom."""
+    return held if n <= held else -(-5 * n // 256) * 64
 
 
 @dataclass(frozen=True)

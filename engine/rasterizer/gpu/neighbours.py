@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frame import Frame
+from .layout import with_room
 from .submissions import Submissions
 
 __all__ = ["NeighbourLoss", "NeighbourSample"]
@@ -56,7 +58,7 @@ class NeighbourSample:
         if not self.near.shape[1] or self.tries.shape[1] > _MAX_TRIES:
             raise ValueError(f"anchors have a neighbour, and at most {_MAX_TRIES} candidates")
 
-    @property
+    @functools.cached_property
     def rows(self) -> NDArray[np.uint32]:
         """Rows ``anchors`` of neighbours.wgsl."""
         return np.column_stack([self.anchors, self.near, self.tries]).astype(np.uint32)
@@ -66,8 +68,9 @@ class NeighbourSample:
         """Number of Gaussians that there have to be."""
         return int(self.rows.max()) + 1
 
+    @functools.cached_property
     def pairs(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-        """Return ``gaussians`` [R, 4] and ``pairs`` [P, 4] of neighbour_gradients.wgsl: each pair at both Gaussians."""
+        """``gaussians`` [R, 4] and ``pairs`` [P, 4] of neighbour_gradients.wgsl: each pair at both Gaussians."""
         rows = self.rows
         n, width = len(rows), rows.shape[1] - 1
         anchor = np.repeat(rows[:, 0], width)
@@ -113,10 +116,10 @@ class NeighbourLoss:
     def prepared(self, sample: NeighbourSample) -> Submissions:
         """Copy a sample to the card and return the dispatches of its loss, to be run after the backward pass."""
         frame, rows = self._frame, sample.rows
-        gaussians, pairs = sample.pairs()
+        gaussians, pairs = sample.pairs
         sizes = {"anchors": rows.nbytes, "gaussians": gaussians.nbytes, "pairs": pairs.nbytes, "distant": 4 * len(rows)}
         if self._submissions is None or any(n_bytes > self._sizes[name] for name, n_bytes in sizes.items()):
-            self._sizes = {name: max(n_bytes, self._sizes.get(name, 0)) for name, n_bytes in sizes.items()}
+            self._sizes = {name: with_room(n_bytes, self._sizes.get(name, 0)) for name, n_bytes in sizes.items()}
             self._submissions = self._made()
         constants = np.zeros(12, np.uint32)
         constants[:6] = (
@@ -125,7 +128,7 @@ class NeighbourLoss:
         )  # fmt: skip
         factors = np.array([sample.far, sample.lambda_pull, sample.lambda_push], np.float32)
         constants[6:9] = factors.view(np.uint32)
-        frame.gpu.device.queue.write_buffer(self._uniform, 0, constants)
+        self._uniform.write(constants)
         for name, values in (("anchors", rows), ("gaussians", gaussians), ("pairs", pairs)):
             frame.write(name, values)
         return self._submissions

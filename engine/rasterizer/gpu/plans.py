@@ -60,12 +60,20 @@ class StepPlan:
     noise: PositionNoise | None = None
     limits: bool = True
 
+    def sort(self) -> None:
+        """Sort the samples now, and not when the step is queued: another thread can do that ahead."""
+        if self.clustering is not None:
+            _ = self.clustering.packed
+        if isinstance(self.neighbours, NeighbourSample):
+            _ = self.neighbours.pairs
+
 
 @dataclass(frozen=True)
 class Photo:
-    """A photo on the card; see `PhotoLoss`."""
+    """A photo on the card; see `PhotoLoss` and `camera_values`."""
 
     camera: PinholeCamera
+    camera_values: NDArray[np.uint32]
     pixels: Any
     n_valid: int
     by_features: Any

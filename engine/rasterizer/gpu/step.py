@@ -8,9 +8,10 @@ a batch of queued steps ends where the first one failed.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,12 +26,14 @@ from ..settings import MAX_CHANNELS, MAX_REFUSED_STEPS, StepSettings
 from .adapters import Gpu, translate_card_errors
 from .exposure import GpuExposures
 from .faults import is_refusal, raise_fault
+from .frame import camera_values
 from .layout import FrameSize, grown_capacity
 from .paper import PaperSample, neighbours_of
 from .parameters import GROUPS, GpuParameters
 from .plans import Photo, StepPlan, valid_pixels
 from .rearrange import Rearrangement, check_rearrangement
 from .search import NearestSearch
+from .submissions import Timings
 from .training_frame import PhotoLoss, TrainingFrame
 from .workspace import STORAGE
 
@@ -105,6 +108,7 @@ class GpuTrainer:
         self._n_photos = 0
         self._frames: dict[tuple[int, int, bool], TrainingFrame] = {}
         self._pool: dict[str, Any] = {}
+        self._timings = Timings(gpu)
         self._status = gpu.device.create_buffer(size=4 * (_LOSSES + _BATCH), usage=STORAGE, label="status")
 
     def add_photo(
@@ -157,7 +161,8 @@ class GpuTrainer:
                 data = np.ascontiguousarray(by_features, np.float32)
                 given = self.gpu.device.create_buffer_with_data(data=data, usage=STORAGE, label="by_features")
         number, self._n_photos = self._n_photos, self._n_photos + 1
-        self._photos[number] = Photo(camera, buffer, int(counts.sum()), given, view)
+        values = camera_values(camera, self.settings.raster)
+        self._photos[number] = Photo(camera, values, buffer, int(counts.sum()), given, view)
         return number
 
     def free_photo(self, number: int) -> None:
@@ -278,8 +283,10 @@ class GpuTrainer:
             frame.release()
         self._frames.clear()
 
-    def steps(self, plans: Sequence[StepPlan]) -> list[float]:
+    def steps(self, plans: Iterable[StepPlan]) -> list[float]:
         """Make training steps and return their losses, with all terms but the one that `by_features` is the gradient of.
+
+        Plans are taken while earlier ones are on the card already.
 
         A step with a gradient that is not finite is refused: it changes nothing but by the random walk and the limits.
 
@@ -293,14 +300,15 @@ class GpuTrainer:
         ValueError
             If a plan samples pixels outside of its photo or Gaussians that there are not, or has a loss of features that the Gaussians do not have.
         """
-        for plan in plans:
-            self._check(plan)
         losses: list[float] = []
+        ahead, again = iter(plans), list[StepPlan]()
         with translate_card_errors(self.gpu, "train fewer Gaussians, or use the CPU"):
-            while len(losses) < len(plans):
-                batch = plans[len(losses) : len(losses) + _BATCH]
-                losses += self._batch(batch)
-        return losses
+            while True:
+                queued, made = self._batch(itertools.islice(itertools.chain(again, ahead), _BATCH))
+                if not queued:
+                    return losses
+                losses += made
+                again = queued[len(made) :]
 
     def gaussian_errors(self, photos: Sequence[int], sh_degree: int) -> torch.Tensor:
         """Return the error of the pictures in the pixels of each Gaussian, summed over `photos`, float32 [N].
@@ -383,30 +391,35 @@ class GpuTrainer:
     def _read_status(self) -> NDArray[np.uint32]:
         return np.frombuffer(self.gpu.device.queue.read_buffer(self._status), np.uint32)
 
-    def _batch(self, plans: Sequence[StepPlan]) -> list[float]:
-        """Queue steps and return the losses of those that were made or refused, up to the first that was refused.
+    def _batch(self, plans: Iterable[StepPlan]) -> tuple[list[StepPlan], list[float]]:
+        """Queue steps; return them, and the losses of those that were made or refused, up to the first that was refused.
 
         Grow the buffers, or raise, where one was not made for another reason.
         """
         self._clear_status()
-        queued: Counter[str] = Counter()
-        for index, plan in enumerate(plans):
-            queued.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
-            self._queue(plan, index, queued)
+        counted: Counter[str] = Counter()
+        queued: list[StepPlan] = []
+        for plan in plans:
+            self._check(plan)
+            counted.update([*self._trained(plan), *([_EXPOSURE] if plan.exposure_rate is not None else [])])
+            self._queue(plan, len(queued), counted)
+            queued.append(plan)
+        if not queued:
+            return [], []
         status = self._read_status()
         halted, made, wanted = (int(value) for value in status[:3])
         self.guards.update(dict(zip(GUARDS, (int(n) for n in status[3:_LOSSES]), strict=True)))
-        for plan in plans[:made]:
+        for plan in queued[:made]:
             for name in self._trained(plan):
                 self.parameters.steps[name] += 1
             self.exposures.step += plan.exposure_rate is not None
         losses = status[_LOSSES:].view(np.float32)
         if is_refusal(halted) and self.guards[REFUSED_STEPS] < MAX_REFUSED_STEPS:
             self.guards[REFUSED_STEPS] += 1
-            return [float(loss) for loss in losses[: made + 1]]
+            return queued, [float(loss) for loss in losses[: made + 1]]
         if halted:
             self._grow_or_raise(halted, wanted)
-        return [float(loss) for loss in losses[:made]]
+        return queued, [float(loss) for loss in losses[:made]]
 
     def _grow_or_raise(self, halted: int, wanted: int) -> None:
         """Make the buffers hold `wanted` pairs if there were too many, otherwise raise why no step was made."""
@@ -438,7 +451,7 @@ class GpuTrainer:
         """Queue one step. `queued` counts the steps of each group since the status was cleared, with this one."""
         photo, settings = self._photos[plan.photo], self.settings
         frame = self._frame(photo.camera, with_features="features" in plan.learning_rates)
-        frame.set_view(photo.camera, settings.raster, plan.sh_degree)
+        frame.set_camera_values(photo.camera_values, plan.sh_degree)
         neighbours = plan.neighbours
         if isinstance(neighbours, PaperSample):
             neighbours = neighbours_of(neighbours, self.gpu, self.parameters, self._pool)
@@ -484,6 +497,6 @@ class GpuTrainer:
         size = FrameSize(parameters.n, parameters.n_sh, n_features, width, height, self._capacity, room=parameters.room)
         n_moving = 3 if self.settings.detached_features else None
         self._frames[width, height, with_features] = TrainingFrame(
-            self.gpu, size, parameters, self.exposures, self._status, self._pool, n_moving=n_moving,
-            limits=self.settings.limits,
+            self.gpu, size, parameters, self.exposures, self._status, self._pool, timings=self._timings,
+            n_moving=n_moving, limits=self.settings.limits,
         )  # fmt: skip

@@ -1,12 +1,14 @@
 """Dispatches of kernels in submissions of bounded time.
 
 A driver resets a card that works on one submission for seconds; integrated cards draw the screen meanwhile and are reset
-first. The first run of a list of dispatches measures each of them, in a submission of its own. Later runs join as many
-as the limit allows, and split a dispatch that is longer alone, where its kernel can start at any workgroup.
+first. The first run of a list of dispatches measures each of them, in a submission of its own, unless what was measured of
+the same stages tells that all of them fit into one. Later runs join as many as the limit allows, and split a dispatch that
+is longer alone, where its kernel can start at any workgroup.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import time
@@ -15,8 +17,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from .adapters import Gpu
+from .constants import Constants
 
-__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "encode", "run_together"]
+__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "Timings", "encode", "run_together"]
+
+_COPY = 0x4 | 0x8  # COPY_SRC | COPY_DST of WebGPU
+
+Work = tuple[int, int]
+"""Numbers of Gaussians and of tiles."""
 
 Count = int | Callable[[], int]
 """A number, or what gives it when the work is queued, because it changes with the number of Gaussians."""
@@ -30,6 +38,14 @@ FILL = 0.5
 
 FIRST_GROUPS = 128
 """Workgroups of the first part of a dispatch that was never measured. Parts grow while they are shorter than the limit."""
+
+REMEASURED = 1.5
+"""Growth of the work after which forecast times are raised."""
+
+_OVERHEAD_RUNS = 3
+
+_SHORTEST_S = 1e-6
+"""Time of a dispatch that takes no longer than the measurement itself."""
 
 MEASURE_INTERVAL = 64
 """Runs after which dispatches are measured again, if together they take more than a tenth of the limit."""
@@ -71,6 +87,50 @@ class Dispatch:
         return [self.part(at, min(at + size, self.n_groups)) for at in range(0, self.n_groups, size)]
 
 
+class Timings:
+    """Times of dispatches that were measured, by stage. Lists that do the same for other pictures begin with them.
+
+    Parameters
+    ----------
+    gpu : Gpu
+    """
+
+    def __init__(self, gpu: Gpu) -> None:
+        self._gpu = gpu
+        self._longest: dict[str, tuple[float, Work]] = {}
+
+    @functools.cached_property
+    def overhead(self) -> float:
+        """Seconds of a submission without work, with the read that waits for it."""
+        buffer = self._gpu.device.create_buffer(size=16, usage=_COPY)
+        seconds = []
+        for _ in range(_OVERHEAD_RUNS):
+            start = time.perf_counter()
+            self._gpu.device.queue.submit([self._gpu.device.create_command_encoder().finish()])
+            self._gpu.device.queue.read_buffer(buffer)
+            seconds.append(time.perf_counter() - start)
+        return min(seconds)
+
+    def note(self, dispatches: Sequence[Dispatch], seconds: Sequence[float], work: Work) -> None:
+        """Keep the longest of the measured times of each stage."""
+        longest: dict[str, float] = {}
+        for dispatch, one in zip(dispatches, seconds, strict=True):
+            longest[dispatch.stage] = max(one, longest.get(dispatch.stage, 0.0))
+        self._longest |= {stage: (one, work) for stage, one in longest.items()}
+
+    def bounds(self, dispatches: Sequence[Dispatch], work: Work) -> list[float]:
+        """Return how long dispatches take at most, by what was measured of their stages; empty if any was not."""
+        if any(dispatch.stage not in self._longest for dispatch in dispatches):
+            return []
+        known = (self._longest[dispatch.stage] for dispatch in dispatches)
+        return [seconds * growth(before, work) for seconds, before in known]
+
+
+def growth(before: Work, now: Work) -> float:
+    """Return by how much a dispatch takes longer at most: in proportion to Gaussians, and to tiles."""
+    return math.prod(max(1.0, b / max(a, 1)) for a, b in zip(before, now, strict=True))
+
+
 class Submissions:
     """Runs one list of dispatches again and again.
 
@@ -80,17 +140,34 @@ class Submissions:
     dispatches : sequence of Dispatch
     sizes : wgpu.GPUBuffer
         Workgroups of the indirect ones.
+    constants : Constants, optional
+        What is sent to the card before a run.
+    timings : Timings, optional
+        Shared with other lists.
+    work : callable, optional
+        Returns the present numbers of Gaussians and of tiles, by which times are compared.
 
     Attributes
     ----------
     sizes : wgpu.GPUBuffer
     seconds : list of float
-        Measured time of each dispatch, empty before the first run. Wall time: it includes what the driver adds, and every
-        card can measure it.
+        Time of each dispatch, measured or at most; empty before the first run. Wall time: it includes what the driver
+        adds, and every card can measure it.
     """
 
-    def __init__(self, gpu: Gpu, dispatches: Sequence[Dispatch], sizes: Any) -> None:
-        self._gpu, self.dispatches, self.sizes = gpu, dispatches, sizes
+    def __init__(
+        self,
+        gpu: Gpu,
+        dispatches: Sequence[Dispatch],
+        sizes: Any,
+        *,
+        constants: Constants | None = None,
+        timings: Timings | None = None,
+        work: Callable[[], Work] = lambda: (1, 1),
+    ) -> None:
+        self._gpu, self.dispatches, self.sizes, self._constants = gpu, dispatches, sizes, constants
+        self._timings, self._work = timings or Timings(gpu), work
+        self._expected = work()
         self._runs = 0
         self._batches: list[tuple[float, list[Dispatch]]] = []
         self.seconds: list[float] = []
@@ -103,21 +180,31 @@ class Submissions:
         """Return the dispatches of each submission of the next run with its forecast time, none if it measures them."""
         due = self._runs % MEASURE_INTERVAL == 0 and sum(self.seconds) > LIMIT_S / 10
         self._runs += 1
+        work = self._work()
+        if not self.seconds:
+            self._expect(self._timings.bounds(self.dispatches, work), work)
+        elif (more := growth(self._expected, work)) > REMEASURED:
+            self._expect([more * one for one in self.seconds], work)
         return [] if due or not self.seconds else self._batches
+
+    def _expect(self, seconds: list[float], work: Work) -> None:
+        """Go by forecast times, or measure in the next run if they do not fit into one submission."""
+        self._expected = work
+        self.seconds = seconds if sum(seconds) <= FILL * LIMIT_S else []
+        self._batches = self.batches() if self.seconds else []
+
+    def send_constants(self) -> None:
+        """Send the constants that have changed: also those of new parts of a dispatch."""
+        if self._constants is not None:
+            self._constants.send()
 
     def measure(self) -> None:
         """Run the dispatches one by one, and decide which are joined from now on."""
         before: list[float | None] = [*self.seconds] or [None] * len(self.dispatches)
         self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
+        self._expected = self._work()
+        self._timings.note(self.dispatches, self.seconds, self._expected)
         self._batches = self.batches()
-
-    def grow(self, factor: float) -> None:
-        """Expect `factor` times the work: measure again in the next run, unless it stays far below the limit."""
-        if sum(self.seconds) * factor > FILL * LIMIT_S / 10:
-            self.seconds = []
-        else:
-            self.seconds = [factor * one for one in self.seconds]
-            self._batches = self.batches() if self.seconds else []
 
     def batches(self) -> list[tuple[float, list[Dispatch]]]:
         """Return the time and the dispatches of each submission, by the measured times."""
@@ -149,12 +236,13 @@ class Submissions:
         return total
 
     def _seconds_of(self, dispatch: Dispatch) -> float:
+        self.send_constants()
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
         encode(encoder, [dispatch], self.sizes)
         self._gpu.device.queue.submit([encoder.finish()])
         self._wait()
-        return time.perf_counter() - start
+        return max(time.perf_counter() - start - self._timings.overhead, _SHORTEST_S)
 
     def _wait(self) -> None:
         """Wait until all that is queued is done: a read comes last. wgpu 0.32 fails in `on_submitted_work_done_sync`."""
@@ -183,6 +271,7 @@ def run_together(
         for buffer in zeroed:
             encoder.clear_buffer(buffer)
         batches = run.next_batches()
+        run.send_constants()
         for seconds, together in batches:
             if filled and filled + seconds > FILL * LIMIT_S:
                 queue.submit([encoder.finish()])

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from ..settings import StepLimits
 from .adapters import Gpu
 from .clustering import ClusteringLoss, ClusteringSample
+from .constants import Uniform
 from .errors import ErrorSum
 from .exposure import GpuExposures
 from .frame import Frame
 from .layout import BLOCK, FrameSize
 from .neighbours import NeighbourLoss, NeighbourSample
 from .parameters import GROUPS, GpuParameters
-from .submissions import Dispatch, Submissions, run_together
+from .submissions import Dispatch, Submissions, Timings, run_together
 
 __all__ = ["Dropout", "PhotoLoss", "PositionNoise", "TrainingFrame"]
 
@@ -132,6 +133,7 @@ class TrainingFrame(Frame):
         See optimiser.wgsl.
     pool : dict of str to wgpu.GPUBuffer
         See `Workspace`; that of frames whose steps do not overlap those of this one.
+    timings : Timings, optional
     n_moving : int, optional
         See `Frame`.
     limits : StepLimits, optional
@@ -151,15 +153,16 @@ class TrainingFrame(Frame):
         status: Any,
         pool: dict[str, Any],
         *,
+        timings: Timings | None = None,
         n_moving: int | None = None,
         limits: StepLimits | None = None,
     ) -> None:
-        super().__init__(gpu, size, n_moving=n_moving, shared=parameters.buffers, pool=pool)
+        super().__init__(gpu, size, n_moving=n_moving, shared=parameters.buffers, pool=pool, timings=timings)
         self.buffers |= parameters.buffers | exposures.buffers | {"status": status}
         self._parameters, self._exposures, self._limits = parameters, exposures, limits
         self._loss_uniform = self._uniform(64)
-        self._optimisers: list[tuple[Any, int]] = []
-        self._tests: list[tuple[Any, int]] = []
+        self._optimisers: list[tuple[Uniform, int]] = []
+        self._tests: list[tuple[Uniform, int]] = []
         self._losses: dict[int, Submissions] = {}
         optimiser = self._optimiser_uniform(0)
         activate = self._step(
@@ -194,17 +197,13 @@ class TrainingFrame(Frame):
         self._write_tests()
 
     def _write_tests(self) -> None:
-        for buffer, fours in self._tests:
-            length = np.array([fours * self.size.n, _GRADIENT_NOT_FINITE], np.uint32)
-            self.gpu.device.queue.write_buffer(buffer, 0, length)
+        for uniform, fours in self._tests:
+            uniform.write(np.array([fours * self.size.n, _GRADIENT_NOT_FINITE], np.uint32))
 
-    def _runs_by_gaussian(self) -> list[Submissions]:
-        return [*super()._runs_by_gaussian(), self._activate, self._finish, self._errors.run]
-
-    def _optimiser_uniform(self, first: int) -> Any:
-        buffer = self._uniform(128 + 16 * (len(GROUPS) + 1))
-        self._optimisers.append((buffer, first))
-        return buffer
+    def _optimiser_uniform(self, first: int) -> Uniform:
+        uniform = self._uniform(128 + 16 * (len(GROUPS) + 1))
+        self._optimisers.append((uniform, first))
+        return uniform
 
     def _finish_steps(self, optimiser: Any) -> list[Any]:
         """Return the dispatches after the backward pass: tests, verdict, Adam, noise, limits."""
@@ -239,7 +238,7 @@ class TrainingFrame(Frame):
         return self._step("tests", "find_not_finite", settings, [name, "counts"], self._over(128, fours))
 
     def _sh_steps(
-        self, stage: str, kernel: str, uniforms: Mapping[int, Any], parts: Sequence[str], names: Sequence[str]
+        self, stage: str, kernel: str, uniforms: Mapping[int, Uniform], parts: Sequence[str], names: Sequence[str]
     ) -> list[Dispatch]:
         """Return the dispatches of a kernel over the values of harmonics, on all ranges of the buffers `parts`."""
 
@@ -272,7 +271,7 @@ class TrainingFrame(Frame):
             values[place] = np.float32(factor).view(np.uint32)
         values[6], values[8] = photo.view, -(-s.n // 256)
         values[12], values[13] = photo.detached, photo.given is not None
-        self.gpu.device.queue.write_buffer(self._loss_uniform, 0, values)
+        self._loss_uniform.write(values)
         self._loss = self._loss_of(photo.given)
         self._photo = photo
 
@@ -283,7 +282,7 @@ class TrainingFrame(Frame):
         if noise is not None:
             values[1:3] = noise.step, noise.seed
             values[4:6] = np.array([noise.amount, noise.max_walk], np.float32).view(np.uint32)
-        self.gpu.device.queue.write_buffer(self._noise_uniform, 0, values)
+        self._noise_uniform.write(values)
 
     def _loss_of(self, given: Any) -> Submissions:
         """Return the dispatches of the loss, with a further one whose gradient is `given`."""
@@ -343,7 +342,7 @@ class TrainingFrame(Frame):
             Whether the limits are applied after it.
         """
         s = self.size
-        for buffer, first in self._optimisers:
+        for uniform, first in self._optimisers:
             integers = [
                 s.n,
                 self._parameters.n_background,
@@ -363,7 +362,7 @@ class TrainingFrame(Frame):
                 np.array([with_limits, 0, 0], np.uint32),
                 groups.view(np.uint32).reshape(-1),
             ]
-            self.gpu.device.queue.write_buffer(buffer, 0, np.concatenate(values))
+            uniform.write(np.concatenate(values))
 
     def _limit_values(self, photo: PhotoLoss) -> NDArray[np.float32]:
         """Return the derivatives by each opacity and scale, and the limits, as in optimiser.wgsl; shape [10]."""

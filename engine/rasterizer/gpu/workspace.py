@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from ...errors import EnvironmentProblem
 from ...machine import free_memory
 from .adapters import Gpu, translate_card_errors
+from .constants import Constants, Uniform
 from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of
-from .submissions import Count, Dispatch, Submissions
+from .submissions import Count, Dispatch
 
 __all__ = ["STORAGE", "Workspace"]
 
 STORAGE = 0x80 | 0x8 | 0x4  # STORAGE | COPY_DST | COPY_SRC of WebGPU
-_UNIFORM = 0x40 | 0x8
+_UNIFORM = 0x40
 _INDIRECT = 0x100
 
 SMALLER = "render a smaller picture or fewer Gaussians, or use the CPU"
@@ -77,6 +78,7 @@ class Workspace:
         self.buffers: dict[str, Any] = {}
         self._n_bytes: dict[str, int] = {}
         self._sorted: tuple[str, str] = ("", "")
+        self._changing = Constants(gpu)
 
     def allocate(self, sizes: Mapping[str, int]) -> None:
         """Make a buffer for each of `sizes` in bytes, unless a shared one or one of the pool is large enough.
@@ -154,21 +156,22 @@ class Workspace:
         """Make the buffer with the workgroups of indirect dispatches, 3 of 3 values."""
         self.buffers["dispatches"] = self.gpu.device.create_buffer(size=36, usage=STORAGE | _INDIRECT)
 
-    def _uniform(self, n_bytes: int) -> Any:
-        return self.gpu.device.create_buffer(size=n_bytes, usage=_UNIFORM)
+    def _uniform(self, n_bytes: int) -> Uniform:
+        """Return a place for constants that change from run to run."""
+        return self._changing.uniform(n_bytes)
 
-    def _constants(self, *values: int) -> Any:
+    def _constants(self, *values: int) -> dict[str, Any]:
+        """Return the resource of constants that stay."""
         padded = np.zeros(-(-len(values) // 4) * 4, np.uint32)
         padded[: len(values)] = values
-        buffer = self._uniform(padded.nbytes)
-        self.gpu.device.queue.write_buffer(buffer, 0, padded)
-        return buffer
+        buffer = self.gpu.device.create_buffer_with_data(data=padded, usage=_UNIFORM)
+        return {"buffer": buffer, "offset": 0, "size": padded.nbytes}
 
     def _step(
         self,
         stage: str,
         kernel: str,
-        uniform: Any,
+        uniform: Uniform | dict[str, Any],
         names: Sequence[str | tuple[str, int, int]],
         n_groups: Count,
         *,
@@ -177,7 +180,7 @@ class Workspace:
     ) -> Dispatch:
         """Return the dispatch of `kernel` on the buffers `names`, or on (name, first byte, bytes) of a buffer."""
         pipeline = kernels_of(self.gpu).get(kernel, entry, self._n_channels, self._n_moving)
-        resources = [{"buffer": uniform, "offset": 0, "size": uniform.size}]
+        resources = [uniform.resource if isinstance(uniform, Uniform) else uniform]
         for item in names:
             name, first, n_bytes = (item, 0, self._bytes_of(item)) if isinstance(item, str) else item
             resources.append({"buffer": self.buffers[name], "offset": first, "size": n_bytes})
@@ -246,6 +249,3 @@ class Workspace:
             "digits": 1024 * blocks,
             "sums": 4 * -(-max(n + 1, 256 * blocks) // SCAN_BLOCK),
         }
-
-    def _submissions(self, steps: Sequence[Dispatch]) -> Submissions:
-        return Submissions(self.gpu, steps, self.buffers["dispatches"])

@@ -15,11 +15,12 @@ import pytest
 
 from engine.errors import Cancelled, EnvironmentProblem
 from engine.events import Event, Progress
-from engine.rasterizer.gpu import Gpu, open_adapter, open_gpu
+from engine.rasterizer.gpu import Gpu, open_adapter
 from engine.training import gpu_steps
 from engine.training.checkpoint import CHECKPOINT_FILE
 from engine.training.result import TrainingResult
 
+from ..cards import card_or_skip
 from .conftest import Scene
 from .test_loop import QUICK, run, same, stop_after
 
@@ -31,10 +32,7 @@ ROOT = Path(__file__).parents[3]
 @pytest.fixture(autouse=True)
 def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gpu:
     """Let training use any adapter, also the processor; tests marked ``gpu`` get a card."""
-    try:
-        gpu = open_gpu(software=request.node.get_closest_marker("gpu") is None)
-    except EnvironmentProblem as problem:
-        pytest.skip(f"no adapter for the gpu backend: {problem}")
+    gpu = card_or_skip(software=request.node.get_closest_marker("gpu") is None)
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
     monkeypatch.setattr(gpu_steps, "open_gpu", lambda: gpu)
     return gpu

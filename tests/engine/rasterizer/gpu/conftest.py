@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from engine.errors import EnvironmentProblem
-from engine.rasterizer.gpu import Gpu, open_gpu
+from engine.rasterizer.gpu import Gpu
+
+from ...cards import card_or_skip
 
 
 @pytest.fixture(autouse=True)
 def opened_gpu(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Gpu:
     """Let `rasterize` use any adapter, also the processor; tests marked ``gpu`` get a card."""
-    try:
-        gpu = open_gpu(software=request.node.get_closest_marker("gpu") is None)
-    except EnvironmentProblem as problem:
-        pytest.skip(f"no adapter for the gpu backend: {problem}")
+    gpu = card_or_skip(software=request.node.get_closest_marker("gpu") is None)
     monkeypatch.setattr("engine.rasterizer.gpu.open_gpu", lambda: gpu)
     return gpu

@@ -10,7 +10,7 @@ import pytest
 
 from engine.rasterizer.gpu import Frame, FrameSize, Gpu, submissions
 from engine.rasterizer.gpu.layout import pack_sh
-from engine.rasterizer.gpu.submissions import FILL, LIMIT_S, Dispatch, Submissions
+from engine.rasterizer.gpu.submissions import FILL, LIMIT_S, Dispatch, Submissions, Timings
 from engine.rasterizer.settings import RasterSettings
 
 from ..scenes import camera, random_scene
@@ -87,9 +87,27 @@ def test_split_submissions_give_the_bits_of_one(opened_gpu: Gpu, monkeypatch: py
 
 
 def test_grown_work_is_measured_again_only_if_it_may_take_long(opened_gpu: Gpu) -> None:
-    run = Submissions(opened_gpu, [dispatch(10), dispatch(20)], None)
+    work = [10, 4]
+    run = Submissions(opened_gpu, [dispatch(10), dispatch(20)], None, work=lambda: (work[0], work[1]))
     run.seconds = [1e-4, 2e-4]
-    run.grow(2.0)
+    work[0] = 20
+    assert run.next_batches()
     assert run.seconds == [2e-4, 4e-4]
-    run.grow(100.0)
+    work[:] = 200, 400
+    assert not run.next_batches()
     assert run.seconds == []
+
+
+def test_lists_of_other_pictures_begin_with_what_was_measured(opened_gpu: Gpu) -> None:
+    timings = Timings(opened_gpu)
+    timings.note([dispatch(10), dispatch(20)], [1e-4, 2e-4], (10, 4))
+    small, large, huge = (
+        Submissions(opened_gpu, [dispatch(5)], None, timings=timings, work=lambda n=n: (10, n)) for n in (2, 8, 4000)
+    )
+    assert small.next_batches()
+    assert small.seconds == [2e-4]  # the longest of the stage
+    assert large.next_batches()
+    assert large.seconds == [4e-4]
+    assert not huge.next_batches()  # 0.2 s do not fit into one submission: it is measured
+    other = Submissions(opened_gpu, [replace(dispatch(5), stage="another")], None, timings=timings)
+    assert not other.next_batches()

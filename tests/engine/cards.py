@@ -1,0 +1,17 @@
+"""The graphics card that tests open."""
+
+from __future__ import annotations
+
+import pytest
+
+from engine.errors import EnvironmentProblem
+from engine.rasterizer.gpu import Gpu, open_adapter, open_gpu
+
+
+def card_or_skip(*, software: bool = True) -> Gpu:
+    """Return the card, or with `software` any adapter; skip where there is none, and fail where the self-test does."""
+    try:
+        open_adapter(software=software)
+    except EnvironmentProblem as problem:
+        pytest.skip(f"no adapter for the gpu backend: {problem}")
+    return open_gpu(software=software)
