@@ -151,10 +151,11 @@ class GpuTrainer:
         if not 0 <= view < self.exposures.n:
             raise ValueError(f"there are exposures of {self.exposures.n} views, got view {view}")
         counts = valid_pixels(pixels.shape[:2], valid)
-        packed = np.dstack([pixels, np.where(counts, np.uint8(255), np.uint8(0))])
+        packed = np.empty((*counts.shape, 4), np.uint8)
+        packed[..., :3], packed[..., 3] = pixels, np.where(counts, 255, 0)
         with translate_card_errors(self.gpu, "train with fewer or smaller photos, or use the CPU"):
             buffer = self.gpu.device.create_buffer_with_data(
-                data=np.ascontiguousarray(packed), usage=STORAGE, label=f"photo {self._n_photos}"
+                data=packed, usage=STORAGE, label=f"photo {self._n_photos}"
             )
             given = None
             if by_features is not None:

@@ -13,7 +13,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from .adapters import Gpu
@@ -85,6 +85,19 @@ class Dispatch:
             return [self]
         size = -(-self.n_groups // min(n, self.n_groups))
         return [self.part(at, min(at + size, self.n_groups)) for at in range(0, self.n_groups, size)]
+
+
+@dataclass
+class Batch:
+    """A submission: dispatches, and of each the number of the whole one in the list and its time in seconds."""
+
+    dispatches: list[Dispatch] = field(default_factory=list)
+    shares: list[tuple[int, float]] = field(default_factory=list)
+
+    @property
+    def seconds(self) -> float:
+        """Time of all of it."""
+        return sum(seconds for _, seconds in self.shares)
 
 
 class Timings:
@@ -169,7 +182,8 @@ class Submissions:
         self._timings, self._work = timings or Timings(gpu), work
         self._expected = work()
         self._runs = 0
-        self._batches: list[tuple[float, list[Dispatch]]] = []
+        self._is_measured = False
+        self._batches: list[Batch] = []
         self.seconds: list[float] = []
 
     def run(self, zeroed: Iterable[Any]) -> None:
@@ -178,20 +192,21 @@ class Submissions:
 
     def next_batches(self) -> list[tuple[float, list[Dispatch]]]:
         """Return the dispatches of each submission of the next run with its forecast time, none if it measures them."""
-        due = self._runs % MEASURE_INTERVAL == 0 and sum(self.seconds) > LIMIT_S / 10
-        self._runs += 1
         work = self._work()
         if not self.seconds:
             self._expect(self._timings.bounds(self.dispatches, work), work)
         elif (more := growth(self._expected, work)) > REMEASURED:
             self._expect([more * one for one in self.seconds], work)
-        return [] if due or not self.seconds else self._batches
+        due = self._runs % MEASURE_INTERVAL == 0 and sum(self.seconds) > LIMIT_S / 10
+        self._runs += 1
+        # What does not fit into one submission by its forecast, which may be much too high, is measured.
+        if due or not self.seconds or (not self._is_measured and sum(self.seconds) > FILL * LIMIT_S):
+            return []
+        return [(batch.seconds, batch.dispatches) for batch in self._batches]
 
     def _expect(self, seconds: list[float], work: Work) -> None:
-        """Go by forecast times, or measure in the next run if they do not fit into one submission."""
-        self._expected = work
-        self.seconds = seconds if sum(seconds) <= FILL * LIMIT_S else []
-        self._batches = self.batches() if self.seconds else []
+        self.seconds, self._expected, self._is_measured = seconds, work, False
+        self._batches = self.batches() if seconds else []
 
     def send_constants(self) -> None:
         """Send the constants that have changed: also those of new parts of a dispatch."""
@@ -199,47 +214,54 @@ class Submissions:
             self._constants.send()
 
     def measure(self) -> None:
-        """Run the dispatches one by one, and decide which are joined from now on."""
-        before: list[float | None] = [*self.seconds] or [None] * len(self.dispatches)
-        self.seconds = [self._measure(*pair) for pair in zip(self.dispatches, before, strict=True)]
-        self._expected = self._work()
+        """Run the dispatches, and decide which are joined from now on.
+
+        Without a forecast one by one, and from small parts on; otherwise in the submissions of the forecast.
+        """
+        if self.seconds:
+            measured = [0.0] * len(self.dispatches)
+            for batch in self._batches:
+                factor = self._seconds_of(batch.dispatches) / batch.seconds
+                for index, seconds in batch.shares:
+                    measured[index] += factor * seconds
+            self.seconds = measured
+        else:
+            self.seconds = [self._measure(dispatch) for dispatch in self.dispatches]
+        self._expected, self._is_measured = self._work(), True
         self._timings.note(self.dispatches, self.seconds, self._expected)
         self._batches = self.batches()
 
-    def batches(self) -> list[tuple[float, list[Dispatch]]]:
-        """Return the time and the dispatches of each submission, by the measured times."""
-        batches: list[tuple[float, list[Dispatch]]] = [(0.0, [])]
-        for one, seconds in zip(self.dispatches, self.seconds, strict=True):
+    def batches(self) -> list[Batch]:
+        """Return the submissions, by the forecast or measured times."""
+        batches = [Batch()]
+        for index, (one, seconds) in enumerate(zip(self.dispatches, self.seconds, strict=True)):
             parts = one.parts(_n_parts(seconds))
             for part in parts:
-                filled, together = batches[-1]
-                if together and filled + seconds / len(parts) > FILL * LIMIT_S:
-                    filled, together = 0.0, []
-                    batches.append((filled, together))
-                together.append(part)
-                batches[-1] = filled + seconds / len(parts), together
+                share = seconds / len(parts)
+                if batches[-1].dispatches and batches[-1].seconds + share > FILL * LIMIT_S:
+                    batches.append(Batch())
+                batches[-1].dispatches.append(part)
+                batches[-1].shares.append((index, share))
         return batches
 
-    def _measure(self, dispatch: Dispatch, before: float | None) -> float:
-        """Run a dispatch alone and return its time in seconds, measured `before` or never."""
-        self._wait()
+    def _measure(self, dispatch: Dispatch) -> float:
+        """Run a dispatch alone, whose time nothing is known of, and return it in seconds."""
         if dispatch.part is None:
-            return self._seconds_of(dispatch)
-        if before is not None:
-            return sum(self._seconds_of(part) for part in dispatch.parts(_n_parts(before)))
+            return self._seconds_of([dispatch])
         total, at, n = 0.0, 0, FIRST_GROUPS
         while at < dispatch.n_groups:
             end = min(at + n, dispatch.n_groups)
-            seconds = self._seconds_of(dispatch.part(at, end))
+            seconds = self._seconds_of([dispatch.part(at, end)])
             total, at = total + seconds, end
             n = min(4 * n, max(FIRST_GROUPS, int(n * FILL * LIMIT_S / seconds)))  # other tiles may take longer
         return total
 
-    def _seconds_of(self, dispatch: Dispatch) -> float:
+    def _seconds_of(self, dispatches: Sequence[Dispatch]) -> float:
+        self._wait()
         self.send_constants()
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
-        encode(encoder, [dispatch], self.sizes)
+        encode(encoder, dispatches, self.sizes)
         self._gpu.device.queue.submit([encoder.finish()])
         self._wait()
         return max(time.perf_counter() - start - self._timings.overhead, _SHORTEST_S)
