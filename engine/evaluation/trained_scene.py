@@ -144,8 +144,8 @@ class TrainedScene:
         self._cameras = cameras
         self._label_maps = label_maps_of(project.path, self._visible_cameras(None))
         self._embeddings = EmbeddingFolder(project.path / "masks").copied(folder / "embeddings", self.looked_at)
-        # The appearance of the groups is computed once, as in a project; the project itself is only read here.
-        self._appearance_file = folder / "looks.npz"
+        # Both are computed once, as in a project; the project itself is only read here.
+        self._appearance_file, self._graph_file = folder / "looks.npz", folder / "graph.npz"
         self._prompt_file = folder / "prompt.png"
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
 
@@ -210,6 +210,7 @@ class TrainedScene:
             self.photos(method.settings),
             self._label_maps if method.snaps else {},
             self._appearance_file,
+            self._graph_file if method.snaps else None,
         )
 
     def _visible_cameras(self, prompt_photo: str | None) -> CameraSet:
