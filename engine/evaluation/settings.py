@@ -90,8 +90,9 @@ class Method:
     ----------
     name : str
     settings : SegmentSettings
-    snaps : bool
-        Whether the segments of the photos are used.
+    without : {"", "segments", "neighbours", "features"}
+        Links of the graph of the scene that are left out: those to the segments of the photos, those between Gaussians,
+        or the features in the weights of the latter.
     preset : str
         Preset whose number of views the method varies, or the preset itself; empty for ablations.
     n_views : int
@@ -100,7 +101,7 @@ class Method:
 
     name: str
     settings: SegmentSettings
-    snaps: bool = True
+    without: Literal["", "segments", "neighbours", "features"] = ""
     preset: str = ""
     n_views: int = 0
 
@@ -108,15 +109,20 @@ class Method:
 def methods_of(settings: EvaluationSettings) -> list[Method]:
     """Return the presets, the ablations and the variants with other numbers of views, in this order.
 
-    Segments are no ablation for texts, since a text is searched for in the same segments.
+    Texts and searches for all objects are ablated by what finds their candidates, not by the graph.
     """
     presets = tuple(name for name in settings.presets if settings.prompt_kind != "all" or name == _FINDS_ALL)
     counts = {name: _n_views(PRESETS[name], settings.prompt_kind) for name in presets}
     methods = [Method(name, PRESETS[name], preset=name, n_views=counts[name]) for name in presets]
     if settings.ablations and settings.prompt_kind == "text":
         methods.append(Method("better, no groups of Gaussians", replace(BETTER, n_groups=0)))
-    if settings.ablations and settings.prompt_kind != "text":
-        methods.append(Method("better, no segments of the photos", BETTER, snaps=False))
+    if settings.ablations and settings.prompt_kind in ("mask", "click"):
+        methods += [
+            Method("better, no links to segments", BETTER, without="segments"),
+            Method("better, no links between Gaussians", BETTER, without="neighbours"),
+            Method("better, links without features", BETTER, without="features"),
+            Method("better, strictness 1", replace(BETTER, strictness=1.0)),
+        ]
     for name in presets:
         for count in settings.view_counts:
             if counts[name] not in (0, count):

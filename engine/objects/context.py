@@ -48,6 +48,8 @@ class SegmentationContext:
         File that stores the appearance of the groups (`engine.objects.appearance`). None keeps it in memory only.
     graph_file : Path or None
         File that stores the graph of the scene (`engine.objects.graph`). None keeps it in memory only.
+    graphs : dict of int to SceneGraph
+        Graphs in memory by number of photos.
     """
 
     views: Views
@@ -55,7 +57,7 @@ class SegmentationContext:
     label_maps: Mapping[str, NDArray[np.int32]]
     appearance_file: Path | None = None
     graph_file: Path | None = None
-    _graph: dict[int, SceneGraph] = field(default_factory=dict, compare=False, repr=False)
+    graphs: dict[int, SceneGraph] = field(default_factory=dict, compare=False, repr=False)
     _appearance: dict[str, GroupAppearance | None] = field(default_factory=dict, compare=False, repr=False)
 
     def graph(self, settings: SegmentSettings, should_stop: StopCheck) -> SceneGraph:
@@ -67,11 +69,11 @@ class SegmentationContext:
             When `should_stop` returns True.
         """
         n_views = settings.n_vote_views
-        if n_views not in self._graph:
-            self._graph[n_views] = load_or_build_graph(
+        if n_views not in self.graphs:
+            self.graphs[n_views] = load_or_build_graph(
                 self.graph_file, self.views, self.label_maps, n_views=n_views, should_stop=should_stop
             )
-        return self._graph[n_views]
+        return self.graphs[n_views]
 
     def group_appearance(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupAppearance | None:
         """Return how `detector` describes the groups of the scene, computed at the first call.

@@ -19,19 +19,26 @@ from .crops import crop_photos
 from .curation import memberships_of, store_background
 from .evidence import DetectorFactory
 from .found import ObjectRequest, new_record
-from .hierarchy import build_hierarchy
+from .graph import SceneGraph
+from .hierarchy import Hierarchy, build_hierarchy
 from .lifting import Levels, bounded
 from .photos import SamFactory
 from .polishing import polish_each
 from .settings import SegmentSettings
 from .storage import save_object
-from .views import MAX_OBJECT_EXTENT
+from .views import Views
 from .votes import HALF, Votes
 
 __all__ = ["DetectedObject", "find_everything", "segment_everything_in"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+_MAX_EXTENT = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Largest extent (`Views.extent`) of an object that is found without a prompt. Longer groups are walls and floors."""
+
+_SIZE_POWER = 0.7  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Power of a group's pixels in its score. Below 1, two parts win against a whole that is covered as well."""
 
 _MIN_COVERING = 0.4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Covering (`SceneGraph.covering`) from which on a group is an object."""
@@ -94,21 +101,15 @@ def find_everything(
 
     Notes
     -----
-    The groups of the scene (`engine.objects.hierarchy`) are cut so that the segments of the photos cover them best. A
-    group longer than `MAX_OBJECT_EXTENT` is a wall, a floor or a table.
+    The groups of the scene (`engine.objects.hierarchy`) are cut so that the segments of the photos cover them best.
     """
     views, graph = context.views, context.graph(settings, should_stop)
     emit(Progress("objects", 0.0, message="Grouping the Gaussians"))
     hierarchy = build_hierarchy(views)
-    covering, pixels = graph.covering(hierarchy.membership_matrix())
-    groups = [
-        group
-        for group in hierarchy.cut(covering * np.sqrt(pixels))
-        if covering[group] >= _MIN_COVERING and views.extent(hierarchy.members(group)) <= MAX_OBJECT_EXTENT
-    ]
+    groups = object_groups(views, graph, hierarchy)
     objects: list[DetectedObject] = []
     taken = np.zeros(len(views.scene), bool)
-    for number, group in enumerate(sorted(groups, key=lambda group: -covering[group])):
+    for number, group in enumerate(groups):
         if should_stop():
             raise Cancelled("Stopped while searching for all objects; none was stored.")
         members = hierarchy.members(group)
@@ -120,6 +121,17 @@ def find_everything(
             objects.append(_named(context, membership, settings, detector_factory))
         emit(Progress("objects", (number + 1) / len(groups), message="Naming"))
     return sorted(objects, key=lambda item: -item.score)
+
+
+def object_groups(views: Views, graph: SceneGraph, hierarchy: Hierarchy) -> list[int]:
+    """Return the disjoint groups that are objects, those first that the segments of the photos outline best."""
+    covering, pixels = graph.covering(hierarchy.membership_matrix())
+    groups = [
+        group
+        for group in hierarchy.cut(covering * pixels**_SIZE_POWER)
+        if covering[group] >= _MIN_COVERING and views.extent(hierarchy.members(group)) <= _MAX_EXTENT
+    ]
+    return sorted(groups, key=lambda group: -covering[group])
 
 
 def _named(

@@ -44,11 +44,15 @@ __all__ = [
     "nothing_found",
     "pixel_of",
     "require_mask",
+    "segment_similar",
 ]
 
 DetectorFactory = Callable[[], "Detector"]
 
 Mask = NDArray[np.bool_]
+
+_CLICK_COSINE = 0.7  # published: Dahaghin et al. 2024
+"""Smallest cosine of a pixel's feature with that of a clicked pixel in the area around the click."""
 
 _MIN_GROUP_SCORE = 0.05  # chosen on museum_room, store_room
 """Smallest score, mean over the photos times the root of the prominence, with which a group is evidence of a text."""
@@ -136,9 +140,9 @@ def evidence_of_clicks(
 ) -> list[MaskEvidence]:
     """Return one mask for each clicked photo, from all clicks in it.
 
-    SAM's mask of a click is often only a part of the object, the segment that was made for training may be the whole,
-    and SAM's mask of the box of either may be better. Of these masks the one is taken whose object the segments of all
-    photos outline best (`SceneGraph.covering`).
+    SAM's mask of a click is often only a part of the object. The segment that was made for training may be the whole,
+    and so may SAM's mask of the box around the area with features like the click's. Of these masks the one is taken
+    whose object the segments of all photos outline best (`SceneGraph.covering`).
 
     Parameters
     ----------
@@ -166,14 +170,11 @@ def evidence_of_clicks(
         kept = _kept_segments(points, view, context)
         if kept is not None:
             masks.append(MaskEvidence(view, kept, score))
+        boxed = segment_similar(points, view, context.photos, _CLICK_COSINE)
+        clicked = [pixel_of(view, point.x, point.y) for point in points]
+        if boxed is not None and all(boxed[0][row, column] for column, row in clicked):
+            masks.append(MaskEvidence(view, *boxed))
         best = _best_outlined(masks, context, settings, should_stop)
-        box = mask_box(view.to_photo(best.mask))
-        if box is not None:
-            left, top, right, bottom = (float(side) for side in box)
-            outside = [(point.x, point.y) for point in excluded if point.photo == view.camera.photo]
-            mask, score = context.photos.segment(view.camera, outside=outside, box=(left, top, right, bottom))
-            boxed = MaskEvidence(view, view.from_photo(mask), score)
-            best = _best_outlined([best, boxed], context, settings, should_stop)
         evidence.append(require_mask(best))
     return evidence
 
@@ -193,6 +194,38 @@ def _kept_segments(clicks: Sequence[Point], view: View, context: SegmentationCon
     labels = view.labels_from_photo(context.label_maps[view.camera.photo])
     clicked = [labels[row, column] for column, row in (pixel_of(view, point.x, point.y) for point in clicks)]
     return np.isin(labels, clicked) if all(clicked) else None
+
+
+def segment_similar(clicks: Sequence[Point], view: View, photos: Photos, cosine: float) -> tuple[Mask, float] | None:
+    """Return SAM's mask of the box around the connected area with features like those of the clicked pixels.
+
+    Parameters
+    ----------
+    clicks : sequence of Point
+        In the photo of `view`.
+    view : View
+    photos : Photos
+    cosine : float
+        Smallest cosine of a pixel's feature with that of a clicked pixel.
+
+    Returns
+    -------
+    (bool array of shape [h, w], float), or None
+        The mask in the frame of `view`, and its score. None where no Gaussian covers a clicked pixel.
+    """
+    places = [pixel_of(view, point.x, point.y) for point in clicks]
+    places = [(column, row) for column, row in places if view.covered[row, column]]
+    if not places:
+        return None
+    clicked = np.stack([view.features[row, column] for column, row in places])
+    similar = ((view.features @ clicked.T).max(axis=-1) >= cosine) & view.covered
+    areas = cv2.connectedComponents(similar.astype(np.uint8))[1]
+    box = mask_box(view.to_photo(np.isin(areas, [areas[row, column] for column, row in places])))
+    if box is None:
+        return None
+    left, top, right, bottom = (float(side) for side in box)
+    mask, score = photos.segment(view.camera, box=(left, top, right, bottom))
+    return view.from_photo(mask), score
 
 
 def clicks_by_photo(clicks: Sequence[Point], cameras: CameraSet) -> list[list[Point]]:

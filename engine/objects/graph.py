@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +116,13 @@ class SceneGraph:
         preconditioner = diags(1 / diagonal)
         solution, _ = cg(system, inside, rtol=_TOLERANCE, maxiter=_MAX_STEPS, M=preconditioner)
         return np.clip(solution[: len(votes.inside)], 0, 1).astype(np.float32)
+
+    def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
+        """Return the graph without the links to segments, those between Gaussians, or features in their weights."""
+        if part == "segments":
+            return replace(self, segments=csr_matrix(self.segments.shape, dtype=np.float32))
+        links = self.neighbours.sign() if part == "features" else csr_matrix(self.neighbours.shape, dtype=np.float32)
+        return replace(self, neighbours=links)
 
     def covering(self, members: csr_matrix) -> tuple[Float32, Float32]:
         """Return how well the segments of the photos outline sets of Gaussians.

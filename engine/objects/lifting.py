@@ -83,7 +83,9 @@ def lift(
     before: Float32 | None = None,
     should_stop: StopCheck,
 ) -> Lifted:
-    """Return the Gaussians of the object that all of `evidence` shows; there may be none.
+    """Return the Gaussians of the object that `evidence` shows; there may be none.
+
+    Several masks show one object together, even where no mask shows all of it.
 
     Parameters
     ----------
@@ -100,12 +102,13 @@ def lift(
     Cancelled
         When `should_stop` returns True.
     """
-    (membership,) = _solve(context, evidence, settings, (1.0,), should_stop)
-    if before is not None:
-        added = any(not item.excluded for item in evidence)
-        removed = _removed(context, evidence, settings, should_stop)
-        membership = np.minimum(np.maximum(before, membership) if added else before, 1 - removed)
-    return Lifted(membership)
+    if before is None:
+        return Lifted(_solve(context, evidence, settings, (1.0,), should_stop)[0])
+    added, removed = (
+        _union(context, [item for item in evidence if item.excluded == kind], settings, (1.0,), should_stop)[0]
+        for kind in (False, True)
+    )
+    return Lifted(np.minimum(np.maximum(before, added), 1 - removed))
 
 
 def lift_levels(
@@ -135,20 +138,26 @@ def _solve(
     factors: Sequence[float],
     should_stop: StopCheck,
 ) -> list[Float32]:
-    """Return the membership for each factor of the strictness, without what excluded masks show."""
-    graph = context.graph(settings, should_stop)
-    votes = count_votes(context.views, [item for item in evidence if not item.excluded], graph.pixels)
-    removed, means = _removed(context, evidence, settings, should_stop), context.views.scene.gaussians.means
-    solved = (graph.solve(votes, factor * settings.strictness) for factor in factors)
+    """Return the membership for each factor of the strictness: in what any mask shows, without what is excluded."""
+    shown = [item for item in evidence if not item.excluded]
+    removed = _union(context, [item for item in evidence if item.excluded], settings, (1.0,), should_stop)[0]
+    solved = _union(context, shown, settings, factors, should_stop)
+    means = context.views.scene.gaussians.means
     return [bounded(np.minimum(membership, 1 - removed), means) for membership in solved]
 
 
-def _removed(
-    context: SegmentationContext, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
-) -> Float32:
-    """Return the membership in what the excluded masks show."""
-    excluded = [item for item in evidence if item.excluded]
-    if not excluded:
-        return np.zeros(len(context.views.scene), np.float32)
+def _union(
+    context: SegmentationContext,
+    evidence: Sequence[MaskEvidence],
+    settings: SegmentSettings,
+    factors: Sequence[float],
+    should_stop: StopCheck,
+) -> list[Float32]:
+    """Return the largest membership over the masks for each factor of the strictness."""
     graph = context.graph(settings, should_stop)
-    return graph.solve(count_votes(context.views, excluded, graph.pixels), settings.strictness)
+    votes = [count_votes(context.views, item, graph.pixels) for item in evidence]
+    nothing = np.zeros(len(graph.pixels), np.float32)
+    return [
+        np.maximum.reduce([nothing, *(graph.solve(each, factor * settings.strictness) for each in votes)])
+        for factor in factors
+    ]

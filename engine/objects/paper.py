@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
@@ -18,7 +17,6 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck
-from ..masks import mask_box, mask_iou
 from ..pictures import normalized
 from .candidates import Candidate, build_candidates, overlap
 from .context import SegmentationContext
@@ -31,6 +29,7 @@ from .evidence import (
     nothing_found,
     pixel_of,
     require_mask,
+    segment_similar,
 )
 from .found import FoundObject
 from .lifting import Levels, Lifted, bounded
@@ -109,33 +108,17 @@ def find_objects_of_paper(
 def _from_clicks(
     clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext, settings: PaperSettings
 ) -> MaskEvidence:
-    """Return SAM's mask that best fits the connected area with features like those of the clicked pixels.
+    """Return SAM's mask of the clicks, or of the box around what has features like theirs: that with the higher score.
 
-    SAM is prompted with the clicks, and with the bounding box of that area. The second mask is used when it has a
-    higher IoU with the area (the paper's best-fitting instance mask) and SAM's own score of it is no lower.
+    With excluded clicks in the photo it is always the first, which alone leaves them out.
     """
     view = context.views.of(camera_of_prompt(clicks[0], context.views.cameras))
-    camera = view.camera
     points = [(point.x, point.y) for point in clicks]
-    outside = [(point.x, point.y) for point in excluded if point.photo == camera.photo]
-    mask, score = context.photos.segment(camera, points=points, outside=outside)
+    outside = [(point.x, point.y) for point in excluded if point.photo == view.camera.photo]
+    mask, score = context.photos.segment(view.camera, points=points, outside=outside)
     evidence = MaskEvidence(view, view.from_photo(mask), score)
-    places = [pixel_of(view, point.x, point.y) for point in clicks]
-    places = [(column, row) for column, row in places if view.covered[row, column]]
-    if outside or not places:
-        return require_mask(evidence)
-    clicked = np.stack([view.features[row, column] for column, row in places])
-    similar = ((view.features @ clicked.T).max(axis=-1) >= settings.cosine) & view.covered
-    areas = cv2.connectedComponents(similar.astype(np.uint8))[1]
-    instance = np.isin(areas, [areas[row, column] for column, row in places])
-    box = mask_box(view.to_photo(instance))
-    if box is None:
-        return require_mask(evidence)
-    left, top, right, bottom = (float(side) for side in box)
-    mask, box_score = context.photos.segment(camera, box=(left, top, right, bottom))
-    of_box = MaskEvidence(view, view.from_photo(mask), box_score)
-    fits_better = mask_iou(of_box.mask, instance) > mask_iou(evidence.mask, instance)
-    return require_mask(of_box if box_score >= score and fits_better else evidence)
+    boxed = None if outside else segment_similar(clicks, view, context.photos, settings.cosine)
+    return require_mask(MaskEvidence(view, *boxed) if boxed is not None and boxed[1] >= score else evidence)
 
 
 def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSettings) -> Lifted | None:
@@ -155,7 +138,7 @@ def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSetti
         return None
     membership = calibrated(views.directions @ direction, settings.cosine)
     members = np.flatnonzero(membership >= HALF)
-    weights = count_votes(views, [item], np.zeros(len(membership), np.float32)).inside
+    weights = count_votes(views, item, membership).inside
     connected = np.zeros(len(membership), bool)
     connected[members[connected_parts(views.scene.gaussians.means[members], weights[members])]] = True
     membership = np.where(connected, membership, np.minimum(membership, BELOW_HALF))
@@ -163,9 +146,12 @@ def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSetti
 
 
 def _shown_by(views: Views, evidence: Sequence[MaskEvidence]) -> Mask:
-    """Return the Gaussians that lie behind masks more than beside them, bool [N]."""
-    votes = count_votes(views, evidence, np.zeros(len(views.scene), np.float32))
-    return (votes.inside >= HALF) & (votes.inside > votes.outside)
+    """Return the Gaussians that lie behind any of the masks more than beside it, bool [N]."""
+    shown = np.zeros(len(views.scene), bool)
+    for item in evidence:
+        votes = count_votes(views, item, shown.astype(np.float32))
+        shown |= (votes.inside >= HALF) & (votes.inside > votes.outside)
+    return shown
 
 
 def _clicked_feature(view: View, inner: Mask, click: Point, settings: PaperSettings) -> Float32 | None:

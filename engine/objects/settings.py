@@ -56,7 +56,7 @@ class SegmentSettings:
     photo_side: int = 1024  # by definition
     render_side: int = 480  # chosen on museum_room
     n_vote_views: int = 24  # chosen on museum_room
-    strictness: float = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+    strictness: float = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     same_object: float = 0.4  # chosen on museum_room
     n_rescored: int = 4  # chosen on museum_room
     n_groups: int = 4  # chosen on museum_room, store_room

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,31 +57,18 @@ class Votes:
     outside: Float32
 
 
-def count_votes(views: Views, evidence: Sequence[MaskEvidence], pixels: Float32) -> Votes:
-    """Return the votes of evidence for one object; a pixel votes with the blending weights of its Gaussians.
-
-    What one mask shows may be hidden, or left out, in another photo: there the pixels beside the mask do not count for
-    Gaussians that are mostly inside of another mask.
+def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
+    """Return the votes of a mask; a pixel votes with the blending weights of its Gaussians.
 
     Parameters
     ----------
     views : Views
-    evidence : sequence of MaskEvidence
+    item : MaskEvidence
     pixels : array of shape [N], float32
-        Pixels with which a Gaussian votes where the members are known.
+        Pixels with which each Gaussian votes where the members are known.
     """
-    counted = [_votes_of(views, item, pixels) for item in evidence]
-    shown = np.array([votes[:, 0] > votes[:, 1] for votes in counted]).reshape(len(counted), len(pixels))
-    inside, outside = np.zeros((2, len(pixels)), np.float32)
-    for number, votes in enumerate(counted):
-        inside += votes[:, 0]
-        outside += np.where(np.delete(shown, number, axis=0).any(axis=0), 0, votes[:, 1])
-    return Votes(inside, outside)
-
-
-def _votes_of(views: Views, item: MaskEvidence, pixels: Float32) -> Float32:
-    """Return the pixels of each Gaussian inside of a mask and beside it, [N, 2]."""
     if item.members is not None:
-        return np.stack([item.members, ~item.members], axis=1) * pixels[:, None]
+        return Votes(item.members * pixels, ~item.members * pixels)
     masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
-    return views.scene.votes(item.view.frame, masks)
+    votes = views.scene.votes(item.view.frame, masks)
+    return Votes(votes[:, 0], votes[:, 1])

@@ -38,7 +38,7 @@ SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 
 @pytest.fixture
 def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
-    return trained_project(blobs, tmp_path)
+    return trained_project(blobs, tmp_path, segments=True)
 
 
 def models(scene: BlobScene, detector: FakeDetector | None = None, sam: FakeSam | None = None) -> dict[str, object]:
@@ -177,7 +177,7 @@ def test_clicks_on_two_things_make_one_object(blobs: BlobScene, project: Project
     first = point(blobs, RED, "view_1.png")
     prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, second),))
     record = isolate(blobs, project, prompt)
-    assert overlap(members(project, record.id), np.isin(blobs.part, [RED, TWIN])) > 0.8
+    assert overlap(members(project, record.id), np.isin(blobs.part, [RED, TWIN])) > 0.9
     assert [click["photo"] for click in record.prompt["clicks"]] == ["view_1.png", second]
 
 
@@ -188,7 +188,7 @@ def test_what_a_negative_click_hits_is_removed(blobs: BlobScene, project: Projec
     prompt = ClickPrompt(first.photo, first.x, first.y, (point(blobs, TWIN, "view_2.png"),), (unwanted,))
     sam = FakeSam(blobs)
     record = isolate(blobs, project, prompt, sam=sam)
-    assert overlap(members(project, record.id), blobs.part == RED) > 0.8
+    assert overlap(members(project, record.id), blobs.part == RED) > 0.9
     assert record.prompt["not"] == [{"photo": photo, "x": unwanted.x, "y": unwanted.y}]
     told = [labels for name, _, labels, _ in sam.asked if name == "view_1.png" and labels is not None]
     assert any(0.0 in labels for labels in told) == (photo == "view_1.png")
@@ -199,7 +199,7 @@ def test_box_and_mask_take_negative_clicks_too(blobs: BlobScene, project: Projec
     Image.fromarray((both * 255).astype(np.uint8)).save(tmp_path / "mask.png")
     unwanted = (point(blobs, BLUE, "view_4.png"),)
     record = isolate(blobs, project, MaskPrompt("view_4.png", tmp_path / "mask.png", unwanted))
-    assert overlap(members(project, record.id), blobs.part == RED) > 0.8
+    assert overlap(members(project, record.id), blobs.part == RED) > 0.9
     box = box_of(blobs.labels["view_2.png"] == BLUE)
     record = isolate(blobs, project, BoxPrompt("view_2.png", *box, (point(blobs, RED, "view_2.png"),)))
     assert overlap(members(project, record.id), blobs.part == BLUE) > 0.9
