@@ -290,7 +290,7 @@ def refine_object(
     views = context.views
     evidence = evidence_of_exclusions(excluded, clicks, context)
     if clicks:
-        evidence += evidence_of_clicks(clicks, excluded, context, settings, should_stop)
+        evidence += evidence_of_clicks(clicks, excluded, context)
     membership = lift(context, evidence, settings, before=membership, should_stop=should_stop).membership
     if (membership >= record.threshold).sum() < max(1.0, _MIN_REMAINING_SHARE * before):
         raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")

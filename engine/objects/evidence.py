@@ -7,25 +7,24 @@ the groups of the scene.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
 
 from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck
-from ..masks import mask_box
 from ..scene import Camera, CameraSet
 from .appearance import GroupAppearance
+from .connected import connected_parts
 from .context import SegmentationContext
-from .lifting import lift
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, camera_of_prompt, load_mask
 from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
-from .votes import MaskEvidence
+from .votes import MaskEvidence, count_votes
 
 if TYPE_CHECKING:
     from ..grounding import Detector
@@ -44,7 +43,6 @@ __all__ = [
     "nothing_found",
     "pixel_of",
     "require_mask",
-    "segment_similar",
 ]
 
 DetectorFactory = Callable[[], "Detector"]
@@ -52,7 +50,7 @@ DetectorFactory = Callable[[], "Detector"]
 Mask = NDArray[np.bool_]
 
 _CLICK_COSINE = 0.7  # published: Dahaghin et al. 2024
-"""Smallest cosine of a pixel's feature with that of a clicked pixel in the area around the click."""
+"""Smallest cosine of a Gaussian's feature with that of a clicked pixel at which it may belong to the object."""
 
 _MIN_GROUP_SCORE = 0.05  # chosen on museum_room, store_room
 """Smallest score, mean over the photos times the root of the prominence, with which a group is evidence of a text."""
@@ -98,7 +96,7 @@ def find_evidence(
     views = context.views
     excluded = excluded_evidence(prompt, context)
     if isinstance(prompt, ClickPrompt):
-        return evidence_of_clicks(prompt.clicks, prompt.excluded, context, settings, should_stop) + excluded
+        return evidence_of_clicks(prompt.clicks, prompt.excluded, context) + excluded
     camera = camera_of_prompt(prompt, views.cameras)
     view = views.of(camera)
     if isinstance(prompt, MaskPrompt):
@@ -132,17 +130,12 @@ def evidence_of_exclusions(
 
 
 def evidence_of_clicks(
-    clicks: Sequence[Point],
-    excluded: Sequence[Point],
-    context: SegmentationContext,
-    settings: SegmentSettings,
-    should_stop: StopCheck,
+    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
 ) -> list[MaskEvidence]:
     """Return one mask for each clicked photo, from all clicks in it.
 
-    SAM's mask of a click is often only a part of the object. The segment that was made for training may be the whole,
-    and so may SAM's mask of the box around the area with features like the click's. Of these masks the one is taken
-    whose object the segments of all photos outline best (`SceneGraph.covering`).
+    SAM's mask of a click is often only a part of the object. Known are therefore the Gaussians with a feature like that
+    of a clicked pixel, as far as they are connected to what the mask shows.
 
     Parameters
     ----------
@@ -151,81 +144,33 @@ def evidence_of_clicks(
     excluded : sequence of Point
         On what is not part of the object. SAM gets those in the same photo as background points.
     context : SegmentationContext
-    settings : SegmentSettings
-    should_stop : callable
 
     Raises
     ------
     PromptError
         For a click outside of its photo, or where no mask was found.
-    Cancelled
-        When `should_stop` returns True.
     """
     views = context.views
     evidence = []
     for points in clicks_by_photo(clicks, views.cameras):
         view = views.of(camera_of_prompt(points[0], views.cameras))
         mask, score = _segment_clicks(points, excluded, view, context.photos)
-        masks = [MaskEvidence(view, mask, score)]
-        kept = _kept_segments(points, view, context)
-        if kept is not None:
-            masks.append(MaskEvidence(view, kept, score))
-        boxed = segment_similar(points, view, context.photos, _CLICK_COSINE)
-        clicked = [pixel_of(view, point.x, point.y) for point in points]
-        if boxed is not None and all(boxed[0][row, column] for column, row in clicked):
-            masks.append(MaskEvidence(view, *boxed))
-        best = _best_outlined(masks, context, settings, should_stop)
-        evidence.append(require_mask(best))
+        item = require_mask(MaskEvidence(view, mask, score))
+        evidence.append(replace(item, members=_similar_gaussians(points, item, views)))
     return evidence
 
 
-def _best_outlined(
-    masks: Sequence[MaskEvidence], context: SegmentationContext, settings: SegmentSettings, should_stop: StopCheck
-) -> MaskEvidence:
-    lifted = [lift(context, [item], settings, should_stop=should_stop) for item in masks]
-    members = csr_matrix(np.stack([one.members for one in lifted], axis=1), dtype=np.float32)
-    return masks[int(context.graph(settings, should_stop).covering(members)[0].argmax())]
-
-
-def _kept_segments(clicks: Sequence[Point], view: View, context: SegmentationContext) -> Mask | None:
-    """Return the segments of the photo, made for training, that were clicked; None if a click hits none."""
-    if view.camera.photo not in context.label_maps:
+def _similar_gaussians(clicks: Sequence[Point], item: MaskEvidence, views: Views) -> Mask | None:
+    """Return the Gaussians with features like those of clicked pixels, connected to a mask; None if there are none."""
+    places = [pixel_of(item.view, point.x, point.y) for point in clicks]
+    clicked = np.array([item.view.features[row, column] for column, row in places if item.view.covered[row, column]])
+    if len(clicked) == 0:
         return None
-    labels = view.labels_from_photo(context.label_maps[view.camera.photo])
-    clicked = [labels[row, column] for column, row in (pixel_of(view, point.x, point.y) for point in clicks)]
-    return np.isin(labels, clicked) if all(clicked) else None
-
-
-def segment_similar(clicks: Sequence[Point], view: View, photos: Photos, cosine: float) -> tuple[Mask, float] | None:
-    """Return SAM's mask of the box around the connected area with features like those of the clicked pixels.
-
-    Parameters
-    ----------
-    clicks : sequence of Point
-        In the photo of `view`.
-    view : View
-    photos : Photos
-    cosine : float
-        Smallest cosine of a pixel's feature with that of a clicked pixel.
-
-    Returns
-    -------
-    (bool array of shape [h, w], float), or None
-        The mask in the frame of `view`, and its score. None where no Gaussian covers a clicked pixel.
-    """
-    places = [pixel_of(view, point.x, point.y) for point in clicks]
-    places = [(column, row) for column, row in places if view.covered[row, column]]
-    if not places:
-        return None
-    clicked = np.stack([view.features[row, column] for column, row in places])
-    similar = ((view.features @ clicked.T).max(axis=-1) >= cosine) & view.covered
-    areas = cv2.connectedComponents(similar.astype(np.uint8))[1]
-    box = mask_box(view.to_photo(np.isin(areas, [areas[row, column] for column, row in places])))
-    if box is None:
-        return None
-    left, top, right, bottom = (float(side) for side in box)
-    mask, score = photos.segment(view.camera, box=(left, top, right, bottom))
-    return view.from_photo(mask), score
+    similar = np.flatnonzero((views.directions @ clicked.T).max(axis=1) >= _CLICK_COSINE)
+    weights = count_votes(views, item, np.zeros(len(views.scene), np.float32)).inside
+    members = np.zeros(len(views.scene), bool)
+    members[similar[connected_parts(views.scene.gaussians.means[similar], weights[similar])]] = True
+    return members if members.any() else None
 
 
 def clicks_by_photo(clicks: Sequence[Point], cameras: CameraSet) -> list[list[Point]]:

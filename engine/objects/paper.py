@@ -9,16 +9,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, QhullError
 
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck
+from ..masks import mask_box
 from ..pictures import normalized
 from .candidates import Candidate, build_candidates, overlap
+from .connected import connected_parts
 from .context import SegmentationContext
 from .evidence import (
     DetectorFactory,
@@ -29,10 +30,10 @@ from .evidence import (
     nothing_found,
     pixel_of,
     require_mask,
-    segment_similar,
 )
 from .found import FoundObject
 from .lifting import Levels, Lifted, bounded
+from .photos import Photos
 from .prompts import ClickPrompt, Point, Prompt, TextPrompt, camera_of_prompt
 from .settings import PaperSettings
 from .views import View, Views, erode_mask
@@ -47,12 +48,6 @@ Mask = NDArray[np.bool_]
 
 _N_DIRECTION_ROUNDS = 3  # chosen on museum_room
 """Times that the outliers of a mean direction are removed."""
-
-_LEAST_SHARE = 0.1  # chosen on museum_room
-"""Smallest weight of a connected component that is kept, as a share of the largest one."""
-
-_CELL_LINK_DISTANCE = 1.8  # by definition
-"""Distance in cells up to which two cells of a grid are linked; above sqrt(3), which reaches the 26 cells around."""
 
 
 def find_objects_of_paper(
@@ -117,8 +112,40 @@ def _from_clicks(
     outside = [(point.x, point.y) for point in excluded if point.photo == view.camera.photo]
     mask, score = context.photos.segment(view.camera, points=points, outside=outside)
     evidence = MaskEvidence(view, view.from_photo(mask), score)
-    boxed = None if outside else segment_similar(clicks, view, context.photos, settings.cosine)
+    boxed = None if outside else _segment_similar(clicks, view, context.photos, settings.cosine)
     return require_mask(MaskEvidence(view, *boxed) if boxed is not None and boxed[1] >= score else evidence)
+
+
+def _segment_similar(clicks: Sequence[Point], view: View, photos: Photos, cosine: float) -> tuple[Mask, float] | None:
+    """Return SAM's mask of the box around the connected area with features like those of the clicked pixels.
+
+    Parameters
+    ----------
+    clicks : sequence of Point
+        In the photo of `view`.
+    view : View
+    photos : Photos
+    cosine : float
+        Smallest cosine of a pixel's feature with that of a clicked pixel.
+
+    Returns
+    -------
+    (bool array of shape [h, w], float), or None
+        The mask in the frame of `view`, and its score. None where no Gaussian covers a clicked pixel.
+    """
+    places = [pixel_of(view, point.x, point.y) for point in clicks]
+    places = [(column, row) for column, row in places if view.covered[row, column]]
+    if not places:
+        return None
+    clicked = np.stack([view.features[row, column] for column, row in places])
+    similar = ((view.features @ clicked.T).max(axis=-1) >= cosine) & view.covered
+    areas = cv2.connectedComponents(similar.astype(np.uint8))[1]
+    box = mask_box(view.to_photo(np.isin(areas, [areas[row, column] for column, row in places])))
+    if box is None:
+        return None
+    left, top, right, bottom = (float(side) for side in box)
+    mask, score = photos.segment(view.camera, box=(left, top, right, bottom))
+    return view.from_photo(mask), score
 
 
 def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSettings) -> Lifted | None:
@@ -224,58 +251,6 @@ def calibrated(cosine: NDArray[np.floating], threshold: float) -> Float32:
     # Rounding must not bring a cosine below the threshold to 0.5.
     below = np.minimum(below, BELOW_HALF)
     return np.clip(np.where(cosine >= np.float32(threshold), above, below), 0, 1).astype(np.float32)
-
-
-def connected_parts(points: Float32, evidence_weights: NDArray[np.floating]) -> Mask:
-    """Return the connected components that the evidence mask shows.
-
-    Points are connected through neighbouring cells of a grid. A cell is as wide as a tenth of the radius of the part
-    that the mask shows, and at least twice the usual distance between neighbours. The component with the largest total
-    weight is kept, and every other one with at least a tenth of it: an occluder may split an object in two.
-
-    Parameters
-    ----------
-    points : array of shape [M, 3], float32
-    evidence_weights : array of shape [M], float
-        Pixels of the evidence mask that each point contributes.
-
-    Returns
-    -------
-    bool array of shape [M]
-        All True if the mask shows none of the points.
-    """
-    total = float(evidence_weights.sum())
-    if len(points) < 3 or total <= 0:
-        return np.ones(len(points), bool)
-    share = evidence_weights.astype(np.float64) / total
-    center = share @ points
-    radius = float(np.sqrt(share @ ((points - center) ** 2).sum(axis=1)))
-    neighbours = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
-    cell = max(0.1 * radius, 2 * float(np.median(neighbours)), 1e-9)
-    part = grid_components(points, cell)
-    weight = np.bincount(part, weights=evidence_weights)
-    return np.asarray((weight >= _LEAST_SHARE * weight.max())[part] & (weight > 0)[part])
-
-
-def grid_components(points: Float32, cell: float) -> NDArray[np.integer]:
-    """Return the connected component of each point, linked through the occupied cells of a grid.
-
-    Parameters
-    ----------
-    points : array of shape [M, 3], float32
-    cell : float
-        Side of a cell. Points in the same cell or in two cells that touch are connected.
-
-    Returns
-    -------
-    integer array of shape [M]
-        Components are numbered from 0.
-    """
-    keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
-    pairs = cKDTree(keys).query_pairs(_CELL_LINK_DISTANCE, output_type="ndarray")
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
-    components: NDArray[np.integer] = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
-    return components
 
 
 def within_quartiles(points: Float32, factor: float) -> Mask:

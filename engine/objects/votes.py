@@ -38,7 +38,8 @@ class MaskEvidence:
     excluded : bool
         The mask shows a thing that is not part of the object.
     members : bool array of shape [N], or None
-        The Gaussians that the mask shows, where they are known; they vote instead of the mask.
+        The Gaussians of the object, where they are known. They vote for it instead of the pixels of the mask, and all
+        others against it but those that the mask shows.
     """
 
     view: View
@@ -67,8 +68,8 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
     pixels : array of shape [N], float32
         Pixels with which each Gaussian votes where the members are known.
     """
-    if item.members is not None:
-        return Votes(item.members * pixels, ~item.members * pixels)
     masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
-    votes = views.scene.votes(item.view.frame, masks)
-    return Votes(votes[:, 0], votes[:, 1])
+    inside, outside = views.scene.votes(item.view.frame, masks).T
+    if item.members is None:
+        return Votes(inside, outside)
+    return Votes(item.members * pixels, ~(item.members | (inside > outside)) * pixels)

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.objects.paper import calibrated, connected_parts, inside_hull, mean_direction, within_quartiles
+from engine.objects.connected import connected_parts
+from engine.objects.paper import calibrated, inside_hull, mean_direction, within_quartiles
 
 
 def test_half_membership_is_exactly_the_cosine_threshold() -> None:

@@ -222,13 +222,14 @@ def test_objects_with_the_same_feature_are_separated_by_position(find, blobs: Bl
     assert len(find(TextPrompt("red ball"), scene=scene)) == 2
 
 
-def test_votes_correct_the_errors_of_noisy_features(find, blobs: BlobScene) -> None:
+def test_segments_correct_the_errors_of_noisy_features(find, blobs: BlobScene) -> None:
     rng = np.random.default_rng(8)
     features = blobs.gaussians.features + 0.3 * rng.normal(size=blobs.gaussians.features.shape)
     scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features.astype(np.float32)))
     x, y = scene.center_of(BLUE, "view_1.png")
     prompt = ClickPrompt("view_1.png", x, y)
-    (paper,), (better,) = find(prompt, scene=scene), find(prompt, scene=scene, settings=SMALL_BETTER)
+    (paper,) = find(prompt, scene=scene)
+    (better,) = find(prompt, scene=scene, settings=SMALL_BETTER, label_maps=scene.labels)
     assert overlap(better, scene, BLUE) > overlap(paper, scene, BLUE)
 
 
