@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
 from unittest import mock
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from .reader import ROOT, Reader, addon
 
@@ -376,6 +378,38 @@ def _describe_groups(folder: Path) -> object:
             return None
 
 
+def _link_gaussians(folder: Path) -> object:
+    """Read the graph of a scene. Building it is the answer to a damaged file."""
+    from engine.objects import graph
+
+    def build(*_: object, **__: object) -> object:
+        if any(folder.iterdir()):
+            raise _NotStored
+        links = csr_matrix(np.array([[0, 1, 0], [1, 0, 2], [0, 2, 0]], np.float32))
+        pixels = csr_matrix(np.array([[0, 1, 0], [3, 0, 2], [0, 2, 4]], np.float32))
+        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32))
+
+    array, segments = np.zeros((3, 2), np.float32), np.ones((2, 2), np.int32)
+    gaussians = SimpleNamespace(means=array, opacities=array, features=array)
+    cameras = SimpleNamespace(cameras=[SimpleNamespace(photo="a.jpg")])
+    views: Any = SimpleNamespace(scene=_ThreeGaussians(gaussians), cameras=cameras, render_side=2)
+    with mock.patch.object(graph, "build_graph", build):
+        try:
+            return graph.load_or_build_graph(
+                folder / "graph.npz", views, {"a.jpg": segments}, n_views=2, should_stop=lambda: False
+            )
+        except _NotStored:
+            return None
+
+
+@dataclass(frozen=True)
+class _ThreeGaussians:
+    gaussians: object
+
+    def __len__(self) -> int:
+        return 3
+
+
 def _calibration(folder: Path, *, again: bool = True) -> object:
     from engine.machine import Machine
     from engine.planning.calibration import Benchmark, load_calibration
@@ -432,5 +466,6 @@ PROJECT = (
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),
     Reader("embedding", _write_embedding, _encode, ("a.jpg.sam.npz",)),
     Reader("groups", _describe_groups, _describe_groups, ("groups.npz",)),
+    Reader("graph", _link_gaussians, _link_gaussians, ("graph.npz",)),
     Reader("calibration", lambda folder: _calibration(folder, again=False), _calibration, ("calibration.json",)),
 )

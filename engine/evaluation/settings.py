@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
-from ..objects.settings import BETTER, PRESETS, SegmentSettings
+from ..objects.settings import BETTER, PRESETS, PaperSettings, SegmentSettings
 from ..settings import require
 
 __all__ = [
@@ -90,8 +90,9 @@ class Method:
     ----------
     name : str
     settings : SegmentSettings
-    snaps : bool
-        Whether votes may snap to SAM's segments.
+    without : {"", "segments", "neighbours", "features"}
+        Links of the graph of the scene that are left out: those to the segments of the photos, those between Gaussians,
+        or the features in the weights of the latter.
     preset : str
         Preset whose number of views the method varies, or the preset itself; empty for ablations.
     n_views : int
@@ -100,7 +101,7 @@ class Method:
 
     name: str
     settings: SegmentSettings
-    snaps: bool = True
+    without: Literal["", "segments", "neighbours", "features"] = ""
     preset: str = ""
     n_views: int = 0
 
@@ -108,30 +109,20 @@ class Method:
 def methods_of(settings: EvaluationSettings) -> list[Method]:
     """Return the presets, the ablations and the variants with other numbers of views, in this order.
 
-    Snapping is not an ablation for texts, since a text is searched for in the same segments. Levels are none for masks,
-    which have no levels. A search for all objects uses none of the other ingredients.
+    Texts and searches for all objects are ablated by what finds their candidates, not by the graph.
     """
     presets = tuple(name for name in settings.presets if settings.prompt_kind != "all" or name == _FINDS_ALL)
     counts = {name: _n_views(PRESETS[name], settings.prompt_kind) for name in presets}
     methods = [Method(name, PRESETS[name], preset=name, n_views=counts[name]) for name in presets]
-    if settings.ablations and settings.prompt_kind != "all":
-        methods += [
-            Method("better, one part", replace(BETTER, parts=1)),
-            Method("better, no votes", replace(BETTER, refinement="none")),
-            Method("better, one vote round", replace(BETTER, vote_rounds=1)),
-            Method("better, hull filled in", replace(BETTER, completion="hull")),
-        ]
-    if settings.ablations and settings.prompt_kind == "mask":
-        methods.append(Method("better, given mask only by its features", replace(BETTER, keep_given=False)))
     if settings.ablations and settings.prompt_kind == "text":
+        methods.append(Method("better, no groups of Gaussians", replace(BETTER, n_groups=0)))
+    if settings.ablations and settings.prompt_kind in ("mask", "click"):
         methods += [
-            Method("better, no levels", replace(BETTER, n_level_views=0)),
-            Method("better, no groups of Gaussians", replace(BETTER, n_groups=0)),
-            # The minimum is one of the scores that rescoring gives.
-            Method("better, no rescoring from all sides", replace(BETTER, n_rescored=0, least_candidate=0.0)),
+            Method("better, no links to segments", BETTER, without="segments"),
+            Method("better, no links between Gaussians", BETTER, without="neighbours"),
+            Method("better, links without features", BETTER, without="features"),
+            Method("better, strictness 1", replace(BETTER, strictness=1.0)),
         ]
-    if settings.ablations and settings.prompt_kind != "text":
-        methods.append(Method("better, no snapping to segments", BETTER, snaps=False))
     for name in presets:
         for count in settings.view_counts:
             if counts[name] not in (0, count):
@@ -148,5 +139,5 @@ def _n_views(settings: SegmentSettings, prompt_kind: PromptKind) -> int:
         return 0
     return max(
         settings.n_text_views if prompt_kind == "text" else 0,
-        settings.n_vote_views if settings.refinement == "votes" else 0,
+        0 if isinstance(settings, PaperSettings) else settings.n_vote_views,
     )

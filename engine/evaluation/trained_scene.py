@@ -23,6 +23,7 @@ from ..objects import (
     Photos,
     Prompt,
     SamFactory,
+    SceneGraph,
     SegmentationContext,
     TextPrompt,
     Views,
@@ -144,8 +145,9 @@ class TrainedScene:
         self._cameras = cameras
         self._label_maps = label_maps_of(project.path, self._visible_cameras(None))
         self._embeddings = EmbeddingFolder(project.path / "masks").copied(folder / "embeddings", self.looked_at)
-        # The appearance of the groups is computed once, as in a project; the project itself is only read here.
+        # Both are computed once, as in a project; the project itself is only read here.
         self._appearance_file = folder / "looks.npz"
+        self._graphs: dict[int, SceneGraph] = {}
         self._prompt_file = folder / "prompt.png"
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
 
@@ -163,7 +165,7 @@ class TrainedScene:
         members: Sequence[Mask] = ()
         scores, names, refusal, best_score = [], [], "", float("nan")
         started, started_cpu = time.perf_counter(), time.process_time()
-        context = self._context(method, question.prompt_photo)
+        context = self._context(method, question.prompt_photo, should_stop)
         if prompt is None:
             everything = find_everything(
                 context,
@@ -200,17 +202,22 @@ class TrainedScene:
         """Return the scene without anything that was rendered before."""
         return self._scene.with_gaussians(self.gaussians)
 
-    def _context(self, method: Method, prompt_photo: str | None) -> SegmentationContext:
-        return SegmentationContext(
+    def _context(self, method: Method, prompt_photo: str | None, should_stop: StopCheck) -> SegmentationContext:
+        context = SegmentationContext(
             Views(
                 self.new_scene(),
                 self._visible_cameras(prompt_photo),
                 render_side=method.settings.render_side,
             ),
             self.photos(method.settings),
-            self._label_maps if method.snaps else {},
+            self._label_maps,
             self._appearance_file,
+            graphs=self._graphs,
         )
+        if not method.without:
+            return context
+        graph = context.graph(method.settings, should_stop).without(method.without)
+        return replace(context, graphs={method.settings.n_vote_views: graph})
 
     def _visible_cameras(self, prompt_photo: str | None) -> CameraSet:
         """Return the cameras of the photos that may be looked at, and of the photo of a prompt."""

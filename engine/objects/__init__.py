@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     )
     from .everything import find_everything, segment_everything_in
     from .evidence import DetectorFactory, SamFactory
+    from .graph import SceneGraph
     from .photos import Photos
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
@@ -47,6 +48,7 @@ __all__ = [
     "Photos",
     "Prompt",
     "SamFactory",
+    "SceneGraph",
     "TextPrompt",
     "TextResult",
     "SegmentationContext",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import StopCheck
 from ..masks import mask_iou
-from .evidence import MaskEvidence
-from .lifting import Lifted, lift
-from .settings import SegmentSettings
+from .lifting import Lifted
 from .views import View, Views
+from .votes import MaskEvidence
 
 __all__ = ["THRESHOLD", "Candidate", "build_candidates", "fit_of", "overlap"]
 
@@ -65,9 +64,15 @@ def overlap(first: Float32, second: Float32) -> float:
 
 
 def build_candidates(
-    views: Views, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
+    views: Views,
+    evidence: Sequence[MaskEvidence],
+    same_object: float,
+    lift: Callable[[MaskEvidence], Lifted | None],
+    should_stop: StopCheck,
 ) -> list[Candidate]:
-    """Lift all evidence to the Gaussians and merge what shows the same ones, led by the mask with the best fit.
+    """Lift each mask to the Gaussians and merge what shows the same ones, led by the mask with the best fit.
+
+    Two masks show the same object when their Gaussians overlap by more than `same_object` of the smaller one.
 
     Raises
     ------
@@ -78,14 +83,11 @@ def build_candidates(
     for item in sorted(evidence, key=lambda item: -item.score):
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
-        lift_settings = settings if item.whole else replace(settings, parts=1)
-        lifted = lift(views, item.view, item.mask, lift_settings, start=item.clicked_feature, given=item.given)
+        lifted = lift(item)
         if lifted is None:
             continue
         fit = fit_of(views, item.view, item.mask, lifted.membership)
-        same = next(
-            (c for c in candidates if overlap(c.best.membership, lifted.membership) > settings.same_object), None
-        )
+        same = next((c for c in candidates if overlap(c.best.membership, lifted.membership) > same_object), None)
         if same is None:
             candidates.append(Candidate(lifted, [item], fit))
         else:

@@ -17,6 +17,7 @@ from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
 from .appearance import GroupAppearance, describe_groups, load_or_describe_groups
+from .graph import SceneGraph, load_or_build_graph
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
 from .views import Views
@@ -28,6 +29,9 @@ __all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder
 
 _APPEARANCE_FILE = Path("groups") / "looks.npz"
 """Path of the stored appearance of the groups, relative to the project folder."""
+
+_GRAPH_FILE = Path("groups") / "graph.npz"
+"""Path of the stored graph of the scene, relative to the project folder."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +46,34 @@ class SegmentationContext:
         SAM label maps by photo; may be empty.
     appearance_file : Path or None
         File that stores the appearance of the groups (`engine.objects.appearance`). None keeps it in memory only.
+    graph_file : Path or None
+        File that stores the graph of the scene (`engine.objects.graph`). None keeps it in memory only.
+    graphs : dict of int to SceneGraph
+        Graphs in memory by number of photos.
     """
 
     views: Views
     photos: Photos
     label_maps: Mapping[str, NDArray[np.int32]]
     appearance_file: Path | None = None
+    graph_file: Path | None = None
+    graphs: dict[int, SceneGraph] = field(default_factory=dict, compare=False, repr=False)
     _appearance: dict[str, GroupAppearance | None] = field(default_factory=dict, compare=False, repr=False)
+
+    def graph(self, settings: SegmentSettings, should_stop: StopCheck) -> SceneGraph:
+        """Return the graph of the scene, made at the first call with these `n_vote_views`.
+
+        Raises
+        ------
+        Cancelled
+            When `should_stop` returns True.
+        """
+        n_views = settings.n_vote_views
+        if n_views not in self.graphs:
+            self.graphs[n_views] = load_or_build_graph(
+                self.graph_file, self.views, self.label_maps, n_views=n_views, should_stop=should_stop
+            )
+        return self.graphs[n_views]
 
     def group_appearance(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupAppearance | None:
         """Return how `detector` describes the groups of the scene, computed at the first call.
@@ -108,6 +133,7 @@ def load_context(
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
         project.path / _APPEARANCE_FILE,
+        project.path / _GRAPH_FILE,
     )
 
 

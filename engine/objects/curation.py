@@ -16,17 +16,14 @@ from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
 from .candidate_file import forget_candidates, load_candidate
-from .candidates import THRESHOLD, build_candidates
 from .context import SegmentationContext, load_context
-from .correction import find_excluded_gaussians, remove_gaussians
-from .evidence import DetectorFactory, MaskEvidence, evidence_of_clicks
+from .evidence import DetectorFactory, evidence_of_clicks, evidence_of_exclusions
 from .found import ObjectRequest, new_record, store_found
-from .levels import Levels
+from .lifting import Levels, lift
 from .photos import SamFactory
 from .polishing import polish_each
 from .prompts import MaskPrompt, Point, TextPrompt, camera_of_prompt, describe_points, describe_prompt, load_mask
-from .segment import isolate_objects, refine_membership, segment_prompt
-from .selection import BELOW_HALF, HALF
+from .segment import isolate_object, segment_prompt
 from .settings import SegmentSettings
 from .storage import (
     list_objects,
@@ -37,6 +34,7 @@ from .storage import (
     save_object,
 )
 from .trash import delete_object, keep_version
+from .votes import BELOW_HALF, HALF, MaskEvidence
 
 __all__ = [
     "BACKGROUND",
@@ -241,16 +239,7 @@ def accept_candidate(
     view = context.views.of(camera)
     evidence = MaskEvidence(view, view.from_photo(load_mask(candidate.mask, camera)), candidate.score)
     prompt = TextPrompt(candidate.text)
-    found = isolate_objects(
-        context,
-        prompt,
-        [evidence],
-        settings,
-        detector_factory=detector_factory,
-        emit=part_of(emit, 0, 2),
-        should_stop=should_stop,
-        accepted=True,
-    )
+    found = [isolate_object(context, [evidence], settings, should_stop)]
     description = {**describe_prompt(prompt), "detector": detector_factory().name, "accepted": True}
     request = ObjectRequest(description, name or candidate.text, settings, started)
     return store_found(project, context, found, request, emit=part_of(emit, 1, 2), should_stop=should_stop)
@@ -268,7 +257,7 @@ def refine_object(
     should_stop: StopCheck,
     device: Device = PROCESSOR,
 ) -> ObjectRecord:
-    """Correct a stored object by clicks; all other Gaussians keep their membership.
+    """Correct a stored object by clicks.
 
     Parameters
     ----------
@@ -299,13 +288,10 @@ def refine_object(
     membership = load_fitting_membership(project.path, record, len(context.views.scene))
     before = int((membership >= record.threshold).sum())
     views = context.views
+    evidence = evidence_of_exclusions(excluded, clicks, context)
     if clicks:
-        evidence = evidence_of_clicks(clicks, excluded, context, settings)
-        for candidate in build_candidates(views, evidence, settings, should_stop):
-            membership = np.maximum(membership, refine_membership(context, candidate, settings, should_stop))
-    if excluded:
-        removed = find_excluded_gaussians(excluded, clicks, membership >= THRESHOLD, context, settings, should_stop)
-        membership = remove_gaussians(membership, removed)
+        evidence += evidence_of_clicks(clicks, excluded, context)
+    membership = lift(context, evidence, settings, before=membership, should_stop=should_stop).membership
     if (membership >= record.threshold).sum() < max(1.0, _MIN_REMAINING_SHARE * before):
         raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
     correction = {"clicks": describe_points(clicks), "not": describe_points(excluded)}

@@ -1,4 +1,4 @@
-"""Mask evidence: masks in photos that may show the object of a prompt.
+"""Where evidence comes from: every kind of prompt becomes masks in views (`engine.objects.votes.MaskEvidence`).
 
 A mask is given by the user, drawn by SAM for a click or a box, or found by a text detector in several views or among
 the groups of the scene.
@@ -7,7 +7,7 @@ the groups of the scene.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import cv2
@@ -16,70 +16,47 @@ from numpy.typing import NDArray
 
 from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck
-from ..masks import mask_box, mask_iou
-from ..scene import Camera
+from ..scene import Camera, CameraSet
 from .appearance import GroupAppearance
+from .connected import connected_parts
 from .context import SegmentationContext
 from .photos import Photos, SamFactory
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, Prompt, TextPrompt, camera_of_prompt, load_mask
 from .settings import SegmentSettings
 from .views import View, Views, spread_cameras
+from .votes import MaskEvidence, count_votes
 
 if TYPE_CHECKING:
     from ..grounding import Detector
 
 __all__ = [
     "DetectorFactory",
-    "MaskEvidence",
     "Photos",
     "SamFactory",
+    "clicks_by_photo",
     "evidence_of_clicks",
+    "evidence_of_exclusions",
     "evidence_of_groups",
+    "excluded_evidence",
     "find_evidence",
+    "nothing_behind",
+    "nothing_found",
+    "pixel_of",
+    "require_mask",
 ]
 
 DetectorFactory = Callable[[], "Detector"]
 
 Mask = NDArray[np.bool_]
-Float32 = NDArray[np.float32]
+
+_CLICK_COSINE = 0.7  # published: Dahaghin et al. 2024
+"""Smallest cosine of a Gaussian's feature with that of a clicked pixel at which it may belong to the object."""
 
 _MIN_GROUP_SCORE = 0.05  # chosen on museum_room, store_room
 """Smallest score, mean over the photos times the root of the prominence, with which a group is evidence of a text."""
 
 _NEARLY_AS_GOOD = 0.9  # chosen on museum_room, store_room
 """Share of a group's score from which on a larger group around it is evidence too."""
-
-
-@dataclass(frozen=True)
-class MaskEvidence:
-    """A mask in one view that may show the object of a prompt.
-
-    Attributes
-    ----------
-    view : View
-    mask : bool array of shape [h, w]
-        In the frame of `view`.
-    score : float
-        Confidence, 0 to 1: of the detector for a text, SAM's estimate of its IoU for a click or a box, 1 for a given
-        mask.
-    clicked_feature : array of shape [D], float32, or None
-        Feature of the clicked pixel, at unit length.
-    given : bool
-        The user drew the mask, so it is not refined.
-    whole : bool
-        The mask is expected to show the whole object, so that all parts of it count. The mask of a single click may
-        leak into something else or show only a part; there the clicked feature decides.
-    members : bool array of shape [N], or None
-        The Gaussians that the mask shows, where they are known and need not be found by their features.
-    """
-
-    view: View
-    mask: Mask
-    score: float
-    clicked_feature: Float32 | None = None
-    given: bool = False
-    whole: bool = True
-    members: Mask | None = None
 
 
 def find_evidence(
@@ -116,23 +93,49 @@ def find_evidence(
     """
     if isinstance(prompt, TextPrompt):
         return _from_text(prompt, context, settings, detector_factory(), emit, should_stop)
-    views, photos = context.views, context.photos
-    for point in prompt.excluded:
-        camera_of_prompt(point, views.cameras)
+    views = context.views
+    excluded = excluded_evidence(prompt, context)
     if isinstance(prompt, ClickPrompt):
-        return evidence_of_clicks(prompt.clicks, prompt.excluded, context, settings)
+        return evidence_of_clicks(prompt.clicks, prompt.excluded, context) + excluded
     camera = camera_of_prompt(prompt, views.cameras)
     view = views.of(camera)
     if isinstance(prompt, MaskPrompt):
         mask = view.from_photo(load_mask(prompt.mask, camera))
-        return [_require_mask(MaskEvidence(view, mask, 1.0, given=True))]
-    return [_require_mask(_from_box(prompt, view, photos))]
+        return [require_mask(MaskEvidence(view, mask, 1.0, given=True)), *excluded]
+    return [require_mask(_from_box(prompt, view, context.photos)), *excluded]
+
+
+def excluded_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: SegmentationContext) -> list[MaskEvidence]:
+    """Return SAM's masks of the excluded clicks of a prompt; errors as of `evidence_of_exclusions`."""
+    clicks = prompt.clicks if isinstance(prompt, ClickPrompt) else ()
+    return evidence_of_exclusions(prompt.excluded, clicks, context)
+
+
+def evidence_of_exclusions(
+    excluded: Sequence[Point], clicks: Sequence[Point], context: SegmentationContext
+) -> list[MaskEvidence]:
+    """Return one excluded mask for each photo of the clicks `excluded`, with `clicks` as SAM's background points.
+
+    Raises
+    ------
+    PromptError
+        For a click outside of its photo, or where no mask was found.
+    """
+    evidence = []
+    for points in clicks_by_photo(excluded, context.views.cameras):
+        view = context.views.of(camera_of_prompt(points[0], context.views.cameras))
+        mask, score = _segment_clicks(points, clicks, view, context.photos)
+        evidence.append(require_mask(MaskEvidence(view, mask, score, excluded=True)))
+    return evidence
 
 
 def evidence_of_clicks(
-    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext, settings: SegmentSettings
+    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
 ) -> list[MaskEvidence]:
     """Return one mask for each clicked photo, from all clicks in it.
+
+    SAM's mask of a click is often only a part of the object. Known are therefore the Gaussians with a feature like that
+    of a clicked pixel, as far as they are connected to what the mask shows.
 
     Parameters
     ----------
@@ -141,7 +144,6 @@ def evidence_of_clicks(
     excluded : sequence of Point
         On what is not part of the object. SAM gets those in the same photo as background points.
     context : SegmentationContext
-    settings : SegmentSettings
 
     Raises
     ------
@@ -149,74 +151,59 @@ def evidence_of_clicks(
         For a click outside of its photo, or where no mask was found.
     """
     views = context.views
-    clicks_by_photo: dict[str, list[Point]] = {}
-    for point in clicks:
-        camera_of_prompt(point, views.cameras)
-        clicks_by_photo.setdefault(point.photo, []).append(point)
     evidence = []
-    for photo, points in clicks_by_photo.items():
+    for points in clicks_by_photo(clicks, views.cameras):
         view = views.of(camera_of_prompt(points[0], views.cameras))
-        outside = [point for point in excluded if point.photo == photo]
-        evidence.append(_require_mask(_from_clicks(points, outside, view, context.photos, settings)))
+        mask, score = _segment_clicks(points, excluded, view, context.photos)
+        item = require_mask(MaskEvidence(view, mask, score))
+        evidence.append(replace(item, members=_similar_gaussians(points, item, views)))
     return evidence
 
 
-def _require_mask(evidence: MaskEvidence) -> MaskEvidence:
+def _similar_gaussians(clicks: Sequence[Point], item: MaskEvidence, views: Views) -> Mask | None:
+    """Return the Gaussians with features like those of clicked pixels, connected to a mask; None if there are none."""
+    places = [pixel_of(item.view, point.x, point.y) for point in clicks]
+    clicked = np.array([item.view.features[row, column] for column, row in places if item.view.covered[row, column]])
+    if len(clicked) == 0:
+        return None
+    similar = np.flatnonzero((views.directions @ clicked.T).max(axis=1) >= _CLICK_COSINE)
+    weights = count_votes(views, item, np.zeros(len(views.scene), np.float32)).inside
+    members = np.zeros(len(views.scene), bool)
+    members[similar[connected_parts(views.scene.gaussians.means[similar], weights[similar])]] = True
+    return members if members.any() else None
+
+
+def clicks_by_photo(clicks: Sequence[Point], cameras: CameraSet) -> list[list[Point]]:
+    """Return the clicks of each photo; raises `PromptError` for a click outside of its photo."""
+    by_photo: dict[str, list[Point]] = {}
+    for point in clicks:
+        camera_of_prompt(point, cameras)
+        by_photo.setdefault(point.photo, []).append(point)
+    return list(by_photo.values())
+
+
+def require_mask(evidence: MaskEvidence) -> MaskEvidence:
+    """Return `evidence`; raises `PromptError` when its mask is empty."""
     if not evidence.mask.any():
         photo = evidence.view.camera.photo
         raise PromptError(f"Nothing was found at that place of {photo}. Click on the middle of the object.")
     return evidence
 
 
-def _from_clicks(
-    clicks: Sequence[Point], outside: Sequence[Point], view: View, photos: Photos, settings: SegmentSettings
-) -> MaskEvidence:
-    """Return SAM's mask that best fits the connected area with features like those of the clicked pixels.
-
-    SAM's answer to a single point is often only a part of the object. Therefore SAM is also prompted with the bounding
-    box of that area. The second mask is used when it has a higher IoU with the area (the paper's best-fitting instance
-    mask) and SAM's own score of it is no lower: features that leak into a plinth yield a box of object and plinth. With
-    excluded clicks the box is not used, because the features do not separate the object from what was excluded.
-    """
-    camera = view.camera
-    points, background = [(point.x, point.y) for point in clicks], [(point.x, point.y) for point in outside]
-    mask, point_score = photos.segment(camera, points=points, outside=background)
-    point_mask = view.from_photo(mask)
-    places = [_pixel_of(view, point.x, point.y) for point in clicks]
-    places = [(column, row) for column, row in places if view.covered[row, column]]
-    if not places:
-        return MaskEvidence(view, point_mask, point_score, whole=False)
-    clicked = [view.features[row, column] for column, row in places]
-    # Several clicks mean several parts, so the mask as a whole decides and not the feature of one pixel.
-    single_click = len(clicks) == 1
-    feature = _typical_feature(clicked[0], view, point_mask, settings) if single_click else None
-    evidence = MaskEvidence(view, point_mask, point_score, feature, whole=not single_click)
-    if background:
-        return evidence
-    areas = cv2.connectedComponents(view.like(np.stack(clicked), settings.cosine).astype(np.uint8))[1]
-    instance = np.isin(areas, [areas[row, column] for column, row in places])
-    box = mask_box(view.to_photo(instance))
-    if box is None:
-        return evidence
-    mask, box_score = photos.segment(
-        camera,
-        points=() if single_click else points,
-        box=(float(box[0]), float(box[1]), float(box[2]), float(box[3])),
+def _segment_clicks(
+    clicks: Sequence[Point], outside: Sequence[Point], view: View, photos: Photos
+) -> tuple[Mask, float]:
+    """Return SAM's mask of clicks in the frame of `view`, and its score."""
+    photo = view.camera.photo
+    mask, score = photos.segment(
+        view.camera,
+        points=[(point.x, point.y) for point in clicks],
+        outside=[(point.x, point.y) for point in outside if point.photo == photo],
     )
-    box_mask = view.from_photo(mask)
-    if box_score < point_score or mask_iou(box_mask, instance) <= mask_iou(point_mask, instance):
-        return evidence
-    feature = _typical_feature(clicked[0], view, box_mask, settings) if single_click else None
-    return MaskEvidence(view, box_mask, box_score, feature, whole=not single_click)
+    return view.from_photo(mask), score
 
 
-def _typical_feature(clicked: Float32, view: View, mask: Mask, settings: SegmentSettings) -> Float32 | None:
-    """Return the clicked feature if at least half of the mask is like it: a single pixel may lie on a seam."""
-    features = view.features[mask & view.covered]
-    return clicked if len(features) and (features @ clicked >= settings.cosine).mean() >= 0.5 else None
-
-
-def _pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
+def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     """Return column and row of the pixel in the view's frame that shows a point of the photo."""
     spot = np.zeros((view.camera.height, view.camera.width), np.uint8)
     radius = max(2, round(1.5 * max(spot.shape) / max(view.frame.width, view.frame.height)))
@@ -267,6 +254,21 @@ def _from_text(
             )
         )
     return evidence
+
+
+def nothing_found(text: str, context: SegmentationContext, settings: SegmentSettings) -> PromptError:
+    """Return the error for a text that the detector knows and finds in no photo."""
+    n_photos = min(settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
+    return PromptError(
+        f"{text!r} was not found in {n_photos} photos. Use another word, or click on the object instead."
+    )
+
+
+def nothing_behind() -> PromptError:
+    """Return the error for evidence that shows no Gaussian."""
+    return PromptError(
+        "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
+    )
 
 
 def _detect(

@@ -18,11 +18,11 @@ from ..records import ObjectRecord, new_id, new_name
 from ..settings import to_dict
 from .candidates import THRESHOLD
 from .context import SegmentationContext
-from .evidence import MaskEvidence
-from .levels import Levels
+from .lifting import Levels
 from .polishing import polish_each
 from .settings import SegmentSettings
 from .storage import list_objects, save_object, taken_ids
+from .votes import MaskEvidence
 
 __all__ = ["FoundObject", "ObjectRequest", "new_record", "store_found"]
 

@@ -89,6 +89,32 @@ class Hierarchy:
         best = int(iou.argmax())
         return float(self.prominence[best]) if iou[best] >= _MIN_GROUP_IOU else UNGROUPED_PROMINENCE
 
+    def membership_matrix(self) -> csr_matrix:
+        """Return the Gaussians of all groups as a sparse matrix of 0 and 1, shape [N, K], float32."""
+        grouped = np.flatnonzero(self.finest >= 0)
+        finest = csr_matrix(
+            (np.ones(len(grouped), np.float32), (grouped, self.finest[grouped])),
+            shape=(len(self.finest), self.n_finest),
+        )
+        numbers = np.arange(self.n_finest)[:, None]
+        inside = (numbers >= self.groups[:, 0]) & (numbers < self.groups[:, 1])
+        return csr_matrix(finest @ csr_matrix(inside.astype(np.float32)))
+
+    def cut(self, scores: NDArray[np.floating]) -> list[int]:
+        """Return the disjoint groups with the largest sum of `scores`, [K]; of a group and its parts, the group.
+
+        Dynamic programming from the finest groups up: a group is taken unless its parts score more.
+        """
+        pending: list[tuple[int, float, list[int]]] = []
+        for group in np.lexsort((self.groups[:, 1] - self.groups[:, 0], self.groups[:, 1])):
+            first, taken, total = int(self.groups[group, 0]), list[int](), 0.0
+            while pending and pending[-1][0] >= first:
+                _, part_total, part = pending.pop()
+                total, taken = total + part_total, part + taken
+            best = (float(scores[group]), [int(group)])
+            pending.append((first, *(best if best[0] >= total else (total, taken))))
+        return [group for _, _, taken in pending for group in taken]
+
     def within(self, finest: NDArray[np.integer], group: int) -> Mask:
         """Return where an array of finest groups belongs to `group`, as a bool array of the same shape."""
         first, stop = self.groups[group]

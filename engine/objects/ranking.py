@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,14 +11,13 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, PromptError
 from ..events import StopCheck
 from ..masks import mask_iou
-from .candidates import Candidate, fit_of, overlap
+from .candidates import Candidate, fit_of
 from .context import SegmentationContext
-from .crops import crop_photos, median_center
-from .evidence import MaskEvidence
+from .crops import crop_photos
 from .hierarchy import Hierarchy
-from .lifting import Lifted, lift, lift_group
+from .lifting import lift
 from .settings import SegmentSettings
-from .views import Views
+from .votes import MaskEvidence
 
 if TYPE_CHECKING:
     from ..grounding import Detector
@@ -34,10 +32,6 @@ _SAME_CANDIDATE_IOU = 0.85  # chosen on museum_room
 _MIN_RELATIVE_SCORE = 0.5  # chosen on museum_room, store_room
 """Smallest score of a candidate before votes and levels complete it, relative to the best score. Candidates below it
 are discarded."""
-
-_FITTING_IOU = 0.7  # chosen on museum_room, store_room
-"""IoU of a mask with the Gaussians of its features, rendered in the same view, from which on the features describe the
-object."""
 
 
 class NoMatchError(PromptError):
@@ -55,14 +49,13 @@ class NoMatchError(PromptError):
 
 
 def build_text_candidates(
-    views: Views, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
+    context: SegmentationContext, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
 ) -> list[Candidate]:
     """Lift the evidence of a text: the segments with the best scores, and all groups of Gaussians.
 
-    There are at most `n_rescored` candidates of segments, each led by the mask with the best fit. Where the Gaussians
-    with a mask's features do not fit the mask, it is also lifted as if the user had drawn it, as all that is visible of
-    the object: this separates a ball from a wall that SAM once merged it with. Unlike in `build_candidates`, a part and
-    its whole stay two candidates, and their appearance from all sides decides between them.
+    There are at most `n_rescored` candidates of segments, each led by the mask with the best fit. Unlike in
+    `build_candidates`, a part and its whole stay two candidates, and their appearance from all sides decides between
+    them.
 
     Raises
     ------
@@ -75,25 +68,16 @@ def build_text_candidates(
             continue
         if should_stop():
             raise Cancelled("Stopped while isolating; no object was stored.")
-        for variant in (item, replace(item, given=True)) if item.members is None else (item,):
-            lifted = _lift(views, variant, settings)
-            if lifted is None:
-                continue
-            fit = fit_of(views, variant.view, variant.mask, lifted.membership)
-            same = next((c for c in candidates if mask_iou(c.best.members, lifted.members) > _SAME_CANDIDATE_IOU), None)
-            if same is None:
-                candidates.append(Candidate(lifted, [variant], fit))
-            else:
-                same.add(variant, lifted, fit, better=fit > same.fit)
-            if fit >= _FITTING_IOU:
-                break
+        lifted = lift(context, [item], settings, should_stop=should_stop)
+        if not lifted.members.any():
+            continue
+        fit = fit_of(context.views, item.view, item.mask, lifted.membership)
+        same = next((c for c in candidates if mask_iou(c.best.members, lifted.members) > _SAME_CANDIDATE_IOU), None)
+        if same is None:
+            candidates.append(Candidate(lifted, [item], fit))
+        else:
+            same.add(item, lifted, fit, better=fit > same.fit)
     return candidates
-
-
-def _lift(views: Views, item: MaskEvidence, settings: SegmentSettings) -> Lifted | None:
-    if item.members is None:
-        return lift(views, item.view, item.mask, settings, given=item.given)
-    return lift_group(views, item.view, item.mask, item.members, settings)
 
 
 class TextScorer:
@@ -156,15 +140,14 @@ def rank_for_text(
     Parameters
     ----------
     scorer : TextScorer
-        Of its settings, `n_rescored` and `least_candidate` are used; with ``n_rescored=0`` also `relative_score` and
-        `same_object`.
+        Of its settings, `least_candidate` is used.
     candidates : sequence of Candidate
     should_stop : callable
 
     Returns
     -------
     list of (float, Candidate)
-        Several versions of one object may be among them, except with ``n_rescored=0``.
+        Several versions of one object may be among them.
 
     Raises
     ------
@@ -172,35 +155,17 @@ def rank_for_text(
         When the best candidate scores less than `least_candidate`.
     Cancelled
         When `should_stop` returns True.
-
-    Notes
-    -----
-    The score is `TextScorer.score`; with ``n_rescored=0`` it is the detector's, see `_agreement`.
     """
     settings = scorer.settings
-    searched = {item.view.camera.photo for candidate in candidates for item in candidate.evidence}
     scored = []
     for candidate in candidates:
         if should_stop():
             raise Cancelled("Stopped while comparing what was found; no object was stored.")
-        score = (
-            scorer.score(candidate, candidate.best.members)
-            if settings.n_rescored
-            else _agreement(scorer.views, candidate, searched)
-        )
-        scored.append((score, candidate))
+        scored.append((scorer.score(candidate, candidate.best.members), candidate))
     scored.sort(key=lambda pair: -pair[0])
     if scored[0][0] < settings.least_candidate:
         raise no_match_error(scorer.text, scored, settings)
-    min_score = (_MIN_RELATIVE_SCORE if settings.n_rescored else settings.relative_score) * scored[0][0]
-    kept: list[tuple[float, Candidate]] = []
-    for score, candidate in scored:
-        same = any(
-            overlap(candidate.best.membership, other.best.membership) > settings.same_object for _, other in kept
-        )
-        if score >= min_score and (settings.n_rescored or not same):
-            kept.append((score, candidate))
-    return kept
+    return [(score, candidate) for score, candidate in scored if score >= _MIN_RELATIVE_SCORE * scored[0][0]]
 
 
 def no_match_error(text: str, scored: Sequence[tuple[float, Candidate]], settings: SegmentSettings) -> NoMatchError:
@@ -210,18 +175,3 @@ def no_match_error(text: str, scored: Sequence[tuple[float, Candidate]], setting
         f"{settings.least_score:.2f}). Use another word, or click on the object instead.",
         scored,
     )
-
-
-def _agreement(views: Views, candidate: Candidate, searched: set[str]) -> float:
-    """Return the detector's mean score over the searched photos that face the candidate, times the candidate's fit.
-
-    A photo in which the detector found something else counts 0: a candidate that several photos agree on wins over one
-    with a higher score in a single photo.
-    """
-    center = median_center(views, candidate.best.members)
-    facing = [camera.photo for camera in views.facing(center) if camera.photo in searched]
-    best_by_photo: dict[str, float] = {}
-    for item in candidate.evidence:
-        photo = item.view.camera.photo
-        best_by_photo[photo] = max(best_by_photo.get(photo, 0.0), item.score)
-    return min(1.0, sum(best_by_photo.values()) / max(len(facing), len(best_by_photo)) * candidate.fit)

@@ -1,14 +1,11 @@
-"""Segmentation by a prompt: mask evidence is lifted to the Gaussians, ranked, refined, completed and stored."""
+"""Segmentation by a prompt: its evidence is lifted to the Gaussians, and what a text names is ranked."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
@@ -16,42 +13,22 @@ from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
 from .candidate_file import remember_candidates
-from .candidates import THRESHOLD, Candidate, build_candidates, fit_of, overlap
+from .candidates import THRESHOLD, Candidate, fit_of, overlap
 from .context import SegmentationContext, load_context
-from .correction import find_excluded_gaussians, remove_gaussians
-from .evidence import DetectorFactory, MaskEvidence, evidence_of_groups, find_evidence
+from .evidence import DetectorFactory, evidence_of_groups, find_evidence, nothing_behind, nothing_found
 from .found import FoundObject, ObjectRequest, store_found
-from .hierarchy import Hierarchy
-from .levels import Levels, find_levels
-from .lifting import complete, refine_by_votes
+from .lifting import Levels, lift, lift_levels
+from .paper import find_objects_of_paper
 from .photos import SamFactory
-from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt, describe_prompt
+from .prompts import Prompt, TextPrompt, describe_prompt
 from .ranking import NoMatchError, TextScorer, build_text_candidates, no_match_error, rank_for_text
-from .settings import SegmentSettings
+from .settings import PaperSettings, SegmentSettings
+from .votes import HALF, MaskEvidence
 
 if TYPE_CHECKING:
     from ..grounding import Detector
 
-__all__ = [
-    "THRESHOLD",
-    "find_objects",
-    "isolate_objects",
-    "refine_membership",
-    "segment_project",
-    "segment_prompt",
-]
-
-MAX_REFUSED = 2  # chosen on museum_room, store_room
-"""Candidates of a text that are completed by votes and levels, and still score too low, before the search ends."""
-
-MIN_SCORE_RETENTION = 0.8  # chosen on museum_room, store_room
-"""Smallest similarity of a candidate to the text after the votes, relative to its similarity before.
-
-Below it the membership before the votes is kept: the votes have spoiled the candidate, for example thin parts that SAM
-outlines together with what is behind them.
-"""
-
-Float32 = NDArray[np.float32]
+__all__ = ["THRESHOLD", "find_objects", "isolate_object", "segment_project"]
 
 
 def find_objects(
@@ -83,239 +60,107 @@ def find_objects(
     Raises
     ------
     PromptError
-        When no object was found.
+        When no object was found; `NoMatchError` when every candidate looks too little like a text.
     Cancelled
         When `should_stop` returns True.
-
-    References
-    ----------
-    Dahaghin et al., "Gaussian Heritage" (2024): feature of the best-fitting mask over sampled views, cosine 0.7,
-    convex hull.
     """
-    appearance = None
-    by_groups = settings.n_groups > 0 and settings.n_rescored > 0
-    if isinstance(prompt, TextPrompt) and by_groups and detector_factory().check_prompt(prompt.text).known:
-        appearance = context.group_appearance(detector_factory(), emit=part_of(emit, 0, 2), should_stop=should_stop)
-        emit = part_of(emit, 1, 2)
+    if isinstance(settings, PaperSettings):
+        return find_objects_of_paper(
+            context, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
+        )
+    if isinstance(prompt, TextPrompt):
+        return _find_named(context, prompt, settings, detector_factory(), emit, should_stop)
     evidence = find_evidence(
         prompt, context, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
     )
-    if isinstance(prompt, TextPrompt):
-        if appearance is not None:
-            evidence += evidence_of_groups(
-                prompt.text, appearance, context.views, detector_factory(), settings.n_groups
-            )
-        if not evidence:
-            n_photos = min(settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
-            raise PromptError(
-                f"{prompt.text!r} was not found in {n_photos} photos. Use another word, or click on the object instead."
-            )
-    return isolate_objects(
-        context, prompt, evidence, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
-    )
+    found = isolate_object(context, evidence, settings, should_stop)
+    emit(Progress("objects", 1.0, message="Isolating"))
+    return [found]
 
 
-def isolate_objects(
-    context: SegmentationContext,
-    prompt: Prompt,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    *,
-    detector_factory: DetectorFactory,
-    emit: Emit,
-    should_stop: StopCheck,
-    accepted: bool = False,
-) -> list[FoundObject]:
-    """Return the objects that mask evidence shows, the best first; at least one.
+def isolate_object(
+    context: SegmentationContext, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
+) -> FoundObject:
+    """Return the object that all of `evidence` shows.
 
     Parameters
     ----------
     context : SegmentationContext
-    prompt : Prompt
-        The origin of `evidence`. All evidence of clicks shows one object, that of a text may show several.
     evidence : sequence of MaskEvidence
+        At least one mask that is not excluded.
     settings : SegmentSettings
-    detector_factory : callable
-        Called only for a text.
-    emit, should_stop
-        See `engine.events`.
-    accepted : bool
-        The user confirmed that the evidence shows the object: the text is then not refused for a low score.
+    should_stop : callable
 
     Raises
     ------
     PromptError
-        When no object was found; `NoMatchError` when every candidate looks too little like the text.
+        When no Gaussian lies behind the masks, or the excluded ones leave none.
     Cancelled
         When `should_stop` returns True.
     """
-    if isinstance(prompt, TextPrompt):
-        text, detector = prompt.text, detector_factory()
-        return _isolate_named(context, text, evidence, settings, detector, emit, should_stop, accepted=accepted)
-    candidates = build_candidates(context.views, evidence, settings, should_stop)
-    _require_candidates(candidates)
-    scored = [(candidate.evidence[0].score, candidate) for candidate in candidates]
-    memberships = [refine_membership(context, candidate, settings, should_stop) for candidate in candidates]
-    if isinstance(prompt, ClickPrompt) and len(scored) > 1:
-        # Clicks in several photos show one object, even where no mask shows all of it.
-        scored = [(max(score for score, _ in scored), _merge_candidates(scored))]
-        memberships = [np.maximum.reduce(memberships)]
-    found: list[FoundObject] = []
-    for number, ((score, candidate), membership) in enumerate(zip(scored, memberships, strict=True)):
-        if prompt.excluded:
-            membership = _remove_excluded(context, prompt, membership, settings, should_stop)
-        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
-            # A mask drawn by the user is the whole object.
-            given = candidate.evidence[0].given
-            levels = (
-                Levels((membership,)) if given else _find_levels(context, candidate, membership, settings, should_stop)
-            )
-            found.append(_found_object(context, candidate, levels, score))
-        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(scored), message="Isolating"))
-    return found
+    shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
+    if shown[0].given:  # a mask drawn by the user is the whole object
+        levels = Levels((lift(context, evidence, settings, should_stop=should_stop).membership,))
+    else:
+        levels = lift_levels(context, evidence, settings, should_stop)
+    if not (levels.membership >= HALF).any():
+        if any(item.excluded for item in evidence):
+            raise PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
+        raise nothing_behind()
+    fit = fit_of(context.views, shown[0].view, shown[0].mask, levels.membership)
+    return FoundObject(levels.membership, shown[0].score, fit, tuple(shown), levels)
 
 
-def _merge_candidates(scored: Sequence[tuple[float, Candidate]]) -> Candidate:
-    """Return the candidate with the best score, with the evidence of all of them."""
-    best = max(scored, key=lambda pair: pair[0])[1]
-    evidence = [item for _, candidate in scored for item in candidate.evidence]
-    return Candidate(best.best, [*best.evidence, *(item for item in evidence if item not in best.evidence)], best.fit)
-
-
-def _isolate_named(
+def _find_named(
     context: SegmentationContext,
-    text: str,
-    evidence: Sequence[MaskEvidence],
+    prompt: TextPrompt,
     settings: SegmentSettings,
     detector: Detector,
     emit: Emit,
     should_stop: StopCheck,
-    *,
-    accepted: bool,
 ) -> list[FoundObject]:
-    """Return the objects that `text` names among those that the evidence shows; errors as in `isolate_objects`."""
-    by_appearance = settings.n_rescored > 0 and not accepted
-    build = build_text_candidates if by_appearance else build_candidates
-    candidates = build(context.views, evidence, settings, should_stop)
-    _require_candidates(candidates)
-    ranked = [(candidate.evidence[0].score, candidate) for candidate in candidates]
-    hierarchy = None
-    if by_appearance and settings.n_groups:
-        appearance = context.group_appearance(detector, emit=emit, should_stop=should_stop)
-        hierarchy = None if appearance is None else appearance.hierarchy
-    scorer = TextScorer(text, context, detector, settings, hierarchy)
-    if not accepted:
-        ranked = rank_for_text(scorer, candidates, should_stop)
+    """Return the objects that a text names; errors as in `find_objects`."""
+    text = prompt.text
+    appearance = None
+    if settings.n_groups and detector.check_prompt(text).known:
+        appearance = context.group_appearance(detector, emit=part_of(emit, 0, 2), should_stop=should_stop)
+        emit = part_of(emit, 1, 2)
+    evidence = find_evidence(
+        prompt, context, settings, detector_factory=lambda: detector, emit=emit, should_stop=should_stop
+    )
+    if appearance is not None:
+        evidence += evidence_of_groups(text, appearance, context.views, detector, settings.n_groups)
+    if not evidence:
+        raise nothing_found(text, context, settings)
+    candidates = build_text_candidates(context, evidence, settings, should_stop)
+    if not candidates:
+        raise nothing_behind()
+    scorer = TextScorer(text, context, detector, settings, None if appearance is None else appearance.hierarchy)
+    ranked = rank_for_text(scorer, candidates, should_stop)
+    least = max(settings.least_score, settings.relative_score * ranked[0][0])
     found: list[FoundObject] = []
-    refused: list[tuple[float, Candidate]] = []
     for number, (score, candidate) in enumerate(ranked):
         emit(Progress("objects", 0.7 + 0.3 * number / len(ranked), message="Isolating"))
-        if len(found) == settings.max_objects or (found and score < settings.relative_score * ranked[0][0]):
+        if score < least or len(found) == settings.max_objects:
             break
-        if not found and len(refused) == MAX_REFUSED:
-            break
-        if _is_found(candidate.best.membership, found, settings):
-            continue
-        membership = refine_membership(context, candidate, settings, should_stop)
-        if by_appearance and scorer.similarity(membership >= THRESHOLD) < MIN_SCORE_RETENTION * scorer.similarity(
-            candidate.best.members
-        ):
-            membership = candidate.best.membership
-        if _is_found(membership, found, settings):
-            continue
-        levels = _find_levels(context, candidate, membership, settings, should_stop, scorer.similarity, hierarchy)
-        if by_appearance:
-            # A level may be less prominent because its base is like the support. That makes the match no less certain.
-            score = max(scorer.score(candidate, level >= THRESHOLD) for level in (membership, levels.membership))
-        if by_appearance and score < settings.least_score:
-            refused.append((score, candidate))
-        else:
-            found.append(_found_object(context, candidate, levels, score))
+        membership = candidate.best.membership
+        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
+            levels = lift_levels(context, candidate.evidence[:1], settings, should_stop)
+            found.append(FoundObject(levels.membership, score, candidate.fit, tuple(candidate.evidence), levels))
     emit(Progress("objects", 1.0, message="Isolating"))
     if not found:
-        raise no_match_error(text, _nearest(refused, ranked, settings), settings)
-    best = max(item.score for item in found)
-    kept = [item for item in found if item.score >= settings.relative_score * best or not by_appearance]
-    return sorted(kept, key=lambda item: -item.score)
+        raise no_match_error(text, _different(ranked, settings), settings)
+    return found
 
 
-def _is_found(membership: Float32, found: Sequence[FoundObject], settings: SegmentSettings) -> bool:
-    return any(overlap(membership, other.membership) > settings.same_object for other in found)
-
-
-def _nearest(
-    refused: Sequence[tuple[float, Candidate]], ranked: Sequence[tuple[float, Candidate]], settings: SegmentSettings
-) -> list[tuple[float, Candidate]]:
-    """Return the refused candidates, the best first, and then those of the others that are no versions of them."""
-    nearest = sorted(refused, key=lambda pair: -pair[0])
+def _different(ranked: Sequence[tuple[float, Candidate]], settings: SegmentSettings) -> list[tuple[float, Candidate]]:
+    """Return the candidates that are no versions of better ones."""
+    kept: list[tuple[float, Candidate]] = []
     for score, candidate in ranked:
         membership = candidate.best.membership
-        if not any(overlap(membership, other.best.membership) > settings.same_object for _, other in nearest):
-            nearest.append((score, candidate))
-    return nearest
-
-
-def _require_candidates(candidates: Sequence[Candidate]) -> None:
-    if not candidates:
-        raise PromptError(
-            "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
-        )
-
-
-def _found_object(context: SegmentationContext, candidate: Candidate, levels: Levels, score: float) -> FoundObject:
-    best = candidate.evidence[0]
-    fit = fit_of(context.views, best.view, best.mask, levels.membership)
-    return FoundObject(levels.membership, score, fit, tuple(candidate.evidence), levels)
-
-
-def _remove_excluded(
-    context: SegmentationContext,
-    prompt: ClickPrompt | BoxPrompt | MaskPrompt,
-    membership: Float32,
-    settings: SegmentSettings,
-    should_stop: StopCheck,
-) -> Float32:
-    """Return the membership without what the excluded clicks of the prompt remove."""
-    clicks = prompt.clicks if isinstance(prompt, ClickPrompt) else ()
-    removed = find_excluded_gaussians(prompt.excluded, clicks, membership >= THRESHOLD, context, settings, should_stop)
-    corrected = remove_gaussians(membership, removed)
-    if not (corrected >= THRESHOLD).any():
-        raise PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
-    return corrected
-
-
-def _find_levels(
-    context: SegmentationContext,
-    candidate: Candidate,
-    membership: Float32,
-    settings: SegmentSettings,
-    should_stop: StopCheck,
-    scorer: Callable[[NDArray[np.bool_]], float] | None = None,
-    hierarchy: Hierarchy | None = None,
-) -> Levels:
-    if settings.n_level_views == 0:
-        return Levels((membership,))
-    return find_levels(
-        context,
-        membership,
-        candidate.best.directions,
-        settings,
-        scorer=scorer,
-        hierarchy=hierarchy,
-        should_stop=should_stop,
-    )
-
-
-def refine_membership(
-    context: SegmentationContext, candidate: Candidate, settings: SegmentSettings, should_stop: StopCheck
-) -> Float32:
-    """Return the membership of a candidate after votes and completion, shape [N], float32."""
-    lifted = candidate.best
-    if settings.refinement == "votes":
-        best = candidate.evidence[0]
-        given = (best.view, best.mask) if best.given else None
-        lifted = refine_by_votes(context.views, lifted, given, context.label_maps, settings, should_stop=should_stop)
-    return complete(context.views, lifted, settings)
+        if not any(overlap(membership, other.best.membership) > settings.same_object for _, other in kept):
+            kept.append((score, candidate))
+    return kept
 
 
 def segment_project(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 from ..settings import require
 
-__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "SegmentSettings"]
+__all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "PaperSettings", "SegmentSettings"]
 
 
 @dataclass(frozen=True)
@@ -18,38 +17,18 @@ class SegmentSettings:
 
     Attributes
     ----------
-    cosine : float
-        Smallest cosine, between -1 and 1, of a Gaussian's or pixel's feature with a direction of the object at which it
-        belongs to the object. 0.7 in the paper.
     n_text_views : int
         Number of photos in which the detector searches for a text, spread over the poses.
     photo_side : int
         Longer side in pixels to which photos are reduced for the detector and SAM.
     render_side : int
         Longer side in pixels of the views that are rendered to read features and count votes.
-    erode_pixels : int
-        Pixels removed along the border of a mask before its feature is read, because features mix at silhouettes.
-    parts : int
-        Largest number of directions in feature space for one prompt. SAM splits an object into parts of different
-        materials, and each part has a direction of its own. 1 in the paper.
-    part_purity : float
-        A further direction is used when at least this share, 0 to 1, of the pixels with a similar feature is inside of
-        the mask, among the connected areas that touch the mask.
-    refinement : {"none", "votes"}
-        ``none``: the cosine decides, as in the paper. ``votes``: masks of several views vote on every Gaussian with
-        its blending weights.
     n_vote_views : int
-        Largest number of views that vote.
-    vote_rounds : int
-        Number of rounds of voting. Each starts with the members that result from the round before.
-    keep_given : bool
-        Trust a mask that the user drew: in the first round of votes, the Gaussians behind it belong whatever their
-        feature, and the Gaussians visible beside it never do.
-    completion : {"none", "hull"}
-        ``hull`` adds all Gaussians inside of the convex hull of the object, as in the paper.
-    outlier_iqr : float or None
-        Gaussians farther than this many interquartile ranges from the quartiles on any axis are ignored for the convex
-        hull (Gaussian Grouping: 1.0). None ignores none.
+        Largest number of photos whose segments take part in the graph of the scene (`engine.objects.graph`), and of
+        views in which an object is polished.
+    strictness : float
+        Weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0. Smaller values
+        give larger objects.
     same_object : float
         Two results are one object when their Gaussians overlap by more than this share, 0 to 1, of the smaller one.
     n_rescored : int
@@ -68,29 +47,16 @@ class SegmentSettings:
         Candidates of one text that score at least this share, 0 to 1, of the best score become objects.
     max_objects : int
         Largest number of objects for one text.
-    n_level_views : int
-        Number of photos in which SAM outlines larger levels of an object (`engine.objects.levels`). With 0 there are no
-        levels; a mask that the user drew has none either.
-    level_gain : float
-        A larger level is chosen for a text when its score is more than this times the score of the object, at least 1.
     polish_steps : int
         Training steps in which an object's Gaussians are polished alone (`engine.objects.polishing`) before it is
         stored. 0 keeps them as they are in the scene.
     """
 
-    cosine: float = 0.7  # published: Dahaghin et al. 2024
     n_text_views: int = 8  # chosen on museum_room
     photo_side: int = 1024  # by definition
     render_side: int = 480  # chosen on museum_room
-    erode_pixels: int = 2  # chosen on museum_room
-    parts: int = 6  # chosen on museum_room
-    part_purity: float = 0.6  # chosen on museum_room
-    refinement: Literal["none", "votes"] = "votes"  # chosen on museum_room
     n_vote_views: int = 24  # chosen on museum_room
-    vote_rounds: int = 2  # chosen on museum_room
-    keep_given: bool = True  # chosen on museum_room, store_room
-    completion: Literal["none", "hull"] = "none"  # chosen on museum_room, store_room
-    outlier_iqr: float | None = 1.0  # published: Ye et al. 2024
+    strictness: float = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     same_object: float = 0.4  # chosen on museum_room
     n_rescored: int = 4  # chosen on museum_room
     n_groups: int = 4  # chosen on museum_room, store_room
@@ -99,23 +65,14 @@ class SegmentSettings:
     least_score: float = 0.45  # chosen on museum_room
     relative_score: float = 0.85  # chosen on museum_room
     max_objects: int = 8  # by definition
-    n_level_views: int = 8  # chosen on museum_room
-    level_gain: float = 1.3  # chosen on museum_room, store_room
     polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        require(self, "cosine", -1.0 < self.cosine < 1.0, "between -1 and 1")
         require(self, "n_text_views", self.n_text_views >= 1, "at least 1")
         require(self, "photo_side", self.photo_side >= 64, "at least 64")
         require(self, "render_side", self.render_side >= 16, "at least 16")
-        require(self, "erode_pixels", self.erode_pixels >= 0, "at least 0")
-        require(self, "parts", self.parts >= 1, "at least 1")
-        require(self, "part_purity", 0 < self.part_purity <= 1, "above 0 and at most 1")
-        require(self, "refinement", self.refinement in ("none", "votes"), "'none' or 'votes'")
         require(self, "n_vote_views", self.n_vote_views >= 1, "at least 1")
-        require(self, "vote_rounds", self.vote_rounds >= 1, "at least 1")
-        require(self, "completion", self.completion in ("none", "hull"), "'none' or 'hull'")
-        require(self, "outlier_iqr", self.outlier_iqr is None or self.outlier_iqr > 0, "above 0 or None")
+        require(self, "strictness", self.strictness > 0, "above 0")
         require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
         require(self, "n_rescored", self.n_rescored >= 0, "at least 0")
         require(self, "n_groups", self.n_groups >= 0, "at least 0")
@@ -124,31 +81,47 @@ class SegmentSettings:
         require(self, "least_score", 0 <= self.least_score <= 1, "between 0 and 1")
         require(self, "relative_score", 0 <= self.relative_score <= 1, "between 0 and 1")
         require(self, "max_objects", self.max_objects >= 1, "at least 1")
-        require(self, "n_level_views", self.n_level_views >= 0, "at least 0")
-        require(self, "level_gain", self.level_gain >= 1, "at least 1")
         require(self, "polish_steps", self.polish_steps >= 0, "at least 0")
 
 
-BETTER = SegmentSettings()
-"""Uses all parts that a mask shows, and lets masks of up to 24 views vote on every Gaussian."""
+@dataclass(frozen=True)
+class PaperSettings(SegmentSettings):
+    """Settings of the published method (`engine.objects.paper`).
 
-PAPER = replace(
-    BETTER,
-    parts=1,  # published: Dahaghin et al. 2024
-    refinement="none",  # published: Dahaghin et al. 2024
-    keep_given=False,
-    completion="hull",  # published: Dahaghin et al. 2024
-    n_rescored=0,
-    n_groups=0,
-    least_candidate=0.0,
-    relative_score=0.6,  # chosen on museum_room
-    n_level_views=0,
-    polish_steps=0,
-)  # by definition
+    Of the other settings it uses the sizes, `n_text_views`, `same_object`, `relative_score` and `max_objects`.
+
+    Attributes
+    ----------
+    cosine : float
+        Smallest cosine, between -1 and 1, of a Gaussian's feature with that of the mask.
+    erode_pixels : int
+        Pixels removed along the border of a mask before its feature is read, because features mix at silhouettes.
+    outlier_iqr : float or None
+        Gaussians farther than this many interquartile ranges from the quartiles on any axis are ignored for the convex
+        hull (Gaussian Grouping: 1.0). None ignores none.
+    """
+
+    relative_score: float = 0.6  # chosen on museum_room
+    polish_steps: int = 0  # by definition
+    cosine: float = 0.7  # published: Dahaghin et al. 2024
+    erode_pixels: int = 2  # chosen on museum_room
+    outlier_iqr: float | None = 1.0  # published: Ye et al. 2024
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self, "cosine", -1.0 < self.cosine < 1.0, "between -1 and 1")
+        require(self, "erode_pixels", self.erode_pixels >= 0, "at least 0")
+        require(self, "outlier_iqr", self.outlier_iqr is None or self.outlier_iqr > 0, "above 0 or None")
+
+
+BETTER = SegmentSettings()
+"""One solve on the graph of the scene for each object."""
+
+PAPER = PaperSettings()
 """Dahaghin et al. (2024): cosine 0.7 to the best-fitting mask of several views, then the convex hull."""
 
-RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)  # published: Dahaghin et al. 2024
+RELEASED = PaperSettings(n_text_views=1, erode_pixels=0, outlier_iqr=None)  # published: Dahaghin et al. 2024
 """The paper's released code, which differs from its text: one photo, and no outliers removed before the hull."""
 
-PRESETS = {"paper": PAPER, "released": RELEASED, "better": BETTER}
+PRESETS: dict[str, SegmentSettings] = {"paper": PAPER, "released": RELEASED, "better": BETTER}
 DEFAULT_PRESET = "better"

@@ -64,10 +64,6 @@ class View:
         distorted = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
         return np.asarray(distorted > 0.5)
 
-    def like(self, directions: Float32, cosine: float) -> Mask:
-        """Return the covered pixels whose feature has a cosine of at least `cosine` to one of the directions [K, D]."""
-        return ((self.features @ directions.T).max(axis=-1) >= cosine) & self.covered
-
 
 class Views:
     """Views of one scene, each rendered at its first use.
@@ -95,7 +91,6 @@ class Views:
         self.cameras = cameras
         self.render_side = render_side
         self._views: dict[str, View] = {}
-        self._seen: dict[str, Float32] = {}
 
     @property
     def directions(self) -> Float32:
@@ -124,12 +119,15 @@ class Views:
         """Return the share of each pixel of `view` that the members, bool [N], contribute, occluded by the others."""
         return self.scene.share(view.frame, members)
 
-    def seen(self, view: View) -> Float32:
-        """Return how many pixels of the photo each Gaussian contributes, shape [N]."""
-        if view.camera.photo not in self._seen:
-            weights = view.within[..., None].astype(np.float32)
-            self._seen[view.camera.photo] = self.scene.votes(view.frame, weights)[:, 0]
-        return self._seen[view.camera.photo]
+    def extent(self, members: Mask) -> float:
+        """Return the longest side of a box around the members, bool [N], relative to `cameras_spread`; 0 for none.
+
+        The box leaves out a twentieth of them at each end.
+        """
+        if not members.any():
+            return 0.0
+        low, high = np.percentile(self.scene.gaussians.means[members], [5, 95], axis=0)
+        return float((high - low).max() / self.cameras_spread)
 
     def facing(self, point: NDArray[np.floating]) -> list[Camera]:
         """Return the cameras whose photo contains the world point [3]."""

@@ -23,7 +23,7 @@ from engine.stage_runner import StageRunner
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, n_level_views=0, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 PROMPTS = ("red ball", "blue ball")
 Run = Callable[[], list[Event]]
 

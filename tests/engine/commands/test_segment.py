@@ -18,7 +18,7 @@ from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
 @pytest.fixture
 def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    return trained_project(blobs, tmp_path).path
+    return trained_project(blobs, tmp_path, segments=True).path
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pytest
 from engine.evaluation.results import Evaluation
 from engine.evaluation.summary import summarise
 from engine.evaluation.table import markdown
+from engine.masks.storage import label_map_path, write_label_map
 from engine.objects.everything import DetectedObject
 from tests.engine.evaluation.blob_truth import NAMES, write_truth
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
@@ -22,13 +23,15 @@ def search_returns(monkeypatch: pytest.MonkeyPatch, *members: np.ndarray) -> lis
 
     def search(context: Any, settings: Any, **others: Any) -> list[DetectedObject]:
         asked.append(settings)
-        return [DetectedObject(each.astype(np.float32), f"thing {k}", 0.8, (k,)) for k, each in enumerate(members)]
+        return [DetectedObject(each.astype(np.float32), f"thing {k}", 0.8) for k, each in enumerate(members)]
 
     monkeypatch.setattr("engine.evaluation.trained_scene.find_everything", search)
     return asked
 
 
-def test_every_ball_gets_the_result_that_shows_it(evaluate, blobs: BlobScene, tmp_path: Path) -> None:
+def test_every_ball_gets_the_result_that_shows_it(evaluate, project, blobs: BlobScene) -> None:
+    for photo, labels in blobs.labels.items():
+        write_label_map(label_map_path(project.path / "masks", photo), labels)
     found: Evaluation = evaluate(prompt_kind="all", presets=("paper", "better"))
     assert [(row.object, row.method) for row in found.rows] == [(name, "better") for name in NAMES.values()]
     for row in found.rows:

@@ -113,16 +113,14 @@ def test_ablations_switch_one_ingredient_off_each(evaluate) -> None:
     changed = [method for method in methods_of(found.settings) if method.name not in PRESETS]
     for method in changed:
         differing = [name for name in vars(BETTER) if getattr(method.settings, name) != getattr(BETTER, name)]
-        assert len(differing) + (not method.snaps) == 1, method
-    assert len(changed) == 6
-    assert len(methods_of(replace(found.settings, prompt_kind="click"))) == 7
+        assert len(differing) + bool(method.without) == 1, method
+    assert len(changed) == 4
+    assert len(methods_of(replace(found.settings, prompt_kind="click"))) == 6
     by_text = methods_of(replace(found.settings, prompt_kind="text"))
-    assert [method.snaps for method in by_text] == [True] * 9
+    assert [method.without for method in by_text] == [""] * 3
     # No settings of one object matter to a search for all of them.
     searches = methods_of(replace(found.settings, prompt_kind="all", view_counts=(2,)))
-    assert [(method.name, method.snaps) for method in searches] == [
-        ("better", True), ("better, no snapping to segments", False)
-    ]  # fmt: skip
+    assert [method.name for method in searches] == ["better"]
 
 
 def test_masks_of_the_evaluation_are_those_that_render_writes(blobs: BlobScene) -> None:

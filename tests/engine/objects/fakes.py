@@ -9,6 +9,7 @@ import numpy as np
 
 from engine.gaussians.storage import save_gaussians
 from engine.masks.sam import Embedding
+from engine.masks.storage import label_map_path, write_label_map
 from engine.project_folder import ProjectFolder
 from engine.scene.camera_storage import write_camera_set
 from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
@@ -118,8 +119,11 @@ class FakeDetector:
         return []
 
 
-def trained_project(scene: BlobScene, folder: Path, *, features: bool = True) -> ProjectFolder:
-    """Write a project as if `scene` had been trained, and its photos beside the project."""
+def trained_project(scene: BlobScene, folder: Path, *, features: bool = True, segments: bool = False) -> ProjectFolder:
+    """Write a project as if `scene` had been trained, and its photos beside the project.
+
+    With `segments`, the true parts are the segments of the photos.
+    """
     photos = scene.write_photos(folder / "photos")
     project = ProjectFolder.create(folder / "project")
     project.put("photo_folder", str(photos))
@@ -130,4 +134,6 @@ def trained_project(scene: BlobScene, folder: Path, *, features: bool = True) ->
         gaussians = replace(gaussians, features=None)
     save_gaussians(project.path / "gaussians", gaussians)
     write_camera_set(project.path / "cameras", scene.cameras)
+    for photo, labels in scene.labels.items() if segments else ():
+        write_label_map(label_map_path(project.path / "masks", photo), labels)
     return project

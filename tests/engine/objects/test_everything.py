@@ -18,11 +18,11 @@ from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 
 
 def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, SegmentationContext]:
-    project = trained_project(blobs, folder)
+    project = trained_project(blobs, folder, segments=True)
     return project, load_context(project, SMALL, lambda: FakeSam(blobs))
 
 
@@ -49,24 +49,13 @@ def test_every_object_is_found_once_and_the_floor_is_not(blobs: BlobScene, tmp_p
     assert fractions == sorted(fractions)
 
 
-def test_parts_that_look_better_together_are_one_object(blobs: BlobScene, tmp_path: Path) -> None:
+def test_parts_that_the_segments_show_as_one_are_one_object(blobs: BlobScene, tmp_path: Path) -> None:
     features = blobs.gaussians.features.copy()
     left = (blobs.part == BLUE) & (blobs.gaussians.means[:, 0] < 0)
     features[left] = np.roll(features[left], 1, axis=1)
     scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
     _, context = look(scene, tmp_path)
-
-    class WholeBalls(FakeDetector):
-        def name_crops(self, crops):  # type: ignore[no-untyped-def]
-            pixels, _, mask = crops[0]
-            photo = next(name for name, other in scene.pixels.items() if np.array_equal(other, pixels))
-            labels = scene.labels[photo]
-            part = int(np.bincount(labels[mask], minlength=4).argmax())
-            return [("ball", float((mask & (labels == part)).sum() / (mask | (labels == part)).sum()))]
-
-    found = find_everything(
-        context, SMALL, detector_factory=lambda: WholeBalls(scene), emit=ignore_events, should_stop=never_stop
-    )
+    found = everything(scene, context)
     assert max(overlap(one.members, scene.part == BLUE) for one in found) > 0.9
     assert len(found) == 3
 

@@ -77,3 +77,17 @@ def test_a_handful_of_gaussians_has_few_groups_or_none(count: int, blobs: BlobSc
 def test_the_whole_scene_has_no_prominence(groups: Hierarchy) -> None:
     sizes = [int(groups.members(k).sum()) for k in range(len(groups.groups))]
     assert groups.prominence[int(np.argmax(sizes))] == 0
+
+
+def test_cut_takes_a_group_unless_its_parts_score_more() -> None:
+    #        4
+    #     3     \
+    #   0   1    2
+    groups = np.array([[0, 1], [1, 2], [2, 3], [0, 2], [0, 3]], np.int32)
+    tree = Hierarchy(np.array([0, 1, 2, -1], np.int32), groups, np.zeros(5, np.float32))
+    assert sorted(tree.cut(np.array([1.0, 1, 1, 3, 2]))) == [2, 3]
+    assert tree.cut(np.array([1.0, 1, 1, 2, 3])) == [4]
+    assert sorted(tree.cut(np.array([2.0, 1, 1, 2.5, 3]))) == [0, 1, 2]
+    np.testing.assert_array_equal(
+        tree.membership_matrix().toarray(), [[1, 0, 0, 1, 1], [0, 1, 0, 1, 1], [0, 0, 1, 0, 1], [0, 0, 0, 0, 0]]
+    )

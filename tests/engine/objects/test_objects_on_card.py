@@ -19,7 +19,7 @@ from engine.rasterizer.gpu import Gpu
 from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
-SMALL = replace(BETTER, photo_side=160, render_side=160, erode_pixels=1, polish_steps=3)
+SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 CARD = Device("gpu", "card")
 
 SAME = 0.999
@@ -42,7 +42,7 @@ def test_objects_are_those_of_the_processor(prompt: str, card: Gpu, blobs: BlobS
     }
     found = []
     for device in (CARD, PROCESSOR):
-        project = trained_project(blobs, tmp_path / device.name)
+        project = trained_project(blobs, tmp_path / device.name, segments=True)
         context = load_context(project, SMALL, lambda: FakeSam(blobs), device=device)
         assert context.views.scene.backend == device.backend
         if prompt == "all":

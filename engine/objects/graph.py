@@ -1,0 +1,267 @@
+"""The graph of a scene: Gaussians linked to their neighbours and to the segments of the photos that show them.
+
+It is made once after training and kept. Every object is the solution of one linear system on it, see docs/objects.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bmat, coo_matrix, csr_matrix, diags, hstack
+from scipy.sparse.linalg import cg
+from scipy.spatial import cKDTree
+
+from ..errors import Cancelled
+from ..events import StopCheck
+from ..files import ArraySpec, keep_arrays, read_kept_arrays
+from ..project_folder import stage_key
+from .views import Views, spread_cameras
+from .votes import Votes
+
+__all__ = ["SceneGraph", "build_graph", "load_or_build_graph"]
+
+Float32 = NDArray[np.float32]
+Int32 = NDArray[np.int32]
+
+_VERSION = 1  # by definition
+
+_N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Nearest neighbours that a Gaussian is linked to."""
+
+_SEGMENT_WEIGHT = 0.02  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight of the link of a Gaussian to a segment, for each pixel that it contributes to it."""
+
+_BACKGROUND_WEIGHT = 0.03  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight with which every Gaussian is background before any evidence."""
+
+_MIN_PIXELS = 0.05  # by definition
+"""Smallest contribution of a Gaussian to a segment that is kept, in pixels."""
+
+_TOLERANCE = 1e-4  # by definition
+"""Largest residual of the solution, relative to the right-hand side."""
+
+_MAX_STEPS = 300  # by definition
+"""Largest number of steps of conjugate gradients."""
+
+
+@dataclass(frozen=True)
+class SceneGraph:
+    """Links of N Gaussians with each other and with the M segments of P photos.
+
+    Attributes
+    ----------
+    neighbours : sparse matrix of shape [N, N]
+        Symmetric weights of the links between Gaussians.
+    segments : sparse matrix of shape [N, M]
+        Pixels that each Gaussian contributes to each segment. The segments of a photo are consecutive. The first of
+        them, which may be empty, is no segment but the rest of the photo.
+    photo : int32 array of shape [M]
+        Number of the photo of each segment, 0 to P - 1.
+    """
+
+    neighbours: csr_matrix
+    segments: csr_matrix
+    photo: Int32
+
+    @cached_property
+    def pixels(self) -> Float32:
+        """Pixels with which each Gaussian votes where an object is known: its mean in a photo, at least 1; [N]."""
+        total = np.asarray(self.segments.sum(axis=1), np.float32).ravel()
+        return np.maximum(total / (1 + int(self.photo.max(initial=0))), np.float32(1))
+
+    @property
+    def _first(self) -> NDArray[np.intp]:
+        """Column of the rest of each photo."""
+        return np.flatnonzero(np.diff(self.photo, prepend=-1))
+
+    @cached_property
+    def _links(self) -> csr_matrix:
+        is_segment = np.ones(len(self.photo), np.float32)
+        is_segment[self._first] = 0
+        links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(is_segment))
+        return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]))
+
+    @cached_property
+    def _degrees(self) -> NDArray[np.float64]:
+        return np.asarray(self._links.sum(axis=1), np.float64).ravel()
+
+    def solve(self, votes: Votes, strictness: float) -> Float32:
+        """Return the membership of each Gaussian in the object that `votes` show, in [0, 1], shape [N].
+
+        Parameters
+        ----------
+        votes : Votes
+        strictness : float
+            Weight of a pixel beside the object relative to one inside of it, above 0. The membership of every Gaussian
+            falls as it rises.
+
+        Notes
+        -----
+        Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
+        votes S for the object and B against it, and lambda the strictness.
+        """
+        n_segments = len(self.photo)
+        inside = np.pad(votes.inside.astype(np.float64), (0, n_segments))
+        against = _BACKGROUND_WEIGHT + strictness * votes.outside
+        diagonal = self._degrees + inside + np.pad(against, (0, n_segments))
+        diagonal = np.where(diagonal > 0, diagonal, 1.0)
+        system = diags(diagonal) - self._links
+        preconditioner = diags(1 / diagonal)
+        solution, _ = cg(system, inside, rtol=_TOLERANCE, maxiter=_MAX_STEPS, M=preconditioner)
+        return np.clip(solution[: len(votes.inside)], 0, 1).astype(np.float32)
+
+    def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
+        """Return the graph without the links to segments, those between Gaussians, or features in their weights."""
+        if part == "segments":
+            return replace(self, segments=csr_matrix(self.segments.shape, dtype=np.float32))
+        links = self.neighbours.sign() if part == "features" else csr_matrix(self.neighbours.shape, dtype=np.float32)
+        return replace(self, neighbours=links)
+
+    def covering(self, members: csr_matrix) -> tuple[Float32, Float32]:
+        """Return how well the segments of the photos outline sets of Gaussians.
+
+        Parameters
+        ----------
+        members : sparse matrix of shape [N, K]
+            1 for the Gaussians of each set.
+
+        Returns
+        -------
+        array of shape [K], float32
+            IoU of the set with the segment that fits it best, averaged over the photos by the pixels that show it.
+        array of shape [K], float32
+            Those pixels, over all photos.
+        """
+        n_sets = members.shape[1]
+        if len(self.photo) == 0:
+            return np.zeros(n_sets, np.float32), np.zeros(n_sets, np.float32)
+        common = np.asarray((members.T @ self.segments).todense(), np.float32)
+        first = self._first
+        shown = np.add.reduceat(common, first, axis=1)
+        sizes = np.asarray(self.segments.sum(axis=0), np.float32)
+        iou = common / np.maximum(sizes + shown[:, self.photo] - common, 1e-6)
+        iou[:, first] = 0
+        best = np.maximum.reduceat(iou, first, axis=1)
+        total = shown.sum(axis=1)
+        return (best * shown).sum(axis=1) / np.maximum(total, 1e-6), total
+
+
+def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
+    """Return the graph of a scene.
+
+    Parameters
+    ----------
+    views : Views
+    label_maps : mapping of str to int32 array
+        Segments by photo, 0 for no segment, at any resolution.
+    n_views : int
+        Largest number of photos whose segments take part.
+    should_stop : callable
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` returns True.
+    """
+    cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
+    photo: list[int] = []
+    for number, camera in enumerate(spread_cameras(cameras, n_views)):
+        if should_stop():
+            raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
+        view = views.of(camera)
+        labels = view.labels_from_photo(label_maps[camera.photo])
+        segments = np.concatenate([[0], np.unique(labels[labels > 0])])
+        masks = (labels[..., None] == segments) & view.within[..., None]
+        votes = views.scene.votes(view.frame, masks.astype(np.float32))
+        columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
+        photo += [number] * len(segments)
+    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32))
+
+
+def _neighbours(views: Views) -> csr_matrix:
+    """Return links to the nearest neighbours: the cosine of the features times the root of both opacities."""
+    means, opacities, directions = views.scene.gaussians.means, views.scene.gaussians.opacities, views.directions
+    count = len(means)
+    n_neighbours = min(_N_NEIGHBOURS, count - 1)
+    if n_neighbours < 1:
+        return csr_matrix((count, count), dtype=np.float32)
+    other = cKDTree(means).query(means, k=n_neighbours + 1)[1][:, 1:].ravel()
+    one = np.repeat(np.arange(count), n_neighbours)
+    cosine = np.einsum("ij,ij->i", directions[one], directions[other])
+    weights = np.clip(cosine, 0, 1) * np.sqrt(opacities[one] * opacities[other])
+    links = csr_matrix(coo_matrix((weights.astype(np.float32), (one, other)), shape=(count, count)))
+    return csr_matrix(links.maximum(links.T))
+
+
+def load_or_build_graph(
+    file: Path | None, views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck
+) -> SceneGraph:
+    """Return the graph stored in `file`, or build and store it; parameters and errors as of `build_graph`.
+
+    A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
+    """
+    if file is None:
+        return build_graph(views, label_maps, n_views=n_views, should_stop=should_stop)
+    recipe = _recipe(views, label_maps, n_views)
+    stored = read_kept_arrays(file, recipe, _SPECS)
+    graph = None if stored is None else _from_arrays(stored, len(views.scene))
+    if graph is None:
+        graph = build_graph(views, label_maps, n_views=n_views, should_stop=should_stop)
+        keep_arrays(file, recipe, _to_arrays(graph))
+    return graph
+
+
+def _recipe(views: Views, label_maps: Mapping[str, Int32], n_views: int) -> str:
+    gaussians = views.scene.gaussians
+    assert gaussians.features is not None
+    digest = hashlib.sha256()
+    maps = [label_maps[camera.photo] for camera in views.cameras.cameras if camera.photo in label_maps]
+    for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
+        digest.update(np.ascontiguousarray(array).data)
+    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
+    return stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
+
+
+_MATRICES = ("neighbours", "segments")
+_SPECS = {
+    "photo": ArraySpec("int32", ("m",)),
+    **{f"{name} values": ArraySpec("float32", (f"{name} links",), finite=True) for name in _MATRICES},
+    **{f"{name} columns": ArraySpec("int32", (f"{name} links",)) for name in _MATRICES},
+    **{f"{name} rows": ArraySpec("int32", ("n",)) for name in _MATRICES},
+}
+
+
+def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
+    arrays: dict[str, NDArray[np.generic]] = {"photo": graph.photo}
+    for name in _MATRICES:
+        matrix = getattr(graph, name)
+        arrays |= {
+            f"{name} values": matrix.data.astype(np.float32),
+            f"{name} columns": matrix.indices.astype(np.int32),
+            f"{name} rows": matrix.indptr.astype(np.int32),
+        }
+    return arrays
+
+
+def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGraph | None:
+    """Return the graph; None when the arrays are not its matrices."""
+    photo = np.asarray(arrays["photo"], np.int32)
+    matrices: dict[str, csr_matrix] = {}
+    for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
+        parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
+        try:
+            matrices[name] = csr_matrix(parts, shape=(count, width))
+            matrices[name].check_format(full_check=True)
+        except ValueError:
+            return None
+    consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all()
+    usable = consecutive and all((one.data >= 0).all() for one in matrices.values())
+    return SceneGraph(photo=photo, **matrices) if usable else None

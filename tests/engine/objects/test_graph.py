@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_matrix
+
+from engine.errors import Cancelled
+from engine.events import never_stop
+from engine.objects.graph import SceneGraph, build_graph, load_or_build_graph
+from engine.objects.views import Views
+from engine.objects.votes import MaskEvidence, Votes, count_votes
+from engine.pictures.scene import Scene
+from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
+
+
+@pytest.fixture(scope="module")
+def views(blobs: BlobScene) -> Views:
+    return Views(Scene(blobs.gaussians), blobs.cameras, render_side=160)
+
+
+@pytest.fixture(scope="module")
+def graph(blobs: BlobScene, views: Views) -> SceneGraph:
+    return build_graph(views, blobs.labels, n_views=8, should_stop=never_stop)
+
+
+def mask_of(blobs: BlobScene, views: Views, part: int, number: int) -> MaskEvidence:
+    camera = blobs.cameras.cameras[number]
+    view = views.of(camera)
+    return MaskEvidence(view, view.from_photo(blobs.labels[camera.photo] == part), 1.0)
+
+
+def overlap(members: np.ndarray, truth: np.ndarray) -> float:
+    return float((members & truth).sum() / (members | truth).sum())
+
+
+def test_one_mask_and_the_segments_of_all_photos_give_the_whole_object(
+    blobs: BlobScene, views: Views, graph: SceneGraph
+) -> None:
+    for part in (RED, TWIN, BLUE):
+        votes = count_votes(views, mask_of(blobs, views, part, 1), graph.pixels)
+        assert overlap(graph.solve(votes, 0.6) >= 0.5, blobs.part == part) > 0.95
+
+
+def test_membership_falls_as_the_strictness_rises(blobs: BlobScene, views: Views, graph: SceneGraph) -> None:
+    votes = count_votes(views, mask_of(blobs, views, BLUE, 1), graph.pixels)
+    solved = [graph.solve(votes, strictness) for strictness in (0.05, 0.2, 0.6, 2.0, 10.0)]
+    for looser, stricter in zip(solved, solved[1:], strict=False):
+        # The tolerance is that of the solution.
+        assert (stricter <= looser + 1e-3).all()
+    assert all(one.min() >= 0 and one.max() <= 1 for one in solved)
+
+
+def test_without_votes_for_an_object_nothing_belongs(graph: SceneGraph) -> None:
+    nothing = np.zeros(len(graph.pixels), np.float32)
+    assert graph.solve(Votes(nothing, nothing), 0.6).max() == 0
+
+
+def test_an_object_is_covered_by_its_segments_and_its_half_or_it_with_another_is_not(
+    blobs: BlobScene, graph: SceneGraph
+) -> None:
+    ball = blobs.part == BLUE
+    half = ball & (blobs.gaussians.means[:, 0] < 0)
+    sets = csr_matrix(np.stack([ball, half, ball | (blobs.part == RED)], axis=1), dtype=np.float32)
+    covering, pixels = graph.covering(sets)
+    assert covering[0] > 0.8 > 0.7 > covering[1:].max() and (pixels > 0).all()
+
+
+def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
+    blobs: BlobScene, views: Views, graph: SceneGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "graph.npz"
+    built: list[int] = []
+
+    def build(*arguments: object, **others: object) -> SceneGraph:
+        built.append(1)
+        return graph
+
+    monkeypatch.setattr("engine.objects.graph.build_graph", build)
+
+    def load(given: Views = views) -> SceneGraph:
+        return load_or_build_graph(file, given, blobs.labels, n_views=8, should_stop=never_stop)
+
+    load()
+    kept = load()
+    assert built == [1]
+    assert (kept.neighbours != graph.neighbours).nnz == 0 and (kept.segments != graph.segments).nnz == 0
+    np.testing.assert_array_equal(kept.photo, graph.photo)
+    moved = replace(blobs.gaussians, means=blobs.gaussians.means + 1)
+    load(Views(Scene(moved), blobs.cameras, render_side=160))
+    assert built == [1, 1]
+    file.write_bytes(file.read_bytes()[:-40])
+    load()
+    assert built == [1, 1, 1]
+
+
+def test_stopping_while_the_graph_is_made_is_reported(blobs: BlobScene, views: Views) -> None:
+    with pytest.raises(Cancelled, match="no object was stored"):
+        build_graph(views, blobs.labels, n_views=8, should_stop=lambda: True)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_handful_of_gaussians_has_a_graph(count: int, blobs: BlobScene) -> None:
+    few = Views(Scene(blobs.gaussians[:count]), blobs.cameras, render_side=160)
+    graph = build_graph(few, {}, n_views=8, should_stop=never_stop)
+    ones = np.ones(count, np.float32)
+    assert graph.solve(Votes(ones, 0 * ones), 0.6).min() > 0.5
+    assert graph.covering(csr_matrix(ones[:, None]))[0].tolist() == [0.0]

@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from engine.errors import SettingsError
+from engine.objects.settings import DEFAULT_PRESET, PAPER, PRESETS, PaperSettings, SegmentSettings
+from engine.objects.views import erode_mask, spread_cameras
+from tests.engine.pictures.blob_scene import BlobScene
+
+
+def test_thin_masks_survive_erosion() -> None:
+    line = np.zeros((20, 20), bool)
+    line[10] = True
+    assert erode_mask(line, 3).any()
+
+
+def test_sampled_views_are_spread_and_none_twice(blobs: BlobScene) -> None:
+    chosen = spread_cameras(blobs.cameras.cameras, 4)
+    centers = np.stack([camera.center for camera in chosen])
+    gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)[np.triu_indices(4, 1)]
+    assert gaps.min() > 1.5
+    assert len(spread_cameras(blobs.cameras.cameras, 99)) == len(blobs.cameras.cameras)
+
+
+def test_settings_out_of_bounds_are_refused() -> None:
+    assert DEFAULT_PRESET in PRESETS and PAPER.cosine == 0.7
+    for field, value in (("strictness", 0.0), ("n_text_views", 0)):
+        with pytest.raises(SettingsError, match=f"SegmentSettings.{field}"):
+            SegmentSettings(**{field: value})  # type: ignore[arg-type]
+    for field, value in (("cosine", 1.0), ("outlier_iqr", 0.0), ("photo_side", 2)):
+        with pytest.raises(SettingsError, match=f"PaperSettings.{field}"):
+            PaperSettings(**{field: value})  # type: ignore[arg-type]
