@@ -1,4 +1,4 @@
-"""Map a prompt to classes of the classifier: by equal words, by heritage words, or by similarity of meaning."""
+"""Map a prompt to classes of the classifier: by equal, heritage or broader words, or by similarity of meaning."""
 
 from __future__ import annotations
 
@@ -72,6 +72,11 @@ class Vocabulary:
         for word, synonyms in _read_rows(_HERE / "heritage_words.txt"):
             indices = set().union(*(self._classes_of_word[synonym] for synonym in synonyms.split(", ")))
             self._classes_of_word.setdefault(word, set()).update(indices)
+        for word, spans in _read_rows(_HERE / "broader_words.txt"):
+            ends = [span.partition("-") for span in spans.split()]
+            self._classes_of_word[word] = {
+                k for first, _, last in ends for k in range(int(first), int(last or first) + 1)
+            }
 
     def name(self, index: int) -> str:
         """Return the usual word of a class."""

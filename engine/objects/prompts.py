@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError, HeritageError, MaskError, PromptError
 from ..files import opened
-from ..scene import Camera, CameraSet
+from ..scene import Camera, CameraSet, PinholeCamera
 
 __all__ = [
     "BoxPrompt",
@@ -43,7 +43,13 @@ _SAVE_AS_PNG = "Save it as PNG."
 
 @dataclass(frozen=True)
 class TextPrompt:
-    """The name of an object, e.g. ``"vase"``.
+    """The name of an object, e.g. ``"vase"`` or ``"left vase"`` (`engine.objects.spatial`).
+
+    Attributes
+    ----------
+    text : str
+    camera : Camera or PinholeCamera, optional
+        Where the user looks from, for left and right.
 
     Raises
     ------
@@ -52,6 +58,7 @@ class TextPrompt:
     """
 
     text: str
+    camera: Camera | PinholeCamera | None = None
 
     def __post_init__(self) -> None:
         if not self.text.strip():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,6 +24,7 @@ from .photos import SamFactory
 from .prompts import Prompt, TextPrompt, describe_prompt
 from .ranking import NoMatchError, TextScorer, build_text_candidates, no_match_error, rank_for_text
 from .settings import PaperSettings, SegmentSettings
+from .spatial import Extent, choose, parse_spatial, showing_camera
 from .votes import HALF, MaskEvidence
 
 if TYPE_CHECKING:
@@ -69,7 +71,7 @@ def find_objects(
             context, prompt, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
         )
     if isinstance(prompt, TextPrompt):
-        return _find_named(context, prompt, settings, detector_factory(), emit, should_stop)
+        return _find_text(context, prompt, settings, detector_factory(), emit, should_stop)
     evidence = find_evidence(
         prompt, context, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
     )
@@ -109,6 +111,32 @@ def isolate_object(
         raise nothing_behind()
     fit = fit_of(context.views, shown[0].view, shown[0].mask, levels.membership)
     return FoundObject(levels.membership, shown[0].score, fit, tuple(shown), levels)
+
+
+def _find_text(
+    context: SegmentationContext,
+    prompt: TextPrompt,
+    settings: SegmentSettings,
+    detector: Detector,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> list[FoundObject]:
+    """Return the objects that a text names, of which its spatial word may choose some; errors as in `find_objects`."""
+    spatial = parse_spatial(prompt.text)
+    noun = TextPrompt(spatial.noun)
+    if not spatial.word:
+        return _find_named(context, noun, settings, detector, emit, should_stop)
+    found = _find_named(context, noun, settings, detector, part_of(emit, 0, 2), should_stop)
+    others: list[FoundObject] = []
+    if spatial.other:
+        with contextlib.suppress(NoMatchError):  # `choose` says that there is none
+            others = _find_named(
+                context, TextPrompt(spatial.other), settings, detector, part_of(emit, 1, 2), should_stop
+            )
+    means = context.views.scene.gaussians.means
+    extents, other_extents = ([Extent.of(means[one.membership >= HALF]) for one in kind] for kind in (found, others))
+    camera = prompt.camera or showing_camera(context.views.cameras.cameras, extents)
+    return [found[number] for number in choose(spatial, extents, other_extents, camera)]
 
 
 def _find_named(

@@ -35,12 +35,20 @@ def test_there_are_a_thousand_classes_in_the_classifiers_order() -> None:
         ("bananas", "banana"),
         ("tribal mask", "mask"),
         ("acoustic guitars", "acoustic guitar"),
+        ("horse", "sorrel"),
+        ("motorcycle", "moped"),
     ],
 )
 def test_known_words_match_their_class(detector: OfflineVocabulary, prompt: str, expected: str) -> None:
     check = detector.check_prompt(prompt)
     assert check.known and check.matches[0][0] == expected
     assert "is searched for as" in check.message
+
+
+def test_broader_word_matches_all_its_classes_and_no_word_of_a_class_is_one(detector: OfflineVocabulary) -> None:
+    chairs = {match for match, _ in detector.check_prompt("a wooden chair").matches}
+    assert {"barber chair", "folding chair", "rocking chair", "throne"} == chairs
+    assert [match for match, _ in detector.check_prompt("plate").matches] == ["plate"]
 
 
 @pytest.mark.parametrize(

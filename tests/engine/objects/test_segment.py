@@ -393,3 +393,30 @@ def test_object_without_a_segment_is_found_by_its_group(find, blobs: BlobScene) 
     with pytest.raises(PromptError, match="'blue ball' was not found in 8 photos"):
         settings = replace(SMALL_BETTER, n_groups=0)
         find(TextPrompt("blue ball"), settings=settings, detector_factory=lambda: Blind(blobs))
+
+
+def test_left_and_right_are_those_of_the_asking_photo(find, blobs: BlobScene) -> None:
+    for camera in blobs.cameras.cameras[:2]:
+        columns = {}
+        for part in (RED, TWIN):
+            x, _, depth = (
+                camera.viewmat[:3, :3] @ blobs.gaussians.means[blobs.part == part].mean(axis=0) + camera.viewmat[:3, 3]
+            )
+            columns[part] = x / depth
+        left, right = sorted(columns, key=lambda part: columns[part])
+        for text, part in (("the left red ball", left), ("red ball on the right", right)):
+            (found,) = find(TextPrompt(text, camera), settings=SMALL_BETTER)
+            assert overlap(found, blobs, part) > 0.9
+    assert len(find(TextPrompt("leftmost red ball"), settings=SMALL_BETTER)) == 1
+
+
+def test_relation_to_something_unknown_is_refused_in_one_sentence(find) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(PromptError, match="'table' is not known"):
+        find(TextPrompt("red ball on the table"), settings=SMALL_BETTER)
+
+
+def test_object_next_to_another_is_the_nearest_one(find, blobs: BlobScene) -> None:
+    center = {part: blobs.gaussians.means[blobs.part == part].mean(axis=0) for part in (RED, TWIN, BLUE)}
+    nearest = min((RED, TWIN), key=lambda part: float(np.linalg.norm(center[part] - center[BLUE])))
+    (found,) = find(TextPrompt("red ball next to the blue ball"), settings=SMALL_BETTER)
+    assert overlap(found, blobs, nearest) > 0.9
