@@ -11,6 +11,7 @@ from engine.cameras.settings import CameraSettings
 from engine.errors import SettingsError
 from engine.masks.settings import PRESETS as MASK_PRESETS
 from engine.objects.settings import PRESETS as OBJECT_PRESETS
+from engine.objects_stage import _FIRST_RELEASE
 from engine.photos.settings import PhotoSettings
 from engine.project_folder import stage_key
 from engine.settings import require, to_dict
@@ -67,9 +68,9 @@ def test_value_out_of_bounds_names_field_bound_and_value() -> None:
         ("masks", "thorough", "7ac2302ac5a4387d"),
         ("masks", "published", "79812dd708a9d6e6"),
         ("masks", "paper", "d9f564a2500661d4"),
-        ("objects", "paper", "799088b648e7ff99"),
-        ("objects", "released", "0192472ef273188f"),
-        ("objects", "better", "9bc3a77cd1fe51d4"),
+        ("objects", "paper", "8717f338991368fc"),
+        ("objects", "released", "1f51c2ec65ee45e7"),
+        ("objects", "better", "cba482da79fddc01"),
         ("cameras", "default", "92b02c74ee1f6bd3"),
         ("photos", "default", "d2f415905ce9d631"),
     ],
@@ -87,3 +88,7 @@ def test_presets_have_the_stage_keys_of_the_first_release(package: str, preset: 
         "photos": {"default": PhotoSettings()},
     }
     assert stage_key(to_dict(presets[package][preset])).startswith(key)
+
+
+def test_objects_of_the_first_release_are_known_by_its_settings() -> None:
+    assert stage_key(_FIRST_RELEASE).startswith("9bc3a77cd1fe51d4")
