@@ -15,8 +15,6 @@ _ROOM = 1.25  # by definition
 """Gaussians that the buffers have room for, per Gaussian: `GpuTrainer` grows them by a quarter more than is needed."""
 _MAP_BYTES = 36  # by definition
 """Bytes per pixel of the picture of the maps of the similarity."""
-_PARTS_BYTES = 4 << 20  # by definition
-"""Largest size of the sums over parts of the lists of tiles, see `FrameSize.segments`."""
 _LEVELS = 4 / 3  # by definition
 """Pixels of a picture and all its halved copies, divided by those of the picture."""
 _OWN_SHARE = 0.85  # by definition
@@ -58,7 +56,6 @@ def card_bytes(n_gaussians: int, *, sh_degree: int, features: bool, width: int, 
       gradients 156 + 32 C + 12 S; each pair 76 + 16 C; a quarter more for growth; with degree 3 and features 2.5 kB
     - a pixel of the picture: image 4 K, gradient 4 (K + 1), transmittance 12, and 36 for maps of the similarity, which
       lie where the gradients of the pairs are written later
-    - sums over parts of tiles' lists, 4 MiB at most
     - a pixel of a photo: 4, and 4/3 of that with its smaller copies
     """
     n_pixels = width * height
@@ -69,7 +66,6 @@ def card_bytes(n_gaussians: int, *, sh_degree: int, features: bool, width: int, 
         + max(pair_gradients, _MAP_BYTES * n_pixels)
         + n_pixels * _bytes_per_pixel(features)
         + 4 * _LEVELS * n_photos * n_pixels
-        + _PARTS_BYTES
     )
 
 

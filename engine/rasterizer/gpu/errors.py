@@ -28,8 +28,7 @@ class ErrorSum:
         self._uniform = frame._constants(self._n_pixels)
         names = ["totals", "counts", "errors", "status"]
         add = frame._step("errors", "add_errors", optimiser, names, frame._over(128))
-        sums = [one for one in frame._backward.dispatches if one.stage in ("blending backward", "segment sum")]
-        self.run = frame._submissions([*sums, add])
+        self.run = frame._submissions([*frame._backward.dispatches[:2], add])
         names = ["image", "photo", "gradient", "counts"]
         step = frame._step("errors", "error_gradient", self._uniform, names, -(-self._n_pixels // 256))
         self._gradient = frame._submissions([step])

@@ -92,7 +92,7 @@ class Frame(Workspace):
         self._timings = timings or Timings(gpu)
         self._with_pose = with_pose
         self._uniforms: list[tuple[Uniform, int, Callable[[], int]]] = []
-        self._view = np.zeros(72, np.uint32)
+        self._view = np.zeros(68, np.uint32)
         self.allocate(self._sizes())
         self._make_dispatches()
         self._forward = self._submissions(self._forward_steps())
@@ -114,8 +114,7 @@ class Frame(Workspace):
             **self._sort_sizes(max(n, capacity)),
         }  # fmt: skip
         if s.backward:
-            # T in front of each batch of 32 Gaussians, and what is behind each part of a tile's list.
-            sizes["transmittance"] += 1024 * (capacity // 32 + s.segments * s.n_tiles)
+            sizes["transmittance"] += 1024 * (capacity // 32 + s.n_tiles)  # T in front of each batch of 32 Gaussians
             sizes |= {
                 "gradient": 4 * s.width * s.height * (s.n_out + 1),
                 "rows": 16 * (chunks + 2) * capacity, "totals": 16 * (chunks + 2) * n,
@@ -145,9 +144,9 @@ class Frame(Workspace):
         """Set what `camera_values` returns, and the highest band of the next passes."""
         s = self.size
         self._view[:56] = values
-        self._view[56:69] = (
+        self._view[56:] = (
             s.n, s.width, s.height, -(-s.width // 16), s.n_tiles, sh_degree, s.n_sh, s.n_rgb, 0, s.capacity,
-            self._with_pose, s.n, s.segments,
+            self._with_pose, s.n,
         )  # fmt: skip
         for uniform in self._uniforms:
             self._write_view(*uniform)
@@ -158,7 +157,7 @@ class Frame(Workspace):
         uniform.write(self._view)
 
     def _view_uniform(self, first: int, last: Callable[[], int]) -> Uniform:
-        uniform = self._uniform(288)
+        uniform = self._uniform(272)
         self._uniforms.append((uniform, first, last))
         self._write_view(*self._uniforms[-1])
         return uniform
@@ -172,7 +171,7 @@ class Frame(Workspace):
         return -(-max(min(last, self.size.n) - first, 0) // BLOCK)
 
     def _tiles_step(self, stage: str, kernel: str, names: Sequence[str], first: int, end: int) -> Dispatch:
-        """Return the dispatch of a kernel with workgroups for tiles or their parts, from `first` to `end`."""
+        """Return the dispatch of a kernel with a workgroup for each tile, for the tiles from `first` to `end`."""
         step = self._step(stage, kernel, self._view_uniform(first, lambda: end), names, end - first)
         part = functools.cache(lambda a, b: self._tiles_step(stage, kernel, names, first + a, first + b))
         return replace(step, part=part)
@@ -233,15 +232,9 @@ class Frame(Workspace):
         names = ["geometry", "entries", "tile_ranges", "colors", "image", "transmittance"]
         return self._tiles_step("blending", "blend", names, 0, self.size.n_tiles)
 
-    def _rest_steps(self) -> list[Dispatch]:
-        """Return the step that sums what is behind each part of a tile's list, none if there is one part."""
-        n_parts = self.size.n_tiles * (self.size.segments - 1)
-        names = ["geometry", "entries", "tile_ranges", "colors", "gradient", "transmittance"]
-        return [self._tiles_step("blending backward", "blend_rest", names, 0, n_parts)] if n_parts else []
-
     def _blend_backward_step(self) -> Dispatch:
         names = ["geometry", "entries", "tile_ranges", "colors", "gradient", "transmittance", "rows", "counts"]
-        return self._tiles_step("blending backward", "blend_backward", names, 0, self.size.n_tiles * self.size.segments)
+        return self._tiles_step("blending backward", "blend_backward", names, 0, self.size.n_tiles)
 
     def _backward_steps(self) -> list[Dispatch]:
         s = self.size
@@ -249,7 +242,6 @@ class Frame(Workspace):
         chunks = -(-s.n_out // 4)
         names = ["means", "quats", "scales", "opacities", "info", "totals", "gradients", "pose"]
         steps = [
-            *self._rest_steps(),
             self._blend_backward_step(),
             self._step("segment sum", "sum_pairs", view, ["ranges", "rows", "totals"], self._over(128, chunks + 2)),
             self._step("projection backward", "project_backward", view, names, self._over(64)),

@@ -26,11 +26,6 @@ Float32 = NDArray[np.float32]
 BLOCK = 64
 """Gaussians in a block of `pack_sh`."""
 
-_MAX_SEGMENTS = 8
-
-_WORKGROUPS = 4096
-"""Workgroups that keep a large card busy, though some have much more to do than others."""
-
 
 @dataclass(frozen=True)
 class FrameSize:
@@ -73,11 +68,6 @@ class FrameSize:
     def n_out(self) -> int:
         """Number of channels of the image."""
         return self.n_rgb + self.n_channels
-
-    @property
-    def segments(self) -> int:
-        """Parts of a tile's list that the backward pass takes at a time, so that small pictures fill a card too."""
-        return max(1, min(_MAX_SEGMENTS, _WORKGROUPS // self.n_tiles))
 
     @property
     def n_tiles(self) -> int:

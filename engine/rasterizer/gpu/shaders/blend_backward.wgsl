@@ -1,4 +1,4 @@
-// Backward pass of blending, a part of a tile's list a workgroup (segments.wgsl): 256 invocations, 8 blocks of 8x4 pixels. The list is taken in batches of
+// Backward pass of blending, a tile a workgroup: 256 invocations, 8 blocks of 8x4 pixels. The list is taken in batches of
 // 32 Gaussians from the back. With g = dL/dC of a pixel and e_i = w_i (color_i . g):
 //   R_i = dL/dT_final T_final + sum of e behind i,   s_i = alpha_i dL/dalpha_i = e_i - R_i alpha_i / (1 - alpha_i).
 // Summed from the back, R keeps its digits behind Gaussians that are nearly opaque. T is multiplied from the front again, from
@@ -64,9 +64,7 @@ fn column_values(c: u32, corner: vec2<u32>, x: u32, y: u32) -> vec4<f32> {
 @compute @workgroup_size(256)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>,
         @builtin(local_invocation_index) lane: u32) {
-    let unit = min(view.first + group_number(group, groups), view.n_tiles * view.segments - 1u);  // as in blend.wgsl
-    let tile = unit / view.segments;
-    let segment = unit % view.segments;
+    let tile = min(view.first + group_number(group, groups), view.n_tiles - 1u);  // as in blend.wgsl
     let range = tile_ranges[tile];
     let tile_corner = vec2<u32>((tile % view.columns) * 16u, (tile / view.columns) * 16u);
     let block = lane >> 5u;
@@ -87,9 +85,6 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
         g_QC = gradient[p * (CHANNELS + 1u) + C_];  // each C
         let by_transmittance = gradient[p * (CHANNELS + 1u) + CHANNELS];
         rest = by_transmittance * bitcast<f32>(transmittance[p]);
-        for (var behind = view.segments - 1u; behind > segment; behind--) {
-            rest += bitcast<f32>(transmittance[segment_sums(n_pixels, view.capacity, view.n_tiles, behind, tile) + lane]);
-        }
         var finite = is_finite(by_transmittance);
         finite = finite && is_finite(g_QC);  // each C
         if (!finite) {
@@ -125,7 +120,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let n_batches = (last - range.x + 32u - 1u) / 32u;
     // Rows behind the last Gaussian that any pixel blends.
-    for (var i = range.x + n_batches * 32u + lane; i < range.y && segment + 1u == view.segments; i += 256u) {
+    for (var i = range.x + n_batches * 32u + lane; i < range.y; i += 256u) {
         let row = entries[i].y * (CHUNKS + 2u);
         for (var q = 0u; q < CHUNKS + 2u; q++) {
             rows[row + q] = vec4<f32>(0.0);
@@ -136,11 +131,10 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let own_block = lane & 7u;
     let own_corner = tile_corner + vec2<u32>((own_block & 1u) * 8u, (own_block >> 1u) * 4u);
     var next = vec2<u32>(0u);  // read one batch ahead
-    let batches = segment_batches(n_batches, view.segments, segment);
-    if (batches.x < batches.y) {
-        next = entries[min(range.x + (batches.y - 1u) * 32u + own_j, range.y - 1u)];
+    if (n_batches > 0u) {
+        next = entries[min(range.x + (n_batches - 1u) * 32u + own_j, range.y - 1u)];
     }
-    for (var batch = batches.y; batch > batches.x; batch--) {
+    for (var batch = n_batches; batch > 0u; batch--) {
         let at = range.x + (batch - 1u) * 32u;
         let n = min(32u, range.y - at);
         let turn = (batch & 1u) * 8u;

@@ -16,10 +16,6 @@ struct View {
     capacity: u32,
     with_pose: u32,
     last: u32,
-    segments: u32,
-    unused_0: u32,
-    unused_1: u32,
-    unused_2: u32,
 }
 
 fn view_value(view: View, i: u32) -> real {
