@@ -21,6 +21,7 @@ from ..pictures import normalized
 from .candidates import Candidate, build_candidates, overlap
 from .connected import connected_parts
 from .context import SegmentationContext
+from .crops import median_center
 from .evidence import (
     DetectorFactory,
     clicks_by_photo,
@@ -204,8 +205,11 @@ def _agreement(views: Views, candidate: Candidate, searched: set[str]) -> float:
     A photo in which the detector found something else counts 0: a candidate that several photos agree on wins over one
     with a higher score in a single photo.
     """
-    center = np.median(views.scene.gaussians.means[candidate.best.members], axis=0)
-    facing = [camera.photo for camera in views.facing(center) if camera.photo in searched]
+    facing = [
+        camera.photo
+        for camera in views.facing(median_center(views, candidate.best.members))
+        if camera.photo in searched
+    ]
     best_by_photo: dict[str, float] = {}
     for item in candidate.evidence:
         photo = item.view.camera.photo

@@ -30,8 +30,7 @@ _SAME_CANDIDATE_IOU = 0.85  # chosen on museum_room
 """IoU of the Gaussians above which two pieces of evidence of a text are one candidate."""
 
 _MIN_RELATIVE_SCORE = 0.5  # chosen on museum_room, store_room
-"""Smallest score of a candidate before votes and levels complete it, relative to the best score. Candidates below it
-are discarded."""
+"""Smallest score of a candidate relative to the best one. Candidates below it are discarded."""
 
 
 class NoMatchError(PromptError):
@@ -40,7 +39,7 @@ class NoMatchError(PromptError):
     Attributes
     ----------
     candidates : tuple of (float, Candidate)
-        The nearest ones with their scores: first those that votes completed, then the others; the best first.
+        The nearest ones with their scores, the best first.
     """
 
     def __init__(self, message: str, candidates: Sequence[tuple[float, Candidate]]) -> None:
