@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SCENE"]
 
+FORMATS = Path(__file__).resolve().parents[2] / "tests" / "fixtures" / "formats"
 _N = 3
 
 
@@ -241,6 +243,22 @@ def _read_ply(folder: Path) -> object:
     return kept, read_ply(folder / "scene.ply")
 
 
+def _write_compressed_ply(folder: Path) -> None:
+    shutil.copyfile(FORMATS / "playcanvas.compressed.ply", folder / "scene.ply")
+
+
+def _write_spz(folder: Path) -> None:
+    from engine.formats import write_spz
+
+    write_spz(folder / "scene.spz", _gaussians())
+
+
+def _read_spz(folder: Path) -> object:
+    from engine.formats import read_spz
+
+    return read_spz(folder / "scene.spz")
+
+
 def _write_glb(folder: Path) -> None:
     from engine.formats import write_glb
 
@@ -305,6 +323,8 @@ SCENE: tuple[Reader, ...] = (
     Reader("polished", _write_polished, _read_polished, ("objects/vase/polished.npz",), share=2.0),
     Reader("ply", _write_ply, _read_ply, ("scene.ply",)),
     Reader("ply-of-others", _write_ply_of_others, _read_ply, ("scene.ply",)),
+    Reader("ply-compressed", _write_compressed_ply, _read_ply, ("scene.ply",)),
+    Reader("spz", _write_spz, _read_spz, ("scene.spz",)),
     Reader("glb", _write_glb, _read_glb, ("scene.glb",), share=2.0),
     Reader("checkpoint", _write_checkpoint, _read_checkpoint, ("run/training.npz",), share=2.0),
 )
