@@ -32,6 +32,7 @@ from .transform import logits_of, transform_gaussians
 __all__ = ["EXTENSION", "read_glb", "write_glb", "y_up_from_z_up", "z_up_from_y_up"]
 
 EXTENSION = "KHR_gaussian_splatting"
+_XMP = "KHR_xmp_json_ld"
 _ROTATION = f"{EXTENSION}:ROTATION"
 _SCALE = f"{EXTENSION}:SCALE"
 _OPACITY = f"{EXTENSION}:OPACITY"
@@ -71,6 +72,7 @@ def write_glb(
     name: str = "Gaussians",
     copyright: str | None = None,
     extras: Mapping[str, Any] | None = None,
+    xmp: Mapping[str, Any] | None = None,
     color_fallback: bool = True,
 ) -> None:
     """Write `gaussians` as a GLB atomically, replacing an existing file.
@@ -86,6 +88,8 @@ def write_glb(
         ``asset.copyright``: credit line or rights statement.
     extras : mapping, optional
         JSON values for ``asset.extras``, e.g. the museum record.
+    xmp : mapping, optional
+        Packet of XMP about the whole file, written with the extension KHR_xmp_json_ld.
     color_fallback : bool
         Whether to add ``COLOR_0``, with which viewers without the extension show a coloured point cloud.
 
@@ -100,7 +104,7 @@ def write_glb(
     """
     check_finite(gaussians)
     attributes = _attributes(transform_gaussians(gaussians, y_up_from_z_up()), color_fallback=color_fallback)
-    document, blobs = _document(attributes, name=name, copyright=copyright, extras=extras)
+    document, blobs = _document(attributes, name=name, copyright=copyright, extras=extras, xmp=xmp)
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     binary_length = sum(blob.nbytes for blob in blobs)
@@ -144,7 +148,12 @@ def _sh_name(degree: int, order: int) -> str:
 
 
 def _document(
-    attributes: dict[str, NDArray[Any]], *, name: str, copyright: str | None, extras: Mapping[str, Any] | None
+    attributes: dict[str, NDArray[Any]],
+    *,
+    name: str,
+    copyright: str | None,
+    extras: Mapping[str, Any] | None,
+    xmp: Mapping[str, Any] | None,
 ) -> tuple[dict[str, Any], list[NDArray[Any]]]:
     """Return the JSON part and the arrays of the binary part, whose rows have a multiple of 4 bytes."""
     asset: dict[str, Any] = {"version": "2.0", "generator": f"Gaussian Heritage {__version__}"}
@@ -160,9 +169,15 @@ def _document(
         "scenes": [{"nodes": [0]}],
         "nodes": [node],
     }
+    if xmp is not None:
+        document["extensionsUsed"].append(_XMP)
+        document["extensions"] = {_XMP: {"packets": [dict(xmp)]}}
+        asset["extensions"] = {_XMP: {"packet": 0}}
     if len(attributes["POSITION"]) == 0:
         # glTF does not allow an empty accessor: an object without Gaussians is a node without a mesh.
-        del document["extensionsUsed"]
+        document["extensionsUsed"].remove(EXTENSION)
+        if xmp is None:
+            del document["extensionsUsed"]
         return document, []
     blobs, accessors, views, offset = [], [], [], 0
     for values in attributes.values():

@@ -9,7 +9,7 @@ Standard library and NumPy only: Blender exports files too.
 
 from .crm import crm_json_ld
 from .dublin_core import dublin_core, dublin_core_xml
-from .embedded import XMP_EXTENSION, gltf_extras, ply_comments, xmp_packet
+from .embedded import gltf_extras, ply_comments, xmp_packet
 from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml
 from .museum_record import MuseumRecord, load_record, save_record
@@ -28,7 +28,6 @@ from .paradata import describe_object, describe_scene, scene_title
 __all__ = [
     "EXAMPLE_ADDRESS",
     "RECORD_FILE",
-    "XMP_EXTENSION",
     "MuseumRecord",
     "ObjectRecord",
     "Picture",

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["XMP_EXTENSION", "gltf_extras", "ply_comments", "xmp_packet"]
+__all__ = ["gltf_extras", "ply_comments", "xmp_packet"]
 
-XMP_EXTENSION = "KHR_xmp_json_ld"
 _FIELDS = ("catalogue_number", "rights", "notes")
 _CONTEXT = {
     "dc": "http://purl.org/dc/elements/1.1/",
