@@ -83,7 +83,7 @@ def describe_scene(project: ProjectFolder) -> dict[str, Any]:
         When a part of the project that is read is damaged.
     """
     figures = _figures(project)
-    cameras = {camera.photo for camera in read_camera_set(path_within(project.path, "cameras")).cameras}
+    cameras = set(_placed_photos(project))
     captures, rejected = _captures(project, figures, cameras)
     rejected += [
         {"name": name, "reason": "No camera position was found for it."}
@@ -195,6 +195,12 @@ def _step(
 
 def _outputs(project: ProjectFolder, stage: str) -> list[dict[str, Any]]:
     return [{"name": name, **record} for name, record in project.recorded_outputs(stage).items()]
+
+
+def _placed_photos(project: ProjectFolder) -> list[str]:
+    """Return the names of the photos that have a camera."""
+    folder = path_within(project.path, "cameras")
+    return [camera.photo for camera in read_camera_set(folder).cameras] if folder.is_dir() else []
 
 
 def _captures(
