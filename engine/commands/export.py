@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="html: one file with a viewer and the record, which a browser opens without the web",
     )
     parser.add_argument("--out", type=Path, required=True, help="file to write")
+    parser.add_argument("--title", help="title of the scene in the record (default: the name of the photo folder)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     parser.add_argument(
         "--without-background",
@@ -72,7 +73,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.exists() and not options.overwrite:
         raise ProjectError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
-    export = load_export(project, options.object)
+    export = load_export(project, options.object, title=options.title)
     left_out = 0
     if options.without_background:
         left_out = _n_background(project, len(export.gaussians))

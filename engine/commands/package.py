@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--object", action="append", default=[], help="name or id of an object; may be repeated (default: all objects)"
     )
     what.add_argument("--scene", action="store_true", help="one package of the whole scene")
+    parser.add_argument("--title", help="title of the scene in the record (default: the name of the photo folder)")
     parser.add_argument("--out", type=Path, required=True, help="folder for the packages")
     parser.add_argument("--zip", action="store_true", help="write zip files instead of folders")
     parser.add_argument("--with-photos", action="store_true", help="put the photos into the packages too")
@@ -81,6 +82,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
                 out,
                 project,
                 name,
+                title=options.title,
                 address=address if len(names) == 1 else f"{address}{name}/",
                 overwrite=options.overwrite,
                 as_zip=options.zip,

@@ -58,8 +58,10 @@ class Export:
     notes: dict[str, Any] = field(default_factory=dict)
 
 
-def load_export(project: ProjectFolder, name: str | None) -> Export:
+def load_export(project: ProjectFolder, name: str | None, *, title: str | None = None) -> Export:
     """Return the scene (None) or the object called `name`, by name or id.
+
+    `title` is that of the scene; by default its photos' folder names it.
 
     Raises
     ------
@@ -70,11 +72,11 @@ def load_export(project: ProjectFolder, name: str | None) -> Export:
     whole = load_gaussians(project.path / "gaussians")
     camera_set = read_camera_set(project.path / "cameras")
     if name is None:
-        return Export(whole, describe_scene(project), camera_set, None, whole)
+        return Export(whole, describe_scene(project, title=title), camera_set, None, whole)
     record = load_object(project.path, name)
     gaussians = object_gaussians(project.path, record, whole)
     members = load_membership(project.path, record.id) >= record.threshold
-    return Export(gaussians, describe_object(project, record.id), camera_set, members, whole)
+    return Export(gaussians, describe_object(project, record.id, title=title), camera_set, members, whole)
 
 
 def write_export(

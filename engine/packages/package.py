@@ -60,6 +60,7 @@ def write_package(
     name: str | None,
     *,
     address: str,
+    title: str | None = None,
     overwrite: bool = False,
     as_zip: bool = False,
     with_photos: bool = False,
@@ -76,6 +77,8 @@ def write_package(
     name : str or None
     address : str
         Where the content of the package's ``data`` is, or will be, published, for the IIIF manifest: ``https://.../``.
+    title : str, optional
+        Title of the scene; by default its photos' folder names it.
     overwrite : bool
         Whether a package of the same name is replaced. Nothing else is.
     as_zip : bool
@@ -93,7 +96,7 @@ def write_package(
     HeritageError
         When the object does not exist, a part of the project is damaged, or a file cannot be written.
     """
-    export = load_export(project, name)
+    export = load_export(project, name, title=title)
     if len(export.gaussians) == 0:
         raise ObjectError(
             f"{export.described['title']} has no Gaussians, so there is nothing to keep. Isolate it again."

@@ -12,7 +12,7 @@ from .dublin_core import dublin_core, dublin_core_xml
 from .embedded import gltf_extras, ply_comments, xmp_packet
 from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml
-from .museum_record import MuseumRecord, load_record, save_record
+from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_record
 from .object_record import (
     RECORD_FILE,
     ObjectRecord,
@@ -27,6 +27,7 @@ from .paradata import describe_object, describe_scene, scene_title
 
 __all__ = [
     "EXAMPLE_ADDRESS",
+    "MUSEUM_RECORD_FILE",
     "RECORD_FILE",
     "MuseumRecord",
     "ObjectRecord",

@@ -62,12 +62,14 @@ def scene_title(project: ProjectFolder) -> str:
     return folder.name or "scene"
 
 
-def describe_scene(project: ProjectFolder) -> dict[str, Any]:
+def describe_scene(project: ProjectFolder, *, title: str | None = None) -> dict[str, Any]:
     """Return the record of the whole scene.
 
     Parameters
     ----------
     project : ProjectFolder
+    title : str, optional
+        Title of the scene instead of `scene_title`.
 
     Returns
     -------
@@ -94,7 +96,7 @@ def describe_scene(project: ProjectFolder) -> dict[str, Any]:
     return {
         "version": PARADATA_VERSION,
         "kind": "scene",
-        "title": scene_title(project),
+        "title": title or scene_title(project),
         "identifier": None if scene is None else f"sha256:{scene['sha256']}",
         "unit": describe_unit(project),
         "captures": captures,
@@ -105,8 +107,8 @@ def describe_scene(project: ProjectFolder) -> dict[str, Any]:
     }
 
 
-def describe_object(project: ProjectFolder, object_id: str) -> dict[str, Any]:
-    """Return the record of an object: that of its scene, with ``kind`` "object" and ``object``.
+def describe_object(project: ProjectFolder, object_id: str, *, title: str | None = None) -> dict[str, Any]:
+    """Return the record of an object: that of its scene, called `title`, with ``kind`` "object" and ``object``.
 
     ``object`` has the museum's fields (``catalogue_number``, ``title``, ``rights``, ``notes``), ``prompt``,
     ``threshold``, ``confidence``, ``agreement``, the photos of its evidence, and ``hand_edits``, which counts what a
@@ -117,7 +119,7 @@ def describe_object(project: ProjectFolder, object_id: str) -> dict[str, Any]:
     FormatError
         When a part of the project that is read is damaged.
     """
-    described = describe_scene(project)
+    described = describe_scene(project, title=title)
     file = object_file(project.path, object_id, RECORD_FILE)
     record, museum = read_record(file), load_record(project.path, object_id)
     files = recorded_files(file)
