@@ -88,7 +88,9 @@ def objects_stage(
 
     _forget_damaged_objects(runner, key if prompts else None)
     if prompts:
-        runner.run("objects", key, compute, former_keys=[former_key] if settings == SegmentSettings() else [])
+        former = [former_key] if settings == SegmentSettings() else []
+        made_with = {**to_dict(settings), "prompts": list(prompts), "sam_model": sam_model}
+        runner.run("objects", key, compute, settings=made_with, former_keys=former)
 
 
 def forget_found_objects(runner: StageRunner) -> None:

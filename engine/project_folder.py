@@ -186,6 +186,7 @@ class ProjectFolder:
         peak_memory: int | None = None,
         continued: bool = False,
         outputs: Iterable[Path] = (),
+        run: dict[str, Any] | None = None,
     ) -> None:
         """Record that `stage` is done with `key`.
 
@@ -202,6 +203,8 @@ class ProjectFolder:
             Whether an earlier run had done a part of the stage, so that the seconds cover only the rest.
         outputs : iterable of Path
             Files that the stage made; their size and SHA-256 are recorded.
+        run : dict, optional
+            What ran, see `engine.provenance.describe_run`; None where it is not known.
 
         Raises
         ------
@@ -216,6 +219,7 @@ class ProjectFolder:
             "continued": continued,
             "figures": finite_or_null(figures),
             "outputs": {self._name_of(path): record_of(path) for path in outputs},
+            "run": None if run is None else finite_or_null(run),
         }
         self._data["earlier_outputs"].pop(stage, None)
         self._write()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from .files import FILE_RECORD, Migration, Schema, optional
+from .provenance import RUN
 
 __all__ = ["MIGRATIONS", "PROJECT_VERSION", "SCHEMAS"]
 
@@ -38,7 +39,7 @@ SCHEMAS: tuple[Schema, ...] = (
     _PROJECT_1,
     {
         **_PROJECT_1,
-        "stages": {str: {**_STAGE_1, "outputs": _OUTPUTS}},
+        "stages": {str: {**_STAGE_1, "outputs": _OUTPUTS, "run": optional((RUN, None))}},
         "earlier_outputs": {str: {str: FILE_RECORD}},
         "objects_by_prompt": optional(
             (

@@ -13,6 +13,7 @@ from .events import Emit, StageFinished, StageStarted, StopCheck, Warned
 from .files import delete_derived
 from .machine import PeakMemory, cpu_seconds
 from .project_folder import ProjectFolder
+from .provenance import describe_run
 
 __all__ = ["Outputs", "StageRunner"]
 
@@ -50,11 +51,14 @@ class StageRunner:
         compute: Callable[[], dict[str, Any]],
         outputs: Outputs | None = None,
         *,
+        settings: Mapping[str, Any],
         former_keys: Iterable[str] = (),
     ) -> None:
         """Run `compute` unless `stage` is done with this `key` and its `outputs` are intact; store figures and cost.
 
         A stage that is done with one of `former_keys`, which earlier releases gave the same request, stays done.
+
+        `settings` are the parameters of the stage, recorded with versions, commit and time.
 
         Outputs that are damaged or missing are said, and deleted before `compute` makes them again.
         """
@@ -86,6 +90,7 @@ class StageRunner:
                 peak_memory=peak.bytes,
                 continued=continued,
                 outputs=outputs,
+                run=describe_run(settings),
             )
             self.computed.append(stage)
         self.emit(StageFinished(stage, time.perf_counter() - wall, reused))

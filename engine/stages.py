@@ -86,7 +86,8 @@ def photos_stage(
         stored: lambda: read_photo_set(stored),
         stored_statistics: lambda: read_photo_statistics(stored_statistics),
     }
-    runner.run("photos", stage_key(listing, to_dict(settings), *mask_listing), compute, outputs)
+    key = stage_key(listing, to_dict(settings), *mask_listing)
+    runner.run("photos", key, compute, outputs, settings=to_dict(settings))
     return replace(read_photo_set(stored), folder=folder), read_photo_statistics(stored_statistics)
 
 
@@ -164,7 +165,7 @@ def cameras_stage(
         poses: lambda: read_json(poses, {"cameras": [dict]}, advice="Run `reconstruct` again."),
         points: lambda: read_camera_set(folder),
     }
-    runner.run("cameras", key, compute, outputs)
+    runner.run("cameras", key, compute, outputs, settings=to_dict(settings))
     return read_camera_set(folder)
 
 
@@ -209,7 +210,7 @@ def masks_stage(
     hashes = [[photo.name, photo.sha256] for photo in photo_set.photos if photo.name in plan.mask_photos]
     paths = {name: label_map_path(folder, name) for name in plan.mask_photos}
     outputs = {path: functools.partial(read_label_map, path) for path in paths.values()}
-    runner.run("masks", stage_key(hashes, to_dict(settings)), compute, outputs)
+    runner.run("masks", stage_key(hashes, to_dict(settings)), compute, outputs, settings=to_dict(settings))
     return paths
 
 
@@ -332,7 +333,7 @@ def training_stage(
     if given.label_maps:
         outputs[features] = lambda: load_features(features)
     former_keys = [stage_key(inputs, decided, values) for values in former]
-    runner.run("training", key, compute, outputs, former_keys=former_keys)
+    runner.run("training", key, compute, outputs, settings=to_dict(settings), former_keys=former_keys)
 
 
 def _discard_objects(runner: StageRunner) -> None:
@@ -363,4 +364,5 @@ def report_stage(runner: StageRunner, *, find_device: Callable[[], Device]) -> N
         return {"html": str(built.relative_to(runner.project.path)), "device": device.name}
 
     page = runner.project.path / "report" / "report.html"
-    runner.run("report", stage_key([runner.key_of(stage) for stage in STAGES[:-1]]), compute, {page: None})
+    key = stage_key([runner.key_of(stage) for stage in STAGES[:-1]])
+    runner.run("report", key, compute, {page: None}, settings={})

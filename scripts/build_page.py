@@ -1,4 +1,6 @@
-"""Build the page of the web server with npm, into ``engine/serve/page/dist``; nothing is done when it is up to date.
+"""Build the page of the web server with npm, into ``engine/serve/page/dist``, and the page of exported scenes.
+
+Nothing is done when both are up to date. The second goes into ``engine/packages/viewer_files``.
 
 Runs in the engine's environment: ``make page`` calls it.
 
@@ -23,12 +25,13 @@ from engine.models import npm_command  # noqa: E402
 
 PAGE = ROOT / "engine" / "serve" / "page"
 STAMP = PAGE / "dist" / "made_from.txt"
+SHOWN = ROOT / "engine" / "packages" / "viewer_files" / "show.js"
 
 
 def main() -> int:
     """Build the page and return 0, or print the problem and return 1."""
     made_from = fingerprint()
-    if STAMP.is_file() and STAMP.read_text() == made_from:
+    if STAMP.is_file() and SHOWN.is_file() and STAMP.read_text() == made_from:
         print("The page is up to date.")
         return 0
     try:

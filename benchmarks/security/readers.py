@@ -8,6 +8,7 @@ from __future__ import annotations
 from .reader import Reader
 from .readers_installation import INSTALLATION
 from .readers_models import MODELS
+from .readers_packages import PACKAGES
 from .readers_photos import PHOTOS
 from .readers_project import PROJECT
 from .readers_scene import SCENE
@@ -15,4 +16,4 @@ from .readers_serve import SERVE
 
 __all__ = ["READERS", "Reader"]
 
-READERS: tuple[Reader, ...] = (*PROJECT, *SERVE, *SCENE, *PHOTOS, *MODELS, *INSTALLATION)
+READERS: tuple[Reader, ...] = (*PROJECT, *SERVE, *SCENE, *PHOTOS, *MODELS, *PACKAGES, *INSTALLATION)

@@ -10,6 +10,7 @@ from . import (
     export,
     frames,
     models,
+    package,
     plan,
     reconstruct,
     remote,
@@ -19,6 +20,8 @@ from . import (
     serve,
     stability,
     trash,
+    turntable,
+    verify,
 )
 from .deprecated import warn_of_deprecated_options
 
@@ -31,6 +34,9 @@ COMMANDS = (
     segment,
     trash,
     export,
+    package,
+    verify,
+    turntable,
     render,
     report,
     evaluate,

@@ -1,32 +1,47 @@
-"""``export``: write the scene or an object as PLY or glTF."""
+"""``export``: write the scene or an object as PLY or glTF, or as a page that shows it."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from ..errors import ProjectError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
 
-__all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
+__all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "export"
-HELP = "Write the scene or one object as 3DGS PLY or as glTF with KHR_gaussian_splatting."
+HELP = "Write the scene or one object as 3DGS PLY, as glTF with KHR_gaussian_splatting, or as a page that shows it."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
+USES_CAMERAS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("project", type=Path, help="project folder made by `reconstruct`")
     parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
-    parser.add_argument("--format", choices=("ply", "glb"), required=True)
+    parser.add_argument(
+        "--format",
+        choices=("ply", "glb", "html"),
+        required=True,
+        help="html: one file with a viewer and the record, which a browser opens without the web",
+    )
     parser.add_argument("--out", type=Path, required=True, help="file to write")
+    parser.add_argument("--title", help="title of the scene in the record (default: the name of the photo folder)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file if it exists")
     parser.add_argument(
         "--without-background",
         action="store_true",
         help="leave out the sphere that shows the sky or another plain backdrop of the scene",
+    )
+    parser.add_argument(
+        "--record",
+        choices=("full", "none"),
+        default="full",
+        help="what the file says of the object and how it was made; none: nothing but the Gaussians "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--frame",
@@ -44,10 +59,7 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the file."""
-    from ..formats import transform_gaussians, write_glb, write_ply
-    from ..gaussians import load_gaussians
-    from ..objects import load_object, object_gaussians
-    from ..scene import read_camera_set
+    from ..packages import load_export, write_export
 
     out: Path = options.out
     if out.is_dir():
@@ -61,33 +73,19 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     if out.exists() and not options.overwrite:
         raise ProjectError(f"{out} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
-    project.require_intact("cameras", "training")
-    gaussians = load_gaussians(project.path / "gaussians")
-    title = "scene"
-    if options.object is not None:
-        record = load_object(project.path, options.object)
-        gaussians = object_gaussians(project.path, record, gaussians)
-        title = record.name
+    export = load_export(project, options.object, title=options.title)
     left_out = 0
     if options.without_background:
-        left_out = _n_background(project, len(gaussians))
-        gaussians = gaussians[left_out:]
-        if len(gaussians) == 0:
+        left_out = _n_background(project, len(export.gaussians))
+        notes = {"background_left_out": left_out}
+        export = replace(export, gaussians=export.gaussians[left_out:], notes=notes)
+        if len(export.gaussians) == 0:
             raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
-    camera_set = read_camera_set(project.path / "cameras")
-    frame = options.frame or ("original" if camera_set.poses_given else "upright")
-    if frame == "original":
-        gaussians = transform_gaussians(gaussians, camera_set.original_from_world)
-    if options.format == "ply":
-        comments = [f"title {title}", f"frame {frame}", "generator Gaussian Heritage"]
-        if options.without_background:
-            comments.append(f"background left out: {left_out} Gaussians")
-        write_ply(out, gaussians, comments=comments)
-    else:
-        extras = {"frame": frame, **({"background_left_out": left_out} if options.without_background else {})}
-        write_glb(out, gaussians, name=title, extras=extras)
-    figures = {"file": str(out), "n_gaussians": len(gaussians), "n_background_left_out": left_out}
-    emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}.", figures))
+    shown = options.format == "html"
+    frame = options.frame or ("original" if export.camera_set.poses_given and not shown else "upright")
+    write_export(out, export, options.format, frame=frame, with_record=options.record == "full")
+    figures = {"file": str(out), "n_gaussians": len(export.gaussians), "n_background_left_out": left_out}
+    emit(Finished(f"Wrote {len(export.gaussians)} Gaussians to {out}.", figures))
     return 0
 
 

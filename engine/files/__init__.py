@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .recorded import FILE_RECORD, FileRecord, is_as_recorded, record_of
     from .replacing import finish_replacements, replace_together
     from .schema import Schema, check, optional
+    from .stored_package import StoredPackage, opened_package, write_zip
     from .versions import Migration, read_versioned
     from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json
 
@@ -28,6 +29,7 @@ __all__ = [
     "FileRecord",
     "Migration",
     "Schema",
+    "StoredPackage",
     "atomic_write",
     "check",
     "delete_derived",
@@ -39,6 +41,7 @@ __all__ = [
     "keep_arrays",
     "object_file",
     "opened",
+    "opened_package",
     "optional",
     "parse_json",
     "path_within",
@@ -53,6 +56,7 @@ __all__ = [
     "replace_together",
     "require_no_links_out",
     "write_json",
+    "write_zip",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

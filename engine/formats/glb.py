@@ -34,6 +34,7 @@ from .transform import logits_of, transform_gaussians
 __all__ = ["EXTENSION", "read_glb", "write_glb"]
 
 EXTENSION = "KHR_gaussian_splatting"
+_XMP = "KHR_xmp_json_ld"
 _ROTATION = f"{EXTENSION}:ROTATION"
 _SCALE = f"{EXTENSION}:SCALE"
 _OPACITY = f"{EXTENSION}:OPACITY"
@@ -66,6 +67,7 @@ def write_glb(
     name: str = "Gaussians",
     copyright: str | None = None,
     extras: Mapping[str, Any] | None = None,
+    xmp: Mapping[str, Any] | None = None,
     color_fallback: bool = True,
     matrix: NDArray[np.float64] | None = None,
     seen: NDArray[np.integer] | None = None,
@@ -83,6 +85,8 @@ def write_glb(
         ``asset.copyright``: credit line or rights statement.
     extras : mapping, optional
         JSON values for ``asset.extras``, e.g. the museum record.
+    xmp : mapping, optional
+        Packet of XMP about the whole file, written with the extension KHR_xmp_json_ld.
     color_fallback : bool
         Whether to add ``COLOR_0``, with which viewers without the extension show a coloured point cloud.
     matrix : array of shape [4, 4], float64, optional
@@ -103,7 +107,7 @@ def write_glb(
     turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
     attributes = _attributes(turned, color_fallback=color_fallback, seen=seen)
     document, n_bytes = _document(
-        attributes, name=name, copyright=copyright, extras=extras, bounds=_bounds(turned), count=len(turned)
+        attributes, name=name, copyright=copyright, extras=extras, xmp=xmp, bounds=_bounds(turned), count=len(turned)
     )
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
@@ -181,6 +185,7 @@ def _document(
     name: str,
     copyright: str | None,
     extras: Mapping[str, Any] | None,
+    xmp: Mapping[str, Any] | None,
     bounds: tuple[list[float], list[float]],
     count: int,
 ) -> tuple[dict[str, Any], int]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..events import Emit, StopCheck
 from ..project_folder import ProjectFolder
+from ..provenance import describe_run
 from ..records import ObjectRecord, new_id, new_name
 from ..settings import to_dict
 from .candidates import THRESHOLD
@@ -160,4 +161,5 @@ def new_record(
         created=datetime.now(UTC).isoformat(timespec="microseconds"),
         level=levels.chosen if several else 0,
         levels=tuple({"n_gaussians": count} for count in counts) if several else (),
+        run=describe_run(),
     )

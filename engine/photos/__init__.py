@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .capture_facts import exif_facts
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
     from .loading import load_pixels, load_with_valid
     from .reading import file_listing, picture_files, read_photos
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PhotoStatistics",
+    "exif_facts",
     "extract_frames",
     "file_listing",
     "is_video",

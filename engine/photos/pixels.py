@@ -29,6 +29,7 @@ __all__ = [
     "PhotoHeader",
     "can_read_heic",
     "open_photo",
+    "opened_picture",
     "photo_errors",
     "read_header",
     "strips_of",
@@ -97,7 +98,7 @@ def can_read_heic() -> bool:
 
 def read_header(path: Path, *, max_side: int | None = None) -> PhotoHeader:
     """Return the size of a photo and what decoding it takes, without decoding it; see `open_photo`."""
-    with photo_errors(path), _opened_picture(path, max_side) as (image, full_size):
+    with photo_errors(path), opened_picture(path, max_side) as (image, full_size):
         scratch = _SCRATCH_BYTES.get(str(image.format), _SCRATCH_BYTES_OF_WHOLE_FILES)
         if image.info.get("progressive"):
             scratch += _COEFFICIENT_BYTES * len(image.getbands())
@@ -124,7 +125,7 @@ def open_photo(path: Path, *, max_side: int | None = None) -> tuple[Image.Image,
         When the file is missing, not a file, empty, no picture, damaged or truncated, or has more than 400 million
         pixels.
     """
-    with photo_errors(path), _opened_picture(path, max_side) as (image, full_size):
+    with photo_errors(path), opened_picture(path, max_side) as (image, full_size):
         image.load()
         # Pillow rotates a TIFF on loading, which may swap its width and height but never changes the scale.
         drafted = image.format in ("JPEG", "MPO") and image.size != full_size
@@ -160,7 +161,7 @@ def photo_errors(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Image, tuple[int, int]]]:
+def opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Image, tuple[int, int]]]:
     """Yield the picture, whose pixels are not decoded yet, and its full size."""
     formats = (*_FORMATS, "HEIF") if can_read_heic() else _FORMATS
     _require_file(path)

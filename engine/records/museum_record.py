@@ -8,10 +8,10 @@ from pathlib import Path
 from ..errors import FormatError
 from ..files import object_file, optional, read_versioned, write_json
 
-__all__ = ["RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
+__all__ = ["MUSEUM_RECORD_FILE", "RECORD_VERSION", "MuseumRecord", "load_record", "save_record"]
 
 RECORD_VERSION = 1
-_FILE = "record.json"
+MUSEUM_RECORD_FILE = "record.json"
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def save_record(project: Path, object_id: str, record: MuseumRecord) -> None:
     FormatError
         When `object_id` is not the name of a folder of the project.
     """
-    write_json(object_file(project, object_id, _FILE), {"version": RECORD_VERSION, **asdict(record)})
+    write_json(object_file(project, object_id, MUSEUM_RECORD_FILE), {"version": RECORD_VERSION, **asdict(record)})
 
 
 def load_record(project: Path, object_id: str) -> MuseumRecord:
@@ -65,7 +65,7 @@ def load_record(project: Path, object_id: str) -> MuseumRecord:
     FormatError
         When the file cannot be read.
     """
-    file = object_file(project, object_id, _FILE)
+    file = object_file(project, object_id, MUSEUM_RECORD_FILE)
     if not file.exists():
         return MuseumRecord()
     advice = "Repair it or move it away."

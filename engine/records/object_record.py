@@ -11,6 +11,7 @@ from typing import Any
 
 from ..errors import FormatError
 from ..files import FILE_RECORD, FileRecord, Migration, Schema, object_file, optional, read_versioned, write_json
+from ..provenance import RUN
 from ..settings import to_dict
 
 __all__ = [
@@ -45,7 +46,10 @@ _OBJECT_1: Schema = {
     "levels": optional([{"n_gaussians": int}]),
     "refined": optional([{"clicks": optional(_POINTS), "not": optional(_POINTS)}]),
 }
-_SCHEMAS: tuple[Schema, ...] = (_OBJECT_1, {**_OBJECT_1, "files": ({str: FILE_RECORD}, None)})
+_SCHEMAS: tuple[Schema, ...] = (
+    _OBJECT_1,
+    {**_OBJECT_1, "files": ({str: FILE_RECORD}, None), "run": optional((RUN, None))},
+)
 
 
 def _from_1_to_2(data: dict[str, Any]) -> dict[str, Any]:
@@ -93,6 +97,8 @@ class ObjectRecord:
         Versions from part to whole, each contained in the next: ``n_gaussians``. Empty when there is only one.
     refined : tuple of dict
         Later corrections, oldest first: ``clicks`` and ``not``, lists of ``photo``, ``x``, ``y``.
+    run : dict or None
+        What ran, see `engine.provenance.describe_run`; None for an object of release 0.1.0.
     """
 
     id: str
@@ -110,6 +116,7 @@ class ObjectRecord:
     level: int = 0
     levels: tuple[dict[str, Any], ...] = ()
     refined: tuple[dict[str, Any], ...] = ()
+    run: dict[str, Any] | None = None
 
 
 def new_id(name: str, taken: Sequence[str]) -> str:

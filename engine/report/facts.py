@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import os
-import platform
-from collections.abc import Iterable
-from pathlib import PurePath
 from typing import Any
 
-from .. import __version__
 from ..errors import FormatError
 from ..files import Schema, check, optional
 from ..objects import list_objects
 from ..project_folder import PROJECT_FILE, ProjectFolder
+from ..records import describe_scene, scene_title
 from ..settings import to_dict
 
 __all__ = ["REPORT_VERSION", "STAGES", "collect_facts"]
@@ -60,16 +55,6 @@ _VALUES: dict[str, Schema] = {
     "measured_savings": {str: {"training_cpu_seconds": float, "psnr_lost": float, "mask_cpu_seconds": optional(float)}},
 }
 """The same for values of ``project.json`` that no stage records and `engine.project_versions` does not check."""
-_PACKAGES = (
-    "torch",
-    "numpy",
-    "numba",
-    "pycolmap",
-    "onnxruntime",
-    "opencv-contrib-python-headless",
-    "scipy",
-    "Pillow",
-)
 
 
 def collect_facts(project: ProjectFolder) -> dict[str, Any]:
@@ -85,7 +70,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
     dict
         ``stages`` (name, wall and CPU seconds), ``photos``, ``cameras``, ``masks``, ``training``, ``objects``,
         ``refused_prompts``, ``plan``, ``forecast`` (per stage, with the actual cost), ``left_out``,
-        ``measured_savings``, ``software`` and ``machine``.
+        ``measured_savings`` and ``record`` (see `describe_scene`: when, with what and from what it was made).
 
     Raises
     ------
@@ -101,7 +86,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
         training["step_ms"] = _step_ms(training)
     return {
         "version": REPORT_VERSION,
-        "title": _title(project),
+        "title": scene_title(project),
         "stages": [
             {"stage": stage, "wall_seconds": record["wall_seconds"], "cpu_seconds": record["cpu_seconds"]}
             for stage, record in records.items()
@@ -122,16 +107,7 @@ def collect_facts(project: ProjectFolder) -> dict[str, Any]:
             *_steps_left_out(training),
         ],
         "measured_savings": (project.get("measured_savings") or {}).get(str(training.get("preset"))),
-        "software": {
-            "gaussian heritage": __version__,
-            "python": platform.python_version(),
-            **_versions(_PACKAGES),
-        },
-        "machine": {
-            "system": platform.system(),
-            "processor": platform.machine(),
-            "cores": _cores(),
-        },
+        "record": describe_scene(project),
     }
 
 
@@ -203,13 +179,6 @@ def _steps_left_out(training: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _title(project: ProjectFolder) -> str:
-    """Return the name of the photo folder, or of the project where the photo folder has a generic name."""
-    photos = PurePath(str(project.get("photo_folder") or ""))
-    generic = ("", "photos", "images", "pictures", "fotos", "dcim")
-    return photos.name if photos.name.lower() not in generic else project.path.resolve().name
-
-
 def _without_settings(record: dict[str, Any]) -> dict[str, Any]:
     settings = record.pop("settings")
     record["method"] = {key: settings.get(key) for key in ("cosine", "refinement", "completion") if key in settings}
@@ -223,19 +192,3 @@ def _step_ms(training: dict[str, Any]) -> float | None:
     if curve and curve[-1].get("step"):
         return 1000.0 * float(curve[-1]["wall_seconds"]) / float(curve[-1]["step"])
     return None
-
-
-def _versions(names: Iterable[str]) -> dict[str, str]:
-    versions = {}
-    for name in names:
-        try:
-            versions[name.lower()] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return versions
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -38,6 +38,13 @@ _LIMIT_NAMES = {
     "opacities_at_limit": "at the lowest or highest opacity",
 }
 
+_LOW_AGREEMENT = 0.8
+"""Agreement with its mask below which an object is marked: museum_room has 0.74 to 0.98."""
+_LOW = (
+    '<p class="low">Low agreement with its mask: a part may be missing, or something else may belong to it. '
+    "Look at it, and correct it with clicks.</p>"
+)
+
 
 @dataclass(frozen=True)
 class Pictures:
@@ -78,7 +85,7 @@ def page(facts: dict[str, Any], pictures: Pictures) -> str:
         _photos(facts),
         _left_out(facts),
         _guards(facts),
-        _software(facts),
+        _record(facts),
     )
     return fill(
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -126,10 +133,11 @@ def _objects(facts: dict[str, Any], pictures: Pictures) -> Html:
         )
         cards.append(
             fill(
-                '<article><h3>{name}</h3><div class="sides">{images}</div><p>{details}</p></article>',
+                '<article><h3>{name}</h3><div class="sides">{images}</div><p>{details}</p>{low}</article>',
                 name=record["name"],
                 images=joined(_image(side, f"{record['name']}, side {i}") for i, side in enumerate(sides, start=1)),
                 details=details,
+                low=fill(_LOW) if record["fit"] < _LOW_AGREEMENT else Html(),
             )
         )
     refused = joined(fill("<li>{}</li>", reason) for reason in facts["refused_prompts"].values())
@@ -208,8 +216,9 @@ def _stages(facts: dict[str, Any]) -> Html:
     return _section(
         "Time",
         fill(
-            "<table><thead><tr><th>stage</th><th>wall</th><th>CPU</th></tr></thead><tbody>{rows}</tbody>"
-            "<tfoot><tr><td>total</td><td>{wall}</td><td>{cpu}</td></tr></tfoot></table>",
+            '<div class="wide"><table><thead><tr><th>stage</th><th>wall</th><th>CPU</th></tr></thead>'
+            "<tbody>{rows}</tbody>"
+            "<tfoot><tr><td>total</td><td>{wall}</td><td>{cpu}</td></tr></tfoot></table></div>",
             rows=joined(fill("<tr><td>{}</td><td>{}</td><td>{}</td></tr>", *row) for row in rows),
             wall=wall,
             cpu=cpu,
@@ -269,8 +278,8 @@ def _forecast(rows: list[dict[str, Any]]) -> Html:
         return Html()
     return fill(
         "<p>Forecast before the run, with the range in which 8 of 10 runs are expected, and the actual cost.</p>"
-        "<table><thead><tr><th>stage</th><th>time, forecast</th><th>actual</th><th>memory, forecast</th>"
-        "<th>actual peak</th></tr></thead><tbody>{}</tbody></table>",
+        '<div class="wide"><table><thead><tr><th>stage</th><th>time, forecast</th><th>actual</th>'
+        "<th>memory, forecast</th><th>actual peak</th></tr></thead><tbody>{}</tbody></table></div>",
         joined(
             fill(
                 "<tr><td>{}</td><td>{} ({} to {})</td><td>{}</td><td>{} ({} to {})</td><td>{}</td></tr>",
@@ -295,16 +304,12 @@ def _memory(value: Any) -> str:
 
 
 def _left_out(facts: dict[str, Any]) -> Html:
-    items = [
-        fill(
-            '<b>{}</b>: {}. <span class="small">Saved: {}.</span>',
-            item["what"],
-            item["why"],
-            item.get("saved") or "not measured",
-        )
-        for item in facts["left_out"]
-    ]
+    items = [fill("<b>{}</b>: {}.{}", item["what"], item["why"], _saved(item)) for item in facts["left_out"]]
     return _section("What was left out", joined((_list("", items, "Nothing was left out."), _savings(facts))))
+
+
+def _saved(item: dict[str, Any]) -> Html:
+    return fill(' <span class="small">Saved: {}.</span>', item["saved"]) if item.get("saved") else Html()
 
 
 def _savings(facts: dict[str, Any]) -> Html:
@@ -346,11 +351,40 @@ def _limits(facts: dict[str, Any]) -> Html:
     )
 
 
-def _software(facts: dict[str, Any]) -> Html:
-    machine = facts["machine"]
-    versions = ", ".join(f"{name} {version}" for name, version in facts["software"].items())
-    text = f"{versions}. {machine['system']}, {machine['processor']}, {machine['cores']} cores."
-    return _section("Software", fill('<p class="small">{}</p>', text))
+def _record(facts: dict[str, Any]) -> Html:
+    """Return when, with what and from what the scene was made."""
+    record, written = facts["record"], facts["record"]["exported"]
+    steps = {step["stage"]: step for step in record["steps"]}
+    trained = steps.get("training") or {}
+    seeds = [
+        f"{_stage_name(stage).lower()} {step['seed']}" for stage, step in steps.items() if step["seed"] is not None
+    ]
+    table = [
+        ("scene trained", trained.get("finished") or ""),
+        ("trained with", _version(trained)),
+        ("report written", written["finished"]),
+        ("report written with", _version(written)),
+        ("seeds", ", ".join(seeds)),
+        ("unit of length", record["unit"]["text"]),
+    ]
+    versions = ", ".join(f"{name} {version}" for name, version in written["software"].items())
+    scene = record["identifier"] or ""
+    hashes = joined(fill("<li>{} <code>{}</code></li>", photo["name"], photo["sha256"]) for photo in record["captures"])
+    parts = (
+        _pairs(table),
+        fill('<p class="small">{}. {}.</p>', versions, written["machine"]),
+        fill('<p class="small">Gaussians: <code>{}</code></p>', scene) if scene else Html(),
+        fill("<details><summary>SHA-256 of the photos</summary><ul>{}</ul></details>", hashes) if hashes else Html(),
+    )
+    return _section("Record", joined(parts))
+
+
+def _version(run: dict[str, Any]) -> str:
+    """Return version and commit of a run; empty for one of an earlier release, which recorded none."""
+    if not run.get("software"):
+        return ""
+    commit = f", commit {run['commit'][:12]}{' with changes' if run['changed'] else ''}" if run["commit"] else ""
+    return f"Gaussian Heritage {run['software'].get('gaussian heritage', '')}{commit}"
 
 
 def _stage_name(stage: str) -> str:

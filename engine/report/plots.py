@@ -13,7 +13,7 @@ _INK, _LINE, _QUIET = "#2b2a27", "#8a4b2a", "#3f6673"
 
 
 def error_curve(curve: Sequence[dict[str, Any]]) -> str:
-    """Return PSNR, SSIM and L1 on the test photos against wall and CPU seconds as one SVG element.
+    """Return PSNR, SSIM and L1 on the test photos against wall and CPU seconds as three SVG elements.
 
     Parameters
     ----------
@@ -24,7 +24,8 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     Returns
     -------
     str
-        ``<svg ...>...</svg>``; empty when there are fewer than two points.
+        ``<svg ...>...</svg>`` three times, which a narrow screen shows below each other; empty when there are
+        fewer than two points.
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
@@ -33,14 +34,16 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
     points = [point for point in curve if _finite(point, "wall_seconds") and float(point["wall_seconds"]) > 0]
     if len(points) < 2:
         return ""
-    figure = Figure(figsize=(9.6, 2.9), layout="constrained")
-    FigureCanvasSVG(figure)
     panels = (
         ("psnr", "PSNR, dB (higher is better)"),
         ("ssim", "SSIM (higher is better)"),
         ("l1", "L1 (lower is better)"),
     )
-    for axes, (key, title) in zip(figure.subplots(1, 3), panels, strict=True):
+    parts = []
+    for key, title in panels:
+        figure = Figure(figsize=(3.2, 2.9), layout="constrained")
+        FigureCanvasSVG(figure)
+        axes = figure.subplots()
         for time, style, color in (("wall_seconds", "-", _LINE), ("cpu_seconds", "--", _QUIET)):
             usable = [p for p in points if _finite(p, key) and _finite(p, time)]
             axes.plot(
@@ -63,12 +66,14 @@ def error_curve(curve: Sequence[dict[str, Any]]) -> str:
         axes.tick_params(labelsize=8, colors=_INK)
         axes.spines[["top", "right"]].set_visible(False)
         axes.patch.set_alpha(0)
-    figure.axes[0].legend(fontsize=8, frameon=False)
-    figure.patch.set_alpha(0)
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :]
+        if key == "psnr":
+            axes.legend(fontsize=8, frameon=False)
+        figure.patch.set_alpha(0)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+        text = buffer.getvalue()
+        parts.append(text[text.index("<svg") :])
+    return "".join(parts)
 
 
 def compare_curves(

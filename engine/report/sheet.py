@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -78,6 +79,7 @@ def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], background: Sequ
     -------
     array of shape [H, W, 3], uint8, or None when there are no pictures
     """
+    import matplotlib
     from PIL import Image, ImageDraw, ImageFont
 
     shown = [(name, list(sides)) for name, sides in rows if len(sides)]
@@ -88,12 +90,12 @@ def picture_sheet(rows: Sequence[tuple[str, Sequence[Pixels]]], background: Sequ
     paper = tuple(int(round(255 * value)) for value in background)
     size = (columns * (width + _GAP) + _GAP, len(shown) * (height + _CAPTION_HEIGHT + _GAP) + _GAP)
     sheet = Image.new("RGB", size, paper)
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(20)
+    # Matplotlib brings this font, which has the letters of all European scripts; that of Pillow has ASCII alone.
+    file = Path(matplotlib.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.truetype(str(file), 20)
     for number, (name, sides) in enumerate(shown):
         top = _GAP + number * (height + _CAPTION_HEIGHT + _GAP)
-        # The built-in font has ASCII letters only; others would be drawn as boxes.
-        caption = visible(name[:_MAX_CAPTION]).encode("ascii", "replace").decode()
-        draw.text((_GAP, top), caption, _CAPTION_COLOR, font)
+        draw.text((_GAP, top), visible(name[:_MAX_CAPTION]), _CAPTION_COLOR, font)
         for column, side in enumerate(sides):
             sheet.paste(Image.fromarray(side), (_GAP + column * (width + _GAP), top + _CAPTION_HEIGHT))
     return np.asarray(sheet)

@@ -28,7 +28,9 @@ img{display:block;width:100%;height:auto;border-radius:.3rem}
 .pairs{display:grid;gap:1.2rem}
 figure{margin:0;display:grid;grid-template-columns:1fr 1fr 1fr;gap:.5rem}
 figcaption{grid-column:1/-1;color:var(--quiet);font-size:.85rem;overflow-wrap:anywhere}
-.plot{overflow-x:auto}.plot svg{width:100%;min-width:36rem;height:auto}
+.plot{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,17rem),1fr));gap:.5rem}
+.plot svg{width:100%;height:auto}
+.wide{overflow-x:auto}
 table{border-collapse:collapse;min-width:min(100%,28rem)}
 th{color:var(--quiet);font-weight:500;font-size:.85rem}
 th,td{text-align:right;padding:.35rem .9rem;border-bottom:1px solid var(--line);font-variant-numeric:tabular-nums}
@@ -36,6 +38,8 @@ th:first-child,td:first-child{text-align:left;padding-left:0}
 tfoot td{font-weight:600;border-bottom:0}
 dl{display:grid;grid-template-columns:repeat(auto-fit,minmax(11rem,1fr));gap:.6rem 1.5rem;margin:.8rem 0}
 dt{color:var(--quiet);font-size:.85rem}dd{margin:0;font-variant-numeric:tabular-nums}
+.low{color:#9b2c23}
+code{font-size:.85em;overflow-wrap:anywhere}summary{cursor:pointer}
 ul{padding-left:1.1rem;margin:.4rem 0}li{margin:.25rem 0;overflow-wrap:anywhere}
 @media (max-width:34rem){figure{grid-template-columns:1fr}}
 @media print{body{background:#fff}article,.tiles div{break-inside:avoid}}

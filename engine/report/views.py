@@ -148,7 +148,9 @@ def _covered(alone_in: Scene, frame: PinholeCamera) -> float:
     return float(alone_in.render(around, color=True).alpha.sum())
 
 
-def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, count: int = 4) -> list[PinholeCamera]:
+def orbit_cameras(
+    points: NDArray[np.floating], cameras: Sequence[Camera], *, count: int = 4, side: int = _ORBIT_SIDE
+) -> list[PinholeCamera]:
     """Return cameras around an object, on the sides from which it was photographed.
 
     Parameters
@@ -160,6 +162,8 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
         returned ones; else these span the angles between the 10th and 90th percentile of those cameras, at least 40
         degrees, since no photo shows the back of a shield on a wall. Their elevation is the median of the photos'.
     count : int
+    side : int
+        Width and height of the pictures, pixels.
 
     Returns
     -------
@@ -184,10 +188,10 @@ def orbit_cameras(points: NDArray[np.floating], cameras: Sequence[Camera], *, co
         angles = front + np.linspace(first, last, count)
     above = np.arctan2(away[:, 2], np.linalg.norm(away[:, :2], axis=1))
     elevation = float(np.clip(np.median(above), -_MAX_ELEVATION, _MAX_ELEVATION)) if len(away) else 0.0
-    focal = _ORBIT_SIDE / 2 / np.tan(_FIELD_OF_VIEW / 2)
-    K = np.array([[focal, 0, _ORBIT_SIDE / 2], [0, focal, _ORBIT_SIDE / 2], [0, 0, 1.0]])
+    focal = side / 2 / np.tan(_FIELD_OF_VIEW / 2)
+    K = np.array([[focal, 0, side / 2], [0, focal, side / 2], [0, 0, 1.0]])
     viewmats = [_look_at(center, distance, angle, elevation) for angle in angles]
-    return [PinholeCamera(viewmat, K, _ORBIT_SIDE, _ORBIT_SIDE) for viewmat in viewmats]
+    return [PinholeCamera(viewmat, K, side, side) for viewmat in viewmats]
 
 
 def _look_at(center: NDArray[np.floating], distance: float, angle: float, elevation: float) -> NDArray[np.float64]:

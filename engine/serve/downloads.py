@@ -16,12 +16,12 @@ from ..errors import HeritageError, ProjectError
 from ..events import ErrorEvent, from_json_line
 from ..files import delete_derived, object_file
 from ..project_content import report_file, scene_file
-from ..records import RECORD_FILE
+from ..records import MUSEUM_RECORD_FILE, RECORD_FILE
 from .library import NotFound, WebProject
 
 __all__ = ["MEDIA_TYPES", "download_name", "exported_file", "report_response"]
 
-MEDIA_TYPES = {"ply": "application/octet-stream", "glb": "model/gltf-binary"}
+MEDIA_TYPES = {"ply": "application/octet-stream", "glb": "model/gltf-binary", "html": "text/html"}
 _ROOT = Path(__file__).resolve().parents[2]
 _MAX_SECONDS = 600
 _UNSAFE = re.compile(r"[^\w.() -]+")
@@ -38,13 +38,15 @@ def exported_file(project: WebProject, object_id: str | None, file_format: str, 
     HeritageError
         When there is no such object, or it cannot be exported.
     """
-    source = scene_file(project.project)
+    sources = [scene_file(project.project)]
     if object_id is not None:
-        source = object_file(project.project, object_id, RECORD_FILE)
-        if not source.is_file():
+        # The file carries what a curator entered, too.
+        names = (RECORD_FILE, MUSEUM_RECORD_FILE)
+        sources += [object_file(project.project, object_id, name) for name in names]
+        if not sources[1].is_file():
             raise NotFound("There is no such object.")
-    changed = [file.stat().st_mtime_ns for file in (source, scene_file(project.project))]
-    key = hashlib.sha256(repr((object_id, file_format, frame, changed)).encode()).hexdigest()[:16]
+    changed = [file.stat().st_mtime_ns for file in sources if file.is_file()]
+    key = hashlib.sha256(repr((object_id, file_format, frame, project.title, changed)).encode()).hexdigest()[:16]
     what = "scene" if object_id is None else f"object-{object_id}"
     file = project.cache / f"{what}-{frame}-{key}.{file_format}"
     with _one_export:
@@ -58,7 +60,7 @@ def exported_file(project: WebProject, object_id: str | None, file_format: str, 
 
 def _export(project: WebProject, object_id: str | None, file_format: str, frame: str, file: Path) -> None:
     command = [sys.executable, "-m", "engine", "export", str(project.project), f"--format={file_format}"]
-    command += [f"--out={file}", f"--frame={frame}", "--events"]
+    command += [f"--out={file}", f"--frame={frame}", f"--title={project.title}", "--events"]
     command += [] if object_id is None else [f"--object={object_id}"]
     environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
     try:

@@ -53,7 +53,7 @@ READING = {
         "read_kept_arrays",
         "read_versioned",
     ),
-    *("parse_json", "fromfile", "memmap", "frombuffer", "ZipFile", "Reconstruction", "import_PLY"),
+    *("parse_json", "fromfile", "memmap", "frombuffer", "ZipFile", "Reconstruction", "import_PLY", "opened_package"),
 }
 MODULES_THAT_READ = {"json", "np", "torch", "Image", "tarfile", "pickle"}
 """``load``, ``loads`` and ``open`` of these read, too."""
@@ -78,6 +78,7 @@ NOT_REACHED = {
     "engine/models/packages.py:_run": "what npm or pip printed",
     "engine/models/download.py": "the file that was just received",
     "engine/jobs/running_processes.py": "what the system states",
+    "engine/packages/page.py": "our own viewer, and the Gaussians that were just written",
 }
 """Functions that need no entry among the readers, with the reason: mostly what they read instead of an input."""
 

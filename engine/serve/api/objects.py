@@ -43,7 +43,9 @@ def read_object_for_viewer(object_id: str, project: CurrentProject) -> FileRespo
 
 @router.get("/{object_id}/export")
 def download_object(
-    object_id: str, project: CurrentProject, file_format: Annotated[Literal["ply", "glb"], Query(alias="format")]
+    object_id: str,
+    project: CurrentProject,
+    file_format: Annotated[Literal["ply", "glb", "html"], Query(alias="format")],
 ) -> FileResponse:
     """Return an object as a file to keep."""
     item = _object(project, object_id)

@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse
 
 from ...files import path_within
 from ...refused_prompts import read_not_found
-from ...scene import Camera, focal_and_center, photo_pixels, read_camera_set
+from ...scene import Camera, focal_and_center, looked_at, photo_pixels, read_camera_set
 from ..access import CurrentProject, server_of
 from ..downloads import MEDIA_TYPES, download_name, exported_file
 from ..library import NotFound
@@ -44,7 +44,7 @@ def read_cameras(project: CurrentProject) -> dict[str, Any]:
     cameras = read_camera_set(path_within(project.project, "cameras")).cameras
     if not cameras:
         raise NotFound("The scene has no cameras.")
-    center, radius = _looked_at(np.array([camera.viewmat for camera in cameras], np.float64))
+    center, radius = looked_at(np.array([camera.viewmat for camera in cameras], np.float64))
     return {"up": _UP, "center": center, "radius": radius, "views": [_view(camera) for camera in cameras]}
 
 
@@ -91,7 +91,7 @@ def read_scene(project: CurrentProject) -> FileResponse:
 
 @router.get("/export")
 def download_scene(
-    project: CurrentProject, file_format: Annotated[Literal["ply", "glb"], Query(alias="format")]
+    project: CurrentProject, file_format: Annotated[Literal["ply", "glb", "html"], Query(alias="format")]
 ) -> FileResponse:
     """Return the whole scene as a file to keep."""
     file = exported_file(project, None, file_format)
@@ -104,14 +104,3 @@ def _view(camera: Camera) -> dict[str, Any]:
         "photo": camera.photo, "width": camera.width, "height": camera.height,
         "fx": fx, "fy": fy, "cx": cx, "cy": cy, "world_to_camera": np.asarray(camera.viewmat).ravel().tolist(),
     }  # fmt: skip
-
-
-def _looked_at(viewmats: np.ndarray) -> tuple[list[float], float]:
-    """Return the point nearest to all optical axes, and the median distance of the cameras from it."""
-    rotations, translations = viewmats[:, :3, :3], viewmats[:, :3, 3]
-    positions = -np.einsum("nij,ni->nj", rotations, translations)
-    forward = rotations[:, 2]
-    across = np.eye(3) - forward[:, :, None] * forward[:, None, :]
-    # With parallel axes the sum is singular; lstsq then takes the point nearest to the origin.
-    center = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, positions), rcond=1e-6)[0]
-    return center.tolist(), float(np.median(np.linalg.norm(positions - center, axis=1)))

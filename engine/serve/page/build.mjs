@@ -1,14 +1,18 @@
-// Bundles src/ to dist/. `node build.mjs` needs only what `npm ci` installed.
+// Bundles src/ to dist/, and the page that exported scenes bring with them to engine/packages/viewer_files. `node build.mjs` needs only what `npm ci` installed.
 import { build } from "esbuild";
 import { copyFile, mkdir, readFile, readdir, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
 import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 
+const SHOWN = "../../packages/viewer_files";
+
 const here = path.dirname(fileURLToPath(import.meta.url));
 process.chdir(here);
-await rm("dist", { recursive: true, force: true });
-await mkdir("dist");
+for (const folder of ["dist", SHOWN]) {
+  await rm(folder, { recursive: true, force: true });
+  await mkdir(folder, { recursive: true });
+}
 
 const common = {
   bundle: true,
@@ -24,9 +28,14 @@ const results = [
   await build({ ...common, entryPoints: ["src/main.js"], outfile: "dist/app.js", external: ["./viewer.js"] }),
   await build({ ...common, entryPoints: ["src/viewer.js"], outfile: "dist/viewer.js" }),
   await build({ ...common, entryPoints: ["src/style.css"], outfile: "dist/style.css" }),
+  await build({ ...common, entryPoints: ["src/show.js"], outfile: `${SHOWN}/show.js` }),
+  await build({ ...common, entryPoints: ["src/show.css"], outfile: `${SHOWN}/show.css` }),
 ];
 await copyFile("src/index.html", "dist/index.html");
 await writeFile("dist/licences.txt", await licences(results));
+// The same bundle as the server's.
+await writeFile(`${SHOWN}/viewer.js.gz`, gzipSync(await readFile("dist/viewer.js"), { level: 9 }));
+await writeFile(`${SHOWN}/licences.txt`, await licences([results[1], results[3]]));
 
 for (const name of (await readdir("dist")).sort()) {
   const size = gzipSync(await readFile(path.join("dist", name)), { level: 9 }).length;

@@ -60,7 +60,9 @@ def reconstruct(
                     stream.write(f"{stage}\n")
                 return {}
 
-            runner.run(stage, stage_key(stage, (photos / "photo.jpg").read_text()), compute, {output: None})
+            runner.run(
+                stage, stage_key(stage, (photos / "photo.jpg").read_text()), compute, {output: None}, settings={}
+            )
             if stage == "photos":
                 stages = tuple(
                     StageForecast(name, 1.0, 0.5, 2.0, 1.0, 1.0, most, most, most, most)

@@ -94,7 +94,8 @@ def test_the_background_is_left_out_on_request_and_the_file_says_so(
     assert write(capsys, kind, scene, whole).code == 0
     assert write(capsys, kind, scene, without, "--without-background").code == 0
     assert np.array_equal(read(without).means, read(whole).means[7:])
-    assert b"background" in without.read_bytes() and b"background" not in whole.read_bytes()
+    left_out = b"background_left_out"
+    assert left_out in without.read_bytes() and left_out not in whole.read_bytes()
 
 
 @pytest.mark.parametrize("count", [-1, 10**6, "7", 1.5, True])

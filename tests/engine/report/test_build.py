@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from engine.errors import FormatError
+from engine.files import file_sha256
 from engine.masks.storage import label_map_path, write_label_map
 from engine.objects.storage import save_object
 from engine.pictures.scene import Scene
 from engine.project_folder import ProjectFolder
+from engine.provenance import describe_run
 from engine.records import ObjectRecord
 from engine.report.build import build_report
 from engine.report.plots import compare_curves, error_curve
 from engine.report.views import best_seen_from, orbit_cameras
+from engine.scene import Photo, PhotoSet, write_photo_set
 from tests.engine.objects.fakes import trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
@@ -115,6 +118,31 @@ def test_report_tells_the_whole_story_in_one_file(project: ProjectFolder) -> Non
     assert "gradient was not finite" not in checker.text, "a guard that never fired is not listed"
 
 
+def test_report_says_when_with_what_and_from_what_it_was_made(project: ProjectFolder) -> None:
+    photo = Photo("view_0.png", 160, 120, None, "ab" * 32)
+    write_photo_set(project.path / "photos" / "photos.json", PhotoSet(Path("photos"), (photo,), ()))
+    training = project.stage_record("training") or {}
+    run = {**describe_run({"seed": 11}), "commit": "c0ffee" * 6 + "c0ff", "changed": False}
+    project.finish_stage(
+        "training", "key", wall_seconds=1.0, cpu_seconds=1.0, figures=training["figures"], run=run,
+        outputs=[project.path / "gaussians" / "scene.ply"],
+    )  # fmt: skip
+    text = read(build_report(project)).text
+    for words in (run["finished"], "commit c0ffeec0ffee", "training the gaussians 11", "unit of length", "ab" * 32):
+        assert words in text, words
+    assert "is not known, because no distance was given" in text
+    assert "not measured" not in text
+    assert file_sha256(project.path / "gaussians" / "scene.ply") in text
+
+
+@pytest.mark.parametrize(("fit", "is_marked"), [(0.79, True), (0.81, False)])
+def test_object_that_agrees_little_with_its_mask_is_marked(project: ProjectFolder, fit: float, is_marked: bool) -> None:
+    file = project.path / "objects" / "b" / "object.json"
+    data = json.loads(file.read_text(encoding="utf-8"))
+    file.write_text(json.dumps({**data, "fit": fit}), encoding="utf-8")
+    assert ("Low agreement with its mask" in read(build_report(project)).text) == is_marked
+
+
 def test_numbers_are_kept_as_strict_json(project: ProjectFolder) -> None:
     build_report(project)
 
@@ -200,7 +228,7 @@ def test_report_shows_the_plan_and_what_it_forecast_beside_what_it_took(project:
     text = read(build_report(project)).text
     for words in (
         "640 x 480", "promising ones, about 201", "45 s (30 s to 70 s)", "61 s", "0.90 GB (0.80 GB to 1.00 GB)",
-        "0.87 GB", "being written", "300 of 3,000 training steps", "Saved: about 33 s", "Saved: not measured",
+        "0.87 GB", "being written", "300 of 3,000 training steps", "Saved: about 33 s",
         "view-dependent colour above 0", "+0.01 dB on the validation photos", "0 of 1",
     ):  # fmt: skip
         assert words in text, words

@@ -8,6 +8,11 @@ export function duration(seconds) {
   return `about ${plural(Math.round(minutes / 60), "hour")}`;
 }
 
+/** The name of a format in a button: "PLY", or "page" for HTML. */
+export function formatName(format) {
+  return format === "html" ? "page" : format.toUpperCase();
+}
+
 export function plural(count, word) {
   return `${count.toLocaleString("en")} ${word}${count === 1 ? "" : "s"}`;
 }

@@ -18,7 +18,7 @@ import {
 } from "playcanvas";
 import { createOrbit, poseOf } from "./orbit.js";
 import { hitDistance, rayThrough, viewsOf } from "./pick.js";
-import { add, scale } from "./vectors.js";
+import { add, dot, scale, sub } from "./vectors.js";
 
 const FOV = (50 * Math.PI) / 180; // Of the shorter side, when no photo gives the lens.
 const SLOW_FRAME = 50; // Milliseconds. Slower pictures are drawn with fewer pixels while the camera moves.
@@ -26,8 +26,8 @@ const REST = 250; // Milliseconds without movement until the sharp picture is dr
 
 /**
  * Return a viewer that draws into `canvas`: {load(url, progress), showOnly(url|null), lookThrough(view), setScene(...),
- * frame(center, radius, up), frameShown(), zoom(factor), pick(x, y), viewsThatShow(point, views), picture(), dispose()}. `moved(isPhoto)` of the options is called
- * when the camera moves.
+ * frame(center, radius, up), frameShown(), zoom(factor), pick(x, y), place(point), viewsThatShow(point, views), picture(),
+ * dispose()}. `moved(isPhoto)` of the options is called when the camera moves.
  */
 export async function createViewer(canvas, { moved = () => {} } = {}) {
   const app = await createApp(canvas);
@@ -58,7 +58,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     (newPose) => {
       // Only the photo's own camera has its principal point off the centre.
       if (lens?.exact) lens = { ...lens, exact: false };
-      place(newPose);
+      moveTo(newPose);
       moved(false);
     },
     () => intrinsics(canvas.clientWidth, canvas.clientHeight).f[0],
@@ -97,7 +97,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     ];
   }
 
-  function place(newPose) {
+  function moveTo(newPose) {
     pose = newPose;
     const { eye, right, down, forward } = pose;
     // WebGL cameras have y up and look along -z.
@@ -212,7 +212,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     lens = { ...view, exact: true };
     const at = poseOf(view.world_to_camera);
     orbit.from(at, size.center);
-    place(at);
+    moveTo(at);
     moved(true);
   }
 
@@ -248,6 +248,14 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     return distance === null ? null : add(eye, scale(direction, distance));
   }
 
+  /** Return where the canvas shows a point of the scene, in CSS pixels, or null when it is behind the camera. */
+  function place(point) {
+    const { f, c } = intrinsics(canvas.clientWidth, canvas.clientHeight);
+    const offset = sub(point, pose.eye);
+    const depth = dot(offset, pose.forward);
+    return depth > 0 ? [c[0] + (f[0] * dot(offset, pose.right)) / depth, c[1] + (f[1] * dot(offset, pose.down)) / depth] : null;
+  }
+
   /** Return those of `views` whose photos show `point`, the one that looks most like the present camera first. */
   function viewsThatShow(point, views) {
     return viewsOf(point, pose.eye, views, poseOf, scene.asset.resource.gsplatData);
@@ -272,7 +280,7 @@ export async function createViewer(canvas, { moved = () => {} } = {}) {
     app.destroy();
   }
 
-  return { load, showOnly, lookThrough, setScene, frame, frameShown, zoom: orbit.zoom, pick, viewsThatShow, picture, dispose };
+  return { load, showOnly, lookThrough, setScene, frame, frameShown, zoom: orbit.zoom, pick, place, viewsThatShow, picture, dispose };
 }
 
 async function createApp(canvas) {

@@ -1,7 +1,7 @@
 // One object: show it, correct it, fill in its record, download it, delete it.
 import { changeObject, deleteObject, exportUrl, objectUrl } from "../api.js";
 import { announce, confirmed, during, field, h, setText } from "../dom.js";
-import { plural } from "../format.js";
+import { formatName, plural } from "../format.js";
 
 const FIELDS = [
   ["name", "Name"],
@@ -21,7 +21,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
   const facts = h("p", { class: "quiet" });
   const look = h("button", { type: "button", "aria-pressed": "false", onclick: () => during(look, toggle) }, "Show alone");
   const correct = h("button", { type: "button", onclick: () => during(correct, async () => clicks.open({ object, photo: stage.photo() })) }, "Correct");
-  const download = (format) => h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, `Download ${format.toUpperCase()}`);
+  const download = (format) => h("a", { class: "button", href: exportUrl(id, object.id, format), download: "" }, `Download ${formatName(format)}`);
   const inputs = Object.fromEntries(
     FIELDS.map(([key, label]) => {
       const props = { maxlength: key === "notes" ? 5000 : 300, autocomplete: "off", value: object[key] ?? "" };
@@ -43,7 +43,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
     { class: "object" },
     h("div", null, name, facts),
     h("div", { class: "row" }, look, correct),
-    h("div", { class: "row" }, download("ply"), download("glb")),
+    h("div", { class: "row" }, download("ply"), download("glb"), download("html")),
     details,
   );
 

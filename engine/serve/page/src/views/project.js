@@ -2,7 +2,7 @@
 import { deleteProject, eventsUrl, getProject, renameProject, reportUrl, sceneExportUrl } from "../api.js";
 import { asked, confirmed, during, h, notify, show } from "../dom.js";
 import { listen } from "../events.js";
-import { plural } from "../format.js";
+import { formatName, plural } from "../format.js";
 import { createPhotos } from "./photos.js";
 import { createProgress } from "./progress.js";
 import { createReconstruct } from "./reconstruct.js";
@@ -43,8 +43,8 @@ export async function projectScreen(root, session, id) {
 
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
-  const sceneFile = (format) => h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, `Scene as ${format.toUpperCase()}`);
-  const files = [report, sceneFile("ply"), sceneFile("glb")];
+  const sceneFile = (format) => h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, `Scene as ${formatName(format)}`);
+  const files = [report, sceneFile("ply"), sceneFile("glb"), sceneFile("html")];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
   const facts = h("p", { class: "quiet facts", hidden: true });
