@@ -14,6 +14,7 @@ from ..engine.project_content import ProjectObject, load_level, load_membership,
 from ..engine.records import load_record
 from ..engine.scene import Gaussians, load_polished
 from .object_geometry import foot_of, near_object
+from .placement import placement_properties
 from .properties import COUNT_KEY, HeritageObject, loading, scene_count
 from .splats import SplatScene
 
@@ -73,6 +74,8 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     splats = SplatScene.create(item.name, _moved(gaussians, -foot), collection, index=index, membership=membership)
     obj = splats.object
     obj.matrix_world = whole.matrix_world @ Matrix.Translation(foot)
+    for key, value in placement_properties(whole).items():
+        obj[key] = value
     properties: HeritageObject = obj.heritage
     record = load_record(project, item.id)
     with loading(properties):
