@@ -14,6 +14,7 @@ from .measurement_storage import delete_measurement, load_measurement, save_meas
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .polished import Polished, load_polished, save_polished
+from .rays import RayCaster, RayHits, photo_ray, surface_point
 
 __all__ = [
     "FEATURE_DIM",
@@ -32,6 +33,8 @@ __all__ = [
     "PinholeCamera",
     "Point",
     "Polished",
+    "RayCaster",
+    "RayHits",
     "RejectedPhoto",
     "camera_problem",
     "delete_measurement",
@@ -42,10 +45,12 @@ __all__ = [
     "load_polished",
     "measurement_problem",
     "photo_pixels",
+    "photo_ray",
     "read_camera_set",
     "read_photo_set",
     "save_measurement",
     "save_polished",
+    "surface_point",
     "write_camera_set",
     "write_photo_set",
 ]
