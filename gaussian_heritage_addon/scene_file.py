@@ -81,7 +81,10 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", INITIAL_RENDER_SIDE)
     prepare_cycles(scene)
-    add_objects(scene, project, [item.id for item in objects])
+    # What was changed by hand and is not stored yet stays as it is in this file.
+    kept = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited}
+    kept.update(scene.heritage.deleted.split("\n"))
+    add_objects(scene, project, [item.id for item in objects if item.id not in kept])
     apply_measurement(scene, measurement)
     return splats
 
