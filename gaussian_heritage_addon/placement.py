@@ -18,7 +18,7 @@ from ..engine.errors import ObjectError
 from ..engine.scene import ExportFrame, Measurement
 from .properties import heritage_objects, photo_of
 
-__all__ = ["apply_measurement", "frame_of_object", "placement_properties", "world_from_scene"]
+__all__ = ["RULER_KEY", "apply_measurement", "frame_of_object", "is_metric", "placement_properties", "world_from_scene"]
 
 Float64 = NDArray[np.float64]
 
@@ -26,6 +26,8 @@ _MATRIX_KEY = "heritage_placement"
 """Custom property: the matrix, row by row, that took the object from the world of the scene to that of Blender."""
 _METRIC_KEY = "heritage_metric"
 """Custom property: whether that matrix made Blender's unit a metre."""
+RULER_KEY = "heritage_ruler"
+"""Custom property of a ruler, which moves with what it measures."""
 _MAX_ENTRY = 1e15
 
 
@@ -39,9 +41,9 @@ def apply_measurement(scene: bpy.types.Scene, measurement: Measurement) -> None:
     ObjectError
         When the placement that is stored on an object was changed by another program.
     """
-    is_metric = measurement.metres_per_unit is not None
+    metric = measurement.metres_per_unit is not None
     placement = measurement.measured_from_world
-    objects = [*heritage_objects(scene), *(obj for obj in scene.objects if photo_of(obj))]
+    objects = [*heritage_objects(scene), *(obj for obj in scene.objects if photo_of(obj) or RULER_KEY in obj)]
     moves = [(obj, placement @ np.linalg.inv(world_from_scene(obj))) for obj in objects]
     # Children follow their parents.
     roots = [(obj, move) for obj, move in moves if not any(parent in objects for parent in _parents(obj))]
@@ -55,8 +57,8 @@ def apply_measurement(scene: bpy.types.Scene, measurement: Measurement) -> None:
         obj.matrix_world = Matrix(matrix.tolist())
     for obj in objects:
         obj[_MATRIX_KEY] = placement.ravel().tolist()
-        obj[_METRIC_KEY] = is_metric
-    scene.unit_settings.system = "METRIC" if is_metric else "NONE"
+        obj[_METRIC_KEY] = metric
+    scene.unit_settings.system = "METRIC" if metric else "NONE"
     scene.unit_settings.scale_length = 1.0
 
 
@@ -64,7 +66,7 @@ def placement_properties(obj: bpy.types.Object) -> dict[str, Any]:
     """Return the custom properties that say how `obj` was placed; others may be given them, also after its removal."""
     world_from_scene(obj)  # refuses what another program changed
     found = {_MATRIX_KEY: list(obj[_MATRIX_KEY])} if _MATRIX_KEY in obj else {}
-    return {**found, _METRIC_KEY: _is_metric(obj)} if found else {}
+    return {**found, _METRIC_KEY: is_metric(obj)} if found else {}
 
 
 def world_from_scene(obj: bpy.types.Object) -> Float64:
@@ -90,14 +92,15 @@ def world_from_scene(obj: bpy.types.Object) -> Float64:
 
 def frame_of_object(obj: bpy.types.Object) -> ExportFrame:
     """Return the frame of files exported from `obj`: Blender's world, in metres where its scene was measured."""
-    return ExportFrame("blender", world_from_scene(obj), 1.0 if _is_metric(obj) else None)
+    return ExportFrame("blender", world_from_scene(obj), 1.0 if is_metric(obj) else None)
 
 
 def _scale_of(matrix: Float64) -> float:
     return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
 
 
-def _is_metric(obj: bpy.types.Object) -> bool:
+def is_metric(obj: bpy.types.Object) -> bool:
+    """Return whether `obj` was placed in metres."""
     return obj.get(_METRIC_KEY) in (True, 1)
 
 

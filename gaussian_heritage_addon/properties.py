@@ -221,6 +221,16 @@ class HeritageScene(bpy.types.PropertyGroup):
             name="Prompt", description='Objects to isolate, in words; separate several with ";" (vase;teapot)'
         ),
     ]
+    known_distance: Annotated[
+        float,
+        FloatProperty(
+            name="Metres",
+            description="A distance that you have measured on the real object, in metres; then pick its two ends",
+            min=0.0001,
+            default=1.0,
+            precision=4,
+        ),
+    ]
     photo_opacity: Annotated[
         float,
         FloatProperty(

@@ -250,3 +250,15 @@ def test_edits_are_stored_in_the_project_by_the_engine(balls: Any, part: Part, i
     assert (content.load_membership(balls.folder, "vase", 600) >= 0.5).sum() == 350
     assert not any(obj.heritage.is_edited for obj in bpy.data.objects) and not bpy.context.scene.heritage.deleted
     assert rows_of(part, "Fenster öst") == set(range(200, 250))
+
+
+def test_panel_offers_the_edits_and_says_what_is_not_stored(balls: Any, draw: Callable[[str], Any]) -> None:
+    listed("Left")
+    buttons = [(name, options) for name, options in draw("HERITAGE_PT_by_hand").buttons]
+    regions = [(options["action"], options["shape"]) for name, options in buttons if name == "heritage.edit_region"]
+    assert regions == [("ADD", "LASSO"), ("ADD", "BOX"), ("TAKE", "LASSO"), ("TAKE", "BOX")]
+    assert "heritage.store_edits" not in [name for name, _ in buttons]
+    bpy.ops.heritage.merge_objects(names="Right")
+    drawn = draw("HERITAGE_PT_by_hand")
+    assert "heritage.store_edits" in [name for name, _ in drawn.buttons]
+    assert "Not stored: Left 1 deleted" in " ".join(drawn.texts)
