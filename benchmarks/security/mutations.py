@@ -203,6 +203,7 @@ def _with_another_event(data: bytes, rng: random.Random) -> bytes:
 
 _TEXT: tuple[Mutator, ...] = (_with_other_lines, _with_another_word, _with_other_digits)
 
+
 def _with_other_content(data: bytes, rng: random.Random) -> bytes:
     """Damage what a gzip stream holds: mostly the 16 bytes of the header of SPZ, or its length."""
     content = bytearray(gzip.decompress(data))

@@ -61,6 +61,8 @@ def exported_file(project: WebProject, object_id: str | None, file_format: str, 
 def _export(project: WebProject, object_id: str | None, file_format: str, frame: str, file: Path) -> None:
     command = [sys.executable, "-m", "engine", "export", str(project.project), f"--format={file_format}"]
     command += [f"--out={file}", f"--frame={frame}", f"--title={project.title}", "--events"]
+    # The viewer shows objects where they stand, and frames scenes by their cameras.
+    command += ["--origin=scene"] if file_format == "html" else ["--origin=scene", "--far=keep"]
     command += [] if object_id is None else [f"--object={object_id}"]
     environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
     try:

@@ -121,12 +121,12 @@ def test_whole_title_and_unknown_unit_are_in_every_form(described: dict[str, Any
         "xmp": xmp_packet(described)["dc:title"]["rdf:_1"]["@value"],
         "iiif": iiif_manifest(described, [], address="https://example.org/", name="m.json")["label"]["none"][0],
         "crm": crm_json_ld(described)["@graph"][0]["label"],
-        "comments": ply_comments(described, frame="upright")[0].removeprefix("title "),
+        "comments": ply_comments(gltf_extras(described, frame="upright"))[0].removeprefix("title "),
     }
     assert texts == dict.fromkeys(texts, TITLE)
     assert "is not known" in gltf_extras(described, frame="upright")["unit"]
     assert "metres_per_unit" not in gltf_extras(described, frame="upright")
-    assert any("is not known" in comment for comment in ply_comments(described, frame="upright"))
+    assert any("is not known" in comment for comment in ply_comments(gltf_extras(described, frame="upright")))
 
 
 def test_scene_is_called_after_its_photos(project: ProjectFolder, blobs: BlobScene, tmp_path: Path) -> None:
