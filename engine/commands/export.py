@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("own", "scene"),
         default="own",
         help="origin of an object's file: the middle of its foot, or that of the scene (default: %(default)s; "
-        "always the scene's with --frame original)",
+        "the scene's with --frame original or world)",
     )
     parser.add_argument(
         "--record",
@@ -68,9 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--frame",
-        choices=("upright", "original"),
-        help="upright: Z up (glTF: Y up), as `measure` placed and scaled it, otherwise about unit size; original: the "
-        "frame of the given or estimated poses (default: original where poses were given and nothing was measured)",
+        choices=("upright", "original", "world"),
+        help="upright: as `measure` placed and scaled it, otherwise about unit size; original: the frame of the given "
+        "or estimated poses; world: the frame of cameras/cameras.json, Z up in PLY, too (default: original where poses "
+        "were given and nothing was measured, otherwise upright)",
     )
 
 

@@ -41,6 +41,8 @@ _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REST_COUNTS = (0, 9, 24, 45)
 _ROWS_PER_CHUNK = 1 << 14
 """Gaussians read or written at once: their table stays in the processor's cache."""
+_UNTURNED = 1e-6  # by definition
+"""Difference from the identity up to which a transform changes nothing; Blender's matrices are float32."""
 _UP_AXIS = "up_axis"
 _GENERATOR = "generator Gaussian Heritage"
 
@@ -130,7 +132,7 @@ def write_ply(
         lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in stated]
         lines += [f"element vertex {len(gaussians)}", *(f"property float {name}" for name in names)]
     turn = file_from_z_up(up) if matrix is None else file_from_z_up(up) @ matrix
-    is_turned = not np.array_equal(turn, np.eye(4))
+    is_turned = not np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED)
     with atomic_write(path) as stream:
         stream.write("\n".join(["ply", *lines, "end_header", ""]).encode())
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..cameras import training_pinhole
 from ..errors import SettingsError
 from ..events import StopCheck
-from ..formats import write_glb, write_ply, write_spz, write_usd
+from ..formats import Up, write_glb, write_ply, write_spz, write_usd
 from ..gaussians import load_gaussians
 from ..objects import load_membership, load_object, object_gaussians
 from ..pictures import Backend, Scene
@@ -50,6 +50,8 @@ SUFFIXES = {
     "html": (".html",),
 }
 """All formats, with the extensions of their files."""
+_UP: dict[str, Up | None] = {"original": None, "world": "z"}
+"""The axis of a PLY that points up, where it is not that of the viewers; what is up in given poses is not known."""
 _COVERAGE_SIDE = 160  # by definition
 """Longest side of the pictures in which is counted which photos saw a Gaussian."""
 _N_VIEWS = 8  # by definition
@@ -141,14 +143,14 @@ def write_export(
     path : Path
     export : Export
     file_format : str
-    frame : {"upright", "original"}, optional
-        Frame of the coordinates, see `engine.scene.export_frame`.
+    frame : {"upright", "original", "world"}, optional
+        Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
     with_record : bool
-        Whether the file carries the record, and the photos that saw each Gaussian: comments of PLY, ``asset.extras`` and
-        XMP of glTF, ``customLayerData`` of USD. A page always does; SPZ cannot.
+        Whether the file carries the record, and how many photos saw each Gaussian: comments of PLY, ``asset.extras``
+        and XMP of glTF, ``customLayerData`` of USD. A page always does; SPZ cannot.
     in_scene : bool
         Whether an object stays where it stands in the scene. Otherwise the middle of its foot is the origin, but not in
-        the frame ``original``.
+        the frames ``original`` and ``world``.
     backend : {"cpu", "gpu", "reference"}
         Rasterizer with which the sides are found from which a page shows an object, and what photos saw.
 
@@ -160,17 +162,17 @@ def write_export(
         When the file cannot be written.
     """
     described, gaussians = export.described, export.gaussians
-    placed = export_frame(export.camera_set, export.measurement, frame)
+    placed = _placed(export, frame)
     if file_format == "html":
-        if frame == "original":
-            raise SettingsError("A page shows what is upright. Leave out --frame original.")
+        if frame not in (None, "upright"):
+            raise SettingsError("A page shows what is upright. Leave out --frame.")
         if not with_record:
             raise SettingsError("A page shows the record. Leave out --record none.")
         write_page(path, gaussians, described, _framing(export, backend))
         return placed
-    is_original = placed.name == "original"
+    is_moved = placed.name not in ("original", "world")
     matrix, notes = placed.from_world, dict(export.notes)
-    if export.members is not None and len(gaussians) and not in_scene and not is_original:
+    if export.members is not None and len(gaussians) and is_moved and not in_scene:
         foot = foot_of(gaussians.means @ matrix[:3, :3].T + matrix[:3, 3])
         matrix = _moved(-foot) @ matrix
         notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
@@ -186,7 +188,7 @@ def write_export(
             path,
             gaussians,
             comments=ply_comments(extras) if with_record else (),
-            up=None if is_original else "-y",
+            up=_UP.get(placed.name, "-y"),
             matrix=matrix,
             extra=None if seen is None else {"photos_seen": seen},
         )
@@ -212,6 +214,12 @@ def write_export(
             seen=seen,
         )
     return placed
+
+
+def _placed(export: Export, frame: str | None) -> ExportFrame:
+    if frame == "world":
+        return ExportFrame("world", np.eye(4), export.measurement.metres_per_unit)
+    return export_frame(export.camera_set, export.measurement, frame)
 
 
 def _unit_facts(placed: ExportFrame, described: dict[str, Any]) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def foot_of(means: NDArray[np.float32]) -> NDArray[np.float64]:
 def far_gaussians(means: NDArray[np.float32], camera_set: CameraSet) -> NDArray[np.bool_]:
     """Return which Gaussians, at `means` [N, 3], lie far outside of what the photos measured, shape [N].
 
-    These are more than twice as far from the middle of the sparse points as any camera and as 99 % of the sparse points.
+    These are more than twice as far from the middle of the sparse points as any camera and as 99 % of the points.
     Photos show them in few pixels or from one side, so that their distance is hardly known; a viewer that frames
     everything shows the scene as a dot in their midst. Without sparse points nothing is far.
     """
