@@ -12,6 +12,7 @@ from ..engine.scene import box_of, foot_of
 
 __all__ = ["foot_of", "near_object"]
 
+
 def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which Gaussians may belong to an object when its threshold is lowered, shape [N].
 
