@@ -14,7 +14,7 @@ _TAILS = (0.01, 0.99)
 _NEAR_SHARE = 0.99  # by definition
 """Share of the sparse points within the radius of a scene; the others may be wrong matches."""
 _FAR = 1.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Radii of a scene beyond which a Gaussian is far. Up to 2, nearly the same ones are, and viewers frame more emptiness."""
+"""Radii of a scene beyond which a Gaussian is far. Up to 2, nearly the same ones are; viewers then show more void."""
 
 
 def box_of(means: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
