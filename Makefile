@@ -26,7 +26,7 @@ help: ## what can be made
 setup: ## make the environments and fetch the model files; again: nothing to do
 	$(PYTHON) scripts/setup_environments.py
 
-demo: setup ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
+demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
 
 test: setup page lint contracts engine-tests blender-tests ## set-up, then all checks and tests
@@ -99,7 +99,7 @@ bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; nee
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
 	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
 
-zip: ## dist/gaussian_heritage.zip, to be installed in Blender
+zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
 offline-bundle: setup ## dist/gaussian_heritage_offline.zip: a computer like this one sets up the engine from it without a network

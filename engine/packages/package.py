@@ -42,8 +42,8 @@ _NOTES = {
     f"{_RECORDS}/lido.xml": "LIDO 1.1, for museum databases and portals",
     _IIIF: "IIIF Presentation 3 manifest of the pictures",
     f"{_PICTURES}/{SHEET}": "twelve views on one sheet",
-    f"{_PICTURES}/turntable.webm": "a film of all views (WebM, VP9)",
-    f"{_PICTURES}/turntable.mp4": "the same film (MP4, VP9)",
+    f"{_PICTURES}/turntable.webm": "a film of all views, for browsers (WebM, VP8)",
+    f"{_PICTURES}/turntable.mp4": "the same film, for other programs (MP4, MPEG-4)",
     "report.html": "the report of the reconstruction, for a browser",
 }
 

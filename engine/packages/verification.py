@@ -132,14 +132,14 @@ def _digest(package: StoredPackage, name: str, algorithm: str) -> str:
     digest = hashlib.new(algorithm)
     buffer = bytearray(_BUFFER_BYTES)
     view = memoryview(buffer)
-    with package.open(name) as stream:
+    with package.reading(name) as stream:
         while count := stream.readinto(buffer):  # type: ignore[attr-defined]
             digest.update(view[:count])
     return digest.hexdigest()
 
 
 def _read_text(package: StoredPackage, name: str) -> str:
-    with package.open(name) as stream:
+    with package.reading(name) as stream:
         data = stream.read(_MAX_LIST_BYTES + 1)
     if len(data) > _MAX_LIST_BYTES:
         raise FormatError(f"{name} in {package.path} is too large. Do not use this package.")

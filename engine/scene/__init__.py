@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from .camera import Camera, CameraSet, Lens, PinholeCamera
 from .camera_storage import MAX_COORDINATE, camera_problem, read_camera_set, write_camera_set
+from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
 from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixels
-from .looked_at import looked_at
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .polished import Polished, load_polished, save_polished
