@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-batch bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -123,6 +123,9 @@ container-test: ## build the container image and use it; needs root, buildah, de
 
 web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 3 minutes
 	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
+
+bench-packages: setup page ## verify beside sha256sum, and the cost of a package, into docs/records.md; needs the project of `make demo`
+	$(ENGINE) -m benchmarks.packages --project out/museum_room/project --doc docs/records.md
 
 bench-serve: page ## cost of the web server and its page, into docs/web.md; needs the project of `make demo`; 2 minutes
 	$(ENGINE) -m benchmarks.serve --project out/museum_room/project --doc docs/web.md

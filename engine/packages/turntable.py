@@ -27,8 +27,8 @@ N_PICTURES = 72  # by definition
 """Pictures of a turn: one each five degrees of a full one."""
 SHEET = "contact_sheet.png"
 FILMS = {"turntable.webm": "VP80", "turntable.mp4": "mp4v"}
-"""Films by name, with their codec. Browsers play VP8, presentation programs MPEG-4. OpenCV has no encoder for H.264, and
-that for VP9 takes four times as long as VP8 for the same size and likeness."""
+"""Films by name, with their codec. Browsers play VP8, presentation programs MPEG-4. OpenCV has no encoder for H.264,
+and that for VP9 takes four times as long as VP8 for the same size and likeness."""
 _OBJECT_SIDE = 512  # by definition
 _SCENE_SIDE = 640  # by definition
 """Longest side of the pictures, pixels."""
