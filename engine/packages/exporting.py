@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,9 @@ from ..scene import Camera, CameraSet, Gaussians, PinholeCamera, focal_and_cente
 from .page import Framing, framing_of_object, framing_of_scene, write_page
 from .turntable import Turn, turn_of_object, turn_of_scene
 
-__all__ = ["FORMATS", "Export", "Frame", "load_export", "turn_of", "write_export"]
+__all__ = ["FORMATS", "Export", "load_export", "turn_of", "write_export"]
 
 FORMATS = ("ply", "glb", "html")
-Frame = Literal["upright", "original"]
 _N_VIEWS = 8  # by definition
 _VIEW_SIDE = 512  # by definition
 
@@ -80,7 +79,7 @@ def load_export(project: ProjectFolder, name: str | None, *, title: str | None =
 
 
 def write_export(
-    path: Path, export: Export, file_format: str, *, frame: Frame, with_record: bool = True, backend: Backend = "cpu"
+    path: Path, export: Export, file_format: str, *, frame: str, with_record: bool = True, backend: Backend = "cpu"
 ) -> None:
     """Write a file of one of `FORMATS` atomically.
 
