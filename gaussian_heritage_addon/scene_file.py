@@ -6,28 +6,61 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import bpy
+from mathutils import Matrix
 
 from ..engine.files import path_within
-from ..engine.formats import read_ply
+from ..engine.formats import Up, file_from_z_up, read_ply, read_ply_file
 from ..engine.project_content import list_objects, scene_file
-from ..engine.scene import CameraSet, read_camera_set
+from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .object_import import add_object, new_collection, update_object
+from .placement import apply_measurement, placement_properties
 from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
 from .splats import SplatScene
+from .stored_file import keep_file
 
-__all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
+__all__ = ["add_objects", "add_other_file", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
 
 
-def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken: bool = False) -> SplatScene:
-    """Import the Gaussian PLY `file` into `scene` as an object called `name`."""
-    gaussians = read_ply(file, skip_broken=skip_broken)
+def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
+    """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`."""
+    gaussians = read_ply(file)
     splats = SplatScene.create(name, gaussians, scene.collection)
+    _show(scene, splats, len(gaussians))
+    return splats
+
+
+def add_other_file(
+    scene: bpy.types.Scene, file: Path, name: str, *, up: Up | None = None, skip_broken: bool = False
+) -> SplatScene:
+    """Import the Gaussian PLY `file`, of any program, into `scene` as an object called `name` that stands upright.
+
+    The numbers of the file stay as they are, also those that mean nothing here; the object is turned.
+
+    Parameters
+    ----------
+    scene : Scene
+    file : Path
+    name : str
+    up : {"z", "-y", "y"}, optional
+        Axis of the file that points up. None: what the file states, otherwise -Y, as in the files of most programs.
+    skip_broken : bool
+        See `read_ply_file`.
+    """
+    content = read_ply_file(file, skip_broken=skip_broken)
+    up = up or content.up or ("z" if content.is_ours else "-y")
+    splats = SplatScene.create(name, content.gaussians, scene.collection)
+    splats.object.matrix_world = Matrix(file_from_z_up(up).T.tolist())
+    keep_file(splats.object, content, up)
+    _show(scene, splats, len(content.gaussians))
+    return splats
+
+
+def _show(scene: bpy.types.Scene, splats: SplatScene, count: int) -> None:
     splats.object.heritage.role = "SCENE"
-    splats.object[COUNT_KEY] = len(gaussians)
+    splats.object[COUNT_KEY] = count
     apply_blending(scene)
     apply_visibility(scene)
-    return splats
 
 
 def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = True) -> SplatScene:
@@ -56,8 +89,10 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     camera_folder = path_within(project, "cameras")
     has_cameras = (camera_folder / "cameras.json").exists()
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
+    measurement = load_measurement(project) if has_cameras else Measurement()
     earlier = whole_scene(scene, project)
     placement = None if earlier is None else earlier.matrix_world.copy()
+    measured = {} if earlier is None else placement_properties(earlier)
     if earlier is not None:
         # The scene may have been trained again. Its placement is the user's choice.
         bpy.data.objects.remove(earlier)
@@ -69,6 +104,8 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     splats.object.heritage.project = str(project)
     if placement is not None:
         splats.object.matrix_world = placement
+        for key, value in measured.items():
+            splats.object[key] = value
     scene.heritage.project = str(project)
     if camera_set is not None:
         collection = new_collection(scene.collection, f"{_title(project)} Cameras")
@@ -76,7 +113,11 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", INITIAL_RENDER_SIDE)
     prepare_cycles(scene)
-    add_objects(scene, project, [item.id for item in objects])
+    # What was changed by hand and is not stored yet stays as it is in this file.
+    kept = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited}
+    kept.update(scene.heritage.deleted.split("\n"))
+    add_objects(scene, project, [item.id for item in objects if item.id not in kept])
+    apply_measurement(scene, measurement)
     return splats
 
 

@@ -19,6 +19,7 @@ from ..engine.formats import logits_of, transform_gaussians
 from ..engine.scene import Gaussians
 from .splat_material import COLOR_ATTRIBUTE
 from .splat_nodes import add_display
+from .stored_file import StoredFile, stored_file, unit_quats, with_stored_values
 
 __all__ = ["SplatScene"]
 
@@ -188,13 +189,20 @@ class SplatScene:
             for k in range(bands):
                 sh[:, k + 1] = _read(mesh, f"radiance:sh_{k}")
             scale = _read(mesh, "scale")
-            return Gaussians(
+            gaussians = Gaussians(
                 means=_read(mesh, "position"),
                 log_scales=np.log(np.maximum(scale, np.finfo(np.float32).tiny)),
                 quats=_read(mesh, "rotation"),
                 opacity_logits=logits_of(base[:, 3]),
                 sh=sh,
             )
+            return with_stored_values(mesh, gaussians, scale, base[:, 3])
+
+    @property
+    def stored_file(self) -> StoredFile | None:
+        """What is kept of the file that the object was imported from."""
+        with self._readable_mesh() as mesh:
+            return stored_file(self.object, mesh)
 
     def gaussians(self, threshold: float | None = None) -> Gaussians:
         """Return the Gaussians in world space, with positions, rotations, sizes and view-dependent colours transformed.
@@ -230,10 +238,7 @@ def _fill(mesh: bpy.types.Mesh, gaussians: Gaussians, index: NDArray[np.integer]
     mesh.vertices.add(len(gaussians))
     if len(gaussians):  # a mesh without vertices has no positions
         mesh.attributes["position"].data.foreach_set("vector", _flat(gaussians.means))
-    quats = gaussians.quats.astype(np.float64)
-    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
-    quats = np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
-    _write(mesh, "rotation", "QUATERNION", quats)
+    _write(mesh, "rotation", "QUATERNION", unit_quats(gaussians.quats))
     _write(mesh, "scale", "FLOAT_VECTOR", gaussians.scales)
     base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
     _write(mesh, "radiance:base", _BASE_TYPE, base)

@@ -12,6 +12,8 @@ from . import (
     continue_job,
     dismiss_candidates,
     drop_job,
+    edit_objects,
+    edit_region,
     export_objects,
     fetch_model,
     find_objects,
@@ -20,8 +22,10 @@ from . import (
     isolate,
     isolate_background,
     look_through_photo,
+    measure_scene,
     open_project,
     open_result,
+    pick_object,
     refine_object,
     remove_default_objects,
     remove_engine,
@@ -37,11 +41,15 @@ _MODULES = (
     open_project,
     isolate,
     click_object,
+    pick_object,
     find_objects,
     isolate_background,
     accept_candidate,
     dismiss_candidates,
     refine_object,
+    edit_region,
+    edit_objects,
+    measure_scene,
     export_objects,
     look_through_photo,
     set_up_engine,
@@ -66,7 +74,8 @@ def _import_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 
 def _export_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    menu.layout.operator("heritage.export_objects", text="Gaussian Objects (.ply/.glb)")
+    menu.layout.operator("heritage.export_objects", text="Gaussian Objects (.ply/.glb/.spz/.usd)")
+    menu.layout.operator("heritage.export_splats", text="Gaussian Splats, One File (.ply/.glb/.spz/.usd)")
 
 
 def register() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
 
-from ..gaussian_heritage_addon.scene_file import add_splat_file, prepare_cycles
+from ..engine.formats import Up
+from ..gaussian_heritage_addon.scene_file import add_other_file, prepare_cycles
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
@@ -25,6 +26,19 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
 
     filename_ext = ".ply"
     filter_glob: Annotated[str, StringProperty(default="*.ply", options={"HIDDEN"})]
+    up: Annotated[
+        str,
+        EnumProperty(
+            name="Up Axis",
+            description="Axis of the file that points up",
+            items=[
+                ("AUTO", "As Stated", "What the file states; otherwise -Y, as in the files of most programs"),
+                ("z", "Z", "Z points up, as in Blender"),
+                ("-y", "-Y", "Y points down, as in most Gaussian scenes"),
+                ("y", "Y", "Y points up"),
+            ],
+        ),
+    ]
     skip_broken: Annotated[
         bool,
         BoolProperty(
@@ -44,7 +58,8 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the file."""
         file = Path(bpy.path.abspath(self.filepath))
-        splats = add_splat_file(context.scene, file, file.stem, skip_broken=self.skip_broken)
+        up = None if self.up == "AUTO" else cast(Up, self.up)
+        splats = add_other_file(context.scene, file, file.stem, up=up, skip_broken=self.skip_broken)
         if self.use_cycles:
             prepare_cycles(context.scene)
         count = len(splats.object.data.vertices)

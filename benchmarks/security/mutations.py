@@ -203,6 +203,20 @@ def _with_another_event(data: bytes, rng: random.Random) -> bytes:
 
 _TEXT: tuple[Mutator, ...] = (_with_other_lines, _with_another_word, _with_other_digits)
 
+
+def _with_other_content(data: bytes, rng: random.Random) -> bytes:
+    """Damage what a gzip stream holds: mostly the 16 bytes of the header of SPZ, or its length."""
+    content = bytearray(gzip.decompress(data))
+    what = rng.random()
+    if what < 0.5:
+        content[rng.randrange(4, 15)] = rng.choice((0, 1, 2, 3, 4, 24, 127, 128, 255))
+    elif what < 0.75:
+        content = bytearray(_cut(bytes(content), rng) if rng.random() < 0.5 else _with_more(bytes(content), rng))
+    else:
+        content = bytearray(_with_flipped_bits(bytes(content), rng))
+    return gzip.compress(bytes(content), 1)
+
+
 KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "json": JSON,
     "jsonl": (_with_another_event, _with_another_event, _with_another_event, *_TEXT),
@@ -222,6 +236,7 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "webp": WEBP,
     # Counts and sizes of 8 bytes between numbers: changing bytes finds them.
     "bin": (_with_another_number,),
+    "spz": (_with_other_content,),
     "mp4": (_with_another_number, _with_zeros),
     "db": (_with_another_number, _with_zeros),
 }
@@ -272,6 +287,7 @@ _LARGE: Mapping[str, Callable[[bytes, random.Random, int], bytes]] = {
     "npz": bomb,
     "zip": bomb,
     "tgz": _large_tar,
+    "spz": _large_tar,
     "ply": large_ply,
     "glb": lambda data, rng, size: with_document(data, _large_json(document_of(data), rng, size)),
     "png": png_bomb,

@@ -91,7 +91,7 @@ def _read_record(folder: Path) -> object:
         records.gltf_extras(described, frame="upright"),
         records.iiif_manifest(described, [], address=records.EXAMPLE_ADDRESS, name="manifest.json"),
         records.lido_xml(described),
-        records.ply_comments(described, frame="upright"),
+        records.ply_comments(records.gltf_extras(described, frame="upright")),
         records.xmp_packet(described),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["SCENE"]
 
+FORMATS = Path(__file__).resolve().parents[2] / "tests" / "fixtures" / "formats"
 _N = 3
 
 
@@ -86,6 +88,23 @@ def _read_cameras(folder: Path) -> object:
     from engine.scene import read_camera_set
 
     return read_camera_set(folder / "cameras")
+
+
+def _write_measurement(folder: Path) -> None:
+    from engine.scene import MeasuredDistance, Measurement, save_measurement
+
+    _write_cameras(folder)
+    a, b, c = (0.0, 0.0, 0.0), (1.0, 0.0, 0.1), (0.0, 1.0, 0.0)
+    save_measurement(
+        folder, Measurement((MeasuredDistance(a, b, 0.5), MeasuredDistance(a, c, 0.6)), (a, b, c), (a, c), b)
+    )
+
+
+def _load_measurement(folder: Path) -> object:
+    from engine.scene import load_measurement
+
+    measurement = load_measurement(folder)
+    return measurement.measured_from_world, measurement.residuals, measurement.ground_residual
 
 
 def _show_cameras(folder: Path) -> object:
@@ -241,6 +260,22 @@ def _read_ply(folder: Path) -> object:
     return kept, read_ply(folder / "scene.ply")
 
 
+def _write_compressed_ply(folder: Path) -> None:
+    shutil.copyfile(FORMATS / "playcanvas.compressed.ply", folder / "scene.ply")
+
+
+def _write_spz(folder: Path) -> None:
+    from engine.formats import write_spz
+
+    write_spz(folder / "scene.spz", _gaussians())
+
+
+def _read_spz(folder: Path) -> object:
+    from engine.formats import read_spz
+
+    return read_spz(folder / "scene.spz")
+
+
 def _write_glb(folder: Path) -> None:
     from engine.formats import write_glb
 
@@ -303,8 +338,11 @@ SCENE: tuple[Reader, ...] = (
     Reader("label-map", _write_label_map, _read_label_map, ("a.jpg.npz",)),
     Reader("scene", _write_scene, _read_scene, ("scene.ply", "features.npy"), share=2.0),
     Reader("polished", _write_polished, _read_polished, ("objects/vase/polished.npz",), share=2.0),
+    Reader("measurement", _write_measurement, _load_measurement, ("measurement.json",)),
     Reader("ply", _write_ply, _read_ply, ("scene.ply",)),
     Reader("ply-of-others", _write_ply_of_others, _read_ply, ("scene.ply",)),
+    Reader("ply-compressed", _write_compressed_ply, _read_ply, ("scene.ply",)),
+    Reader("spz", _write_spz, _read_spz, ("scene.spz",)),
     Reader("glb", _write_glb, _read_glb, ("scene.glb",), share=2.0),
     Reader("checkpoint", _write_checkpoint, _read_checkpoint, ("run/training.npz",), share=2.0),
 )

@@ -1,21 +1,27 @@
-"""``export``: write the scene or an object as PLY or glTF, or as a page that shows it."""
+"""``export``: write the scene or an object as PLY, glTF, SPZ or USD, or as a page that shows it."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import ProjectError, SettingsError
-from ..events import Emit, Finished, StopCheck
+from ..events import Emit, Finished, StopCheck, Warned
 from ..project_folder import ProjectFolder
+
+if TYPE_CHECKING:
+    from ..scene import ExportFrame
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "export"
-HELP = "Write the scene or one object as 3DGS PLY, as glTF with KHR_gaussian_splatting, or as a page that shows it."
+HELP = "Write the scene or one object as 3DGS PLY, glTF (KHR_gaussian_splatting), SPZ, USD, or a page that shows it."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
 USES_CAMERAS = True
+FAR = ("leave-out", "keep", "second-file")
+"""What becomes of far Gaussians of a scene."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,9 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
     parser.add_argument(
         "--format",
-        choices=("ply", "glb", "html"),
+        choices=("ply", "glb", "spz", "usd", "html"),
         required=True,
-        help="html: one file with a viewer and the record, which a browser opens without the web",
+        help="ply: 3D Gaussian splatting, Y down; glb: glTF, Y up; spz: a sixth of the size, without a record; usd: "
+        "ParticleField3DGaussianSplat, Z up; html: one file with a viewer and the record, which a browser opens "
+        "without the web",
     )
     parser.add_argument("--out", type=Path, required=True, help="file to write")
     parser.add_argument("--title", help="title of the scene in the record (default: the name of the photo folder)")
@@ -37,6 +45,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="leave out the sphere that shows the sky or another plain backdrop of the scene",
     )
     parser.add_argument(
+        "--far",
+        choices=FAR,
+        default=FAR[0],
+        help="Gaussians of a scene that lie more than twice as far out as the cameras and 99 %% of the sparse points, "
+        "which make viewers show the scene as a dot: left out, kept, or written to a second file, NAME_far "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--origin",
+        choices=("own", "scene"),
+        default="own",
+        help="origin of an object's file: the middle of its foot, or that of the scene (default: %(default)s; "
+        "the scene's with --frame original or world)",
+    )
+    parser.add_argument(
         "--record",
         choices=("full", "none"),
         default="full",
@@ -45,9 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--frame",
-        choices=("upright", "original"),
-        help="upright: Z up (glTF: Y up), about unit size; original: the frame of the given or estimated poses "
-        "(default: original where poses were given)",
+        choices=("upright", "original", "world"),
+        help="upright: as `measure` placed and scaled it, otherwise about unit size; original: the frame of the given "
+        "or estimated poses; world: the frame of cameras/cameras.json, Z up in PLY, too (default: original where poses "
+        "were given and nothing was measured, otherwise upright)",
     )
 
 
@@ -59,19 +83,25 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Write the file."""
-    from ..packages import load_export, write_export
+    from ..packages import SUFFIXES, divided, load_export, write_export
 
     out: Path = options.out
     if out.is_dir():
         raise ProjectError(f"{out} is a folder. Choose a file name.")
-    if out.suffix.lower() != f".{options.format}":
+    if out.suffix.lower() not in SUFFIXES[options.format]:
         raise SettingsError(
             f"--format {options.format} writes {options.format.upper()}, but {out} has another extension."
         )
     if options.object is not None and options.without_background:
         raise SettingsError("--without-background is for whole scenes; an object has no background. Leave it out.")
-    if out.exists() and not options.overwrite:
-        raise ProjectError(f"{out} already exists. Choose another name or add --overwrite.")
+    if options.format == "html" and options.far != FAR[0]:
+        raise SettingsError("A page frames the scene by its cameras and shows all of it. Leave out --far.")
+    if options.format == "spz" and options.record == "full":
+        emit(Warned("SPZ has no place for text, so the file has no record. Export PLY, GLB or USD to keep it."))
+    second = out.with_name(f"{out.stem}_far{out.suffix}")
+    existing = [file for file in (out, second) if file.exists() and (file == out or options.far == "second-file")]
+    if existing and not options.overwrite:
+        raise ProjectError(f"{existing[0]} already exists. Choose another name or add --overwrite.")
     project = ProjectFolder.open_existing(options.project)
     export = load_export(project, options.object, title=options.title)
     left_out = 0
@@ -81,12 +111,38 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         export = replace(export, gaussians=export.gaussians[left_out:], notes=notes)
         if len(export.gaussians) == 0:
             raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
-    shown = options.format == "html"
-    frame = options.frame or ("original" if export.camera_set.poses_given and not shown else "upright")
-    write_export(out, export, options.format, frame=frame, with_record=options.record == "full")
-    figures = {"file": str(out), "n_gaussians": len(export.gaussians), "n_background_left_out": left_out}
-    emit(Finished(f"Wrote {len(export.gaussians)} Gaussians to {out}.", figures))
+    near, far = divided(export) if options.format != "html" and options.far != "keep" else (export, None)
+    shown = "upright" if options.format == "html" and options.frame is None else options.frame
+    how = {"frame": shown, "with_record": options.record == "full", "in_scene": options.origin == "scene"}
+    placed = write_export(out, near, options.format, **how)
+    n_far = 0 if far is None else len(far.gaussians)
+    if far is not None and options.far == "second-file":
+        write_export(second, far, options.format, **how)
+    figures = {"file": str(out), "n_gaussians": len(near.gaussians), "n_background_left_out": left_out}
+    figures |= {"n_far": n_far, **placed.as_dict()}
+    emit(
+        Finished(
+            f"Wrote {len(near.gaussians)} Gaussians to {out}; {_unit_sentence(placed)}.{_far(n_far, options, second)}",
+            figures,
+        )
+    )
     return 0
+
+
+def _far(count: int, options: argparse.Namespace, second: Path) -> str:
+    """Return what is said of far Gaussians."""
+    if not count:
+        return ""
+    if options.far == "second-file":
+        return f" {count} far Gaussians are in {second.name}."
+    return f" {count} far Gaussians were left out; `--far keep` or `--far second-file` writes them."
+
+
+def _unit_sentence(frame: ExportFrame) -> str:
+    """Return what is said of the unit of the file, as the end of a sentence."""
+    if frame.metres_per_unit is None:
+        return "its unit is unknown, see `measure`"
+    return "its unit is the metre" if frame.is_metric else f"its unit is {frame.unit}"
 
 
 def _n_background(project: ProjectFolder, n: int) -> int:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import json
 import os
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,18 +25,22 @@ from .. import __version__
 from ..errors import FormatError
 from ..files import atomic_write, opened, optional, parse_json
 from ..scene import Gaussians
+from .axes import y_up_from_z_up, z_up_from_y_up
 from .bounds import require_memory, usable_rows
 from .ply import check_finite
 from .spherical_harmonics import SH_C0
 from .transform import logits_of, transform_gaussians
 
-__all__ = ["EXTENSION", "read_glb", "write_glb", "y_up_from_z_up", "z_up_from_y_up"]
+__all__ = ["EXTENSION", "read_glb", "write_glb"]
 
 EXTENSION = "KHR_gaussian_splatting"
 _XMP = "KHR_xmp_json_ld"
 _ROTATION = f"{EXTENSION}:ROTATION"
 _SCALE = f"{EXTENSION}:SCALE"
 _OPACITY = f"{EXTENSION}:OPACITY"
+_SEEN = "_PHOTOS_SEEN"
+_ROWS_PER_CHUNK = 1 << 16
+"""Gaussians whose values are made at once."""
 _MAGIC, _JSON_CHUNK, _BIN_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 _FLOAT, _USHORT, _ARRAY_BUFFER = 5126, 5123, 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
@@ -55,16 +60,6 @@ _SCHEMA = {
 """The parts of the JSON part that are read."""
 
 
-def y_up_from_z_up() -> NDArray[np.float64]:
-    """Return the rotation [4, 4] from the engine's world (Z up) to glTF's (Y up): (x, y, z) becomes (x, z, -y)."""
-    return np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
-
-
-def z_up_from_y_up() -> NDArray[np.float64]:
-    """Return the rotation [4, 4] from glTF's world to the engine's, the inverse of `y_up_from_z_up`."""
-    return y_up_from_z_up().T
-
-
 def write_glb(
     path: Path,
     gaussians: Gaussians,
@@ -74,6 +69,8 @@ def write_glb(
     extras: Mapping[str, Any] | None = None,
     xmp: Mapping[str, Any] | None = None,
     color_fallback: bool = True,
+    matrix: NDArray[np.float64] | None = None,
+    seen: NDArray[np.integer] | None = None,
 ) -> None:
     """Write `gaussians` as a GLB atomically, replacing an existing file.
 
@@ -92,6 +89,10 @@ def write_glb(
         Packet of XMP about the whole file, written with the extension KHR_xmp_json_ld.
     color_fallback : bool
         Whether to add ``COLOR_0``, with which viewers without the extension show a coloured point cloud.
+    matrix : array of shape [4, 4], float64, optional
+        A transform of the Gaussians before they are turned.
+    seen : array of shape [N], int, optional
+        Number of photos that saw each Gaussian, for the attribute ``_PHOTOS_SEEN``.
 
     Raises
     ------
@@ -103,12 +104,14 @@ def write_glb(
         When the file cannot be written.
     """
     check_finite(gaussians)
-    attributes = _attributes(transform_gaussians(gaussians, y_up_from_z_up()), color_fallback=color_fallback)
-    document, blobs = _document(attributes, name=name, copyright=copyright, extras=extras, xmp=xmp)
+    turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
+    attributes = _attributes(turned, color_fallback=color_fallback, seen=seen)
+    document, n_bytes = _document(
+        attributes, name=name, copyright=copyright, extras=extras, xmp=xmp, bounds=_bounds(turned), count=len(turned)
+    )
     text = json.dumps(document, ensure_ascii=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    binary_length = sum(blob.nbytes for blob in blobs)
-    total = 12 + 8 + len(text) + (8 + binary_length if blobs else 0)
+    total = 12 + 8 + len(text) + (8 + n_bytes if n_bytes else 0)
     if total > _MAX_FILE_SIZE:
         raise FormatError(
             f"{path} would take {total / 2**30:.1f} GiB; GLB is limited to 4 GiB. Export fewer Gaussians, or as PLY."
@@ -116,31 +119,60 @@ def write_glb(
     with atomic_write(path) as stream:
         stream.write(struct.pack("<III", _MAGIC, 2, total))
         stream.write(struct.pack("<II", len(text), _JSON_CHUNK) + text)
-        if blobs:
-            stream.write(struct.pack("<II", binary_length, _BIN_CHUNK))
-            for blob in blobs:
-                stream.write(blob.data)
+        if n_bytes:
+            stream.write(struct.pack("<II", n_bytes, _BIN_CHUNK))
+            for attribute in attributes.values():
+                for start in range(0, len(turned), _ROWS_PER_CHUNK):
+                    part = slice(start, start + _ROWS_PER_CHUNK)
+                    stream.write(np.ascontiguousarray(attribute.values(part), attribute.dtype).data)
 
 
-def _attributes(gaussians: Gaussians, *, color_fallback: bool) -> dict[str, NDArray[Any]]:
-    lengths = np.linalg.norm(gaussians.quats.astype(np.float64), axis=1, keepdims=True)
-    unit = np.where(lengths > 0, gaussians.quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
-    attributes: dict[str, NDArray[Any]] = {
-        "POSITION": gaussians.means,
-        _ROTATION: np.roll(unit, -1, axis=1).astype(np.float32),
-        _SCALE: gaussians.scales,
-        _OPACITY: gaussians.opacities[:, None],
+@dataclass(frozen=True)
+class _Attribute:
+    """Values of all Gaussians, made for some at a time."""
+
+    width: int
+    values: Callable[[slice], NDArray[Any]]
+    dtype: str = "<f4"
+
+
+def _attributes(
+    gaussians: Gaussians, *, color_fallback: bool, seen: NDArray[np.integer] | None
+) -> dict[str, _Attribute]:
+    attributes = {
+        "POSITION": _Attribute(3, lambda part: gaussians.means[part]),
+        _ROTATION: _Attribute(4, lambda part: np.roll(_unit(gaussians.quats[part]), -1, axis=1)),
+        _SCALE: _Attribute(3, lambda part: gaussians[part].scales),
+        _OPACITY: _Attribute(1, lambda part: gaussians[part].opacities),
     }
     for degree in range(gaussians.sh_degree + 1):
         for order in range(2 * degree + 1):
-            attributes[_sh_name(degree, order)] = gaussians.sh[:, degree * degree + order]
+            index = degree * degree + order
+            attributes[_sh_name(degree, order)] = _Attribute(3, lambda part, k=index: gaussians.sh[part, k])
     if color_fallback:
-        srgb = np.clip(0.5 + SH_C0 * gaussians.sh[:, 0], 0, 1)
-        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-        color = np.concatenate([linear, gaussians.opacities[:, None]], axis=1)
-        # With 8 bits a linear colour would show bands in dark areas.
-        attributes["COLOR_0"] = np.round(color * 65535).astype(np.uint16)
+        attributes["COLOR_0"] = _Attribute(4, lambda part: _fallback_color(gaussians[part]), "<u2")
+    if seen is not None:
+        attributes[_SEEN] = _Attribute(1, lambda part: seen[part])
     return attributes
+
+
+def _unit(quats: NDArray[np.float32]) -> NDArray[np.float64]:
+    lengths = np.linalg.norm(quats.astype(np.float64), axis=1, keepdims=True)
+    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0))
+
+
+def _fallback_color(gaussians: Gaussians) -> NDArray[np.float64]:
+    srgb = np.clip(0.5 + SH_C0 * gaussians.sh[:, 0], 0, 1)
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    color = np.concatenate([linear, gaussians.opacities[:, None]], axis=1)
+    # With 8 bits a linear colour would show bands in dark areas.
+    return np.round(color * 65535)
+
+
+def _bounds(gaussians: Gaussians) -> tuple[list[float], list[float]]:
+    if len(gaussians) == 0:
+        return [], []
+    return gaussians.means.min(axis=0).tolist(), gaussians.means.max(axis=0).tolist()
 
 
 def _sh_name(degree: int, order: int) -> str:
@@ -148,14 +180,16 @@ def _sh_name(degree: int, order: int) -> str:
 
 
 def _document(
-    attributes: dict[str, NDArray[Any]],
+    attributes: dict[str, _Attribute],
     *,
     name: str,
     copyright: str | None,
     extras: Mapping[str, Any] | None,
     xmp: Mapping[str, Any] | None,
-) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """Return the JSON part and the arrays of the binary part, whose rows have a multiple of 4 bytes."""
+    bounds: tuple[list[float], list[float]],
+    count: int,
+) -> tuple[dict[str, Any], int]:
+    """Return the JSON part, and the size of the binary part, whose rows have a multiple of 4 bytes."""
     asset: dict[str, Any] = {"version": "2.0", "generator": f"Gaussian Heritage {__version__}"}
     if copyright:
         asset["copyright"] = copyright
@@ -173,30 +207,28 @@ def _document(
         document["extensionsUsed"].append(_XMP)
         document["extensions"] = {_XMP: {"packets": [dict(xmp)]}}
         asset["extensions"] = {_XMP: {"packet": 0}}
-    if len(attributes["POSITION"]) == 0:
+    if count == 0:
         # glTF does not allow an empty accessor: an object without Gaussians is a node without a mesh.
         document["extensionsUsed"].remove(EXTENSION)
         if xmp is None:
             del document["extensionsUsed"]
-        return document, []
-    blobs, accessors, views, offset = [], [], [], 0
-    for values in attributes.values():
-        blob = np.ascontiguousarray(values)
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": blob.nbytes, "target": _ARRAY_BUFFER})
-        is_integer = blob.dtype == np.uint16
+        return document, 0
+    accessors, views, offset = [], [], 0
+    for attribute in attributes.values():
+        is_integer = attribute.dtype == "<u2"
+        n_bytes = count * attribute.width * np.dtype(attribute.dtype).itemsize
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": n_bytes, "target": _ARRAY_BUFFER})
         accessor: dict[str, Any] = {
             "bufferView": len(views) - 1,
             "componentType": _USHORT if is_integer else _FLOAT,
-            "count": len(blob),
-            "type": _TYPES[blob.shape[1]],
+            "count": count,
+            "type": _TYPES[attribute.width],
         }
         if is_integer:
             accessor["normalized"] = True
         accessors.append(accessor)
-        blobs.append(blob)
-        offset += blob.nbytes
-    accessors[0]["min"] = attributes["POSITION"].min(axis=0).tolist()
-    accessors[0]["max"] = attributes["POSITION"].max(axis=0).tolist()
+        offset += n_bytes
+    accessors[0]["min"], accessors[0]["max"] = bounds
     node["mesh"] = 0
     primitive = {
         "attributes": {key: index for index, key in enumerate(attributes)},
@@ -212,7 +244,7 @@ def _document(
     }
     document["meshes"] = [{"name": name, "primitives": [primitive]}]
     document |= {"accessors": accessors, "bufferViews": views, "buffers": [{"byteLength": offset}]}
-    return document, blobs
+    return document, offset
 
 
 def read_glb(path: Path) -> Gaussians:

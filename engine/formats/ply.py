@@ -2,18 +2,20 @@
 
 A Gaussian has the float32 properties ``x y z nx ny nz f_dc_0..2 f_rest_0..(3 (n_sh - 1) - 1) opacity scale_0..2
 rot_0..3``. ``opacity`` is a logit, ``scale`` a natural logarithm, ``rot`` a quaternion wxyz, and ``f_rest`` is
-channel-major (all red coefficients, then green, then blue). The format defines neither unit nor axes: both are those of
-the given Gaussians.
+channel-major (all red coefficients, then green, then blue). The format defines neither unit nor axes. Viewers take -Y
+for up; our files say which axis is up in the comment ``up_axis``.
+
+Rows are read and written in chunks, so that the Gaussians are in memory once.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,47 +23,72 @@ from numpy.typing import NDArray
 from ..errors import FormatError, NumericalError
 from ..files import atomic_write, opened
 from ..scene import Gaussians
+from .axes import Up, file_from_z_up
 from .bounds import require_memory, usable_rows
-from .transform import logits_of
+from .compressed_ply import read_compressed
+from .ply_header import Header, read_header, require_rows, skip_to
+from .transform import logits_of, transform_gaussians
 
-__all__ = ["check_finite", "read_ply", "write_ply"]
+__all__ = ["PlyFile", "check_finite", "read_ply", "read_ply_file", "write_ply"]
 
-_TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
+Columns = Callable[..., NDArray[np.float32]]
+
 _POSITION = ("x", "y", "z")
+_NORMAL = ("nx", "ny", "nz")
 _COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REST_COUNTS = (0, 9, 24, 45)
-_ROWS_PER_CHUNK = 1 << 16
-"""Gaussians written at once, to limit the memory of their table."""
-_MAX_HEADER = 1 << 20
-"""Bytes. A longer header is taken for damage."""
-_MAX_HEADER_LINES = 10_000
-_MAX_PROPERTIES = 1000
-_CHUNK_BYTES = 1 << 24
+_ROWS_PER_CHUNK = 1 << 14
+"""Gaussians read or written at once: their table stays in the processor's cache."""
+_UNTURNED = 1e-6  # by definition
+"""Difference from the identity up to which a transform changes nothing; Blender's matrices are float32."""
+_UP_AXIS = "up_axis"
+_GENERATOR = "generator Gaussian Heritage"
 
 
-@dataclass
-class _Element:
-    name: str
-    count: int
-    properties: dict[str, str] = field(default_factory=dict)
-    """NumPy type of each property that is no list."""
-    n_properties: int = 0
-    has_lists: bool = False
+@dataclass(frozen=True)
+class PlyFile:
+    """A 3DGS PLY as it is stored.
+
+    Attributes
+    ----------
+    gaussians : Gaussians
+        In the axes of the file.
+    extra : dict of str to array of shape [N]
+        Properties that are not those of a Gaussian, in the type of the file; without normals that are all 0.
+    header : tuple of str
+        Lines of the header, for `write_ply`; empty for a compressed file.
+    """
+
+    gaussians: Gaussians
+    extra: dict[str, NDArray[Any]]
+    header: tuple[str, ...]
 
     @property
-    def dtype(self) -> np.dtype[np.void]:
-        """Type of a row."""
-        return np.dtype(list(self.properties.items()))
+    def up(self) -> Up | None:
+        """The axis that the file says is up; None where it says nothing."""
+        comments = [line.split()[1:] for line in self.header if line.startswith("comment ")]
+        stated = next((words[1] for words in comments if words[:1] == [_UP_AXIS] and len(words) == 2), None)
+        return cast(Up, stated) if stated in get_args(Up) else None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether this program wrote the file. Before it stated the axis, Z was up in its files."""
+        return f"comment {_GENERATOR}" in self.header
 
 
-def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ()) -> None:
-    """Write `gaussians` as a binary little-endian 3DGS PLY atomically, replacing an existing file.
+def write_ply(
+    path: Path,
+    gaussians: Gaussians,
+    *,
+    comments: Sequence[str] = (),
+    up: Up | None = None,
+    matrix: NDArray[np.float64] | None = None,
+    extra: Mapping[str, NDArray[Any]] | None = None,
+    header: Sequence[str] = (),
+) -> None:
+    """Write `gaussians` as a binary 3DGS PLY atomically, replacing an existing file.
 
     Parameters
     ----------
@@ -71,6 +98,16 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
     comments : sequence of str
         Header comments, e.g. ``"catalogue_number 1906.12"``; newlines become spaces. Readers such as plyfile refuse a
         header that is not ASCII, so other characters, and backslashes, are written as JSON escapes: ``\\u00d6lkanne``.
+    up : {"z", "-y", "y"}, optional
+        The axis of the file that points up, which a comment states; the Gaussians, in whose world Z is up, are turned.
+        None: they are written as they are, and the file says nothing.
+    matrix : array of shape [4, 4], float64, optional
+        A transform of the Gaussians before they are turned.
+    extra : mapping of str to array of shape [N], optional
+        Further properties; without `header` they are written as float32.
+    header : sequence of str
+        Header of the file that the Gaussians came from (`PlyFile.header`). Its lines, with the properties in their
+        order and types, are written again instead of the standard ones and of `comments`.
 
     Raises
     ------
@@ -80,38 +117,68 @@ def write_ply(path: Path, gaussians: Gaussians, *, comments: Sequence[str] = ())
         When the file cannot be written.
     """
     check_finite(gaussians)
+    extra = extra or {}
     rest = 3 * (gaussians.sh.shape[1] - 1)
-    names = [
-        *_POSITION,
-        "nx",
-        "ny",
-        "nz",
-        *_COLOR,
-        *(f"f_rest_{i}" for i in range(rest)),
-        "opacity",
-        *_SCALE,
-        *_ROTATION,
-    ]
-    lines = ["ply", "format binary_little_endian 1.0"]
-    lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in comments]
-    lines += [
-        f"element vertex {len(gaussians)}",
-        *(f"property float {name}" for name in names),
-        "end_header",
-        "",
-    ]
+    if header:
+        kept = Header.of(header, path)
+        dtype = next(element for element in kept.elements if element.name == "vertex").dtype
+        lines = [f"element vertex {len(gaussians)}" if line.startswith("element vertex") else line for line in header]
+    else:
+        names = [*_POSITION, *_NORMAL, *_COLOR, *(f"f_rest_{i}" for i in range(rest)), "opacity", *_SCALE, *_ROTATION]
+        names += [name for name in extra if name not in names]
+        dtype = np.dtype([(name, "<f4") for name in names])
+        stated = [*([] if up is None else [f"{_UP_AXIS} {up}"]), *comments]
+        lines = ["format binary_little_endian 1.0"]
+        lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in stated]
+        lines += [f"element vertex {len(gaussians)}", *(f"property float {name}" for name in names)]
+    turn = file_from_z_up(up) if matrix is None else file_from_z_up(up) @ matrix
+    is_turned = not np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED)
     with atomic_write(path) as stream:
-        stream.write("\n".join(lines).encode("ascii"))
+        stream.write("\n".join(["ply", *lines, "end_header", ""]).encode())
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
-            part = gaussians[slice(start, start + _ROWS_PER_CHUNK)]
-            rows = np.zeros((len(part), len(names)), dtype="<f4")
-            rows[:, 0:3] = part.means
-            rows[:, 6:9] = part.sh[:, 0]
-            rows[:, 9 : 9 + rest] = part.sh[:, 1:].transpose(0, 2, 1).reshape(len(part), rest)
-            rows[:, 9 + rest] = part.opacity_logits
-            rows[:, 10 + rest : 13 + rest] = part.log_scales
-            rows[:, 13 + rest :] = part.quats
-            stream.write(rows.data)
+            chunk = slice(start, start + _ROWS_PER_CHUNK)
+            part = gaussians[chunk]
+            if is_turned:
+                part = transform_gaussians(part, turn)
+            stream.write(_rows(part, {name: values[chunk] for name, values in extra.items()}, dtype).data)
+
+
+def _rows(part: Gaussians, extra: dict[str, NDArray[Any]], dtype: np.dtype[np.void]) -> NDArray[Any]:
+    """Return the rows of some Gaussians, as bytes in the order of `dtype`."""
+    rest = 3 * (part.sh.shape[1] - 1)
+    groups = {
+        _POSITION: part.means,
+        _COLOR: part.sh[:, 0],
+        tuple(f"f_rest_{i}" for i in range(rest)): part.sh[:, 1:].transpose(0, 2, 1).reshape(len(part), rest),
+        ("opacity",): part.opacity_logits[:, None],
+        _SCALE: part.log_scales,
+        _ROTATION: part.quats,
+        **{(name,): values[:, None] for name, values in extra.items()},
+    }
+    rows = np.zeros(len(part), dtype)
+    table = _table(rows)
+    position = {name: index for index, name in enumerate(dtype.names or ())}
+    for names, values in groups.items():
+        if table is not None and names:
+            table[:, _index([position[name] for name in names])] = values
+        else:
+            for column, name in enumerate(names):
+                rows[name] = values[:, column]
+    return rows.view(np.uint8)
+
+
+def _table(rows: NDArray[Any]) -> NDArray[np.float32] | None:
+    """Return `rows` as a table [N, n_properties] of the same memory; None unless all are little-endian float32."""
+    names = rows.dtype.names or ()
+    if any(rows.dtype[name] != np.dtype("<f4") for name in names):
+        return None
+    return rows.view("<f4").reshape(len(rows), len(names))
+
+
+def _index(columns: list[int]) -> slice | list[int]:
+    """Return what selects `columns`: a slice, which needs no copy, where they are neighbours."""
+    first = columns[0]
+    return slice(first, first + len(columns)) if columns == list(range(first, first + len(columns))) else columns
 
 
 def _ascii(text: str) -> str:
@@ -123,139 +190,121 @@ def check_finite(gaussians: Gaussians) -> None:
     """Raise `NumericalError` for the first array of `gaussians` with a value that is not finite."""
     for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
         values = getattr(gaussians, name)
+        # A sum is not finite where a value is not, and needs no second array; it may overflow where all are.
+        with np.errstate(over="ignore", invalid="ignore"):
+            if np.isfinite(values.sum(dtype=np.float64)):
+                continue
         n_broken = values.size - int(np.count_nonzero(np.isfinite(values)))
         if n_broken:
             raise NumericalError(f"{n_broken} of {values.size} values of `{name}` are not finite. Nothing was written.")
 
 
 def read_ply(path: Path, *, skip_broken: bool = False, advice: str = "Copy or export it again.") -> Gaussians:
-    """Return the Gaussians of a 3DGS PLY, whose properties may be in any order; unknown properties are ignored.
+    """Return the Gaussians of a 3DGS PLY in the engine's world: turned where the file says that another axis is up.
+
+    Files that say nothing, as those of projects and of other programs, are returned as they are. See `read_ply_file`.
+    """
+    file = read_ply_file(path, skip_broken=skip_broken, advice=advice, with_extra=False)
+    turn = file_from_z_up(file.up).T
+    return file.gaussians if np.array_equal(turn, np.eye(4)) else transform_gaussians(file.gaussians, turn)
+
+
+def read_ply_file(
+    path: Path, *, skip_broken: bool = False, advice: str = "Copy or export it again.", with_extra: bool = True
+) -> PlyFile:
+    """Return the content of a 3DGS PLY, whose properties may be in any order.
 
     Parameters
     ----------
     path : Path
-        Binary file of either byte order.
+        Binary file of either byte order, with properties of any type, or compressed as by PlayCanvas.
     skip_broken : bool
         Whether to skip Gaussians with a value that is not finite or too large instead of refusing the file.
     advice : str
         What the user should do about an incomplete file.
+    with_extra : bool
+        Whether to read properties that are not those of a Gaussian.
 
     Raises
     ------
     FormatError
-        When the file cannot be read, is not a PLY or has no Gaussians, is truncated, ASCII or compressed, or has values
-        that are not finite or too large. Nothing is allocated for more Gaussians than the file has bytes for.
+        When the file cannot be read, is not a PLY or has no Gaussians, is truncated or ASCII, or has values that are
+        not finite or too large. Nothing is allocated for more Gaussians than the file has bytes for.
     """
     with opened(path, advice="Check the path and its permissions.") as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(0)
-        elements = _read_header(stream, path, advice)
-        vertex = _skip_to_vertex(stream, elements, path, size, advice)
-        dtype = vertex.dtype
-        _check_properties(dtype, path)
-        complete = (size - stream.tell()) // dtype.itemsize
-        if complete < vertex.count:
-            raise FormatError(
-                f"{path} is truncated: its header states {vertex.count} Gaussians and it has {complete}. {advice}"
-            )
+        header = read_header(stream, path, advice)
+        if any(element.name == "chunk" for element in header.elements):
+            gaussians = read_compressed(stream, header, path, size, advice)
+            return PlyFile(_usable(gaussians, usable_rows(gaussians), path, skip_broken=skip_broken), {}, ())
+        vertex = skip_to(stream, header, "vertex", path, size, advice)
+        _check_properties(vertex.dtype, path)
+        require_rows(stream, vertex, path, size, advice)
         if vertex.count == 0:
             raise FormatError(f"{path} has no Gaussians: its list is empty. Choose another file.")
-        rows = _read_rows(stream, vertex.count, dtype, path, advice)
-    return _drop_or_refuse_broken(_gaussians_from_rows(rows), path, skip_broken=skip_broken)
+        # The Gaussians, and a copy of them that is turned or without broken ones.
+        require_memory(path, 2 * vertex.count * vertex.dtype.itemsize)
+        gaussians, extra, usable = _read_rows(stream, vertex.count, vertex.dtype, path, advice, with_extra=with_extra)
+    is_whole = len(header.elements) == 1 and usable.all()
+    extra = {name: values[usable] for name, values in extra.items()} if not usable.all() else extra
+    gaussians = _usable(gaussians, usable, path, skip_broken=skip_broken)
+    comments = tuple(line for line in header.lines if line.startswith("comment "))
+    return PlyFile(gaussians, extra, header.lines if is_whole else comments)
 
 
-def _read_rows(stream: IO[bytes], count: int, dtype: np.dtype[np.void], path: Path, advice: str) -> NDArray[np.void]:
-    # The table, and the arrays that are made of it.
-    require_memory(path, 2 * count * dtype.itemsize)
-    rows = np.empty(count, dtype)
-    data = rows.view(np.uint8)
-    for start in range(0, len(data), _CHUNK_BYTES):
-        chunk = stream.read(min(_CHUNK_BYTES, len(data) - start))
-        if len(chunk) < min(_CHUNK_BYTES, len(data) - start):
+def _read_rows(
+    stream: IO[bytes], count: int, dtype: np.dtype[np.void], path: Path, advice: str, *, with_extra: bool
+) -> tuple[Gaussians, dict[str, NDArray[Any]], NDArray[np.bool_]]:
+    """Return the Gaussians, their further properties, and which of them are usable."""
+    names = dtype.names or ()
+    rest = tuple(f"f_rest_{i}" for i in range(sum(name.startswith("f_rest_") for name in names)))
+    known = {*_POSITION, *_COLOR, *rest, "opacity", *_SCALE, *_ROTATION}
+    extra = {name: np.empty(count, dtype[name].newbyteorder("=")) for name in names if with_extra and name not in known}
+    whole = Gaussians(
+        means=np.empty((count, 3), np.float32),
+        log_scales=np.empty((count, 3), np.float32),
+        quats=np.empty((count, 4), np.float32),
+        opacity_logits=np.empty(count, np.float32),
+        sh=np.empty((count, 1 + len(rest) // 3, 3), np.float32),
+    )
+    usable = np.empty(count, bool)
+    rows = np.empty(min(count, _ROWS_PER_CHUNK), dtype)
+    for start in range(0, count, _ROWS_PER_CHUNK):
+        part = slice(start, min(start + _ROWS_PER_CHUNK, count))
+        chunk = rows[: part.stop - start]
+        if cast(Any, stream).readinto(chunk.view(np.uint8)) < chunk.nbytes:
             raise FormatError(f"{path} became shorter while it was read. {advice}")
-        data[start : start + len(chunk)] = np.frombuffer(chunk, np.uint8)
-    return rows
+        columns = _columns_of(chunk)
+        whole.means[part] = columns(*_POSITION)
+        whole.log_scales[part] = columns(*_SCALE)
+        whole.quats[part] = columns(*_ROTATION)
+        whole.opacity_logits[part] = _finite_logits(columns("opacity")[:, 0])
+        whole.sh[part, 0] = columns(*_COLOR)
+        if rest:
+            channel_major = columns(*rest).reshape(len(chunk), 3, len(rest) // 3)
+            whole.sh[part, 1:] = channel_major.transpose(0, 2, 1)
+        for name, values in extra.items():
+            values[part] = chunk[name]
+        usable[part] = usable_rows(whole[part])
+    if all(name in extra and not extra[name].any() for name in _NORMAL):
+        extra = {name: values for name, values in extra.items() if name not in _NORMAL}
+    return whole, extra, usable
 
 
-def _read_header(stream: IO[bytes], path: Path, advice: str) -> list[_Element]:
-    if stream.readline(64).strip() != b"ply":
-        raise FormatError(f"{path} is not a PLY file. Choose a Gaussian scene saved as .ply.")
-    lines: list[str] = []
-    while True:
-        raw = stream.readline(_MAX_HEADER)
-        if not raw or stream.tell() > _MAX_HEADER or len(lines) > _MAX_HEADER_LINES:
-            raise FormatError(f"{path} is not a readable PLY file: its header does not end. {advice}")
-        line = raw.decode("utf-8", "replace").strip()
-        if line == "end_header":
-            break
-        lines.append(line)
-    order = _byte_order(lines, path)
-    elements: list[_Element] = []
-    for line in lines:
-        words = line.split()
-        try:
-            if words[:1] == ["element"]:
-                elements.append(_Element(words[1], _count(words[2])))
-            elif words[:2] == ["property", "list"]:
-                elements[-1].has_lists = True
-            elif words[:1] == ["property"]:
-                elements[-1].properties[words[2]] = order + _TYPES[words[1]]
-                elements[-1].n_properties += 1
-        except (IndexError, KeyError, ValueError) as error:
-            raise FormatError(
-                f"{path} has a PLY header line that cannot be read: `{line[:80]}`. Export it again."
-            ) from error
-    names = [element.name for element in elements]
-    if len(set(names)) < len(names) or any(len(one.properties) < one.n_properties for one in elements):
-        raise FormatError(f"{path} has a PLY header that lists an element or a property twice. Export it again.")
-    if any(one.n_properties > _MAX_PROPERTIES for one in elements):
-        raise FormatError(f"{path} has more than {_MAX_PROPERTIES} properties in one element. Export it again.")
-    return elements
+def _columns_of(rows: NDArray[np.void]) -> Columns:
+    """Return a function that gives the values of named properties of some rows, [n, properties], float32."""
+    names = list(rows.dtype.names or ())
+    table = _table(rows)
 
+    def columns(*wanted: str) -> NDArray[np.float32]:
+        if table is not None:
+            return table[:, _index([names.index(name) for name in wanted])]
+        # What float32 cannot hold becomes infinite, and is refused or skipped as such.
+        with np.errstate(over="ignore"):
+            return np.stack([rows[name].astype(np.float32) for name in wanted], axis=1)
 
-def _count(word: str) -> int:
-    """Return a count of elements; raises `ValueError` for text, a negative number, or one that no file can have."""
-    if not (word.isascii() and word.isdecimal() and len(word) <= 15):
-        raise ValueError(word)
-    return int(word)
-
-
-def _byte_order(lines: list[str], path: Path) -> str:
-    for line in lines:
-        if line.startswith("format"):
-            if "binary_little_endian" in line:
-                return "<"
-            if "binary_big_endian" in line:
-                return ">"
-            raise FormatError(
-                f"{path} is an ASCII PLY file, as point clouds and meshes often are; Gaussian scenes are binary. "
-                "Choose a 3DGS PLY, or save it as binary PLY if it is one."
-            )
-    raise FormatError(f"{path} is not a readable PLY file: it states no format. Export it again.")
-
-
-def _skip_to_vertex(stream: IO[bytes], elements: list[_Element], path: Path, size: int, advice: str) -> _Element:
-    """Return the element of the Gaussians; the stream, of `size` bytes, then stands at its rows."""
-    if any(element.name == "chunk" for element in elements):
-        raise FormatError(
-            f"{path} is a compressed Gaussian PLY. Save it uncompressed (standard 3DGS PLY) and import that."
-        )
-    names = [element.name for element in elements]
-    before = elements[: names.index("vertex")] if "vertex" in names else []
-    vertex = elements[len(before)] if "vertex" in names else None
-    # The rows of a list have no fixed size.
-    if vertex is None or any(element.has_lists for element in (*before, vertex)):
-        raise FormatError(
-            f"{path} contains no Gaussians: it has no plain `vertex` element. Choose a standard 3DGS PLY."
-        )
-    for element in before:
-        n_bytes = element.count * element.dtype.itemsize
-        if n_bytes > size - stream.tell():
-            raise FormatError(
-                f"{path} is truncated: its header states {element.count} rows of `{element.name[:40]}`. {advice}"
-            )
-        stream.seek(n_bytes, os.SEEK_CUR)
-    return vertex
+    return columns
 
 
 def _check_properties(dtype: np.dtype[np.void], path: Path) -> None:
@@ -279,45 +328,14 @@ def _check_properties(dtype: np.dtype[np.void], path: Path) -> None:
         )
 
 
-def _gaussians_from_rows(rows: NDArray[np.void]) -> Gaussians:
-    names = list(rows.dtype.names or ())
-    table = None
-    if all(rows.dtype[name] == np.dtype("<f4") for name in names):
-        table = rows.view("<f4").reshape(len(rows), len(names))
-
-    def columns(*wanted: str) -> NDArray[np.float32]:
-        if table is not None:
-            indices = [names.index(name) for name in wanted]
-            first, last = indices[0], indices[-1] + 1
-            contiguous = indices == list(range(first, last))
-            return np.ascontiguousarray(table[:, first:last] if contiguous else table[:, indices], dtype=np.float32)
-        # What float32 cannot hold becomes infinite, and is refused or skipped as such.
-        with np.errstate(over="ignore"):
-            return np.stack([rows[name].astype(np.float32) for name in wanted], axis=1)
-
-    rest = sum(name.startswith("f_rest_") for name in names)
-    sh = np.empty((len(rows), 1 + rest // 3, 3), dtype=np.float32)
-    sh[:, 0] = columns(*_COLOR)
-    if rest:
-        channel_major = columns(*(f"f_rest_{i}" for i in range(rest)))
-        sh[:, 1:] = channel_major.reshape(len(rows), 3, rest // 3).transpose(0, 2, 1)
-    return Gaussians(
-        means=columns(*_POSITION),
-        log_scales=columns(*_SCALE),
-        quats=columns(*_ROTATION),
-        opacity_logits=_finite_logits(columns("opacity")[:, 0]),
-        sh=sh,
-    )
-
-
 def _finite_logits(logits: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return `logits` with the infinite values that some programs write for 0 and 1 replaced by finite ones."""
     transparent, opaque = logits_of(np.array([0.0, 1.0]))
     return np.nan_to_num(logits, nan=np.nan, posinf=opaque, neginf=transparent)
 
 
-def _drop_or_refuse_broken(gaussians: Gaussians, path: Path, *, skip_broken: bool) -> Gaussians:
-    usable = usable_rows(gaussians)
+def _usable(gaussians: Gaussians, usable: NDArray[np.bool_], path: Path, *, skip_broken: bool) -> Gaussians:
+    """Return the usable Gaussians; without `skip_broken` all must be."""
     n_broken = len(usable) - int(usable.sum())
     if n_broken and not skip_broken:
         raise FormatError(

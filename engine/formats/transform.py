@@ -18,6 +18,8 @@ __all__ = ["logits_of", "quats_from_rotations", "rotations_from_quats", "transfo
 
 Float64 = NDArray[np.float64]
 
+_ROWS_PER_CHUNK = 1 << 14
+"""Gaussians transformed at once, so that intermediate values in float64 take little memory."""
 _SIMILARITY_TOLERANCE = 1e-5
 """Relative difference of scales up to which a map counts as a similarity; Blender's matrices are float32."""
 
@@ -57,30 +59,33 @@ def transform_gaussians(gaussians: Gaussians, matrix: Float64) -> Gaussians:
         )
     left, _, right = np.linalg.svd(linear)
     orthogonal = left @ right
-    if singular[0] - singular[2] <= _SIMILARITY_TOLERANCE * singular[0] and np.linalg.det(linear) > 0:
-        rotation = quats_from_rotations(orthogonal[None])[0]
-        quats = _multiply_quats(rotation, gaussians.quats)
-        log_scales = gaussians.log_scales + np.float32(np.log(singular).mean())
-    else:
-        quats, log_scales = _map_ellipsoids(gaussians, linear)
-    means = gaussians.means.astype(np.float64) @ linear.T + matrix[:3, 3]
-    return replace(
-        gaussians,
-        means=means.astype(np.float32),
-        quats=quats,
-        log_scales=log_scales,
-        sh=_map_sh(gaussians, orthogonal),
-    )
+    is_similarity = singular[0] - singular[2] <= _SIMILARITY_TOLERANCE * singular[0] and np.linalg.det(linear) > 0
+    rotation, growth = quats_from_rotations(orthogonal[None])[0], np.float32(np.log(singular).mean())
+    sh_matrix = _sh_matrix(gaussians, orthogonal)
+    arrays = (gaussians.means, gaussians.log_scales, gaussians.quats)
+    means, log_scales, quats = (np.empty(array.shape, np.float32) for array in arrays)
+    sh = gaussians.sh if sh_matrix is None else np.empty(gaussians.sh.shape, np.float32)
+    for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
+        rows = slice(start, start + _ROWS_PER_CHUNK)
+        part = gaussians[rows]
+        means[rows] = part.means.astype(np.float64) @ linear.T + matrix[:3, 3]
+        if is_similarity:
+            quats[rows] = _multiply_quats(rotation, part.quats)
+            log_scales[rows] = part.log_scales + growth
+        else:
+            quats[rows], log_scales[rows] = _map_ellipsoids(part, linear)
+        if sh_matrix is not None:
+            np.matmul(part.sh.reshape(len(part), -1), sh_matrix, out=sh[rows].reshape(len(part), -1))
+    return replace(gaussians, means=means, quats=quats, log_scales=log_scales, sh=sh)
 
 
-def _map_sh(gaussians: Gaussians, orthogonal: Float64) -> NDArray[np.float32]:
-    count, bands = gaussians.sh.shape[:2]
-    if bands == 1 or count == 0 or np.array_equal(orthogonal, np.eye(3)):
-        return gaussians.sh
+def _sh_matrix(gaussians: Gaussians, orthogonal: Float64) -> NDArray[np.float32] | None:
+    """Return what a row of all coefficients is multiplied with, [3 n_sh, 3 n_sh]; None: they do not change."""
+    if gaussians.sh.shape[1] == 1 or np.array_equal(orthogonal, np.eye(3)):
+        return None
     matrix = orthogonal_sh_matrix(orthogonal, gaussians.sh_degree).astype(np.float32)
     # The Kronecker product with the identity applies the matrix to the interleaved colour channels in one product.
-    flat = gaussians.sh.reshape(count, bands * 3) @ np.kron(matrix, np.eye(3, dtype=np.float32)).T
-    return flat.reshape(count, bands, 3)
+    return np.kron(matrix, np.eye(3, dtype=np.float32)).T
 
 
 def _map_ellipsoids(gaussians: Gaussians, linear: Float64) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -52,7 +52,7 @@ def save_gaussians(
                 "`features` are not finite or too large for float16. Nothing was written; train again."
             )
     with replace_together(folder, optional=(FEATURES_FILE,)) as new:
-        write_ply(new / SCENE_FILE, gaussians)
+        write_ply(new / SCENE_FILE, gaussians, up="z")
         if half is not None:
             with atomic_write(new / FEATURES_FILE) as stream:
                 np.save(stream, half, allow_pickle=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .exporting import FORMATS, Export, load_export, turn_of, write_export
+    from .exporting import FORMATS, SUFFIXES, Export, divided, load_export, turn_of, write_export
     from .package import package_name, write_package
     from .page import is_viewer_built
     from .turntable import FILMS, SHEET, Turn, write_films, write_sheet
@@ -17,9 +17,11 @@ __all__ = [
     "FILMS",
     "FORMATS",
     "SHEET",
+    "SUFFIXES",
     "Export",
     "Turn",
     "Verification",
+    "divided",
     "is_viewer_built",
     "load_export",
     "package_name",

@@ -3,29 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cameras import training_pinhole
 from ..errors import SettingsError
 from ..events import StopCheck
-from ..formats import transform_gaussians, write_glb, write_ply
+from ..formats import Up, write_glb, write_ply, write_spz, write_usd
 from ..gaussians import load_gaussians
 from ..objects import load_membership, load_object, object_gaussians
 from ..pictures import Backend, Scene
 from ..project_folder import ProjectFolder
 from ..records import describe_object, describe_scene, gltf_extras, ply_comments, xmp_packet
 from ..report import best_seen_from, orbit_cameras
-from ..scene import Camera, CameraSet, Gaussians, PinholeCamera, focal_and_center, read_camera_set
+from ..scene import (
+    Camera,
+    CameraSet,
+    ExportFrame,
+    Gaussians,
+    Measurement,
+    PinholeCamera,
+    box_of,
+    export_frame,
+    far_gaussians,
+    focal_and_center,
+    foot_of,
+    load_measurement,
+    read_camera_set,
+)
+from ..training import Coverage, Parameters
 from .page import Framing, framing_of_object, framing_of_scene, write_page
 from .turntable import Turn, turn_of_object, turn_of_scene
 
-__all__ = ["FORMATS", "Export", "load_export", "turn_of", "write_export"]
+__all__ = ["FORMATS", "SUFFIXES", "Export", "divided", "load_export", "turn_of", "write_export"]
 
-FORMATS = ("ply", "glb", "html")
+FORMATS = ("ply", "glb", "spz", "html")
+"""Formats that a package holds."""
+SUFFIXES = {
+    "ply": (".ply",),
+    "glb": (".glb",),
+    "spz": (".spz",),
+    "usd": (".usd", ".usdc", ".usda"),
+    "html": (".html",),
+}
+"""All formats, with the extensions of their files."""
+_UP: dict[str, Up | None] = {"original": None, "world": "z"}
+"""The axis of a PLY that points up, where it is not that of the viewers; what is up in given poses is not known."""
+_COVERAGE_SIDE = 160  # by definition
+"""Longest side of the pictures in which is counted which photos saw a Gaussian."""
 _N_VIEWS = 8  # by definition
 _VIEW_SIDE = 512  # by definition
 
@@ -45,6 +74,8 @@ class Export:
         The object's Gaussians in the scene; None for the scene.
     whole : Gaussians
         The scene.
+    measurement : Measurement
+        Of the project.
     notes : dict
         What was left out of the Gaussians, for the file.
     """
@@ -54,6 +85,7 @@ class Export:
     camera_set: CameraSet
     members: NDArray[np.bool_] | None
     whole: Gaussians
+    measurement: Measurement
     notes: dict[str, Any] = field(default_factory=dict)
 
 
@@ -70,30 +102,58 @@ def load_export(project: ProjectFolder, name: str | None, *, title: str | None =
     project.require_intact("cameras", "training")
     whole = load_gaussians(project.path / "gaussians")
     camera_set = read_camera_set(project.path / "cameras")
+    measurement = load_measurement(project.path)
     if name is None:
-        return Export(whole, describe_scene(project, title=title), camera_set, None, whole)
+        return Export(whole, describe_scene(project, title=title), camera_set, None, whole, measurement)
     record = load_object(project.path, name)
     gaussians = object_gaussians(project.path, record, whole)
     members = load_membership(project.path, record.id) >= record.threshold
-    return Export(gaussians, describe_object(project, record.id, title=title), camera_set, members, whole)
+    described = describe_object(project, record.id, title=title) | _size(gaussians, measurement)
+    return Export(gaussians, described, camera_set, members, whole, measurement)
+
+
+def divided(export: Export) -> tuple[Export, Export | None]:
+    """Return a scene without its far Gaussians (`engine.scene.far_gaussians`), and those alone; None without any.
+
+    An object stays as it is: nothing of it is far.
+    """
+    if export.members is not None:
+        return export, None
+    far = far_gaussians(export.gaussians.means, export.camera_set)
+    if not far.any() or far.all():
+        return export, None
+    n_far = int(far.sum())
+    near = replace(export, gaussians=export.gaussians[~far], notes={**export.notes, "far_left_out": n_far})
+    return near, replace(export, gaussians=export.gaussians[far], notes={**export.notes, "far_only": n_far})
 
 
 def write_export(
-    path: Path, export: Export, file_format: str, *, frame: str, with_record: bool = True, backend: Backend = "cpu"
-) -> None:
-    """Write a file of one of `FORMATS` atomically.
+    path: Path,
+    export: Export,
+    file_format: str,
+    *,
+    frame: str | None,
+    with_record: bool = True,
+    in_scene: bool = False,
+    backend: Backend = "cpu",
+) -> ExportFrame:
+    """Write a file of one of `SUFFIXES` atomically, and return its frame.
 
     Parameters
     ----------
     path : Path
     export : Export
     file_format : str
-    frame : {"upright", "original"}
-        Frame of the coordinates, see `CameraSet.original_from_world`.
+    frame : {"upright", "original", "world"}, optional
+        Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
     with_record : bool
-        Whether the file carries the record: comments of PLY, ``asset.extras`` and XMP of glTF. A page always does.
+        Whether the file carries the record, and how many photos saw each Gaussian: comments of PLY, ``asset.extras``
+        and XMP of glTF, ``customLayerData`` of USD. A page always does; SPZ cannot.
+    in_scene : bool
+        Whether an object stays where it stands in the scene. Otherwise the middle of its foot is the origin, but not in
+        the frames ``original`` and ``world``.
     backend : {"cpu", "gpu", "reference"}
-        Rasterizer with which the sides are found from which a page shows an object.
+        Rasterizer with which the sides are found from which a page shows an object, and what photos saw.
 
     Raises
     ------
@@ -103,37 +163,108 @@ def write_export(
         When the file cannot be written.
     """
     described, gaussians = export.described, export.gaussians
+    placed = _placed(export, frame)
     if file_format == "html":
-        if frame != "upright":
-            raise SettingsError("A page shows what is upright. Leave out --frame original.")
+        if frame not in (None, "upright"):
+            raise SettingsError("A page shows what is upright. Leave out --frame.")
         if not with_record:
             raise SettingsError("A page shows the record. Leave out --record none.")
         write_page(path, gaussians, described, _framing(export, backend))
-        return
-    if frame == "original":
-        gaussians = transform_gaussians(gaussians, export.camera_set.original_from_world)
+        return placed
+    is_moved = placed.name not in ("original", "world")
+    matrix, notes = placed.from_world, dict(export.notes)
+    if export.members is not None and len(gaussians) and is_moved and not in_scene:
+        foot = foot_of(gaussians.means @ matrix[:3, :3].T + matrix[:3, 3])
+        matrix = _moved(-foot) @ matrix
+        notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
+    if file_format == "spz":
+        write_spz(path, gaussians, matrix=matrix)
+        return placed
+    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) else None
+    if seen is not None:
+        notes["seen_by_no_photo"] = int((seen == 0).sum())
+    extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
     if file_format == "ply":
-        notes = [f"{name} {value}" for name, value in export.notes.items()]
-        write_ply(path, gaussians, comments=[*ply_comments(described, frame=frame), *notes] if with_record else ())
-        return
-    write_glb(
-        path,
-        gaussians,
-        name=described["title"] if with_record else "Gaussians",
-        copyright=(described.get("object") or {}).get("rights") if with_record else None,
-        extras={**gltf_extras(described, frame=frame), **export.notes} if with_record else None,
-        xmp=xmp_packet(described) if with_record else None,
-    )
+        write_ply(
+            path,
+            gaussians,
+            comments=ply_comments(extras) if with_record else (),
+            up=_UP.get(placed.name, "-y"),
+            matrix=matrix,
+            extra=None if seen is None else {"photos_seen": seen},
+        )
+    elif file_format == "usd":
+        write_usd(
+            path,
+            gaussians,
+            name=described["title"] if with_record else "Gaussians",
+            metres_per_unit=placed.metres_per_unit,
+            custom_data=extras if with_record else None,
+            matrix=matrix,
+            seen=seen,
+        )
+    else:
+        write_glb(
+            path,
+            gaussians,
+            name=described["title"] if with_record else "Gaussians",
+            copyright=(described.get("object") or {}).get("rights") if with_record else None,
+            extras=extras if with_record else None,
+            xmp=xmp_packet(described) if with_record else None,
+            matrix=matrix,
+            seen=seen,
+        )
+    return placed
+
+
+def _placed(export: Export, frame: str | None) -> ExportFrame:
+    if frame == "world":
+        return ExportFrame("world", np.eye(4), export.measurement.metres_per_unit)
+    return export_frame(export.camera_set, export.measurement, frame)
+
+
+def _unit_facts(placed: ExportFrame, described: dict[str, Any]) -> dict[str, Any]:
+    """Return the frame and the unit of a file; an unknown unit is said in a sentence."""
+    facts = {key: value for key, value in placed.as_dict().items() if value is not None}
+    return facts if placed.metres_per_unit is not None else {**facts, "unit": f"unknown. {described['unit']['text']}"}
+
+
+def _moved(by: NDArray[np.float64]) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, 3] = by
+    return matrix
+
+
+def _photos_that_saw(export: Export, backend: Backend) -> NDArray[np.int32]:
+    """Return how many photos saw each exported Gaussian: its centre is in the picture, and nothing is before it."""
+    whole = export.whole
+    values = Parameters.from_gaussians(whole, sh_degree=whole.sh_degree, features=False).values
+    cameras = [training_pinhole(camera, max_side=_COVERAGE_SIDE) for camera in export.camera_set.cameras]
+    return Coverage(values, cameras, backend=backend).of_places(export.gaussians.means)
 
 
 def _framing(export: Export, backend: Backend) -> Framing:
     cameras = export.camera_set.cameras
+    vertical = export_frame(export.camera_set, export.measurement, "upright").from_world[2, :3]
+    up = (vertical / np.linalg.norm(vertical)).tolist()
     if export.members is None:
-        return framing_of_scene([_pinhole(camera) for camera in cameras])
+        return framing_of_scene([_pinhole(camera) for camera in cameras], up)
     if len(export.gaussians) == 0:
-        return Framing([0.0, 0.0, 0.0], 1.0, ())
+        return Framing([0.0, 0.0, 0.0], 1.0, (), up)
     (seen_from,) = best_seen_from(Scene(export.whole, backend=backend), [export.members], cameras)
-    return framing_of_object(export.gaussians, _sides(export.gaussians, seen_from))
+    return framing_of_object(export.gaussians, _sides(export.gaussians, seen_from), up)
+
+
+def _size(gaussians: Gaussians, measurement: Measurement) -> dict[str, Any]:
+    """Return the size of an object in metres, as a part of its record; empty where the unit is not known."""
+    if measurement.metres_per_unit is None or len(gaussians) == 0:
+        return {}
+    matrix = measurement.measured_from_world
+    low, high = box_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+    width, depth, height = (float(value) for value in high - low)
+    size = {"width_metres": width, "depth_metres": depth, "height_metres": height}
+    text = f"{100 * width:.1f} x {100 * depth:.1f} x {100 * height:.1f} cm (width, depth, height of its Gaussians)"
+    return {"size": {**size, "text": text}}
 
 
 def _sides(gaussians: Gaussians, seen_from: Sequence[Camera]) -> list[PinholeCamera]:

@@ -41,6 +41,7 @@ def gltf_extras(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
         "unit": described["unit"]["text"],
         "metres_per_unit": described["unit"]["metres_per_unit"],
         "frame": frame,
+        "size": (described.get("size") or {}).get("text"),
         "identifier": described["identifier"],
         "photos": len(used) or None,
         "photos_taken": _dates(described["captures"]),
@@ -60,10 +61,10 @@ def gltf_extras(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
     return {name: value for name, value in summary.items() if value is not None}
 
 
-def ply_comments(described: dict[str, Any], *, frame: str) -> list[str]:
-    """Return the same summary as header comments of a PLY file, ``name value``."""
-    extras = gltf_extras(described, frame=frame)
-    return [*(f"{name} {value}" for name, value in extras.items()), "generator Gaussian Heritage"]
+def ply_comments(extras: dict[str, Any]) -> list[str]:
+    """Return the values that `gltf_extras` returned, and others, as header comments of a PLY file, ``name value``."""
+    known = {name: value for name, value in extras.items() if value is not None}
+    return [*(f"{name} {value}" for name, value in known.items()), "generator Gaussian Heritage"]
 
 
 def xmp_packet(described: dict[str, Any]) -> dict[str, Any]:

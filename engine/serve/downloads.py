@@ -33,6 +33,8 @@ _one_export = threading.Lock()
 def exported_file(project: WebProject, object_id: str | None, file_format: str, frame: str = "upright") -> Path:
     """Return the scene (None) or an object as a file; it is written unless it was since its last change.
 
+    With the frame ``world``, that of the cameras, the file is for the viewer and holds far Gaussians, too.
+
     Raises
     ------
     HeritageError
@@ -61,6 +63,7 @@ def exported_file(project: WebProject, object_id: str | None, file_format: str, 
 def _export(project: WebProject, object_id: str | None, file_format: str, frame: str, file: Path) -> None:
     command = [sys.executable, "-m", "engine", "export", str(project.project), f"--format={file_format}"]
     command += [f"--out={file}", f"--frame={frame}", f"--title={project.title}", "--events"]
+    command += ["--far=keep"] if frame == "world" else []
     command += [] if object_id is None else [f"--object={object_id}"]
     environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
     try:

@@ -61,11 +61,17 @@ class Coverage:
         rays = np.column_stack([columns + 0.5, rows + 0.5, np.ones(len(rows))]) @ np.linalg.inv(camera.K).T
         places = (rays * depth[rows, columns, None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]
         counts = np.zeros(depth.shape, np.int32)
-        for other, surface in self._seen:
-            counts[rows, columns] += _sees(other, surface, places)
+        counts[rows, columns] = self.of_places(places)
         nearest_row = (np.arange(height) + 0.5) * camera.height / height
         nearest_column = (np.arange(width) + 0.5) * camera.width / width
         return counts[nearest_row.astype(int)[:, None], nearest_column.astype(int)]
+
+    def of_places(self, places: NDArray[np.floating]) -> NDArray[np.int32]:
+        """Return how many training photos see each of `places`, [P, 3], shape [P]."""
+        counts = np.zeros(len(places), np.int32)
+        for camera, surface in self._seen:
+            counts += _sees(camera, surface, places)
+        return counts
 
     def _depth(self, camera: PinholeCamera) -> NDArray[np.float64]:
         """Return the depth along the view axis of what each pixel shows, infinite without a surface.

@@ -38,7 +38,7 @@ class ObjectChange(BaseModel):
 def read_object_for_viewer(object_id: str, project: CurrentProject) -> FileResponse:
     """Return an object for the viewer, in the frame of the cameras."""
     _object(project, object_id)
-    return FileResponse(exported_file(project, object_id, "ply"), media_type=MEDIA_TYPES["ply"])
+    return FileResponse(exported_file(project, object_id, "ply", "world"), media_type=MEDIA_TYPES["ply"])
 
 
 @router.get("/{object_id}/export")

@@ -86,7 +86,7 @@ def read_candidate(number: int, project: CurrentProject) -> FileResponse:
 @router.get("/scene.ply")
 def read_scene(project: CurrentProject) -> FileResponse:
     """Return the scene for the viewer, in the frame of the cameras."""
-    return FileResponse(exported_file(project, None, "ply"), media_type=MEDIA_TYPES["ply"])
+    return FileResponse(exported_file(project, None, "ply", "world"), media_type=MEDIA_TYPES["ply"])
 
 
 @router.get("/export")

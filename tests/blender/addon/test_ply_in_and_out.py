@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix, Quaternion
+from mathutils import Matrix, Quaternion, Vector
 
 Part = Callable[[str], ModuleType]
 RandomGaussians = Callable[..., Any]
@@ -33,14 +33,9 @@ def test_unchanged_scene_is_exported_unchanged(
     formats.write_ply(tmp_path / "scene.ply", gaussians)
     import_ply(tmp_path / "scene.ply")
     export(tmp_path / "out", scope="SCENE")
-    back = formats.read_ply(tmp_path / "out" / "scene.ply")
-    np.testing.assert_array_equal(back.means, gaussians.means)
-    np.testing.assert_array_equal(back.sh, gaussians.sh)
-    # Blender stores linear scales and opacities in float32: one rounding in each direction.
-    np.testing.assert_allclose(back.log_scales, gaussians.log_scales, atol=5e-7)
-    np.testing.assert_allclose(back.opacities, gaussians.opacities, atol=1e-7)
-    unit = gaussians.quats / np.linalg.norm(gaussians.quats, axis=1, keepdims=True)
-    np.testing.assert_allclose(back.quats, unit, atol=1e-6)
+    back = formats.read_ply_file(tmp_path / "out" / "scene.ply").gaussians
+    for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(gaussians, name), err_msg=name)
 
 
 def test_attributes_have_the_names_and_types_of_blenders_own_splats(
@@ -90,7 +85,7 @@ def test_vertices_deleted_in_blender_are_not_exported(
     bpy.ops.mesh.delete(type="VERT")
     export(tmp_path / "out", scope="SCENE")
     bpy.ops.object.mode_set(mode="OBJECT")
-    back = formats.read_ply(tmp_path / "out" / "scene.ply")
+    back = formats.read_ply_file(tmp_path / "out" / "scene.ply").gaussians
     np.testing.assert_array_equal(back.means, np.delete(gaussians.means, 3, axis=0))
     np.testing.assert_array_equal(back.sh, np.delete(gaussians.sh, 3, axis=0))
 
@@ -122,3 +117,81 @@ def test_ordinary_point_cloud_is_a_clear_error(blender: ModuleType, tmp_path: Pa
 def test_nothing_to_export_is_a_clear_error(blender: ModuleType, tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="nothing to export"):
         bpy.ops.heritage.export_objects(directory=str(tmp_path))
+
+
+@pytest.mark.parametrize("up", ["-y", "z", "y", None])
+@pytest.mark.parametrize("degree", [0, 3])
+def test_untouched_file_leaves_blender_byte_for_byte(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, degree: int, up: str | None
+) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(500, degree=degree)
+    photos = {"photos_seen": np.arange(500) % 40}
+    formats.write_ply(tmp_path / "scene.ply", gaussians, up=up, extra=photos, comments=["title Vase"])
+    import_ply(tmp_path / "scene.ply")
+    export(tmp_path / "out", scope="SCENE", with_record=False)
+    assert (tmp_path / "scene.ply").read_bytes() == (tmp_path / "out" / "scene.ply").read_bytes()
+
+
+def test_edited_gaussians_and_deleted_ones_are_respected_and_the_others_keep_their_bits(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path
+) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(50)
+    formats.write_ply(tmp_path / "scene.ply", gaussians, up="-y", extra={"photos_seen": np.arange(50)})
+    obj = import_ply(tmp_path / "scene.ply")
+    before = formats.read_ply_file(tmp_path / "scene.ply")
+    obj.data.attributes["scale"].data[7].vector = (0.5, 0.25, 0.125)
+    obj.data.attributes["position"].data[8].vector = (1, 2, 3)
+    export(tmp_path / "out", scope="SCENE", with_record=False)
+    after = formats.read_ply_file(tmp_path / "out" / "scene.ply")
+    np.testing.assert_allclose(after.gaussians.scales[7], (0.5, 0.25, 0.125), rtol=1e-6)
+    assert after.gaussians.means[8].tolist() == [1, 2, 3]
+    others = np.delete(np.arange(50), [7, 8])
+    for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
+        stored, wanted = getattr(after.gaussians, name), getattr(before.gaussians, name)
+        np.testing.assert_array_equal(stored[others], wanted[others], err_msg=name)
+    assert after.extra["photos_seen"].tolist() == list(range(50))
+
+
+@pytest.mark.parametrize(("options", "axis"), [({}, (0, -1, 0)), ({"up": "z"}, (0, 0, 1)), ({"up": "y"}, (0, 1, 0))])
+def test_a_file_of_another_program_stands_upright(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, options: dict[str, str], axis: tuple[int, ...]
+) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(20)
+    formats.write_ply(tmp_path / "scene.ply", gaussians)
+    # In the files of most programs, Y points down.
+    obj = import_ply(tmp_path / "scene.ply", **options)
+    np.testing.assert_allclose(obj.matrix_world @ Vector(axis), (0, 0, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["ply", "glb", "spz"])
+def test_objects_of_a_collection_leave_as_one_file_by_its_exporter(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, kind: str
+) -> None:
+    formats = part("engine.formats")
+    collection = bpy.data.collections.new("Vases")
+    bpy.context.scene.collection.children.link(collection)
+    for number, degree in enumerate((1, 3)):
+        formats.write_ply(tmp_path / f"{number}.ply", random_gaussians(10 + number, degree=degree, seed=number), up="z")
+        bpy.ops.heritage.import_gaussian_ply(filepath=str(tmp_path / f"{number}.ply"))
+        obj = bpy.data.objects[str(number)]
+        bpy.context.scene.collection.objects.unlink(obj)
+        collection.objects.link(obj)
+    bpy.data.objects["1"].location.x = 10
+    bpy.context.view_layer.update()
+    file = tmp_path / f"vases.{kind}"
+    assert bpy.ops.heritage.export_splats(filepath=str(file), collection="Vases") == {"FINISHED"}
+    back = {"ply": formats.read_ply, "glb": formats.read_glb, "spz": formats.read_spz}[kind](file)
+    assert len(back) == 21 and back.sh_degree == 3
+    assert (back.means[:, 0] > 5).sum() == 11
+    layer = bpy.context.view_layer.layer_collection.children["Vases"]
+    bpy.context.view_layer.active_layer_collection = layer
+    assert bpy.ops.collection.exporter_add(name="HERITAGE_FH_export_splats") == {"FINISHED"}
+
+
+def test_an_objects_file_may_have_its_own_origin(part: Part, random_gaussians: RandomGaussians, tmp_path: Path) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(20)
+    formats.write_ply(tmp_path / "scene.ply", gaussians, up="z")
+    import_ply(tmp_path / "scene.ply").location = (5, 6, 7)
+    bpy.context.view_layer.update()
+    export(tmp_path / "out", scope="SCENE", origin="OBJECT")
+    np.testing.assert_allclose(formats.read_ply(tmp_path / "out" / "scene.ply").means, gaussians.means, atol=1e-6)

@@ -12,10 +12,20 @@ import pytest
 from PIL import Image
 
 from engine.formats.glb import read_glb
-from engine.formats.ply import read_ply
+from engine.formats.ply import read_ply, read_ply_file
+from engine.formats.spz import read_spz
+from engine.gaussians import save_gaussians
 from engine.objects.storage import save_object
 from engine.project_folder import ProjectFolder
 from engine.records import ObjectRecord
+from engine.scene import (
+    MeasuredDistance,
+    Measurement,
+    foot_of,
+    read_camera_set,
+    save_measurement,
+    write_camera_set,
+)
 from engine.scene.polished import Polished
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
@@ -153,3 +163,89 @@ def test_object_leaves_polished_in_files_and_in_its_picture(
     with Image.open(tmp_path / "ball.png") as picture:
         pixels = np.asarray(picture, np.int32)
     assert (pixels[..., 1] - pixels[..., 2]).max() > 80, "the trained ball is blue"
+
+
+@pytest.mark.parametrize(("kind", "read"), [("ply", read_ply), ("glb", read_glb)])
+def test_measured_scene_is_written_in_metres_and_an_unmeasured_one_says_that_its_unit_is_unknown(
+    kind: str, read: Any, scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, after = tmp_path / f"before.{kind}", tmp_path / f"after.{kind}"
+    answer = write(capsys, kind, scene, before)
+    assert "unit is unknown" in answer.of_kind("finished")[0]["message"]
+    assert b"unknown" in before.read_bytes()
+    save_measurement(scene, Measurement((MeasuredDistance((0, 0, 0), (1, 0, 0), 2.5),), origin=(0.0, 0.0, 1.0)))
+    answer = write(capsys, kind, scene, after)
+    assert "unit is the metre" in answer.of_kind("finished")[0]["message"]
+    assert b"unknown" not in after.read_bytes() and b"measured" in after.read_bytes()
+    expected = (blobs.gaussians.means - (0.0, 0.0, 1.0)) * 2.5
+    np.testing.assert_allclose(read(after).means, expected, atol=1e-4)
+    np.testing.assert_allclose(read(after).scales, blobs.gaussians.scales * 2.5, rtol=1e-4)
+
+
+def with_points(scene: Path) -> None:
+    """Give the cameras sparse points in the unit cube, as photos of the blobs would."""
+    camera_set = read_camera_set(scene / "cameras")
+    points = np.random.default_rng(0).uniform(-1, 1, (300, 3)).astype(np.float32)
+    write_camera_set(
+        scene / "cameras", replace(camera_set, points=points, point_colors=np.zeros(points.shape, np.uint8))
+    )
+
+
+def test_far_gaussians_are_left_out_kept_or_written_to_a_second_file(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_points(scene)
+    moved = replace(blobs.gaussians, means=blobs.gaussians.means.copy())
+    moved.means[5] = (500, 0, 0)
+    save_gaussians(scene / "gaussians", moved)
+    n = len(moved)
+    left, kept, near = tmp_path / "left.ply", tmp_path / "kept.ply", tmp_path / "near.ply"
+    answer = write(capsys, "ply", scene, left)
+    assert "1 far Gaussians were left out" in answer.of_kind("finished")[0]["message"]
+    assert len(read_ply(left)) == n - 1 and b"far_left_out 1" in left.read_bytes()
+    assert write(capsys, "ply", scene, kept, "--far", "keep").code == 0 and len(read_ply(kept)) == n
+    (tmp_path / "near_far.ply").write_text("precious")
+    assert "near_far.ply already exists" in write(capsys, "ply", scene, near, "--far", "second-file").error
+    assert write(capsys, "ply", scene, near, "--far", "second-file", "--overwrite").code == 0
+    assert len(read_ply(near)) == n - 1
+    np.testing.assert_allclose(read_ply(tmp_path / "near_far.ply").means, [[500, 0, 0]])
+
+
+def test_viewers_find_a_ply_upright_and_the_frame_of_the_cameras_is_kept_on_request(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    means = blobs.gaussians.means
+    for frame, expected in (("upright", means[:, [0, 2, 1]] * (1, -1, 1)), ("world", means)):
+        assert write(capsys, "ply", scene, tmp_path / f"{frame}.ply", "--frame", frame).code == 0
+        stored = read_ply_file(tmp_path / f"{frame}.ply")
+        np.testing.assert_allclose(stored.gaussians.means, expected, atol=1e-6)
+        assert np.array_equal(np.round(stored.extra["photos_seen"]), stored.extra["photos_seen"])
+        assert stored.extra["photos_seen"].max() > 0
+
+
+def test_an_object_stands_on_the_origin_of_its_file_unless_it_shall_stay_in_the_scene(
+    blobs: BlobScene, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    members = blobs.part == BLUE
+    record = ObjectRecord("ball", "Ball", {"kind": "click"}, 0.5, 1.0, 1.0, int(members.sum()), len(members))
+    save_object(scene, record, members.astype(np.float32))
+    own, stays = tmp_path / "own.ply", tmp_path / "stays.ply"
+    assert write(capsys, "ply", scene, own, "--object", "ball").code == 0
+    assert write(capsys, "ply", scene, stays, "--object", "ball", "--origin", "scene").code == 0
+    foot = foot_of(blobs.gaussians.means[members])
+    np.testing.assert_allclose(read_ply(stays).means, blobs.gaussians.means[members], atol=1e-6)
+    np.testing.assert_allclose(read_ply(own).means, blobs.gaussians.means[members] - foot, atol=1e-5)
+    assert b"origin_in_scene " in own.read_bytes() and b"origin_in_scene" not in stays.read_bytes()
+
+
+def test_spz_and_usd_hold_the_scene_and_say_what_they_cannot(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = write(capsys, "spz", scene, tmp_path / "a.spz")
+    assert "SPZ has no place for text" in answer.of_kind("warning")[0]["message"]
+    np.testing.assert_allclose(read_spz(tmp_path / "a.spz").means, blobs.gaussians.means, atol=1e-3)
+    usd = pytest.importorskip("pxr.Usd", reason="usd-core is optional: requirements/formats.txt")
+    assert write(capsys, "usd", scene, tmp_path / "a.usdc").code == 0
+    stage = usd.Stage.Open(str(tmp_path / "a.usdc"))
+    np.testing.assert_allclose(stage.GetDefaultPrim().GetAttribute("positions").Get(), blobs.gaussians.means, atol=1e-6)
+    assert stage.GetRootLayer().customLayerData["unit"].startswith("unknown")

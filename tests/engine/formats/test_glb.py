@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from engine.errors import FormatError, NumericalError
-from engine.formats.glb import read_glb, write_glb, y_up_from_z_up, z_up_from_y_up
+from engine.formats.axes import y_up_from_z_up, z_up_from_y_up
+from engine.formats.glb import read_glb, write_glb
 from engine.formats.spherical_harmonics import sh_basis
 from engine.scene.gaussians import Gaussians
 

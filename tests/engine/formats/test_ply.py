@@ -134,7 +134,7 @@ CLOUD = (
         (CLOUD.replace(b"vertex 1", b"vertex one"), "header line that cannot be read: `element vertex one`"),
         (CLOUD.replace(b"float x", b"half x"), "header line that cannot be read: `property half x`"),
         (CLOUD.replace(b"float y", b"float x"), "lists an element or a property twice"),
-        (CLOUD.replace(b"element vertex", b"element chunk"), "is a compressed Gaussian PLY"),
+        (CLOUD.replace(b"element vertex", b"element chunk"), "is a compressed Gaussian PLY with other properties"),
         (CLOUD.replace(b"element vertex", b"element face"), "has no plain `vertex` element"),
         (CLOUD.replace(b"float x", b"list uchar int x"), "has no plain `vertex` element"),
     ],

@@ -1,0 +1,146 @@
+"""Writer of Gaussians as USD: one prim of the type ``ParticleField3DGaussianSplat``, which OpenUSD has since 26.03.
+
+The values are those of the schema: linear scales, opacities in [0, 1], quaternions with the real part first, and the
+coefficients of each Gaussian one after the other. Z is up, which the stage states.
+
+OpenUSD (``pxr``) is imported when a file is written: the engine installs it on request (requirements/formats.txt), and
+Blender brings its own.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..errors import DiskError, EnvironmentProblem, FormatError
+from ..files import TEMPORARY_PREFIX
+from ..scene import Gaussians
+from .ply import check_finite
+from .transform import transform_gaussians
+
+__all__ = ["PRIM_TYPE", "write_usd"]
+
+PRIM_TYPE = "ParticleField3DGaussianSplat"
+_MAX_COUNT = 20_000_000
+"""Gaussians of a file: the arrays of OpenUSD are copies, and more than these need more memory than computers have."""
+
+
+def write_usd(
+    path: Path,
+    gaussians: Gaussians,
+    *,
+    name: str = "Gaussians",
+    metres_per_unit: float | None = None,
+    custom_data: Mapping[str, Any] | None = None,
+    matrix: NDArray[np.float64] | None = None,
+    seen: NDArray[np.integer] | None = None,
+) -> None:
+    """Write `gaussians` as binary USD (.usd, .usdc) or text (.usda) atomically, replacing an existing file.
+
+    Parameters
+    ----------
+    path : Path
+    gaussians : Gaussians
+        In the engine's world (Z up). Features are not written.
+    name : str
+        Display name of the prim.
+    metres_per_unit : float, optional
+        Metres of a unit; None: unknown, which the stage says in ``customLayerData``.
+    custom_data : mapping, optional
+        Text, numbers and nested mappings for ``customLayerData``, e.g. the museum record.
+    matrix : array of shape [4, 4], float64, optional
+        A transform of the Gaussians.
+    seen : array of shape [N], int, optional
+        Number of photos that saw each Gaussian, for the attribute ``primvars:photosSeen``.
+
+    Raises
+    ------
+    EnvironmentProblem
+        When OpenUSD is missing, or does not know the type of prim.
+    NumericalError
+        When a value is not finite.
+    FormatError
+        When there are too many Gaussians.
+    DiskError
+        When the file cannot be written.
+    """
+    try:
+        from pxr import Sdf, Usd, UsdGeom, Vt
+    except ImportError as error:
+        raise EnvironmentProblem(
+            "USD files need the package usd-core, which is not installed. Install it into the engine's environment "
+            "(pip install usd-core), or export PLY, GLB or SPZ."
+        ) from error
+    if Usd.SchemaRegistry().FindConcretePrimDefinition(PRIM_TYPE) is None:
+        version = ".".join(str(number) for number in Usd.GetVersion()[1:])
+        raise EnvironmentProblem(
+            f"OpenUSD {version} does not know {PRIM_TYPE}, which 26.03 and newer do. Update usd-core, or export PLY, "
+            "GLB or SPZ."
+        )
+    check_finite(gaussians)
+    if len(gaussians) > _MAX_COUNT:
+        raise FormatError(f"{path} would have {len(gaussians)} Gaussians; USD is limited to {_MAX_COUNT}. Export PLY.")
+    turned = gaussians if matrix is None else transform_gaussians(gaussians, matrix)
+    layer = Sdf.Layer.CreateAnonymous(path.suffix)
+    stage = Usd.Stage.Open(layer)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    if metres_per_unit is not None:
+        UsdGeom.SetStageMetersPerUnit(stage, metres_per_unit)
+    unit = {} if metres_per_unit is not None else {"unit": "unknown"}
+    layer.customLayerData = {"generator": f"Gaussian Heritage {__version__}", **unit, **(custom_data or {})}
+    prim = stage.DefinePrim("/Gaussians", PRIM_TYPE)
+    stage.SetDefaultPrim(prim)
+    prim.SetDisplayName(name)
+
+    def put(attribute: str, values: object) -> None:
+        prim.GetAttribute(attribute).Set(values)
+
+    put("positions", Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(turned.means)))
+    put("scales", Vt.Vec3fArray.FromNumpy(turned.scales))
+    put("opacities", Vt.FloatArray.FromNumpy(turned.opacities))
+    # In memory, as NumPy sees it, OpenUSD's real part is last.
+    xyzw = np.roll(_unit(turned.quats), -1, axis=1)
+    put("orientations", Vt.QuatfArray.FromNumpy(np.ascontiguousarray(xyzw)))
+    put("radiance:sphericalHarmonicsDegree", turned.sh_degree)
+    coefficients = np.ascontiguousarray(turned.sh.reshape(-1, 3))
+    put("radiance:sphericalHarmonicsCoefficients", Vt.Vec3fArray.FromNumpy(coefficients))
+    put("projectionModeHint", "perspective")
+    put("sortingModeHint", "cameraDistance")
+    if len(turned):
+        reach = 3 * turned.scales.max(axis=1, keepdims=True)
+        corners = np.stack([(turned.means - reach).min(axis=0), (turned.means + reach).max(axis=0)])
+        put("extent", Vt.Vec3fArray.FromNumpy(corners.astype(np.float32)))
+    if seen is not None:
+        primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("photosSeen", Sdf.ValueTypeNames.IntArray, "vertex")
+        primvar.Set(Vt.IntArray.FromNumpy(seen.astype(np.int32)))
+    _save(layer, path)
+
+
+def _unit(quats: NDArray[np.float32]) -> NDArray[np.float32]:
+    lengths = np.linalg.norm(quats, axis=1, keepdims=True)
+    return np.where(lengths > 0, quats / np.where(lengths > 0, lengths, 1), (1.0, 0.0, 0.0, 0.0)).astype(np.float32)
+
+
+def _save(layer: Any, path: Path) -> None:
+    """Write the layer beside `path`, then replace `path`: OpenUSD writes to names, not to streams."""
+    from pxr import Tf
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=TEMPORARY_PREFIX, dir=path.parent) as folder:
+            temporary = Path(folder) / path.name
+            if not layer.Export(str(temporary)):
+                raise OSError("OpenUSD could not write it")
+            with temporary.open("rb+") as stream:
+                os.fsync(stream.fileno())
+            os.replace(temporary, path)
+    except (OSError, Tf.ErrorException) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DiskError(f"Could not write {path}: {reason}. Free some space or choose another folder.") from error

@@ -1,0 +1,46 @@
+"""Where a scene ends and where an object stands: boxes that single Gaussians far away do not move."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .camera import CameraSet
+
+__all__ = ["box_of", "far_gaussians", "foot_of"]
+
+_TAILS = (0.01, 0.99)
+"""Quantiles of the positions that count as the ends of an object."""
+_NEAR_SHARE = 0.99  # by definition
+"""Share of the sparse points within the radius of a scene; the others may be wrong matches."""
+_FAR = 2.0  # by definition
+"""Radii of a scene beyond which a Gaussian is far."""
+
+
+def box_of(means: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the two corners of the box, [3] each, of positions [N, 3], at least one, without their tails."""
+    low, high = np.quantile(means, _TAILS, axis=0)
+    return low, high
+
+
+def foot_of(means: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the middle of the bottom of an object, shape [3], from the positions [N, 3] of its Gaussians."""
+    low, high = box_of(means)
+    return np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+
+
+def far_gaussians(means: NDArray[np.float32], camera_set: CameraSet) -> NDArray[np.bool_]:
+    """Return which Gaussians, at `means` [N, 3], lie far outside of what the photos measured, shape [N].
+
+    These are more than twice as far from the middle of the sparse points as any camera and as 99 % of the points.
+    Photos show them in few pixels or from one side, so that their distance is hardly known; a viewer that frames
+    everything shows the scene as a dot in their midst. Without sparse points nothing is far.
+    """
+    points = camera_set.points
+    if len(points) == 0:
+        return np.zeros(len(means), bool)
+    middle = np.median(points, axis=0)
+    centers = np.array([camera.center for camera in camera_set.cameras]).reshape(-1, 3)
+    reach = float(np.quantile(np.linalg.norm(points - middle, axis=1), _NEAR_SHARE))
+    radius = max(reach, *np.linalg.norm(centers - middle, axis=1))
+    return np.linalg.norm(means - middle, axis=1) > _FAR * radius

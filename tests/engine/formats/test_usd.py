@@ -1,0 +1,92 @@
+"""USD files hold the Gaussians in the attributes of OpenUSD's own schema, and say what their unit is."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import DiskError, EnvironmentProblem, NumericalError
+from engine.formats.transform import rotations_from_quats
+from engine.formats.usd import PRIM_TYPE, write_usd
+from engine.scene.gaussians import Gaussians
+
+pxr_usd = pytest.importorskip("pxr.Usd", reason="usd-core is optional: requirements/formats.txt")
+
+RandomGaussians = Callable[..., Gaussians]
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usd"])
+def test_the_stage_has_one_prim_with_all_values(tmp_path: Path, suffix: str, random_gaussians: RandomGaussians) -> None:
+    gaussians = random_gaussians(6, degree=2)
+    path = tmp_path / f"a{suffix}"
+    write_usd(path, gaussians, name="Ölkanne", metres_per_unit=0.25, custom_data={"title": "Ölkanne"})
+    stage = pxr_usd.Stage.Open(str(path))
+    layer = stage.GetRootLayer()
+    assert stage.GetMetadata("metersPerUnit") == 0.25 and stage.GetMetadata("upAxis") == "Z"
+    assert layer.customLayerData["title"] == "Ölkanne" and "unit" not in layer.customLayerData
+    prim = stage.GetDefaultPrim()
+    assert prim.GetTypeName() == PRIM_TYPE and prim.GetDisplayName() == "Ölkanne"
+
+    def get(name: str) -> np.ndarray:
+        return np.array(prim.GetAttribute(name).Get())
+
+    np.testing.assert_array_equal(get("positions"), gaussians.means)
+    np.testing.assert_array_equal(get("scales"), gaussians.scales)
+    np.testing.assert_array_equal(get("opacities"), gaussians.opacities)
+    np.testing.assert_array_equal(get("radiance:sphericalHarmonicsCoefficients"), gaussians.sh.reshape(-1, 3))
+    assert prim.GetAttribute("radiance:sphericalHarmonicsDegree").Get() == 2
+    quats = np.array([[one.real, *one.imaginary] for one in prim.GetAttribute("orientations").Get()], np.float32)
+    np.testing.assert_allclose(rotations_from_quats(quats), rotations_from_quats(gaussians.quats), atol=1e-6)
+    low, high = get("extent")
+    assert (low <= gaussians.means.min(axis=0)).all() and (high >= gaussians.means.max(axis=0)).all()
+
+
+def test_an_unknown_unit_is_said_and_the_photos_that_saw_each_gaussian_are_kept(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    write_usd(tmp_path / "a.usdc", random_gaussians(3, degree=0), seen=np.array([0, 7, 2]))
+    stage = pxr_usd.Stage.Open(str(tmp_path / "a.usdc"))
+    assert not stage.HasAuthoredMetadata("metersPerUnit")
+    assert stage.GetRootLayer().customLayerData["unit"] == "unknown"
+    assert list(stage.GetDefaultPrim().GetAttribute("primvars:photosSeen").Get()) == [0, 7, 2]
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(
+    tmp_path: Path, random_gaussians: RandomGaussians, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.usdc"
+    path.write_text("precious")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(DiskError, match=r"Could not write .*a\.usdc: No space left on device"):
+            write_usd(path, random_gaussians(3))
+    broken = random_gaussians(3)
+    broken.sh[0, 0, 0] = np.nan
+    with pytest.raises(NumericalError, match="`sh` are not finite"):
+        write_usd(path, broken)
+    assert path.read_text() == "precious" and [one.name for one in tmp_path.iterdir()] == ["a.usdc"]
+    write_usd(path, random_gaussians(3))
+    assert pxr_usd.Stage.Open(str(path)).GetDefaultPrim()
+
+
+def test_an_openusd_that_is_missing_or_too_old_is_said(
+    tmp_path: Path, random_gaussians: RandomGaussians, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr("engine.formats.usd.PRIM_TYPE", "ParticleFieldOfTheFuture")
+        with pytest.raises(EnvironmentProblem, match=r"OpenUSD [\d.]+ does not know ParticleFieldOfTheFuture"):
+            write_usd(tmp_path / "a.usdc", random_gaussians(1))
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "pxr", None)
+        with pytest.raises(EnvironmentProblem, match="need the package usd-core, which is not installed"):
+            write_usd(tmp_path / "a.usdc", random_gaussians(1))
+    assert list(tmp_path.iterdir()) == []
