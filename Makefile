@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-batch bench-formats readers-test bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-formats readers-test bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -26,7 +26,7 @@ help: ## what can be made
 setup: ## make the environments and fetch the model files; again: nothing to do
 	$(PYTHON) scripts/setup_environments.py
 
-demo: setup ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
+demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
 
 test: setup page lint contracts engine-tests blender-tests ## set-up, then all checks and tests
@@ -105,7 +105,7 @@ bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; nee
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
 	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md
 
-zip: ## dist/gaussian_heritage.zip, to be installed in Blender
+zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
 offline-bundle: setup ## dist/gaussian_heritage_offline.zip: a computer like this one sets up the engine from it without a network
@@ -129,6 +129,9 @@ container-test: ## build the container image and use it; needs root, buildah, de
 
 web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 3 minutes
 	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web
+
+bench-packages: setup page ## verify beside sha256sum, and the cost of a package, into docs/records.md; needs the project of `make demo`
+	$(ENGINE) -m benchmarks.packages --project out/museum_room/project --doc docs/records.md
 
 bench-serve: page ## cost of the web server and its page, into docs/web.md; needs the project of `make demo`; 2 minutes
 	$(ENGINE) -m benchmarks.serve --project out/museum_room/project --doc docs/web.md

@@ -1,7 +1,8 @@
 """Run the whole workflow, from photos to separate objects, in Blender: ``make demo``.
 
 Builds the extension, installs it into a separate Blender without a window (bpy from PyPI), and calls its operators:
-import the photo folder, isolate every prompt, export, save, render. Standard library only.
+import the photo folder, isolate every prompt, export, save, render. Then the engine writes a package of each object,
+which is verified, and a page that shows the scene. Standard library only.
 
 example: python scripts/demo.py --photos my/photos --prompts "vase;teapot"
 """
@@ -53,7 +54,32 @@ def main() -> int:
         "GAUSSIAN_HERITAGE_PYTHON": str(engine),
     }
     command = [blender, "-P", ROOT / "scripts" / "demo_in_blender.py", zip_file, photos, out, prompts, options.preset]
-    return subprocess.run([str(part) for part in command], env=environment, cwd=out, check=False).returncode
+    done = subprocess.run([str(part) for part in command], env=environment, cwd=out, check=False).returncode
+    return done or keep(engine, out, name)
+
+
+def keep(engine: Path, out: Path, name: str) -> int:
+    """Write the page of the scene and a package of each object, verify these, and return the exit code."""
+    project, page, packages = out / "project", out / f"{name}.html", out / "packages"
+    has_objects = any((project / "objects").glob("*/object.json"))
+    commands: list[list[object]] = [
+        ["export", project, "--format", "html", "--out", page, "--overwrite"],
+        ["package", project, *([] if has_objects else ["--scene"]), "--out", packages, "--overwrite"],
+    ]
+    for words in commands:
+        if code := engine_command(engine, words):
+            return code
+    for package in sorted(file.parent for file in packages.glob("*/bagit.txt")):
+        if code := engine_command(engine, ["verify", package]):
+            return code
+    print(f"  page            {page}\n  packages        {packages}")
+    return 0
+
+
+def engine_command(engine: Path, words: list[object]) -> int:
+    """Run a command of the engine and return its exit code."""
+    command = [str(engine), "-m", "engine", *(str(word) for word in words)]
+    return subprocess.run(command, cwd=ROOT, check=False).returncode
 
 
 if __name__ == "__main__":

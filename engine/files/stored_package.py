@@ -53,7 +53,7 @@ class StoredPackage:
         self._prefix = prefix
 
     @contextlib.contextmanager
-    def open(self, name: str) -> Iterator[IO[bytes]]:
+    def reading(self, name: str) -> Iterator[IO[bytes]]:
         """Open one of the files in `sizes`.
 
         Raises
@@ -131,7 +131,7 @@ def _require_small_directory(path: Path, stream: IO[bytes]) -> None:
 
 def _checked_entries(path: Path, archive: zipfile.ZipFile) -> tuple[str, dict[str, int]]:
     """Return the one folder of the archive, with a slash, and the sizes of its files by the rest of their names."""
-    entries = [entry for entry in archive.infolist() if not entry.is_dir()]
+    entries = [entry for entry in archive.infolist() if not entry.filename.endswith("/")]
     if len(entries) > _MAX_FILES:
         raise FormatError(f"{path} has more than {_MAX_FILES} files. Choose the file of one package.")
     names = set()

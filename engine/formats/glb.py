@@ -203,9 +203,15 @@ def _document(
         "scenes": [{"nodes": [0]}],
         "nodes": [node],
     }
+    if xmp is not None:
+        document["extensionsUsed"].append(_XMP)
+        document["extensions"] = {_XMP: {"packets": [dict(xmp)]}}
+        asset["extensions"] = {_XMP: {"packet": 0}}
     if count == 0:
         # glTF does not allow an empty accessor: an object without Gaussians is a node without a mesh.
-        del document["extensionsUsed"]
+        document["extensionsUsed"].remove(EXTENSION)
+        if xmp is None:
+            del document["extensionsUsed"]
         return document, 0
     accessors, views, offset = [], [], 0
     for attribute in attributes.values():

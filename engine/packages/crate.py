@@ -13,6 +13,7 @@ CRATE_FILE = "ro-crate-metadata.json"
 MEDIA_TYPES = {
     ".ply": "application/x-ply",
     ".glb": "model/gltf-binary",
+    ".spz": "application/octet-stream",
     ".html": "text/html",
     ".jpg": "image/jpeg",
     ".jpeg": "image/jpeg",

@@ -27,6 +27,7 @@ from ..scene import (
     Gaussians,
     Measurement,
     PinholeCamera,
+    box_of,
     export_frame,
     far_gaussians,
     focal_and_center,
@@ -107,7 +108,7 @@ def load_export(project: ProjectFolder, name: str | None, *, title: str | None =
     record = load_object(project.path, name)
     gaussians = object_gaussians(project.path, record, whole)
     members = load_membership(project.path, record.id) >= record.threshold
-    described = describe_object(project, record.id, title=title)
+    described = describe_object(project, record.id, title=title) | _size(gaussians, measurement)
     return Export(gaussians, described, camera_set, members, whole, measurement)
 
 
@@ -244,12 +245,26 @@ def _photos_that_saw(export: Export, backend: Backend) -> NDArray[np.int32]:
 
 def _framing(export: Export, backend: Backend) -> Framing:
     cameras = export.camera_set.cameras
+    vertical = export_frame(export.camera_set, export.measurement, "upright").from_world[2, :3]
+    up = (vertical / np.linalg.norm(vertical)).tolist()
     if export.members is None:
-        return framing_of_scene([_pinhole(camera) for camera in cameras])
+        return framing_of_scene([_pinhole(camera) for camera in cameras], up)
     if len(export.gaussians) == 0:
-        return Framing([0.0, 0.0, 0.0], 1.0, ())
+        return Framing([0.0, 0.0, 0.0], 1.0, (), up)
     (seen_from,) = best_seen_from(Scene(export.whole, backend=backend), [export.members], cameras)
-    return framing_of_object(export.gaussians, _sides(export.gaussians, seen_from))
+    return framing_of_object(export.gaussians, _sides(export.gaussians, seen_from), up)
+
+
+def _size(gaussians: Gaussians, measurement: Measurement) -> dict[str, Any]:
+    """Return the size of an object in metres, as a part of its record; empty where the unit is not known."""
+    if measurement.metres_per_unit is None or len(gaussians) == 0:
+        return {}
+    matrix = measurement.measured_from_world
+    low, high = box_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
+    width, depth, height = (float(value) for value in high - low)
+    size = {"width_metres": width, "depth_metres": depth, "height_metres": height}
+    text = f"{100 * width:.1f} x {100 * depth:.1f} x {100 * height:.1f} cm (width, depth, height of its Gaussians)"
+    return {"size": {**size, "text": text}}
 
 
 def _sides(gaussians: Gaussians, seen_from: Sequence[Camera]) -> list[PinholeCamera]:

@@ -42,8 +42,8 @@ _NOTES = {
     f"{_RECORDS}/lido.xml": "LIDO 1.1, for museum databases and portals",
     _IIIF: "IIIF Presentation 3 manifest of the pictures",
     f"{_PICTURES}/{SHEET}": "twelve views on one sheet",
-    f"{_PICTURES}/turntable.webm": "a film of all views (WebM, VP9)",
-    f"{_PICTURES}/turntable.mp4": "the same film (MP4, VP9)",
+    f"{_PICTURES}/turntable.webm": "a film of all views, for browsers (WebM, VP8)",
+    f"{_PICTURES}/turntable.mp4": "the same film, for other programs (MP4, MPEG-4)",
     "report.html": "the report of the reconstruction, for a browser",
 }
 
@@ -166,7 +166,8 @@ def _fill(
             continue
         write_export(data / f"{stem}.{file_format}", export, file_format, frame="upright", backend=backend)
     notes |= {
-        f"{stem}.ply": "the Gaussians in the layout of 3D Gaussian splatting (PLY), Z up",
+        f"{stem}.ply": "the Gaussians in the layout of 3D Gaussian splatting (PLY), Y down as its viewers expect",
+        f"{stem}.spz": "the same in a tenth of the size, with rounded values (SPZ)",
         f"{stem}.glb": "the same as glTF with the extension KHR_gaussian_splatting, Y up",
         f"{stem}.html": "a page that shows it; open it in a browser",
     }
@@ -246,6 +247,7 @@ def _readme(described: dict[str, Any], notes: dict[str, str]) -> str:
         "3D Gaussian splats, reconstructed from photographs by Gaussian Heritage "
         f"{described['exported']['software']['gaussian heritage']} on {described['exported']['finished']}.",
         described["unit"]["text"],
+        (described.get("size") or {}).get("text"),
         _sides_text(described["pictures"], is_object=bool(item)),
     ]
     return (

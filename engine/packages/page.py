@@ -38,16 +38,19 @@ class Framing:
     Attributes
     ----------
     center : list of 3 floats
-        World units, Z up.
+        World units.
     radius : float
         Of the sphere that movements depend on.
     views : tuple of PinholeCamera
         The first is shown first.
+    up : list of 3 floats
+        Direction that is up.
     """
 
     center: list[float]
     radius: float
     views: tuple[PinholeCamera, ...]
+    up: list[float]
 
 
 def is_viewer_built() -> bool:
@@ -55,17 +58,17 @@ def is_viewer_built() -> bool:
     return (_VIEWER / "show.js").is_file()
 
 
-def framing_of_object(gaussians: Gaussians, views: Sequence[PinholeCamera]) -> Framing:
+def framing_of_object(gaussians: Gaussians, views: Sequence[PinholeCamera], up: list[float]) -> Framing:
     """Return the framing of an object of at least one Gaussian, seen from `views`, of which at most 8 are kept."""
     low, high = np.percentile(gaussians.means, [2, 98], axis=0)
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-6)
-    return Framing(((low + high) / 2).tolist(), radius, _spread(views))
+    return Framing(((low + high) / 2).tolist(), radius, _spread(views), up)
 
 
-def framing_of_scene(views: Sequence[PinholeCamera]) -> Framing:
+def framing_of_scene(views: Sequence[PinholeCamera], up: list[float]) -> Framing:
     """Return the framing of a scene, seen from the cameras `views`, at least one, of which at most 8 are kept."""
     center, radius = looked_at(np.array([view.viewmat for view in views]))
-    return Framing(center, radius, _spread(views))
+    return Framing(center, radius, _spread(views), up)
 
 
 def _spread(views: Sequence[PinholeCamera]) -> tuple[PinholeCamera, ...]:
@@ -80,7 +83,7 @@ def write_page(path: Path, gaussians: Gaussians, described: dict[str, Any], fram
     ----------
     path : Path
     gaussians : Gaussians
-        In the upright frame, at least one.
+        In the world of the cameras, at least one.
     described : dict
         The record, as `describe_scene` or `describe_object` return it.
     framing : Framing
@@ -154,7 +157,7 @@ def _data(described: dict[str, Any], framing: Framing) -> dict[str, Any]:
         "metresPerUnit": described["unit"]["metres_per_unit"],
         "center": framing.center,
         "radius": framing.radius,
-        "up": [0.0, 0.0, 1.0],
+        "up": framing.up,
         "views": [_view(camera) for camera in framing.views],
     }
 
@@ -182,6 +185,7 @@ def _record(described: dict[str, Any]) -> Html:
         ("Rights", item.get("rights")),
         ("Notes", item.get("notes")),
         ("Unit of length", described["unit"]["text"]),
+        ("Size", (described.get("size") or {}).get("text")),
         ("Part of", described.get("scene_title")),
         ("Isolated by", prompt.get("text") or prompt.get("kind")),
         ("Confidence", _number(item.get("confidence"))),

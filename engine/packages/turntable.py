@@ -26,7 +26,9 @@ Pixels = NDArray[np.uint8]
 N_PICTURES = 72  # by definition
 """Pictures of a turn: one each five degrees of a full one."""
 SHEET = "contact_sheet.png"
-FILMS = ("turntable.webm", "turntable.mp4")
+FILMS = {"turntable.webm": "VP80", "turntable.mp4": "mp4v"}
+"""Films by name, with their codec. Browsers play VP8, presentation programs MPEG-4. OpenCV has no encoder for H.264,
+and that for VP9 takes four times as long as VP8 for the same size and likeness."""
 _OBJECT_SIDE = 512  # by definition
 _SCENE_SIDE = 640  # by definition
 """Longest side of the pictures, pixels."""
@@ -162,37 +164,37 @@ def write_sheet(path: Path, title: str, pictures: Sequence[Pixels]) -> None:
 
 
 def write_films(folder: Path, turn: Turn) -> list[Path]:
-    """Write the pictures as films, ``turntable.webm`` and ``turntable.mp4``, both with the codec VP9.
+    """Write the pictures as films: ``turntable.webm`` for browsers, ``turntable.mp4`` for other programs.
 
     A turn that is not closed goes there and back, so that the film can be repeated.
 
     Raises
     ------
     EnvironmentProblem
-        When OpenCV was built without the codec.
+        When OpenCV was built without a codec.
     DiskError
         When the film cannot be written.
     """
     there = list(turn.pictures)
     frames = there if turn.is_closed else there + there[-2:0:-1]
     paths = [folder / name for name in FILMS]
-    for path in paths:
-        _write_film(path, frames)
+    for path, codec in zip(paths, FILMS.values(), strict=True):
+        _write_film(path, codec, frames)
     return paths
 
 
-def _write_film(path: Path, frames: Sequence[Pixels]) -> None:
+def _write_film(path: Path, codec: str, frames: Sequence[Pixels]) -> None:
     height, width = frames[0].shape[:2]
-    # VP9 halves the resolution of colours, so it takes even sizes.
+    # Both halve the resolution of colours, so they take even sizes.
     height, width = height - height % 2, width - width % 2
     temporary = path.with_name(f".writing-{path.name}")
     try:
         film = cv2.VideoWriter(
-            str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"vp09"), _FRAMES_PER_SECOND, (width, height)
+            str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), _FRAMES_PER_SECOND, (width, height)
         )
         if not film.isOpened():
             raise EnvironmentProblem(
-                "OpenCV of this environment cannot write VP9, so no film was made. Set up the engine again."
+                f"OpenCV of this environment cannot write {path.name}, so no film was made. Set up the engine again."
             )
         for frame in frames:
             film.write(np.ascontiguousarray(frame[:height, :width, ::-1]))

@@ -80,13 +80,13 @@ def verify_package(path: Path, *, should_stop: StopCheck = never_stop) -> Verifi
         # Without a list of the other files, anything may lie beside `data`.
         covered = "" if tags in package.sizes else "data/"
         known = {*listed, *(f"tagmanifest-{one}.txt" for one in _ALGORITHMS)}
-        changed, n_bytes = [], 0
+        changed, n_bytes, buffer = [], 0, bytearray(_BUFFER_BYTES)
         for name, digest in listed.items():
             if should_stop():
                 raise Cancelled("Stopped. Nothing was changed.")
             if name in package.sizes:
                 n_bytes += package.sizes[name]
-                if _digest(package, name, algorithm) != digest:
+                if _digest(package, name, algorithm, buffer) != digest:
                     changed.append(name)
         return Verification(
             n_files=sum(name in package.sizes for name in listed),
@@ -128,18 +128,17 @@ def _read_list(package: StoredPackage, name: str, *, payload: bool) -> dict[str,
     return listed
 
 
-def _digest(package: StoredPackage, name: str, algorithm: str) -> str:
+def _digest(package: StoredPackage, name: str, algorithm: str, buffer: bytearray) -> str:
     digest = hashlib.new(algorithm)
-    buffer = bytearray(_BUFFER_BYTES)
     view = memoryview(buffer)
-    with package.open(name) as stream:
+    with package.reading(name) as stream:
         while count := stream.readinto(buffer):  # type: ignore[attr-defined]
             digest.update(view[:count])
     return digest.hexdigest()
 
 
 def _read_text(package: StoredPackage, name: str) -> str:
-    with package.open(name) as stream:
+    with package.reading(name) as stream:
         data = stream.read(_MAX_LIST_BYTES + 1)
     if len(data) > _MAX_LIST_BYTES:
         raise FormatError(f"{name} in {package.path} is too large. Do not use this package.")

@@ -8,7 +8,7 @@ Standard library and NumPy only: Blender exports files too.
 """
 
 from .crm import crm_json_ld
-from .dublin_core import dublin_core, dublin_core_xml
+from .dublin import dublin_core, dublin_core_xml
 from .embedded import gltf_extras, ply_comments, xmp_packet
 from .iiif import EXAMPLE_ADDRESS, Picture, iiif_manifest
 from .lido import lido_xml

@@ -31,7 +31,7 @@ def gltf_extras(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
         Values that are not known are left out; ``unit`` is always there.
     """
     item, exported = described.get("object") or {}, described["exported"]
-    training = next((step for step in described["steps"] if step["stage"] == "training"), {})
+    training: dict[str, Any] = next((step for step in described["steps"] if step["stage"] == "training"), {})
     trained = training.get("results") or {}
     used = [photo for photo in described["captures"] if photo["use"] != "not used"]
     summary = {
@@ -41,6 +41,7 @@ def gltf_extras(described: dict[str, Any], *, frame: str) -> dict[str, Any]:
         "unit": described["unit"]["text"],
         "metres_per_unit": described["unit"]["metres_per_unit"],
         "frame": frame,
+        "size": (described.get("size") or {}).get("text"),
         "identifier": described["identifier"],
         "photos": len(used) or None,
         "photos_taken": _dates(described["captures"]),

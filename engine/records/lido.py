@@ -61,7 +61,20 @@ def _describe(parent: ET.Element, described: dict[str, Any]) -> None:
     if item.get("notes"):
         note = _add(_add(identification, "objectDescriptionWrap"), "objectDescriptionSet")
         _add(note, "descriptiveNoteValue", item["notes"])
+    size = described.get("size")
+    if size:
+        _measure(_add(_add(identification, "objectMeasurementsWrap"), "objectMeasurementsSet"), size)
     _digitisation(_add(_add(parent, "eventWrap"), "eventSet"), described)
+
+
+def _measure(parent: ET.Element, size: dict[str, Any]) -> None:
+    _add(parent, "displayObjectMeasurements", size["text"])
+    measurements = _add(parent, "objectMeasurements")
+    for name in ("width", "depth", "height"):
+        one = _add(measurements, "measurementSet")
+        _add(one, "measurementType", name)
+        _add(one, "measurementUnit", "m")
+        _add(one, "measurementValue", f"{size[f'{name}_metres']:.4f}")
 
 
 def _digitisation(event_set: ET.Element, described: dict[str, Any]) -> None:

@@ -8,9 +8,9 @@ from __future__ import annotations
 from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera
 from .camera_storage import camera_problem, read_camera_set, write_camera_set
 from .extents import box_of, far_gaussians, foot_of
+from .framing import looked_at
 from .gaussians import FEATURE_DIM, Gaussians
 from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixels
-from .looked_at import looked_at
 from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
 from .measurement_storage import delete_measurement, load_measurement, save_measurement
 from .photo import Photo, PhotoSet, RejectedPhoto

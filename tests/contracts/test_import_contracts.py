@@ -37,6 +37,7 @@ PLANTED = [
     ("shared-packages", "engine/models/planted.py", "from ..masks import sam"),
     ("numba-in-rasterizer", "engine/masks/planted.py", "import numba"),
     ("web-in-serve", "engine/report/planted.py", "import fastapi"),
+    ("rocrate-in-packages", "engine/report/planted.py", "import rocrate"),
     ("dask-in-batch", "engine/report/planted.py", "import distributed"),
     ("pycolmap-in-cameras", "engine/training/planted.py", "import pycolmap"),
     ("onnxruntime-in-one-module", "engine/models/planted.py", "import onnxruntime"),

@@ -6,9 +6,11 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from engine.formats.glb import read_glb
+from engine.formats.ply import read_ply
 from engine.packages.captures import add_exif
 from engine.packages.exporting import load_export, write_export
 from engine.project_folder import ProjectFolder
@@ -25,6 +27,7 @@ from engine.records import (
     ply_comments,
     xmp_packet,
 )
+from engine.scene import MeasuredDistance, Measurement, save_measurement
 from tests.engine.pictures.blob_scene import BlobScene
 
 from .conftest import TITLE, make_project
@@ -68,6 +71,10 @@ ORDER = {
     "recordSource": ("legalBodyID", "legalBodyName", "legalBodyWeblink"),
     "legalBodyName": ("appellationValue", "sourceAppellation"),
     "recordInfoSet": ("recordInfoID", "recordInfoLink", "recordMetadataDate"),
+    "objectMeasurementsWrap": ("objectMeasurementsSet",),
+    "objectMeasurementsSet": ("displayObjectMeasurements", "objectMeasurements"),
+    "objectMeasurements": ("measurementSet", "extentMeasurements", "qualifierMeasurements"),
+    "measurementSet": ("measurementType", "measurementUnit", "measurementValue"),
     "resourceWrap": ("resourceSet",),
     "resourceSet": (
         *("resourceID", "resourceRepresentation", "resourceType", "resourceRelType", "resourcePerspective"),
@@ -244,3 +251,23 @@ def test_files_carry_the_record_unless_none_is_wanted(project: ProjectFolder, tm
         assert b"comment" not in head and b"extras" not in head and b"KHR_xmp" not in head
     assert b"KHR_xmp_json_ld" in (tmp_path / "full.glb").read_bytes()
     assert len(read_glb(tmp_path / "full.glb")) == len(export.gaussians)
+
+
+def test_measured_project_has_metres_and_the_size_of_the_object(blobs: BlobScene, tmp_path: Path) -> None:
+    project = make_project(blobs, tmp_path)
+    # The ball is about 0.55 units wide; two units are a metre.
+    save_measurement(project.path, Measurement((MeasuredDistance((0.0, 0.0, 0.0), (2.0, 0.0, 0.0), 1.0),)))
+    export = load_export(project, "kanne")
+    assert export.described["unit"]["metres_per_unit"] == pytest.approx(0.5)
+    assert "Files are in metres, from 1 distance measured" in export.described["unit"]["text"]
+    size = export.described["size"]
+    assert size["width_metres"] == pytest.approx(np.ptp(export.gaussians.means[:, 0]) / 2, rel=0.1)
+    root = ET.fromstring(lido_xml(export.described))
+    check_order(root)
+    values = [float(one.text or "") for one in root.iter(f"{LIDO}measurementValue")]
+    assert values == pytest.approx([size[f"{name}_metres"] for name in ("width", "depth", "height")], abs=1e-4)
+    out = tmp_path / "kanne.ply"
+    write_export(out, export, "ply", frame=None)
+    head = out.read_bytes().split(b"end_header")[0].decode()
+    assert "comment unit metre" in head and "comment size " in head and "is not known" not in head
+    assert np.ptp(read_ply(out).means[:, 0]) == pytest.approx(np.ptp(export.gaussians.means[:, 0]) / 2, rel=1e-4)
