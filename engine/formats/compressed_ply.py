@@ -65,7 +65,7 @@ def read_compressed(stream: IO[bytes], header: Header, path: Path, size: int, ad
         if f"min_{prefix}{axes[0]}" not in (chunks.dtype.names or ()):
             return values  # Older files have no ranges of colours.
         low, high = (np.stack([chunks[f"{end}_{prefix}{axis}"] for axis in axes], axis=1)[of] for end in ("min", "max"))
-        return low * (1 - values) + high * values
+        return (low * (1 - values) + high * values).astype(np.float32)
 
     color = _bits(vertices["packed_color"], (8, 8, 8, 8))
     sh0 = (in_range(color[:, :3], "", "rgb") - 0.5) / SH_C0

@@ -148,12 +148,16 @@ def _attributes(
     for degree in range(gaussians.sh_degree + 1):
         for order in range(2 * degree + 1):
             index = degree * degree + order
-            attributes[_sh_name(degree, order)] = _Attribute(3, lambda part, k=index: gaussians.sh[part, k])
+            attributes[_sh_name(degree, order)] = _Attribute(3, _coefficient(gaussians, index))
     if color_fallback:
         attributes["COLOR_0"] = _Attribute(4, lambda part: _fallback_color(gaussians[part]), "<u2")
     if seen is not None:
         attributes[_SEEN] = _Attribute(1, lambda part: seen[part])
     return attributes
+
+
+def _coefficient(gaussians: Gaussians, index: int) -> Callable[[slice], NDArray[Any]]:
+    return lambda part: gaussians.sh[part, index]
 
 
 def _unit(quats: NDArray[np.float32]) -> NDArray[np.float64]:

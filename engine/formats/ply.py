@@ -151,7 +151,7 @@ def write_ply(
 def _fill(rows: NDArray[np.void], part: Gaussians, extra: dict[str, NDArray[Any]]) -> None:
     """Put some Gaussians into their rows; other properties keep their values."""
     bands = part.sh.shape[1] - 1
-    groups = {
+    groups: dict[tuple[str, ...], NDArray[Any]] = {
         _POSITION: part.means,
         _COLOR: part.sh[:, 0],
         tuple(f"f_rest_{i}" for i in range(3 * bands)): part.sh[:, 1:].transpose(0, 2, 1),

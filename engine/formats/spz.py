@@ -44,7 +44,7 @@ _SH_STEPS = np.array((8, 16, 16), np.float32)
 """Steps of 1/128 of a coefficient, of degree 1, 2 and 3."""
 _GZIP = 16 + zlib.MAX_WBITS
 _ROWS_PER_CHUNK = 1 << 14
-_CHUNK_BYTES = 1 << 22
+_CHUNK_BYTES = 1 << 18
 _FIELDS = ("positions", "alphas", "colors", "scales", "rotations", "sh")
 
 
@@ -184,7 +184,7 @@ def _unpack(unpacked: _Unpacked, count: int, n_rest: int, version: int, fraction
     alphas = unpacked.rows(count, 1)[:, 0]
     sh = np.empty((count, 1 + n_rest, 3), np.float32)
     sh[:, 0] = (unpacked.rows(count, 3) / np.float32(255) - np.float32(0.5)) / np.float32(_COLOR_SCALE)
-    log_scales = unpacked.rows(count, 3) / np.float32(16) - np.float32(10)
+    log_scales = (unpacked.rows(count, 3) / np.float32(16) - np.float32(10)).astype(np.float32)
     quats = _rotations(unpacked.rows(count, 3 if version == 2 else 4))
     if n_rest:
         sh[:, 1:] = unpacked.rows(count, 3 * n_rest).reshape(count, n_rest, 3)
@@ -238,19 +238,20 @@ class _Unpacked:
         except zlib.error as error:
             raise FormatError(f"{self._path} is a damaged SPZ file ({error}). {self._advice}") from error
 
-    def take(self, n_bytes: int) -> bytes:
+    def take(self, n_bytes: int) -> bytearray:
         """Return the next bytes; raises `FormatError` when there are fewer."""
-        parts = [self._rest]
-        length = len(self._rest)
-        while length < n_bytes:
+        content = bytearray(n_bytes)
+        filled = 0
+        while True:
+            part = self._rest[: n_bytes - filled]
+            content[filled : filled + len(part)] = part
+            self._rest, filled = self._rest[len(part) :], filled + len(part)
+            if filled == n_bytes:
+                return content
             chunk = next(self._chunks, None)
             if chunk is None:
                 raise FormatError(f"{self._path} is truncated: it ends before its last Gaussian. {self._advice}")
-            parts.append(chunk)
-            length += len(chunk)
-        content = b"".join(parts)
-        self._rest = content[n_bytes:]
-        return content[:n_bytes]
+            self._rest = chunk
 
     def rows(self, count: int, width: int) -> NDArray[np.uint8]:
         """Return the next bytes as an array [count, width]."""

@@ -17,13 +17,13 @@ _FAR = 1.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7,
 """Radii of a scene beyond which a Gaussian is far. Up to 2, nearly the same ones are; viewers then show more void."""
 
 
-def box_of(means: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def box_of(means: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the two corners of the box, [3] each, of positions [N, 3], at least one, without their tails."""
     low, high = np.quantile(means, _TAILS, axis=0)
     return low, high
 
 
-def foot_of(means: NDArray[np.float32]) -> NDArray[np.float64]:
+def foot_of(means: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the middle of the bottom of an object, shape [3], from the positions [N, 3] of its Gaussians."""
     low, high = box_of(means)
     return np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])

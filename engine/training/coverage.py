@@ -70,7 +70,7 @@ class Coverage:
         """Return how many training photos see each of `places`, [P, 3], shape [P]."""
         counts = np.zeros(len(places), np.int32)
         for camera, surface in self._seen:
-            counts += _sees(camera, surface, places)
+            counts += _sees(camera, surface, places.astype(np.float64))
         return counts
 
     def _depth(self, camera: PinholeCamera) -> NDArray[np.float64]:
