@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-packages bench-batch bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-formats readers-test bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -86,6 +86,12 @@ bench-batch: setup ## cost of a batch, and workers killed at random moments, int
 	$(ENGINE) -m benchmarks.batch kills --folders 4 --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch kills --folders 2 --kills 30 --prompts vase --doc docs/batch.md
 	$(ENGINE) -m benchmarks.batch simulation --doc docs/batch.md
+
+bench-formats: setup ## time, size and memory of exported files beside other programs, into docs/formats.md; 5 minutes
+	$(ENGINE) -m benchmarks.formats speed --doc docs/formats.md
+
+readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 5 minutes
+	$(ENGINE) -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md --pictures docs/pictures/formats
 
 bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; needs a graphics card; 5 minutes
 	$(ENGINE) -m benchmarks.gpu start

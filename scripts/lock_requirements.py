@@ -37,6 +37,7 @@ LOCKS = {
             ENGINE / "locked-engine.txt": "What the engine needs, without torch",
             REQUIREMENTS / "locked-serve.txt": "What the web server needs besides, for serve.txt",
             REQUIREMENTS / "locked-batch.txt": "What batch needs besides, for batch.txt",
+            REQUIREMENTS / "locked-formats.txt": "What exports as USD need besides, for formats.txt",
             REQUIREMENTS / "locked-dev.txt": "What developers need besides, for engine-dev.txt",
             ENGINE / "locked-torch.txt": "torch alone",
             ENGINE / "locked-cuda.txt": "What only CUDA builds of torch need",
@@ -76,7 +77,7 @@ def main() -> int:
         return 1
     for requirements, (python, parts) in LOCKS.items():
         files = list(parts)
-        needed = {"engine": set[str](), "serve": set[str](), "batch": set[str]()}
+        needed = {"engine": set[str](), "serve": set[str](), "batch": set[str](), "formats": set[str]()}
         if requirements == "engine-dev.txt":
             for part in needed:
                 needed[part] = {name for name, _ in resolve(uv, f"{part}.txt", python, files, upgrade=options.upgrade)}

@@ -270,6 +270,7 @@ def read_glb(path: Path) -> Gaussians:
         if any("uri" in buffer for buffer in document["buffers"]):
             raise FormatError(f"{path} takes its values from another file. Export it as one binary file.")
         gaussians = _gaussians(document, binary, primitive["attributes"], path)
+        del binary  # The Gaussians are copied once more, when they are turned.
     except (KeyError, IndexError, ValueError) as error:
         raise FormatError(
             f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."
@@ -291,13 +292,13 @@ def _gaussians(
     degree = max(degree for degree in range(4) if _sh_name(degree, 0) in attributes)
     names = [_sh_name(band, order) for band in range(degree + 1) for order in range(2 * band + 1)]
     with np.errstate(invalid="ignore"):
-        return Gaussians(
-            means=read("POSITION", 3),
-            log_scales=np.log(np.maximum(read(_SCALE, 3), np.finfo(np.float32).tiny)),
-            quats=np.roll(read(_ROTATION, 4), 1, axis=1),
-            opacity_logits=logits_of(read(_OPACITY, 1)[:, 0].astype(np.float64)),
-            sh=np.stack([read(name, 3) for name in names], axis=1),
-        )
+        means, quats = read("POSITION", 3), np.roll(read(_ROTATION, 4), 1, axis=1)
+        log_scales = np.log(np.maximum(read(_SCALE, 3), np.finfo(np.float32).tiny))
+        logits = logits_of(read(_OPACITY, 1)[:, 0].astype(np.float64))
+    sh = np.empty((len(means), len(names), 3), np.float32)
+    for number, name in enumerate(names):
+        sh[:, number] = read(name, 3)
+    return Gaussians(means, log_scales, quats, logits, sh)
 
 
 def _is_ours(document: dict[str, Any]) -> bool:

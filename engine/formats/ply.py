@@ -38,6 +38,7 @@ _NORMAL = ("nx", "ny", "nz")
 _COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
+_ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _REST_COUNTS = (0, 9, 24, 45)
 _ROWS_PER_CHUNK = 1 << 14
 """Gaussians read or written at once: their table stays in the processor's cache."""
@@ -116,7 +117,6 @@ def write_ply(
     DiskError
         When the file cannot be written.
     """
-    check_finite(gaussians)
     extra = extra or {}
     rest = 3 * (gaussians.sh.shape[1] - 1)
     if header:
@@ -135,36 +135,42 @@ def write_ply(
     is_turned = not np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED)
     with atomic_write(path) as stream:
         stream.write("\n".join(["ply", *lines, "end_header", ""]).encode())
+        rows = np.zeros(min(len(gaussians), _ROWS_PER_CHUNK), dtype)
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
             chunk = slice(start, start + _ROWS_PER_CHUNK)
             part = gaussians[chunk]
+            if not all(np.isfinite(getattr(part, name)).all() for name in _ARRAYS):
+                check_finite(gaussians)
             if is_turned:
                 part = transform_gaussians(part, turn)
-            stream.write(_rows(part, {name: values[chunk] for name, values in extra.items()}, dtype).data)
+            rows = rows[: len(part)]
+            _fill(rows, part, {name: values[chunk] for name, values in extra.items()})
+            stream.write(rows.view(np.uint8).data)
 
 
-def _rows(part: Gaussians, extra: dict[str, NDArray[Any]], dtype: np.dtype[np.void]) -> NDArray[Any]:
-    """Return the rows of some Gaussians, as bytes in the order of `dtype`."""
-    rest = 3 * (part.sh.shape[1] - 1)
+def _fill(rows: NDArray[np.void], part: Gaussians, extra: dict[str, NDArray[Any]]) -> None:
+    """Put some Gaussians into their rows; other properties keep their values."""
+    bands = part.sh.shape[1] - 1
     groups = {
         _POSITION: part.means,
         _COLOR: part.sh[:, 0],
-        tuple(f"f_rest_{i}" for i in range(rest)): part.sh[:, 1:].transpose(0, 2, 1).reshape(len(part), rest),
+        tuple(f"f_rest_{i}" for i in range(3 * bands)): part.sh[:, 1:].transpose(0, 2, 1),
         ("opacity",): part.opacity_logits[:, None],
         _SCALE: part.log_scales,
         _ROTATION: part.quats,
         **{(name,): values[:, None] for name, values in extra.items()},
     }
-    rows = np.zeros(len(part), dtype)
     table = _table(rows)
-    position = {name: index for index, name in enumerate(dtype.names or ())}
+    position = {name: index for index, name in enumerate(rows.dtype.names or ())}
     for names, values in groups.items():
-        if table is not None and names:
-            table[:, _index([position[name] for name in names])] = values
+        columns = _index([position[name] for name in names]) if table is not None and names else None
+        if table is not None and isinstance(columns, slice):
+            # Splitting the last axis needs no copy.
+            table[:, columns].reshape(values.shape)[...] = values
         else:
+            flat = values.reshape(len(rows), len(names))
             for column, name in enumerate(names):
-                rows[name] = values[:, column]
-    return rows.view(np.uint8)
+                rows[name] = flat[:, column]
 
 
 def _table(rows: NDArray[Any]) -> NDArray[np.float32] | None:
@@ -188,7 +194,7 @@ def _ascii(text: str) -> str:
 
 def check_finite(gaussians: Gaussians) -> None:
     """Raise `NumericalError` for the first array of `gaussians` with a value that is not finite."""
-    for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
+    for name in _ARRAYS:
         values = getattr(gaussians, name)
         # A sum is not finite where a value is not, and needs no second array; it may overflow where all are.
         with np.errstate(over="ignore", invalid="ignore"):

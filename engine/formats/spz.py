@@ -40,10 +40,10 @@ _LEVEL = 5  # by definition
 """Level of compression: the next one takes twice as long and saves a hundredth."""
 _COLOR_SCALE = 0.15
 """Width of a colour coefficient in the range of its 8 bits."""
-_SH_STEPS = (8, 16, 16)
+_SH_STEPS = np.array((8, 16, 16), np.float32)
 """Steps of 1/128 of a coefficient, of degree 1, 2 and 3."""
 _GZIP = 16 + zlib.MAX_WBITS
-_ROWS_PER_CHUNK = 1 << 16
+_ROWS_PER_CHUNK = 1 << 14
 _CHUNK_BYTES = 1 << 22
 _FIELDS = ("positions", "alphas", "colors", "scales", "rotations", "sh")
 
@@ -115,7 +115,7 @@ def _packed(field: str, part: Gaussians, fraction_bits: int) -> bytes:
     if field == "rotations":
         return _packed_rotations(part.quats).tobytes()
     steps = np.repeat(_SH_STEPS, (3, 5, 7))[: part.sh.shape[1] - 1, None]
-    values = np.round(part.sh[:, 1:] * 128) + 128
+    values = np.round(part.sh[:, 1:] * np.float32(128)) + np.float32(128)
     return np.clip(np.floor((values + steps // 2) / steps) * steps, 0, 255).astype(np.uint8).tobytes()
 
 
@@ -187,7 +187,9 @@ def _unpack(unpacked: _Unpacked, count: int, n_rest: int, version: int, fraction
     log_scales = unpacked.rows(count, 3) / np.float32(16) - np.float32(10)
     quats = _rotations(unpacked.rows(count, 3 if version == 2 else 4))
     if n_rest:
-        sh[:, 1:] = (unpacked.rows(count, 3 * n_rest).reshape(count, n_rest, 3) - np.float32(128)) / np.float32(128)
+        sh[:, 1:] = unpacked.rows(count, 3 * n_rest).reshape(count, n_rest, 3)
+        sh[:, 1:] -= 128
+        sh[:, 1:] /= 128
     return Gaussians(
         means=means.astype(np.float32),
         log_scales=log_scales,

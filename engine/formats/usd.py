@@ -75,8 +75,8 @@ def write_usd(
         from pxr import Sdf, Usd, UsdGeom, Vt
     except ImportError as error:
         raise EnvironmentProblem(
-            "USD files need the package usd-core, which is not installed. Install it into the engine's environment "
-            "(pip install usd-core), or export PLY, GLB or SPZ."
+            "USD files need the package usd-core, which is not installed. Install requirements/formats.txt with pip, "
+            "or export PLY, GLB or SPZ."
         ) from error
     if Usd.SchemaRegistry().FindConcretePrimDefinition(PRIM_TYPE) is None:
         version = ".".join(str(number) for number in Usd.GetVersion()[1:])

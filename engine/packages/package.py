@@ -22,7 +22,7 @@ from ..records import Picture, crm_json_ld, dublin_core_xml, iiif_manifest, lido
 from .bag import PAYLOAD, write_bag
 from .captures import add_exif, photo_file
 from .crate import media_type, write_crate
-from .exporting import FORMATS, Export, load_export, turn_of, write_export
+from .exporting import FORMATS, Export, divided, load_export, turn_of, write_export
 from .page import is_viewer_built
 from .turntable import SHEET, Turn, write_films, write_sheet
 
@@ -161,14 +161,19 @@ def _fill(
     should_stop: StopCheck,
 ) -> None:
     described, notes = export.described, dict(_NOTES)
+    near, far = divided(export)
     for file_format in FORMATS:
         if file_format == "html" and not is_viewer_built():
             continue
-        write_export(data / f"{stem}.{file_format}", export, file_format, frame="upright", backend=backend)
+        shown = export if file_format == "html" else near
+        write_export(data / f"{stem}.{file_format}", shown, file_format, frame="upright", backend=backend)
+    if far is not None:
+        write_export(data / f"{stem}_far.ply", far, "ply", frame="upright", backend=backend)
     notes |= {
         f"{stem}.ply": "the Gaussians in the layout of 3D Gaussian splatting (PLY), Y down as its viewers expect",
-        f"{stem}.spz": "the same in a tenth of the size, with rounded values (SPZ)",
+        f"{stem}.spz": "the same in a sixth of the size, with rounded values (SPZ)",
         f"{stem}.glb": "the same as glTF with the extension KHR_gaussian_splatting, Y up",
+        f"{stem}_far.ply": "Gaussians of the scene that lie far outside of what the photos show",
         f"{stem}.html": "a page that shows it; open it in a browser",
     }
     turn = turn_of(export, backend, should_stop)

@@ -69,6 +69,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
         "json.loads",
     ): "the request of the parent process, which is this program; names of files "
     "in it may have characters that `parse_json` refuses",
+    ("engine/formats/usd.py", ".open"): "the file that OpenUSD has just written, whose bytes are forced to the disk",
     ("engine/cameras/colmap_calls.py", ".open"): "the database of the run's own folder; every error is translated",
     ("engine/models/archives.py", "zipfile.is_zipfile"): _ARCHIVE,
     ("engine/models/archives.py", "zipfile.ZipFile"): _ARCHIVE,

@@ -26,16 +26,18 @@ DISTRIBUTIONS = {
     "cv2": "opencv-contrib-python-headless",
     "flip_evaluator": "flip-evaluator",
     "pillow_heif": "pillow-heif",
+    "pxr": "usd-core",
     "sklearn": "scikit-learn",
 }
 # llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
 NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
-OPTIONAL = ("engine", "serve", "batch")
+OPTIONAL = ("engine", "serve", "batch", "formats")
 """The engine's own requirements and its optional ones."""
 LOCKED = {
-    "engine-dev": ("engine", "serve", "batch", "dev", "torch"),
+    "engine-dev": ("engine", "serve", "batch", "formats", "dev", "torch"),
     "serve": ("engine", "serve"),
     "batch": ("engine", "serve", "batch"),
+    "formats": ("engine", "formats"),
     "engine": ("engine", "torch"),
     "blender-4.5": ("blender-4.5", "bpy-4.5"),
     "blender-5.2": ("blender-5.2", "bpy-5.2"),

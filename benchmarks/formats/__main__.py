@@ -1,0 +1,107 @@
+"""Measures file formats and writes the figures of docs/formats.md, for `make bench-formats` and `make readers-test`.
+
+example: python -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.documents import put_into
+from engine.errors import HeritageError
+from engine.formats import read_ply
+from engine.machine import describe_machine
+
+from .readers import reader_rows, require_node_modules
+from .speed import COUNT, N_MEMORY, memory_rows, speed_rows
+
+ROOT = Path(__file__).resolve().parents[2]
+LEAST_PSNR = 28.0
+
+
+def main() -> int:
+    """Measure, and write and print a part of the document; return 1 when a reader or a viewer shows something else."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, text in (("speed", "time, size and memory"), ("readers", "other programs' readers, and viewers")):
+        command = commands.add_parser(name, help=text)
+        command.add_argument("--doc", type=Path, required=True)
+        if name == "readers":
+            command.add_argument("--project", type=Path, required=True, help="a project folder with a scene")
+            command.add_argument("--pictures", type=Path, help="folder for screenshots")
+    options = parser.parse_args()
+    try:
+        require_node_modules()
+        with tempfile.TemporaryDirectory() as name:
+            return speed(options, Path(name)) if options.command == "speed" else readers(options, Path(name))
+    except HeritageError as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+def speed(options: argparse.Namespace, folder: Path) -> int:
+    """Measure speed, size and memory."""
+    rows = [*speed_rows(folder), *memory_rows(folder)]
+    text = (
+        f"{COUNT:,} random Gaussians with harmonics of degree 3; memory with {N_MEMORY:,}. Least of three rounds: "
+        "seconds of the processor, and by the clock in brackets. "
+        f"Machine: {describe_machine().name}, shared with other work.\n\n" + _table(("what", "measured", "goal"), rows)
+    )
+    return _publish(options.doc, "speed", text)
+
+
+def readers(options: argparse.Namespace, folder: Path) -> int:
+    """Compare with other programs, and look at files in viewers."""
+    from .viewers import shown_in_viewers
+
+    scene = read_ply(options.project / "gaussians" / "scene.ply")
+    rows = reader_rows(scene, folder)
+    files = []
+    for kind in ("ply", "glb"):
+        file = folder / f"scene.{kind}"
+        words = ["export", str(options.project), "--format", kind, "--frame", "upright", "--out", str(file)]
+        subprocess.run([sys.executable, "-m", "engine", *words], cwd=ROOT, check=True, capture_output=True)
+        files.append(file)
+    shown = shown_in_viewers(options.project, files, options.pictures)
+    pictures = [
+        (
+            one.viewer,
+            one.file,
+            ", ".join(f"{value:.1f}" for value in one.psnr),
+            f"{one.psnr_upside_down:.1f}",
+            f"{100 * one.covered:.0f} %",
+        )
+        for one in shown
+    ]
+    head = ("viewer", "file", "PSNR beside our pictures, dB", "beside them upside down", "covered when opened")
+    text = (
+        f"{len(scene):,} Gaussians of the museum room. Differences are the largest of positions, log-scales, "
+        "opacities, covariances relative to the largest size, and coefficients.\n\n"
+        + _table(("file", "read by", "largest difference"), rows)
+        + "\n\n"
+        + _table(head, pictures)
+    )
+    _publish(options.doc, "readers", text)
+    bad = [one for one in shown if min(one.psnr) < LEAST_PSNR]
+    for one in bad:
+        print(f"{one.viewer} shows {one.file} otherwise than the engine: {min(one.psnr):.1f} dB.", file=sys.stderr)
+    return 1 if bad or any("other" in row[2] or " of " in row[2] for row in rows) else 0
+
+
+def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
+    lines = [head, tuple("---" for _ in head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _publish(document: Path, part: str, text: str) -> int:
+    put_into(document, part, text)
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

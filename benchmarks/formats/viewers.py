@@ -1,0 +1,229 @@
+"""Exported files in other viewers, in Chromium with software WebGL: upright, framed, and like our own pictures."""
+
+from __future__ import annotations
+
+import functools
+import http.server
+import json
+import shutil
+import threading
+import urllib.parse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Browser, sync_playwright
+
+from benchmarks.serve.page import WEBGL, read_picture
+from engine.errors import EnvironmentProblem
+from engine.formats import read_glb, read_ply
+from engine.pictures import Scene
+from engine.scene import PinholeCamera, read_camera_set
+
+__all__ = ["Shown", "shown_in_viewers"]
+
+HERE = Path(__file__).resolve().parent
+WIDTH, HEIGHT = 640, 480
+FOV = 50.0
+"""Vertical field of view in degrees."""
+N_VIEWS = 3
+MAX_SECONDS = 90
+Point = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """A viewer: the place of a point of the engine's world in it, and the address of a page that shows a file."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    place: Callable[[Point, str], Point]
+    address: Callable[[str, tuple[Point, Point] | None, Path], str]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a viewer showed of a file.
+
+    Attributes
+    ----------
+    viewer, file : str
+    psnr : tuple of float
+        Beside the engine's pictures from the same cameras, dB.
+    psnr_upside_down : float
+        The mean beside the engine's pictures turned by 180 degrees: far lower when the file is upright.
+    covered : float
+        Share of the picture that shows something in the viewer's own framing.
+    """
+
+    viewer: str
+    file: str
+    psnr: tuple[float, ...]
+    psnr_upside_down: float
+    covered: float
+
+
+def shown_in_viewers(project: Path, files: list[Path], pictures: Path | None) -> list[Shown]:
+    """Show each of `files`, exported from `project`, in each viewer that reads it; keep screenshots in `pictures`."""
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        raise EnvironmentProblem("Chromium is missing. Install it (Debian: apt-get install chromium).")
+    cameras = read_camera_set(project / "cameras").cameras
+    chosen = [cameras[index] for index in np.linspace(0, len(cameras) - 1, N_VIEWS).astype(int)]
+    looks = [(np.asarray(one.center), np.asarray(one.center + one.viewmat[2, :3])) for one in chosen]
+    with sync_playwright() as playwright, _served(files) as (address, folder):
+        browser = playwright.chromium.launch(executable_path=program, args=WEBGL)
+        found = []
+        for file in files:
+            gaussians = (read_glb if file.suffix == ".glb" else read_ply)(file)
+            expected = [_engine_picture(Scene(gaussians), *look) for look in looks]
+            for viewer in VIEWERS:
+                if file.suffix not in viewer.suffixes:
+                    continue
+                shots = []
+                for look in (*looks, None):
+                    placed = None if look is None else tuple(viewer.place(point, file.suffix) for point in look)
+                    page = viewer.address(file.name, placed, folder)  # type: ignore[arg-type]
+                    shots.append(_screenshot(browser, f"{address}/{page}", folder))
+                if pictures is not None:
+                    pictures.mkdir(parents=True, exist_ok=True)
+                    _keep(pictures / f"{viewer.name.lower()}_{file.suffix[1:]}.jpg", [expected[0], shots[0], shots[-1]])
+                pairs = list(zip(shots, expected, strict=False))
+                found.append(
+                    Shown(
+                        viewer.name,
+                        file.suffix[1:].upper(),
+                        tuple(_psnr(shot, wanted) for shot, wanted in pairs),
+                        float(np.mean([_psnr(shot, wanted[::-1, ::-1]) for shot, wanted in pairs])),
+                        float((shots[-1].max(axis=2) > 0.05).mean()),
+                    )
+                )
+        browser.close()
+    return found
+
+
+def _psnr(shown: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
+    return float(-10 * np.log10(np.mean((shown - wanted) ** 2)))
+
+
+def _engine_picture(scene: Scene, eye: Point, target: Point) -> NDArray[np.float64]:
+    """Return the engine's picture, [H, W, 3] in [0, 1], of a camera whose picture's side is level."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = (right, np.cross(forward, right), forward)
+    viewmat[:3, 3] = -viewmat[:3, :3] @ eye
+    focal = HEIGHT / (2 * np.tan(np.radians(FOV) / 2))
+    K = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1.0]])
+    camera = PinholeCamera(viewmat, K, WIDTH, HEIGHT)
+    return scene.render(camera, color=True).channels.clip(0, 1).astype(np.float64)
+
+
+def _keep(file: Path, pictures: list[NDArray[np.float64]]) -> None:
+    row = np.concatenate(pictures, axis=1)
+    Image.fromarray(np.round(row * 255).astype(np.uint8)).resize((3 * WIDTH // 2, HEIGHT // 2)).save(file, quality=85)
+
+
+def _screenshot(browser: Browser, address: str, folder: Path) -> NDArray[np.float64]:
+    """Return the picture of a page once it has stopped changing."""
+    file = folder / "shot.png"
+    with browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}) as context:
+        page = context.new_page()
+        page.goto(address)
+        last = np.zeros((HEIGHT, WIDTH, 3))
+        for _ in range(MAX_SECONDS // 3):
+            page.wait_for_timeout(3000)
+            page.screenshot(path=file, timeout=MAX_SECONDS * 1000)
+            now = read_picture(file)
+            if (now > 0.05).any() and np.abs(now - last).mean() < 1e-4:
+                return now
+            last = now
+    raise EnvironmentProblem(f"{address} showed nothing steady in {MAX_SECONDS} seconds.")
+
+
+class _Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@contextmanager
+def _served(files: list[Path]) -> Iterator[tuple[str, Path]]:
+    """Serve the viewers and `files` to this computer alone; yield the address and the folder."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "node_modules").symlink_to(HERE / "node_modules")
+        shutil.copyfile(HERE / "babylon.html", folder / "babylon.html")
+        shutil.copytree(HERE / "node_modules" / "@playcanvas" / "supersplat-viewer" / "public", folder / "supersplat")
+        for file in files:
+            shutil.copyfile(file, folder / file.name)
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=name))
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}", folder
+        finally:
+            server.shutdown()
+
+
+def _listed(point: Point) -> str:
+    return ",".join(f"{value:.9g}" for value in point)
+
+
+def _babylon_place(point: Point, suffix: str) -> Point:
+    x, y, z = point
+    # Its world is left-handed with Y up; glTF is turned about Y besides.
+    return np.array([x, z, y] if suffix == ".ply" else [-x, z, -y])
+
+
+def _babylon_address(name: str, look: tuple[Point, Point] | None, folder: Path) -> str:
+    asked = {"file": name}
+    if look is not None:
+        asked |= {"eye": _listed(look[0]), "target": _listed(look[1]), "fov": str(FOV)}
+    return f"babylon.html?{urllib.parse.urlencode(asked)}"
+
+
+def _supersplat_place(point: Point, suffix: str) -> Point:
+    x, y, z = point
+    # The file is turned by 180 degrees about Z.
+    return np.array([-x, z, y])
+
+
+def _supersplat_address(name: str, look: tuple[Point, Point] | None, folder: Path) -> str:
+    off = {"enabled": False}
+    settings = {
+        "version": 2,
+        "tonemapping": "none",
+        "highPrecisionRendering": False,
+        "background": {"color": [0, 0, 0]},
+        "postEffectSettings": {
+            "sharpness": {**off, "amount": 0},
+            "bloom": {**off, "intensity": 0, "blurLevel": 2},
+            "grading": {**off, "brightness": 1, "contrast": 1, "saturation": 1, "tint": [1, 1, 1]},
+            "vignette": {**off, "intensity": 0, "inner": 0, "outer": 1, "curvature": 1},
+            "fringing": {**off, "intensity": 0},
+        },
+        "animTracks": [],
+        "cameras": [],
+        "annotations": [],
+        "startMode": "default",
+    }
+    if look is not None:
+        eye, target = ([float(value) for value in point] for point in look)
+        # The angle is that of the longer side.
+        across = float(np.degrees(2 * np.arctan(np.tan(np.radians(FOV) / 2) * WIDTH / HEIGHT)))
+        settings["cameras"] = [{"initial": {"position": eye, "target": target, "fov": across}}]
+    file = folder / "supersplat" / "settings.json"
+    file.write_text(json.dumps(settings))
+    return f"supersplat/index.html?content=/{name}&settings=settings.json&noui&webgl&noanim"
+
+
+VIEWERS = (
+    Viewer("SuperSplat", (".ply",), _supersplat_place, _supersplat_address),
+    Viewer("Babylon", (".ply", ".glb"), _babylon_place, _babylon_address),
+)
