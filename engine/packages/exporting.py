@@ -174,7 +174,7 @@ def write_export(
     is_moved = placed.name not in ("original", "world")
     matrix, notes = placed.from_world, dict(export.notes)
     if export.members is not None and len(gaussians) and is_moved and not in_scene:
-        foot = foot_of(gaussians.means @ matrix[:3, :3].T + matrix[:3, 3])
+        foot = foot_of((gaussians.means @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32))
         matrix = _moved(-foot) @ matrix
         notes["origin_in_scene"] = " ".join(f"{value:.6g}" for value in foot)
     if file_format == "spz":

@@ -6,7 +6,6 @@ import base64
 import gzip
 import hashlib
 import json
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import EnvironmentProblem, FormatError
-from ..files import atomic_write, read_bytes, read_text
+from ..files import TEMPORARY_PREFIX, atomic_write, delete_derived, read_bytes, read_text
 from ..formats import write_ply
 from ..report import Html, fill, joined
 from ..scene import Gaussians, PinholeCamera, looked_at
@@ -103,7 +102,7 @@ def write_page(path: Path, gaussians: Gaussians, described: dict[str, Any], fram
         raise EnvironmentProblem(f"The viewer of the page is missing in {_VIEWER}. {_ADVICE}")
     script, style = (read_text(_VIEWER / name, advice=_ADVICE) for name in ("show.js", "show.css"))
     viewer = read_bytes(_VIEWER / "viewer.js.gz", max_bytes=1 << 24, advice=_ADVICE)
-    splats = gzip.compress(_ply_bytes(gaussians), _LEVEL, mtime=0)
+    splats = gzip.compress(_ply_bytes(path, gaussians), _LEVEL, mtime=0)
     size = (len(viewer) + len(splats)) * 4 // 3
     if size > _MAX_BYTES:
         raise FormatError(
@@ -129,11 +128,14 @@ def write_page(path: Path, gaussians: Gaussians, described: dict[str, Any], fram
         stream.write(text)
 
 
-def _ply_bytes(gaussians: Gaussians) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "splats.ply"
+def _ply_bytes(path: Path, gaussians: Gaussians) -> bytes:
+    """Return the Gaussians as a PLY file, which is written beside the page for that."""
+    file = path.with_name(f"{TEMPORARY_PREFIX}{path.name}.ply")
+    try:
         write_ply(file, gaussians)
         return read_bytes(file, max_bytes=1 << 33, advice="Export the scene as PLY.")
+    finally:
+        delete_derived(path.parent, file.name)
 
 
 def _policy(script: str) -> str:
