@@ -135,7 +135,7 @@ def test_its_scene_and_objects_are_exported_as_they_were(release: Path, capsys: 
     for name, count in [*OBJECTS.items(), (None, 400)]:
         for kind, read in (("ply", read_ply), ("glb", read_glb)):
             out = release / f"{name}.{kind}"
-            asked = ["--object", name] if name else []
+            asked = ["--object", name] if name else ["--far", "keep"]
             assert call(capsys, "export", project, *asked, "--format", kind, "--out", out).code == 0
             assert len(read(out)) == count
     assert call(capsys, "report", project).code == 0
