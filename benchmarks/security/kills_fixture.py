@@ -68,7 +68,8 @@ def _segment(name: str, arguments: str, share: int, *, may_repeat: bool = True) 
 
 
 def _export(file_format: str) -> Kind:
-    arguments = f"--format {file_format.lower()} --out {{out}}.{file_format.lower()} --overwrite"
+    # A record says when it was exported.
+    arguments = f"--format {file_format.lower()} --record none --out {{out}}.{file_format.lower()} --overwrite"
     return Kind(f"export, {file_format}", "finished", f"export {{project}} {arguments}", 10, reconstructs=False)
 
 
@@ -85,12 +86,8 @@ KINDS = (
     _segment("segment --prompt", "--prompt jug", 8),
     _segment("segment --refine", f"--refine bell --click {_CLICK}", 8, may_repeat=False),
     _segment("segment --complement", "--complement", 6),
-    Kind(
-        "export, PLY", "finished", "export {project} --format ply --out {out}.ply --overwrite", 10, reconstructs=False
-    ),
-    Kind(
-        "export, GLB", "finished", "export {project} --format glb --out {out}.glb --overwrite", 10, reconstructs=False
-    ),
+    _export("PLY"),
+    _export("GLB"),
 )
 
 
