@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from engine.formats import read_glb, read_ply, read_spz, transform_gaussians, write_glb, write_ply, write_spz, write_usd
-from engine.formats.spherical_harmonics import orthogonal_sh_matrix, sh_basis
+from engine.formats.spherical_harmonics import sh_basis
 from engine.scene import Gaussians
 
 __all__ = ["COUNT", "bytes_of", "memory_rows", "random_gaussians", "rotation_error", "speed_rows"]
@@ -68,7 +68,7 @@ def speed_rows(folder: Path) -> list[Row]:
         rows.append((what, f"{cpu:.2f} s ({wall:.2f} s)", goal))
         return cpu
 
-    write = add("PLY written", "1.5 s", lambda: write_ply(ply, gaussians, up="-y"))
+    add("PLY written, turned", "1.5 s", lambda: write_ply(ply, gaussians, up="-y"))
     plain = add("PLY written without a turn", "", lambda: write_ply(ply, gaussians))
     read = add("PLY read", "1.5 s", lambda: read_ply(ply))
     # As its users make them: from arrays of their own.
@@ -95,7 +95,6 @@ def speed_rows(folder: Path) -> list[Row]:
     sizes = ", ".join(f"{one.suffix[1:].upper()} {one.stat().st_size / 1e6:.0f} MB" for one in (ply, glb, usd, spz))
     rows.append(("sizes", sizes, ""))
     rows.append(("rotation of harmonics: largest relative error", f"{rotation_error():.1e}", "1e-5"))
-    assert write > 0
     return rows
 
 
@@ -152,12 +151,11 @@ def rotation_error() -> float:
         before = np.einsum("dk,nkc->ndc", sh_basis(directions, 3), gaussians.sh.astype(np.float64))
         after = np.einsum("dk,nkc->ndc", sh_basis(directions @ rotation.T, 3), turned.sh.astype(np.float64))
         worst = max(worst, float(np.abs(after - before).max() / np.abs(before).max()))
-        assert np.isfinite(orthogonal_sh_matrix(rotation, 3)).all()
     return worst
 
 
 _MEMORY = """
-import json, resource, sys
+import json, sys
 from pathlib import Path
 import numpy as np
 import engine.formats as formats
