@@ -67,6 +67,10 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         StringProperty(name="Name", description="Name of an isolated object; empty: object", options={"SKIP_SAVE"}),
     ]
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Wait for a click in the view; with a photo, look through it at once."""
+        return self.execute(context) if self.photo else super().invoke(context, event)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Look through the photo."""
         if not self.photo:
