@@ -217,7 +217,8 @@ def photo_of_point(scene: bpy.types.Scene, cameras: Sequence[Camera], point: Flo
     look /= np.linalg.norm(look)
 
     def facing(camera: Camera) -> float:
-        return float((local - camera.center) @ look / max(np.linalg.norm(local - camera.center), 1e-12))
+        to_point = local - camera.center
+        return float(to_point @ look / max(float(np.linalg.norm(to_point)), 1e-12))
 
     for camera in sorted(cameras, key=facing, reverse=True):
         if facing(camera) <= _MIN_FACING:

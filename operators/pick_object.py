@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
+import numpy as np
 from bpy.props import EnumProperty, FloatProperty, StringProperty
+from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -18,6 +20,8 @@ from ..gaussian_heritage_addon.visible_splats import (
 from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]
+
+Float64 = NDArray[np.float64]
 
 
 @blender_properties
@@ -81,7 +85,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         """Look along the ray of the click."""
         return self._pick(context, *self.rays[-1])
 
-    def _pick(self, context: bpy.types.Context, origin: object, direction: object) -> set[str]:
+    def _pick(self, context: bpy.types.Context, origin: Float64, direction: Float64) -> set[str]:
         scene = context.scene
         splats = SplatsInView.of(scene)
         seen = splats.seen(origin, direction)
