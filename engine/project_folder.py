@@ -30,7 +30,7 @@ from .files import (
 )
 from .project_versions import MIGRATIONS, PROJECT_VERSION, SCHEMAS
 
-__all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "stage_key"]
+__all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "hold_mark", "stage_key"]
 
 PROJECT_FILE = "project.json"
 SCENE_OUTPUT = "gaussians/scene.ply"
@@ -278,6 +278,30 @@ class ProjectFolder:
 
     def _name_of(self, path: Path) -> str:
         return path.relative_to(self.path).as_posix()
+
+
+def hold_mark(file: Path) -> IO[str] | None:
+    """Hold the file `file`, which is made, until the returned stream is closed or this program ends.
+
+    Returns
+    -------
+    file or None
+        None when another program holds it.
+
+    Raises
+    ------
+    DiskError
+        When the file cannot be made.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        stream = file.open("a+", encoding="utf-8")
+    except OSError as error:
+        raise DiskError(f"{file} cannot be written: {error.strerror or error}. Check its permissions.") from error
+    if _try_lock(stream):
+        return stream
+    stream.close()
+    return None
 
 
 def _lock_function() -> Callable[[IO[str]], None]:

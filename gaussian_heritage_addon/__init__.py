@@ -2,7 +2,18 @@
 
 import bpy
 
-from . import guards, job_runner, panels, pictures, preferences_page, problems, properties, solid_mode
+from . import (
+    guards,
+    job_runner,
+    open_projects,
+    panels,
+    pictures,
+    preferences_page,
+    problems,
+    properties,
+    solid_mode,
+    translations,
+)
 from .preferences import user_folder
 
 __all__ = ["register", "unregister"]
@@ -18,10 +29,14 @@ def register() -> None:
     properties.register()
     job_runner.register()
     solid_mode.register()
+    open_projects.register()
+    translations.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
+    translations.unregister()
+    open_projects.unregister()
     solid_mode.unregister()
     job_runner.unregister()
     pictures.unregister()

@@ -71,6 +71,17 @@ class HERITAGE_PT_by_hand(_ProjectPanel):
             layout.operator("heritage.store_edits", icon="FILE_TICK")
 
 
+def _draw_regions(layout: bpy.types.UILayout) -> None:
+    row = layout.row(align=True)
+    lasso = row.operator("heritage.edit_region", text="Add by Lasso", icon="ADD")
+    box = row.operator("heritage.edit_region", text="Add by Box", icon="ADD")
+    (lasso.action, lasso.shape), (box.action, box.shape) = ("ADD", "LASSO"), ("ADD", "BOX")
+    row = layout.row(align=True)
+    lasso = row.operator("heritage.edit_region", text="Take by Lasso", icon="REMOVE")
+    box = row.operator("heritage.edit_region", text="Take by Box", icon="REMOVE")
+    (lasso.action, lasso.shape), (box.action, box.shape) = ("TAKE", "LASSO"), ("TAKE", "BOX")
+
+
 class HERITAGE_PT_measure(_ProjectPanel):
     """Scale, ground, north, origin and rulers."""
 
@@ -96,8 +107,8 @@ class HERITAGE_PT_measure(_ProjectPanel):
         button.action = "GROUND"
         ground.operator("heritage.ground_from_plane", text="From Plane")
         row = column.row(align=True)
-        for action, is_set in (("NORTH", measurement.north), ("ORIGIN", measurement.origin)):
-            row.operator("heritage.measure", text=action.title(), icon=done[is_set is not None]).action = action
+        row.operator("heritage.measure", text="North", icon=done[measurement.north is not None]).action = "NORTH"
+        row.operator("heritage.measure", text="Origin", icon=done[measurement.origin is not None]).action = "ORIGIN"
         layout.operator("heritage.measure", text="Ruler", icon="DRIVER_DISTANCE").action = "RULER"
         for _, length in rulers(scene):
             layout.label(text=length_text(scene, length), icon="ARROW_LEFTRIGHT")

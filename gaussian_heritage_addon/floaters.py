@@ -13,19 +13,21 @@ _TYPICAL_NEIGHBOURS = 20
 """Gaussians, itself included, in the cell of the median Gaussian and the 26 cells around it."""
 _MAX_STEPS = 40
 """Halvings of the size of the cells; float64 has no smaller ones."""
+_EXTENT = 2.0
+"""Standard deviations along its longest axis at which a Gaussian ends."""
 _MIN_OBJECT = 30
 """Of fewer Gaussians, each is needed."""
 
 
-def find_floaters(gaussians: Gaussians, *, min_neighbours: int = 3, min_opacity: float = 0.05) -> NDArray[np.bool_]:
+def find_floaters(gaussians: Gaussians, *, min_neighbours: int = 3, min_opacity: float = 0.02) -> NDArray[np.bool_]:
     """Return which Gaussians of an object are floaters, shape [N].
 
     Parameters
     ----------
     gaussians : Gaussians
     min_neighbours : int
-        A Gaussian with fewer others near it is isolated. Near means within a cell or beside it, with cells so large
-        that the median Gaussian has about 20 near it.
+        A Gaussian with fewer others near it is isolated, unless its ellipsoid comes near that of one which is not. Near
+        means within a cell or beside it, with cells so large that the median Gaussian has about 20 near it.
     min_opacity : float
         A Gaussian with a lower opacity is faint.
     """
@@ -36,12 +38,31 @@ def find_floaters(gaussians: Gaussians, *, min_neighbours: int = 3, min_opacity:
     solid = np.flatnonzero(~faint)
     floaters = faint.copy()
     if len(solid) >= _MIN_OBJECT:
-        floaters[solid] = _neighbours(gaussians.means[solid].astype(np.float64)) - 1 < min_neighbours
+        means = gaussians.means[solid].astype(np.float64)
+        counts, cell = _neighbours(means)
+        alone = counts - 1 < min_neighbours
+        sizes = _EXTENT * np.exp(gaussians.log_scales[solid].max(axis=1).astype(np.float64))
+        alone[alone] = _gaps(means[alone], sizes[alone], means[~alone], sizes[~alone]) > cell
+        floaters[solid] = alone
     return floaters
 
 
-def _neighbours(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the number of points, itself included, in the cell of each point and around it, shape [N]."""
+def _gaps(
+    means: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    others: NDArray[np.float64],
+    their_sizes: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the smallest gap between each Gaussian [K] and the others [M], as balls; infinity without others."""
+    gaps = np.full(len(means), np.inf)
+    for number, (mean, size) in enumerate(zip(means, sizes, strict=True)):
+        if len(others):
+            gaps[number] = (np.linalg.norm(others - mean, axis=1) - their_sizes).min() - size
+    return gaps
+
+
+def _neighbours(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+    """Return the number of points, itself included, in the cell of each point and around it, and the cell's size."""
     size = float(np.ptp(points, axis=0).max())
     counts = np.full(len(points), len(points), np.int64)
     for _ in range(_MAX_STEPS):
@@ -49,7 +70,7 @@ def _neighbours(points: NDArray[np.float64]) -> NDArray[np.int64]:
         if np.median(smaller) < _TYPICAL_NEIGHBOURS:
             break
         counts, size = smaller, size / 2
-    return counts
+    return counts, size
 
 
 def _counts(points: NDArray[np.float64], size: float) -> NDArray[np.int64]:

@@ -93,14 +93,16 @@ def length_text(scene: bpy.types.Scene, length: float) -> str:
 def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.types.Object:
     """Add a line between two points of Blender's world, named after its length."""
     mesh = bpy.data.meshes.new("Ruler")
-    mesh.from_pydata([first.tolist(), second.tolist()], [(0, 1)], [])
+    mesh.from_pydata([(0.0, 0.0, 0.0), (second - first).tolist()], [(0, 1)], [])
     ruler = bpy.data.objects.new(length_text(scene, float(np.linalg.norm(second - first))), mesh)
     ruler[RULER_KEY] = True
     for whole in heritage_objects(scene, "SCENE")[:1]:
         for key, value in placement_properties(whole).items():
             ruler[key] = value
     ruler.show_name = ruler.show_in_front = True
-    ruler.hide_render = True
+    ruler.display_type, ruler.hide_render = "WIRE", True
+    # Its name is drawn at its origin.
+    ruler.location = first
     scene.collection.objects.link(ruler)
     return ruler
 

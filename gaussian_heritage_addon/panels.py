@@ -12,6 +12,7 @@ from .curve import stored_curve
 from .default_objects import untouched_defaults
 from .first_view import CATEGORY
 from .layouts import draw_curve, draw_job, draw_text
+from .open_projects import is_open_elsewhere
 from .properties import HeritageScene, project_of
 from .results import PROJECT_KINDS
 from .set_up_box import draw_set_up
@@ -91,6 +92,10 @@ def _draw_project(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     properties: HeritageScene = scene.heritage
     project = project_of(properties)
     layout.label(text=project.name, icon="FILE_3D")
+    if is_open_elsewhere(project):
+        draw_text(
+            layout, "Another Blender has this project open. What both store, only the later one keeps.", icon="ERROR"
+        )
     row = layout.row(align=True)
     row.operator("heritage.show_folder", text="Folder", icon="FILE_FOLDER")
     if report_file(project).is_file():

@@ -14,12 +14,21 @@ from ..engine.files import path_within
 from ..engine.jobs import Click
 from ..engine.project_content import photo_camera
 from ..engine.rasterizer.settings import ALPHA_MIN
-from ..engine.scene import Camera, RayCaster, photo_pixels, photo_ray, read_camera_set
+from ..engine.scene import Camera, PinholeCamera, RayCaster, photo_pixels, photo_ray, read_camera_set
+from .picking import FLIP
 from .properties import heritage_objects, project_of, scene_count
 from .sight import Seen, Sight, SplatLayer, seen_on_ray
 from .splats import SplatScene
 
-__all__ = ["PhotoSight", "SplatsInView", "cameras_of", "photo_of_point", "sight_of_photo", "sight_of_viewport"]
+__all__ = [
+    "PhotoSight",
+    "SplatsInView",
+    "cameras_of",
+    "photo_of_point",
+    "sight_of_photo",
+    "sight_of_viewport",
+    "viewport_camera",
+]
 
 Float64 = NDArray[np.float64]
 
@@ -62,6 +71,28 @@ class PhotoSight:
 def sight_of_viewport(region: bpy.types.Region, view: bpy.types.RegionView3D) -> Sight:
     """Return what a region of a 3D viewport shows."""
     return Sight(region.width, region.height, np.array(view.perspective_matrix, np.float64))
+
+
+def viewport_camera(context: bpy.types.Context) -> PinholeCamera | None:
+    """Return where the user looks from, in the normalised world; None without a 3D viewport or without the scene."""
+    area = context.area
+    whole = next(iter(heritage_objects(context.scene, "SCENE")), None)
+    if area is None or area.type != "VIEW_3D" or whole is None:
+        return None
+    region = next(one for one in area.regions if one.type == "WINDOW")
+    view = area.spaces.active.region_3d
+    viewmat = FLIP @ np.array(view.view_matrix, np.float64) @ _placement(whole)
+    size = np.cbrt(abs(np.linalg.det(viewmat[:3, :3])))
+    if not (np.isfinite(size) and size > 0):
+        return None
+    viewmat[:3] /= size
+    # The nearest rotation: the matrices of Blender are float32.
+    left, _, right = np.linalg.svd(viewmat[:3, :3])
+    viewmat[:3, :3] = left @ right
+    lens = np.array(view.window_matrix, np.float64)
+    focal = abs(lens[0, 0]) * region.width / 2, abs(lens[1, 1]) * region.height / 2
+    K = np.array([[focal[0], 0, region.width / 2], [0, focal[1], region.height / 2], [0, 0, 1.0]])
+    return PinholeCamera(viewmat, K, region.width, region.height)
 
 
 def sight_of_photo(scene: bpy.types.Scene, photo: str) -> PhotoSight:
@@ -186,7 +217,8 @@ def photo_of_point(scene: bpy.types.Scene, cameras: Sequence[Camera], point: Flo
     look /= np.linalg.norm(look)
 
     def facing(camera: Camera) -> float:
-        return float((local - camera.center) @ look / max(np.linalg.norm(local - camera.center), 1e-12))
+        to_point = local - camera.center
+        return float(to_point @ look / max(float(np.linalg.norm(to_point)), 1e-12))
 
     for camera in sorted(cameras, key=facing, reverse=True):
         if facing(camera) <= _MIN_FACING:

@@ -30,6 +30,7 @@ from . import (
     remove_default_objects,
     remove_engine,
     set_up_engine,
+    shortcuts,
     show_project,
 )
 
@@ -84,10 +85,12 @@ def register() -> None:
         guards.register_class(cls)
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     guards.add_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
+    shortcuts.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
+    shortcuts.unregister()
     guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_export, _export_menu)
     guards.remove_menu_entry(bpy.types.TOPBAR_MT_file_import, _import_menu)
     for cls in reversed(CLASSES):

@@ -239,7 +239,7 @@ class HERITAGE_OT_floaters(_ObjectOperator):
         FloatProperty(
             name="Opacity",
             description="A Gaussian with a lower opacity is faint",
-            default=0.05,
+            default=0.02,
             min=0.0,
             max=1.0,
             subtype="FACTOR",

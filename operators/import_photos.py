@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, StringProperty
+from bpy_extras.io_utils import poll_file_object_drop
 
 from ..engine.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
@@ -17,6 +19,9 @@ from ..gaussian_heritage_addon.typed_properties import blender_properties
 
 __all__ = ["CLASSES"]
 
+_DIALOG_WIDTH = 450
+_PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".heic", ".heif")
+"""What may be dropped. The engine reads the whole folder, also files with other suffixes."""
 OFFERED_PRESETS = [preset for preset in PRESET_LIST if preset.offered]
 
 
@@ -39,6 +44,15 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             description="A video to take the photos from, instead of a folder",
             subtype="FILE_PATH",
             options={"SKIP_SAVE"},
+        ),
+    ]
+    files: Annotated[
+        Sequence[bpy.types.OperatorFileListElement],
+        CollectionProperty(
+            type=bpy.types.OperatorFileListElement,
+            name="Files",
+            description="Photos that were dropped; all photos of their folder are used",
+            options={"HIDDEN", "SKIP_SAVE"},
         ),
     ]
     project: Annotated[
@@ -83,7 +97,10 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     filter_movie: Annotated[bool, BoolProperty(default=True, options={"HIDDEN"})]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Open the file browser to select the folder."""
+        """Open the file browser to select the folder; for dropped files, ask for the options only."""
+        if self.filepath or self.files:
+            answer: set[str] = context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH)
+            return answer
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
@@ -109,4 +126,32 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = [HERITAGE_OT_import_photo_folder]
+class HERITAGE_FH_photos(bpy.types.FileHandler):
+    """Imports the folder of the photos that are dropped into the viewport. Blender takes no dropped folders."""
+
+    bl_idname = "HERITAGE_FH_photos"
+    bl_label = "Photos as Gaussian Scene"
+    bl_import_operator = "heritage.import_photo_folder"
+    bl_file_extensions = ";".join(_PHOTO_SUFFIXES)
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Return whether files can be dropped here: in the 3D viewport and the outliner."""
+        return poll_file_object_drop(context)
+
+
+class HERITAGE_FH_video(bpy.types.FileHandler):
+    """Imports a video that is dropped into the viewport."""
+
+    bl_idname = "HERITAGE_FH_video"
+    bl_label = "Video as Gaussian Scene"
+    bl_import_operator = "heritage.import_photo_folder"
+    bl_file_extensions = ";".join(VIDEO_SUFFIXES)
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Return whether files can be dropped here: in the 3D viewport and the outliner."""
+        return poll_file_object_drop(context)
+
+
+CLASSES = [HERITAGE_OT_import_photo_folder, HERITAGE_FH_photos, HERITAGE_FH_video]

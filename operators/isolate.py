@@ -12,6 +12,7 @@ from ..engine.errors import PromptError
 from ..engine.jobs import Click, click_arguments, text_arguments
 from ..gaussian_heritage_addon.properties import HeritageClick
 from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.visible_splats import viewport_camera
 from .segmenting import SegmentOperator, clicks_of
 
 __all__ = ["CLASSES"]
@@ -61,7 +62,10 @@ class HERITAGE_OT_isolate(SegmentOperator):
         if bool(self.prompt.strip()) == bool(clicks):
             raise PromptError("Enter what to isolate: a prompt in words, or clicks on a photo.")
         name = self.name.strip()
-        return click_arguments(clicks, name) if clicks else text_arguments(self.prompt, name)
+        if clicks:
+            return click_arguments(clicks, name)
+        # Left and right of a text are those of the view in which the button was pressed.
+        return text_arguments(self.prompt, name, viewport_camera(context))
 
 
 CLASSES = [HERITAGE_OT_isolate]

@@ -19,7 +19,7 @@ from ..gaussian_heritage_addon.measuring import (
     measure,
     scene_points,
 )
-from ..gaussian_heritage_addon.properties import HeritageClick, project_of
+from ..gaussian_heritage_addon.properties import HeritageClick, heritage_objects, project_of
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.visible_splats import SplatsInView, sight_of_photo
 from .view_clicking import ViewClickOperator
@@ -104,7 +104,8 @@ class HERITAGE_OT_measure(ViewClickOperator):
         """Use the pixels of photos."""
         if not self.points_on_photos:
             raise ObjectError("Give points_on_photos. In a window, press the button and click in the 3D view.")
-        splats = SplatsInView.of(context.scene)
+        # A photo shows the whole scene, also while only its objects are shown.
+        splats = SplatsInView.of(context.scene, only=[obj.name for obj in heritage_objects(context.scene, "SCENE")])
         rays = [sight_of_photo(context.scene, one.photo).ray(one.x, one.y) for one in self.points_on_photos]
         return self._use(context, [_surface(splats, ray) for ray in rays])
 
@@ -138,7 +139,7 @@ class HERITAGE_OT_measure(ViewClickOperator):
 def _surface(splats: SplatsInView, ray: tuple[Float64, Float64]) -> Float64:
     point = splats.seen(*ray).point
     if point is None:
-        raise ObjectError("There is no surface at this place. Click on something that is not transparent.")
+        raise ObjectError("There is no surface at this place. Click on what is shown, or show the whole scene.")
     return point
 
 

@@ -9,6 +9,7 @@ import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ..engine.project_content import scene_file
+from ..gaussian_heritage_addon import open_projects
 from ..gaussian_heritage_addon.first_view import show_scene
 from ..gaussian_heritage_addon.results import scene_for
 from ..gaussian_heritage_addon.scene_file import open_project
@@ -43,6 +44,11 @@ class HERITAGE_OT_open_project(bpy.types.Operator):
             context.window.scene = scene
         open_project(scene, project, with_cameras=self.with_cameras)
         show_scene(scene)
+        open_projects.update()
+        if open_projects.is_open_elsewhere(project):
+            self.report(
+                {"WARNING"}, f"Another Blender has {project.name} open. Close one of them before you store edits."
+            )
         return {"FINISHED"}
 
 

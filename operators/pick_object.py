@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
+import numpy as np
 from bpy.props import EnumProperty, FloatProperty, StringProperty
+from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -18,6 +20,8 @@ from ..gaussian_heritage_addon.visible_splats import (
 from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]
+
+Float64 = NDArray[np.float64]
 
 
 @blender_properties
@@ -67,6 +71,10 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         StringProperty(name="Name", description="Name of an isolated object; empty: object", options={"SKIP_SAVE"}),
     ]
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Wait for a click in the view; with a photo, look through it at once."""
+        return self.execute(context) if self.photo else super().invoke(context, event)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Look through the photo."""
         if not self.photo:
@@ -77,7 +85,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
         """Look along the ray of the click."""
         return self._pick(context, *self.rays[-1])
 
-    def _pick(self, context: bpy.types.Context, origin: object, direction: object) -> set[str]:
+    def _pick(self, context: bpy.types.Context, origin: Float64, direction: Float64) -> set[str]:
         scene = context.scene
         splats = SplatsInView.of(scene)
         seen = splats.seen(origin, direction)

@@ -10,6 +10,7 @@ from bpy.props import CollectionProperty, IntProperty, StringProperty
 
 from ..engine.errors import ObjectError
 from ..engine.jobs import refine_arguments
+from ..gaussian_heritage_addon.hand_edits import edited_objects
 from ..gaussian_heritage_addon.properties import HeritageClick, active_object
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator, clicks_of
@@ -56,6 +57,9 @@ class HERITAGE_OT_refine_object(SegmentOperator):
     def segment_arguments(self, context: bpy.types.Context) -> list[str]:
         """Return the engine's arguments for the clicks or the level."""
         object_id = self.object_id
+        for edited in edited_objects(context.scene):
+            if edited.heritage.object_id == object_id or edited == active_object(context.scene):
+                raise ObjectError(f"{edited.name} was edited by hand. Store its edits first, or undo them.")
         if not object_id:
             obj = active_object(context.scene)
             if obj is None:

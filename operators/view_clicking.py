@@ -37,9 +37,7 @@ class ViewClickOperator(bpy.types.Operator):
         return bool(context.scene.heritage.project)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Wait for clicks in the view; with arguments of a script, run at once."""
-        if self.properties.is_property_set("photo") and self.photo:
-            return self.execute(context)
+        """Wait for clicks in the view."""
         if context.area is None or context.area.type != "VIEW_3D":
             raise ObjectError("Press the button in the sidebar (N) of a 3D view.")
         self._area = context.area

@@ -21,10 +21,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from places import ROOT, python_of
+from window_by_hand import PACKAGE, SCREEN_HEIGHT, edit_by_hand, measure_scene
 
-PACKAGE = "bl_ext.user_default.gaussian_heritage"
 SCRIPT = ROOT / "scripts" / "window" / "window.sh"
-SCREEN_HEIGHT = 1000
 MAX_WHILE_WORKING, MAX_WHILE_ARRIVING = 0.1, 0.3
 """Seconds that a call of the add-on may take while a job runs, and while its result arrives; waits for a core apart."""
 PICTURES = ROOT / "docs" / "pictures" / "window"
@@ -36,6 +35,8 @@ PARTS = {
     "click_object": "650x20+172+58",
 }
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
+SHOWN = ("by_hand", "measured", "german")
+"""Further screenshots that are stored as pictures of the documentation, and not compared."""
 MAX_DIFFERENCE = 0.04
 """Mean difference of a part, 0 to 1; another text or another place of a button is above."""
 IMPORTERS = ("_poll_job", "HERITAGE_OT_open_project.execute")
@@ -332,6 +333,10 @@ def compare_pictures(window: Window, *, keep: bool) -> None:
         if difference > MAX_DIFFERENCE:
             raise Failed(f"{new} differs from {PICTURES / new.name} by {difference:.3f} in {part}")
         print(f"  {name} looks as before ({difference:.3f})", flush=True)
+    for name in SHOWN if keep else ():
+        new = window.work / "screenshots" / f"{name}.jpg"
+        window.run("small", new.with_suffix(".png"), new)
+        shutil.copy(new, PICTURES / new.name)
 
 
 # ---- what was measured
@@ -421,6 +426,8 @@ def main() -> int:
         ("set up the engine", lambda: seconds.append(set_up_engine(window, str(python)))),
         ("import photos", lambda: import_photos(window)),
         ("isolate by a click", lambda: isolate_by_click(window)),
+        ("edit by hand", lambda: edit_by_hand(window)),
+        ("measure", lambda: measure_scene(window)),
         ("export", lambda: export(window)),
         ("check the calls", lambda: check_calls(work)),
         ("compare the pictures", lambda: compare_pictures(window, keep=options.keep)),

@@ -90,6 +90,16 @@ def _read_cameras(folder: Path) -> object:
     return read_camera_set(folder / "cameras")
 
 
+def _write_hand_membership(folder: Path) -> None:
+    np.save(folder / "membership.npy", np.linspace(0, 1, 3, dtype=np.float32))
+
+
+def _read_hand_membership(folder: Path) -> object:
+    from engine.commands.stored_edits import read_membership
+
+    return read_membership(folder / "membership.npy")
+
+
 def _write_measurement(folder: Path) -> None:
     from engine.scene import MeasuredDistance, Measurement, save_measurement
 
@@ -120,8 +130,11 @@ def _write_camera(folder: Path) -> None:
 
 
 def _read_camera(folder: Path) -> object:
-    from engine.cameras.undistortion import read_camera_json
+    from engine.cameras import parse_camera_json, read_camera_json
+    from engine.files import read_text
 
+    # The same as text, as Blender gives it.
+    parse_camera_json(read_text(folder / "camera.json", advice=""))
     return read_camera_json(folder / "camera.json")
 
 
@@ -338,6 +351,7 @@ SCENE: tuple[Reader, ...] = (
     Reader("label-map", _write_label_map, _read_label_map, ("a.jpg.npz",)),
     Reader("scene", _write_scene, _read_scene, ("scene.ply", "features.npy"), share=2.0),
     Reader("polished", _write_polished, _read_polished, ("objects/vase/polished.npz",), share=2.0),
+    Reader("hand-membership", _write_hand_membership, _read_hand_membership, ("membership.npy",)),
     Reader("measurement", _write_measurement, _load_measurement, ("measurement.json",)),
     Reader("ply", _write_ply, _read_ply, ("scene.ply",)),
     Reader("ply-of-others", _write_ply_of_others, _read_ply, ("scene.ply",)),

@@ -16,8 +16,6 @@ NAME = "edit"
 HELP = "Set which Gaussians an object has, rename or merge objects, or delete them; what is replaced goes to the trash."
 EXAMPLE = "python -m engine edit scene --merge vase=lid --rename vase=Vase"
 
-_ADVICE = "Write it again as a NumPy array of float32, one value for each Gaussian of the scene."
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
@@ -43,17 +41,13 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Store the edits."""
     import numpy as np
 
-    from ..files import ArraySpec, read_array
     from ..objects import load_membership, load_object
-    from .stored_edits import store_edits
+    from .stored_edits import read_membership, store_edits
 
     if not (options.set or options.merge or options.rename or options.delete):
         raise SettingsError("Give at least one of --set, --merge, --rename and --delete.")
     with ProjectFolder.open_existing(options.project) as project:
-        memberships = {
-            object_id: read_array(Path(file), ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
-            for object_id, file in _pairs("--set", options.set)
-        }
+        memberships = {object_id: read_membership(Path(file)) for object_id, file in _pairs("--set", options.set)}
         deleted = list(options.delete)
         for target, other in _pairs("--merge", options.merge):
             ids = [load_object(project.path, name).id for name in (target, other)]

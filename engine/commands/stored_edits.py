@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ObjectError
+from ..files import ArraySpec, read_array
 from ..objects import (
     THRESHOLD,
     delete_object,
@@ -24,12 +26,20 @@ from ..project_folder import ProjectFolder
 from ..records import ObjectRecord, new_id, rename_object
 from ..scene import Polished, load_polished
 
-__all__ = ["BY_HAND", "store_edits"]
+__all__ = ["BY_HAND", "read_membership", "store_edits"]
 
 BY_HAND = "hand"
 """Kind of prompt of an object that was made by hand."""
 
 Float32 = NDArray[np.float32]
+
+
+_ADVICE = "Write it again as a NumPy array of float32, one value for each Gaussian of the scene."
+
+
+def read_membership(file: Path) -> Float32:
+    """Return the membership in a ``.npy`` file, shape [N]; raises `FormatError` when it cannot be read."""
+    return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
 
 
 def store_edits(

@@ -9,7 +9,7 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .comparison import visible_masks
     from .document import write_section
-    from .ground_truth import read_ground_truth
+    from .ground_truth import GroundTruth, read_ground_truth
     from .isolation import evaluate_project
     from .mask_metrics import feature_agreement, iou
     from .results import Evaluation, mean_of
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .table import INTRODUCTION, MEANINGS, data_of, markdown, write_evaluation
 
 __all__ = [
+    "GroundTruth",
     "INTRODUCTION",
     "MEANINGS",
     "Evaluation",

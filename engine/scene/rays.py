@@ -91,13 +91,13 @@ class RayCaster:
 
     def cast(self, origin: NDArray[np.floating], direction: NDArray[np.floating]) -> RayHits:
         """Return what the ray from `origin` [3] along `direction` [3], of any length above 0, meets."""
-        direction = np.asarray(direction, np.float64) / np.linalg.norm(direction)
+        unit: Float64 = np.asarray(direction, np.float64) / float(np.linalg.norm(direction))
         offsets = self._means - np.asarray(origin, np.float64)
-        along = offsets @ direction
-        across = offsets - along[:, None] * direction
+        along = offsets @ unit
+        across = offsets - along[:, None] * unit
         near = np.einsum("ij,ij->i", across, across) < self._reach**2
         rows = np.flatnonzero(near & (along > _NEAREST))
-        distances, alphas = self._alphas(rows, offsets[rows], direction)
+        distances, alphas = self._alphas(rows, offsets[rows], unit)
         # Blended in the order of the centres, as in training.
         order = np.argsort(along[rows], kind="stable")
         order = order[(alphas[order] >= _ALPHA_MIN) & (distances[order] > _NEAREST)]

@@ -4,6 +4,7 @@
 #   window.sh start [FILE.blend]  X server, window manager, Blender with harness.py
 #   window.sh py [SECONDS]        runs Python from standard input inside the window's Blender, prints its output
 #   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
+#   window.sh path X1 Y1 X2 Y2 ...   presses at the first position, moves over the others, releases at the last
 #   window.sh shot FILE.png       the whole screen
 #   window.sh crash | again       kills Blender; starts it again
 #   window.sh small FILE.png FILE.jpg | differ FILE.jpg FILE.jpg WxH+X+Y    of screenshots, 1200x750 pixels
@@ -53,6 +54,11 @@ drag)
   inside xdotool mousemove $(($2 - 4)) "$3" sleep 0.8 mousemove "$2" "$3" sleep 1.5 mousedown 1 sleep 0.8
   for i in 1 2 3 4 5 6; do inside xdotool mousemove $(($2 + ($4 - $2) * i / 6)) "$3" sleep 0.7; done
   inside xdotool mouseup 1 ;;
+path)
+  shift
+  inside xdotool mousemove $(($1 - 4)) "$2" sleep 0.5 mousemove "$1" "$2" sleep 0.5 mousedown 1 sleep 0.3
+  while [ $# -ge 2 ]; do inside xdotool mousemove "$1" "$2" sleep 0.4; shift 2; done
+  inside xdotool mouseup 1 ;;
 type) inside xdotool key ctrl+a; sleep 0.2; inside xdotool type --delay 25 "$2"; sleep 0.3; inside xdotool key Return ;;
 key) shift; inside xdotool key "$@" ;;
 small) inside convert "$2" -resize 1200x750 -quality 82 "$work/small.jpg" && cp "$work/small.jpg" "$3" ;;
@@ -65,5 +71,5 @@ crash) kill -9 "$(tail -1 "$work/pids")" ;;
 stop)
   [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do kill "$pid" 2>/dev/null || true; done; rm "$work/pids"; sleep 5; }
   mount | awk -v root="$root/" 'index($3, root) == 1 {print $3}' | sort -r | while read -r point; do umount "$point" || umount -l "$point" || true; done ;;
-*) sed -n '2,12p' "$0"; exit 2 ;;
+*) sed -n '2,13p' "$0"; exit 2 ;;
 esac

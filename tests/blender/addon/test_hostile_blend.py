@@ -291,6 +291,9 @@ def draw_panels() -> None:
         )
 
 
+CORNER = {"name": "", "photo": "a b/view 1.jpg", "x": 70.0, "y": 50.0, "wanted": True}
+
+
 def use_everything(part: Part, folder: Path) -> list[str]:
     """Press every button, move every slider, draw every panel; return what the operators report."""
     ops, reports = bpy.ops.heritage, []
@@ -306,6 +309,9 @@ def use_everything(part: Part, folder: Path) -> list[str]:
         lambda: ops.export_objects(directory=str(folder / "exported"), scope="ALL", format="PLY"),
         lambda: ops.export_objects(directory=str(folder / "exported"), scope="SCENE", format="GLB"),
         lambda: _click(part),
+        lambda: ops.pick_object(photo="a b/view 1.jpg", x=64.0, y=48.0),
+        lambda: ops.floaters(remove=True),
+        lambda: ops.edit_region(action="ADD", path=[CORNER, {**CORNER, "x": 1.0, "y": 1.0}]),
     ]
     errors = part("engine.errors")
     for call in calls:

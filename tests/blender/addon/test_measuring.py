@@ -122,6 +122,7 @@ def test_points_give_scale_ground_north_and_origin_and_the_panel_shows_them(
     scene = bpy.context.scene
     assert any("unit is unknown" in text for text in draw("HERITAGE_PT_measure").texts)
     a, b, c = (0.0, 0.0, -0.5), (0.5, 0.0, -0.5), (0.0, 0.5, -0.5)
+    scene.heritage.show = "OBJECTS"  # a photo shows the floor nevertheless
     assert bpy.ops.heritage.measure(action="DISTANCE", metres=1.0, points_on_photos=pixels(camera, a, b)) == {
         "FINISHED"
     }

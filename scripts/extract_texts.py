@@ -1,0 +1,98 @@
+"""List the texts of the user interface in Blender, and those that have no translation yet.
+
+example: python scripts/extract_texts.py --language german
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ("gaussian_heritage_addon", "operators")
+LANGUAGES = {"german": ROOT / "gaussian_heritage_addon" / "german.py"}
+_SHOWN = ("text", "title", "confirm_text", "placeholder")
+"""Arguments of layouts and dialogs that Blender translates."""
+
+
+def texts_of(source: str) -> Iterator[tuple[str, str]]:
+    """Yield the kind, ``"label"`` or ``"tooltip"``, and the text of each text that Blender translates in a module."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ClassDef):
+            yield from _of_class(node)
+        elif isinstance(node, ast.Call):
+            is_property = isinstance(node.func, ast.Name) and node.func.id.endswith("Property")
+            for keyword in node.keywords:
+                if is_property and keyword.arg in ("name", "description"):
+                    yield from _constant("label" if keyword.arg == "name" else "tooltip", keyword.value)
+                elif is_property and keyword.arg == "items" and isinstance(keyword.value, ast.List):
+                    for item in keyword.value.elts:
+                        if isinstance(item, ast.Tuple):
+                            yield from _constant("label", item.elts[1])
+                            yield from _constant("tooltip", item.elts[2])
+                elif keyword.arg in _SHOWN:
+                    yield from _constant("label", keyword.value)
+
+
+def _of_class(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
+    labels = [
+        statement.value
+        for statement in node.body
+        if isinstance(statement, ast.Assign)
+        and any(isinstance(target, ast.Name) and target.id == "bl_label" for target in statement.targets)
+    ]
+    for label in labels:
+        yield from _constant("label", label)
+    description = ast.get_docstring(node)
+    if labels and "_OT_" in node.name and description:
+        yield "tooltip", description
+
+
+def _constant(kind: str, node: ast.expr) -> Iterator[tuple[str, str]]:
+    if isinstance(node, ast.Constant) and isinstance(node.value, str) and any(map(str.isalpha, node.value)):
+        yield kind, node.value
+
+
+def all_texts() -> dict[str, str]:
+    """Return all texts of the add-on, with their kinds."""
+    found: dict[str, str] = {}
+    for folder in FOLDERS:
+        for file in sorted((ROOT / folder).glob("*.py")):
+            for kind, text in texts_of(file.read_text(encoding="utf-8")):
+                found.setdefault(text, kind)
+    return found
+
+
+def translated(file: Path) -> dict[str, str]:
+    """Return the texts of a module with translations."""
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "TEXTS":
+            assert node.value is not None
+            texts: dict[str, str] = ast.literal_eval(node.value)
+            return texts
+    raise ValueError(f"{file} has no TEXTS")
+
+
+def main() -> int:
+    """Print the texts as lines of Python, those without a translation first, and how many there are."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--language", choices=sorted(LANGUAGES), default="german")
+    options = parser.parse_args()
+    known, texts = translated(LANGUAGES[options.language]), all_texts()
+    for kind in ("label", "tooltip"):
+        missing = sorted(text for text, its_kind in texts.items() if its_kind == kind and text not in known)
+        print(f"# {kind}s without a translation: {len(missing)}")
+        for text in missing:
+            print(f"    {text!r}: {''!r},")
+    stale = sorted(set(known) - set(texts))
+    print(f"# translated texts that are not used any more: {len(stale)}")
+    for text in stale:
+        print(f"    {text!r}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""Steps of the window test in which a curator edits objects by hand and measures the scene."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from window_test import Window
+
+PACKAGE = "bl_ext.user_default.gaussian_heritage"
+SCREEN_HEIGHT = 1000
+
+
+def _invoke(window: Window, operator: str, **options: object) -> None:
+    """Start an operator that waits for the mouse, as its button in the sidebar does."""
+    given = ", ".join(f"{name}={value!r}" for name, value in options.items())
+    window.python(f"""
+first = bpy.context.window_manager.windows[0]
+for area in first.screen.areas:
+    if area.type == "VIEW_3D":
+        region = [region for region in area.regions if region.type == "WINDOW"][0]
+        with bpy.context.temp_override(window=first, area=area, region=region):
+            bpy.ops.heritage.{operator}("INVOKE_DEFAULT", {given})
+""")
+    time.sleep(2)
+
+
+def _frame_object(window: Window) -> tuple[tuple[float, float], float]:
+    """Show an isolated object in Solid; return the position of its middle on the screen, and its height there."""
+    answer = window.python(f"""
+import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+first = bpy.context.window_manager.windows[0]
+bpy.context.scene.heritage.show = "OBJECTS"
+one = next(obj for obj in bpy.context.scene.objects if obj.heritage.role == "OBJECT")
+for area in first.screen.areas:
+    if area.type == "VIEW_3D":
+        region = [region for region in area.regions if region.type == "WINDOW"][0]
+        view = area.spaces.active.region_3d
+        with bpy.context.temp_override(window=first, area=area, region=region):
+            area.spaces.active.shading.type = "SOLID"
+            view.view_perspective = "PERSP"
+            for obj in bpy.context.view_layer.objects: obj.select_set(obj == one)
+            bpy.ops.view3d.view_axis(type="FRONT")
+            bpy.ops.view3d.view_selected()
+            one.select_set(False)
+            view.view_distance *= 1.5
+            view.update()
+        threshold = np.float32(one.heritage.threshold)
+        members = [one.matrix_world @ vertex.co for vertex, item in zip(one.data.vertices,
+                   one.data.attributes["membership"].data) if item.value >= threshold]
+        seen = np.array([location_3d_to_region_2d(region, view, member) for member in members])
+        x, y = np.median(seen, axis=0)
+        height = np.ptp(np.quantile(seen[:, 1], [.1, .9]))
+        print(first.x + region.x + x, {SCREEN_HEIGHT} - first.y - region.y - y, height)
+""")
+    time.sleep(10)
+    x, y, height = map(float, answer.split())
+    return (x, y), height
+
+
+def edit_by_hand(window: Window) -> None:
+    """Select the object by a click in the view, take a part of it by a box, undo, take it again, and store it."""
+    (x, y), height = _frame_object(window)
+    edits = f"__import__('{PACKAGE}.gaussian_heritage_addon.hand_edits', fromlist=['x'])"
+    window.python("bpy.context.scene.heritage.active = -1")
+    _invoke(window, "pick_object", action="SELECT")
+    window.click(x, y)
+    listed = "bpy.data.objects[bpy.context.scene.heritage.active]"
+    window.check("a click in the view selects the object", f"{listed}.heritage.role == 'OBJECT'")
+    name = window.python(f"print({listed}.name)")
+    obj = f"bpy.data.objects[{name!r}]"
+    count = f"len({edits}.member_rows({obj}))"
+    before = int(window.python(f"print({count})"))
+    region = [x - height, y - 0.25 * height, x, y - 0.6 * height, x + height, y - height]
+    _invoke(window, "edit_region", action="TAKE", shape="BOX")
+    window.run("path", *map(round, region))
+    time.sleep(5)
+    window.check("a box in the view takes a part of the object", f"0 < {count} < {before}")
+    window.shot("by_hand")
+    window.run("key", "ctrl+z")
+    time.sleep(5)
+    window.check("Ctrl+Z gives it back", f"{count} == {before} and not {obj}.heritage.is_edited")
+    _invoke(window, "edit_region", action="TAKE", shape="BOX")
+    window.run("path", *map(round, region))
+    time.sleep(5)
+    after = int(window.python(f"print({count})"))
+    window.python("bpy.ops.heritage.store_edits()")
+    state = f"__import__('{PACKAGE}.gaussian_heritage_addon.job_runner', fromlist=['x']).current()"
+    window.wait_for(f"'edit' in {state}[0].command and not {state}[1].running", 120)
+    window.wait_for(f"not {obj}.heritage.is_edited", 30)
+    window.check("the edit is stored in the project", f"{state}[1].finished and {count} == {after} < {before}")
+
+
+def measure_scene(window: Window) -> None:
+    """Pick the ends of a known distance and of a ruler in the view, and look at the panels, also in German."""
+    (x, y), height = _frame_object(window)
+    _invoke(window, "measure", action="DISTANCE", metres=0.3)
+    window.click(x, y - 0.3 * height)
+    window.click(x, y + 0.3 * height)
+    time.sleep(3)
+    window.check("Blender measures in metres", "bpy.context.scene.unit_settings.system == 'METRIC'")
+    (x, y), height = _frame_object(window)
+    _invoke(window, "measure", action="RULER")
+    window.click(x, y - 0.3 * height)
+    window.click(x, y + 0.3 * height)
+    time.sleep(3)
+    measuring = f"__import__('{PACKAGE}.gaussian_heritage_addon.measuring', fromlist=['x'])"
+    # The view may have moved by a few pixels, and so may the ends.
+    window.check(
+        "the ruler shows the known distance", f"abs({measuring}.rulers(bpy.context.scene)[-1][1] - 0.3) < 0.06"
+    )
+    window.shot("measured")
+    window.python("bpy.context.preferences.view.language = 'de_DE'")
+    time.sleep(5)
+    window.shot("german")
+    window.check(
+        "German texts are shown", "bpy.app.translations.pgettext_iface('Known Distance') == 'Bekannter Abstand'"
+    )
+    window.python("bpy.context.preferences.view.language = 'en_US'")
+    time.sleep(3)
