@@ -2,12 +2,23 @@
 
 import bpy
 
-from . import guards, job_runner, panels, pictures, preferences_page, problems, properties, solid_mode
+from . import (
+    display_settings,
+    guards,
+    job_runner,
+    panels,
+    pictures,
+    preferences_page,
+    problems,
+    properties,
+    solid_mode,
+    splat_view,
+)
 from .preferences import user_folder
 
 __all__ = ["register", "unregister"]
 
-_CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *panels.CLASSES]
+_CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *display_settings.CLASSES, *panels.CLASSES]
 
 
 def register() -> None:
@@ -16,15 +27,19 @@ def register() -> None:
     for cls in _CLASSES:
         guards.register_class(cls)
     properties.register()
+    display_settings.register()
     job_runner.register()
     solid_mode.register()
+    splat_view.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
+    splat_view.unregister()
     solid_mode.unregister()
     job_runner.unregister()
     pictures.unregister()
+    display_settings.unregister()
     properties.unregister()
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)

@@ -8,13 +8,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["foot_of", "near_object"]
+__all__ = ["box_of", "foot_of", "near_object"]
 
 _TAILS = (0.01, 0.99)
 """Quantiles of the positions that count as the ends of an object: single Gaussians far away have no weight."""
 
 
-def _box(members: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def box_of(members: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and the upper bounds of an object, each of shape [3], without single Gaussians far away.
+
+    Parameters
+    ----------
+    members : array of shape [N, 3]
+        Positions of the Gaussians of the object, at least one.
+    """
     low, high = np.quantile(members, _TAILS, axis=0)
     return low, high
 
@@ -27,7 +34,7 @@ def foot_of(members: NDArray[np.float32]) -> NDArray[np.float64]:
     members : array of shape [N, 3]
         Positions of the Gaussians of the object, at least one.
     """
-    low, high = _box(members)
+    low, high = box_of(members)
     return np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
 
 
@@ -44,7 +51,7 @@ def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDA
     """
     if not is_member.any():
         return np.ones(len(means), bool)
-    low, high = _box(means[is_member])
+    low, high = box_of(means[is_member])
     size = high - low
     inside = ((means >= low - size) & (means <= high + size)).all(axis=1)
     return inside | is_member

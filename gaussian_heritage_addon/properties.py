@@ -148,7 +148,7 @@ def show_level(obj: bpy.types.Object) -> None:
 def apply_visibility(scene: bpy.types.Scene) -> None:
     """Show either the whole scene or its objects: showing both would draw their Gaussians twice."""
     for obj in heritage_objects(scene):
-        hidden = obj.heritage.role != ("OBJECT" if scene.heritage.show == "OBJECTS" else "SCENE")
+        hidden = obj.heritage.hidden or obj.heritage.role != ("OBJECT" if scene.heritage.show == "OBJECTS" else "SCENE")
         obj.hide_render = obj.hide_viewport = hidden
 
 
@@ -169,6 +169,11 @@ def _level_changed(properties: HeritageObject, context: bpy.types.Context) -> No
         return
     show_level(properties.id_data)
     properties.problem = ""
+
+
+def _hidden_changed(properties: HeritageObject, context: bpy.types.Context) -> None:
+    for scene in properties.id_data.users_scene:
+        apply_visibility(scene)
 
 
 def _get_part_to_whole(properties: HeritageObject) -> float:
@@ -309,6 +314,10 @@ class HeritageObject(bpy.types.PropertyGroup):
     ]
     kind: Annotated[
         str, StringProperty(name="Kind", description="How the object was found: text, click, all or background")
+    ]
+    hidden: Annotated[
+        bool,
+        BoolProperty(name="Hidden", description="Hide this object in viewports and renders", update=_hidden_changed),
     ]
     level: Annotated[int, IntProperty(name="Level", description="0 is the smallest part", min=0, update=_level_changed)]
     n_levels: Annotated[int, IntProperty(name="Levels", min=1, default=1)]

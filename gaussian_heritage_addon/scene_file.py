@@ -12,9 +12,11 @@ from ..engine.formats import read_ply
 from ..engine.project_content import list_objects, scene_file
 from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
+from .display_settings import apply_display, choose_display
 from .object_import import add_object, new_collection, update_object
 from .placement import apply_measurement, placement_properties
 from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
+from .splat_view import is_software
 from .splats import SplatScene
 
 __all__ = ["add_objects", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
@@ -28,6 +30,8 @@ def add_splat_file(scene: bpy.types.Scene, file: Path, name: str, *, skip_broken
     splats.object[COUNT_KEY] = len(gaussians)
     apply_blending(scene)
     apply_visibility(scene)
+    apply_display(scene)
+    choose_display(scene, len(gaussians), software=is_software())
     return splats
 
 
@@ -141,6 +145,7 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     ]
     apply_blending(scene)
     apply_visibility(scene)
+    apply_display(scene)
     return splats
 
 

@@ -10,6 +10,7 @@ from . import (
     check_models,
     click_object,
     continue_job,
+    copy_as_native,
     dismiss_candidates,
     drop_job,
     edit_objects,
@@ -31,6 +32,7 @@ from . import (
     remove_engine,
     set_up_engine,
     show_project,
+    solo_object,
 )
 
 __all__ = ["CLASSES", "register", "unregister"]
@@ -63,6 +65,8 @@ _MODULES = (
     open_result,
     show_project,
     remove_default_objects,
+    solo_object,
+    copy_as_native,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 
