@@ -7,7 +7,8 @@ from typing import Annotated
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
-from .properties import heritage_objects
+from .properties import apply_photo_opacity, heritage_objects
+from .solid_mode import viewports
 from .splat_nodes import SHAPES, display_input, renew_display, set_display_input
 from .splats import SplatScene
 from .typed_properties import blender_properties
@@ -42,7 +43,12 @@ def choose_display(scene: bpy.types.Scene, count: int, *, software: bool) -> Non
 
 
 def _kind_changed(properties: HeritageDisplay, context: bpy.types.Context) -> None:
-    apply_display(properties.id_data)
+    scene = properties.id_data
+    apply_display(scene)
+    apply_photo_opacity(scene)
+    for area in viewports(scene):
+        # Blender would outline each of the shapes.
+        area.spaces.active.overlay.show_outline_selected = properties.kind != "SHAPES"
 
 
 @blender_properties

@@ -27,9 +27,11 @@ __all__ = [
     "HeritageScene",
     "active_object",
     "apply_blending",
+    "apply_photo_opacity",
     "apply_visibility",
     "heritage_objects",
     "loading",
+    "photo_alpha",
     "photo_of",
     "project_of",
     "record_of",
@@ -198,11 +200,22 @@ def _record_changed(properties: HeritageObject, context: bpy.types.Context) -> N
     properties.problem = ""
 
 
-def _photo_opacity_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
-    for obj in properties.id_data.objects:
+def photo_alpha(scene: bpy.types.Scene) -> float:
+    """Return the opacity with which Blender draws a photo. Splats that are drawn over it fade instead."""
+    opacity: float = scene.heritage.photo_opacity
+    return opacity if scene.heritage_display.kind == "SHAPES" else float(opacity > 0)
+
+
+def apply_photo_opacity(scene: bpy.types.Scene) -> None:
+    """Apply the opacity of the photos of `scene`."""
+    for obj in scene.objects:
         if photo_of(obj):
             for background in obj.data.background_images:
-                background.alpha = properties.photo_opacity
+                background.alpha = photo_alpha(scene)
+
+
+def _photo_opacity_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
+    apply_photo_opacity(properties.id_data)
 
 
 def _show_changed(properties: HeritageScene, context: bpy.types.Context) -> None:

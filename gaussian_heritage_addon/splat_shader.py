@@ -56,17 +56,17 @@ void main()
   vec3 d = normalize(center.xyz - eye);
   float x = d.x, y = d.y, z = d.z;
   vec3 total = 0.5 + 0.28209479177387814 * entry(colors, base).xyz;
-  if (n_coefficients >= 4) {
+  if (n_evaluated >= 4) {
     total += 0.4886025119029199 * (z * entry(colors, base + 2).xyz - y * entry(colors, base + 1).xyz
       - x * entry(colors, base + 3).xyz);
   }
-  if (n_coefficients >= 9) {
+  if (n_evaluated >= 9) {
     total += 1.0925484305920792 * (x * y * entry(colors, base + 4).xyz - y * z * entry(colors, base + 5).xyz
       - x * z * entry(colors, base + 7).xyz);
     total += 0.31539156525252005 * (2.0 * z * z - x * x - y * y) * entry(colors, base + 6).xyz;
     total += 0.5462742152960396 * (x * x - y * y) * entry(colors, base + 8).xyz;
   }
-  if (n_coefficients >= 16) {
+  if (n_evaluated >= 16) {
     total += -0.5900435899266435 * y * (3.0 * x * x - y * y) * entry(colors, base + 9).xyz;
     total += 2.890611442640554 * x * y * z * entry(colors, base + 10).xyz;
     total += -0.4570457994644658 * (4.0 * z * z - x * x - y * y)
@@ -104,6 +104,7 @@ def splat_shader() -> gpu.types.GPUShader:
     info.push_constant("VEC2", "size")
     info.push_constant("FLOAT", "dot_size")
     info.push_constant("INT", "n_coefficients")
+    info.push_constant("INT", "n_evaluated")
     info.push_constant("BOOL", "perspective")
     info.push_constant("BOOL", "is_hidden")
     info.push_constant("VEC2", "depth_row")
@@ -127,10 +128,12 @@ def splat_shader() -> gpu.types.GPUShader:
 def copy_shader() -> gpu.types.GPUShader:
     """Return the shader that puts the finished picture over the viewport.
 
-    The viewport's texture converts linear values to sRGB when they are written, which is undone here.
+    With a ``strength`` below 1, what is in the viewport shines through. The viewport converts linear values to
+    sRGB when they are written, which is undone here.
     """
     info = gpu.types.GPUShaderCreateInfo()
     info.sampler(0, "FLOAT_2D", "finished")
+    info.push_constant("FLOAT", "strength")
     info.vertex_in(0, "VEC2", "corner")
     between = gpu.types.GPUStageInterfaceInfo("heritage_copy")
     between.smooth("VEC2", "place")
@@ -144,7 +147,7 @@ void main()
   if (own.a < 0.002) { discard; }
   vec3 srgb = clamp(own.rgb / own.a, 0.0, 1.0);
   vec3 linear_rgb = mix(srgb / 12.92, pow((srgb + 0.055) / 1.055, vec3(2.4)), step(0.04045, srgb));
-  picture = vec4(linear_rgb, own.a);
+  picture = vec4(linear_rgb, own.a * strength);
 }
 """)
     return gpu.shader.create_from_info(info)

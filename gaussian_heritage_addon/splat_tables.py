@@ -23,7 +23,7 @@ _CHUNK = 1 << 16
 
 @dataclass(frozen=True)
 class Part:
-    """The Gaussians of one object, in its frame.
+    """What the order is computed from, for the Gaussians of one object, in its frame.
 
     Attributes
     ----------
@@ -33,20 +33,12 @@ class Part:
     weights : array of shape [N]
         Opacity times `mean_areas`.
     membership : array of shape [N], or None for a whole scene
-    opacities : array of shape [N]
-    shapes : array of shape [N, 12]
-        Entry of the shader's list ``shapes``, without the number of the object.
-    colors : array of shape [N, n_sh, 3]
-        Spherical harmonics.
     """
 
     means: Float32
     radii: Float32
     weights: Float32
     membership: Float32 | None
-    opacities: Float32
-    shapes: Float32
-    colors: Float32
 
     @classmethod
     def of(cls, splats: SplatScene) -> Part:
@@ -57,23 +49,10 @@ class Part:
         ObjectError
             When its attributes were changed.
         """
-        means, scales = splats.attribute("position"), splats.attribute("scale")
-        base, n_sh = splats.attribute("radiance:base"), (splats.sh_degree + 1) ** 2
-        colors = np.empty((len(means), n_sh, 3), np.float32)
-        colors[:, 0] = base[:, :3]
-        for k in range(1, n_sh):
-            colors[:, k] = splats.attribute(f"radiance:sh_{k - 1}")
-        opacities = np.ascontiguousarray(base[:, 3])
-        shapes = np.zeros((len(means), 12), np.float32)
-        shapes[:, :3], shapes[:, 3] = means, opacities
-        quats = splats.attribute("rotation")
-        for start in range(0, len(means), _CHUNK):
-            rows = slice(start, start + _CHUNK)
-            axes = rotations_from_quats(quats[rows]) * scales[rows, None, :]
-            covariance = axes @ axes.transpose(0, 2, 1)
-            shapes[rows, 4:10] = covariance[:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+        scales = splats.attribute("scale")
+        opacities = np.ascontiguousarray(splats.attribute("radiance:base")[:, 3])
         weights = opacities * mean_areas(scales)
-        return cls(means, visible_radii(scales, opacities), weights, splats.membership, opacities, shapes, colors)
+        return cls(splats.attribute("position"), visible_radii(scales, opacities), weights, splats.membership)
 
 
 class Tables:
@@ -89,26 +68,51 @@ class Tables:
     shapes, colors : GPUTexture
     """
 
-    def __init__(self, parts: Sequence[Part]) -> None:
+    def __init__(self, objects: Sequence[SplatScene], parts: Sequence[Part]) -> None:
         self.parts = list(parts)
         self.starts = [0, *np.cumsum([len(part.means) for part in parts]).tolist()]
-        self.n_coefficients = max(part.colors.shape[1] for part in parts)
-        shapes = np.concatenate([part.shapes for part in parts])
-        for number, part in enumerate(parts):
-            shapes[self.starts[number] : self.starts[number] + len(part.means), 10] = number
-        self.shapes = list_texture(shapes.reshape(-1, 4))
-        colors = np.zeros((self.starts[-1], self.n_coefficients, 4), np.float32)
-        for start, part in zip(self.starts, parts, strict=False):
-            colors[start : start + len(part.means), : part.colors.shape[1], :3] = part.colors
+        self.n_coefficients = max((splats.sh_degree + 1) ** 2 for splats in objects)
+        count = self.starts[-1]
+        shapes, colors = _empty_list(3 * count), _empty_list(self.n_coefficients * count)
+        by_row = shapes[: 3 * count].reshape(count, 12), colors[: self.n_coefficients * count].reshape(count, -1, 4)
+        for number, splats in enumerate(objects):
+            rows = slice(self.starts[number], self.starts[number + 1])
+            _fill_shapes(by_row[0][rows], splats, number)
+            _fill_colors(by_row[1][rows], splats)
+        self.shapes = _texture(shapes, "RGBA32F")
         # Half precision: 11 bits, of which a colour needs 8.
-        self.colors = list_texture(colors.reshape(-1, 4), "RGBA16F")
+        self.colors = _texture(colors, "RGBA16F")
 
 
-def list_texture(values: Float32, kind: str = "") -> gpu.types.GPUTexture:
-    """Return a list of texels, an array of shape [N] or [N, 4], as a texture."""
-    width = 1 if values.ndim == 1 else 4
-    rows = max(1, -(-len(values) // TEXTURE_WIDTH))
-    padded = np.zeros((rows * TEXTURE_WIDTH, width), np.float32)
-    padded[: len(values)] = values.reshape(-1, width)
-    data = gpu.types.Buffer("FLOAT", padded.size, padded.ravel())
-    return gpu.types.GPUTexture((TEXTURE_WIDTH, rows), format=kind or ("R32F" if width == 1 else "RGBA32F"), data=data)
+def _fill_shapes(shapes: Float32, splats: SplatScene, number: int) -> None:
+    base = splats.attribute("radiance:base")
+    shapes[:, :3], shapes[:, 3], shapes[:, 10] = splats.attribute("position"), base[:, 3], number
+    quats, scales = splats.attribute("rotation"), splats.attribute("scale")
+    for start in range(0, len(shapes), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        axes = rotations_from_quats(quats[rows]) * scales[rows, None, :]
+        covariance = axes @ axes.transpose(0, 2, 1)
+        shapes[rows, 4:10] = covariance[:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)]
+
+
+def _fill_colors(colors: Float32, splats: SplatScene) -> None:
+    colors[:, 0, :3] = splats.attribute("radiance:base")[:, :3]
+    for k in range(1, (splats.sh_degree + 1) ** 2):
+        colors[:, k, :3] = splats.attribute(f"radiance:sh_{k - 1}")
+
+
+def list_texture(values: Float32) -> gpu.types.GPUTexture:
+    """Return a list of numbers, shape [N], or of texels, shape [N, 4], as a texture."""
+    padded = _empty_list(len(values), 1 if values.ndim == 1 else 4)
+    padded[: len(values)] = values.reshape(len(values), -1)
+    return _texture(padded, "R32F" if values.ndim == 1 else "RGBA32F")
+
+
+def _empty_list(count: int, width: int = 4) -> Float32:
+    """Return zeros, shape [M, width], for at least `count` texels in whole rows of a texture."""
+    return np.zeros((max(1, -(-count // TEXTURE_WIDTH)) * TEXTURE_WIDTH, width), np.float32)
+
+
+def _texture(texels: Float32, kind: str) -> gpu.types.GPUTexture:
+    data = gpu.types.Buffer("FLOAT", texels.size, texels.ravel())
+    return gpu.types.GPUTexture((TEXTURE_WIDTH, len(texels) // TEXTURE_WIDTH), format=kind, data=data)

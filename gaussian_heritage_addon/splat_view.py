@@ -28,19 +28,21 @@ from .guards import (
     remove_draw_handler,
     remove_load_handler,
 )
-from .properties import heritage_objects
+from .properties import heritage_objects, photo_of
 from .splat_boxes import Box, draw_boxes, shown_box
 from .splat_order import View, draw_order
 from .splat_shader import copy_shader, splat_shader
 from .splat_tables import Part, Tables, list_texture
 from .splats import SplatScene
 
-__all__ = ["draw_to", "is_software", "register", "unregister"]
+__all__ = ["Detail", "draw_to", "is_software", "register", "tables_of", "unregister"]
 
 _REST = 0.25
 """Seconds without a change after which the view is taken to rest."""
 _COARSE = 0.5
 """Side of the picture while the view moves, as a share of its full side, without a graphics card."""
+_MOST_MOVING, _SH_MOVING = 100_000, 4
+"""Gaussians that are drawn then, and spherical harmonics that are evaluated for each."""
 _DOT_SIZE = 1.6
 """Half the size of a point in pixels."""
 _OPAQUE = frozenset(("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD"))
@@ -48,14 +50,46 @@ _OPAQUE = frozenset(("MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POIN
 _CORNERS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 
 
+@dataclass(frozen=True)
+class Detail:
+    """How much of the Gaussians is drawn.
+
+    Attributes
+    ----------
+    share : float
+        See `draw_order`.
+    n_sh : int
+        Spherical harmonics that are evaluated, 1, 4, 9 or 16.
+    is_points : bool
+        Draw dots of one size.
+    """
+
+    share: float = 1.0
+    n_sh: int = 16
+    is_points: bool = False
+
+
 @dataclass
 class _Picture:
-    """The last picture of a region, and of what it is."""
+    """The last picture of a region.
 
-    offscreen: gpu.types.GPUOffScreen
-    shown: Any = None
-    view: Any = None
+    Attributes
+    ----------
+    offscreen : GPUOffScreen or None
+    seen : tuple or None
+        View, placements and thresholds at the last draw.
+    moved : float
+        When they changed.
+    shown : tuple or None
+        What the picture shows.
+    has_depth : bool
+        Whether other objects may hide splats in it.
+    """
+
+    offscreen: Any = None
+    seen: Any = None
     moved: float = 0.0
+    shown: Any = None
     has_depth: bool = False
 
 
@@ -100,6 +134,7 @@ def _begin_file() -> None:
     """Forget the data of the last file, and draw those of this one as they are drawn now."""
     _forget_all()
     renew_displays()
+    _start()
 
 
 def _shown(context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -114,7 +149,8 @@ def _shown(context: bpy.types.Context) -> list[bpy.types.Object]:
     ]
 
 
-def _tables_of(objects: list[bpy.types.Object]) -> Tables:
+def tables_of(objects: list[bpy.types.Object]) -> Tables:
+    """Return the Gaussians of `objects` as lists on the card, which are kept until one of them changes."""
     names = [obj.data.name_full for obj in objects]
     for obj, name in zip(objects, names, strict=True):
         part = _state.parts.get(name)
@@ -123,7 +159,8 @@ def _tables_of(objects: list[bpy.types.Object]) -> Tables:
             _state.versions[name] = _state.versions.get(name, 0) + 1
     wanted = tuple((name, _state.versions[name]) for name in names)
     if _state.tables is None or _state.tables_of != wanted:
-        _state.tables, _state.tables_of = Tables([_state.parts[name] for name in names]), wanted
+        splats = [SplatScene.of(obj) for obj in objects]
+        _state.tables, _state.tables_of = Tables(splats, [_state.parts[name] for name in names]), wanted
     return _state.tables
 
 
@@ -136,27 +173,28 @@ def _draw() -> None:
     objects = _shown(context)
     if not objects:
         return
-    tables = _tables_of(objects)
-    key = region.as_pointer()
-    picture = _state.pictures.get(key)
+    tables = tables_of(objects)
+    picture = _state.pictures.get(region.as_pointer()) or _Picture()
+    # The user turns the view, moves an object or drags its threshold.
+    placed = tuple(map(tuple, (*view.view_matrix, *view.window_matrix))), region.width, region.height
+    seen = placed, tuple((obj.heritage.threshold, tuple(map(tuple, obj.matrix_world))) for obj in objects)
     now = time.monotonic()
-    placed = (tuple(map(tuple, view.view_matrix)), tuple(map(tuple, view.window_matrix)), region.width, region.height)
-    moved = 0.0 if picture is None or placed == picture.view else now
-    if picture is not None and not moved:
-        moved = picture.moved
-    coarse = settings.lighter and is_software() and now - moved < _REST
+    if picture.seen not in (None, seen):
+        picture.moved = now
+    picture.seen = seen
+    coarse = settings.lighter and is_software() and now - picture.moved < _REST
+    detail = _detail(settings, tables, coarse=coarse)
     side = _COARSE if coarse else 1.0
     size = max(1, round(region.width * side)), max(1, round(region.height * side))
-    if picture is None or (picture.offscreen.width, picture.offscreen.height) != size:
-        picture = _Picture(gpu.types.GPUOffScreen(*size, format="RGBA16F"))
-        _state.pictures[key] = picture
-    picture.view, picture.moved = placed, moved
-    look = tuple((obj.heritage.threshold, tuple(map(tuple, obj.matrix_world))) for obj in objects)
-    shown = (placed, size, _state.tables_of, look, settings.kind, settings.share)
+    if picture.offscreen is None or (picture.offscreen.width, picture.offscreen.height) != size:
+        _forget_closed_regions()
+        picture.offscreen, picture.shown = gpu.types.GPUOffScreen(*size, format="RGBA16F"), None
+        _state.pictures[region.as_pointer()] = picture
+    shown = seen, _state.tables_of, detail
     scene_depth = _scene_depth(context, objects)
     # Other objects may have moved.
     if picture.shown != shown or scene_depth is not None or picture.has_depth:
-        draw_to(picture.offscreen, tables, objects, view.view_matrix, view.window_matrix, settings, scene_depth)
+        draw_to(picture.offscreen, tables, objects, view.view_matrix, view.window_matrix, detail, scene_depth)
         picture.shown, picture.has_depth = shown, scene_depth is not None
     if coarse:
         _rest_timer.start(_REST)
@@ -165,9 +203,34 @@ def _draw() -> None:
     gpu.state.depth_test_set("NONE")
     copy.bind()
     copy.uniform_sampler("finished", picture.offscreen.texture_color)
+    copy.uniform_float("strength", _strength(context, view))
     copy_batch.draw(copy)
     draw_boxes(context, {obj.name: _box(obj) for obj in objects})
     gpu.state.blend_set("NONE")
+
+
+def _detail(settings: Any, tables: Tables, *, coarse: bool) -> Detail:
+    share, n_sh, is_points = settings.share, tables.n_coefficients, settings.kind == "POINTS"
+    if coarse:
+        share, n_sh = min(share, _MOST_MOVING / tables.starts[-1]), min(n_sh, _SH_MOVING)
+    return Detail(share, 1 if is_points else n_sh, is_points=is_points)
+
+
+def _strength(context: bpy.types.Context, view: bpy.types.RegionView3D) -> float:
+    """Return how much the splats cover what Blender has drawn: the photo that the user looks through shines through."""
+    camera = context.scene.camera
+    if view.view_perspective != "CAMERA" or camera is None or not photo_of(camera):
+        return 1.0
+    photos = (one for one in camera.data.background_images if one.image is not None and one.image.has_data)
+    is_shown = camera.data.show_background_images and any(photos)
+    return 1.0 - context.scene.heritage.photo_opacity if is_shown else 1.0
+
+
+def _forget_closed_regions() -> None:
+    windows = bpy.context.window_manager.windows
+    regions = {region.as_pointer() for window in windows for area in window.screen.areas for region in area.regions}
+    for key in _state.pictures.keys() - regions:
+        del _state.pictures[key]
 
 
 def _scene_depth(context: bpy.types.Context, splats: list[bpy.types.Object]) -> gpu.types.GPUTexture | None:
@@ -196,7 +259,7 @@ def draw_to(
     objects: list[bpy.types.Object],
     view_matrix: Matrix,
     window_matrix: Matrix,
-    settings: Any,
+    detail: Detail,
     scene_depth: gpu.types.GPUTexture | None = None,
 ) -> None:
     """Draw `objects`, whose Gaussians are in `tables`, seen by a view, into a picture.
@@ -208,7 +271,7 @@ def draw_to(
     objects : list of Object
     view_matrix, window_matrix : Matrix
         Those of a viewport, or of a camera.
-    settings : HeritageDisplay
+    detail : Detail
     scene_depth : GPUTexture, optional
         Depth, 0 to 1, beyond which nothing is drawn.
     """
@@ -217,7 +280,7 @@ def draw_to(
     column = 2 if is_perspective else 3
     view = View((window[0][0], window[1][1]), (window[0][column], window[1][column]), is_perspective)
     placements = [view_matrix @ obj.matrix_world for obj in objects]
-    order = _order(tables, objects, placements, view, settings.share)
+    order = _order(tables, objects, placements, view, detail.share)
     rows = np.zeros((len(objects), 4, 4), np.float32)
     for number, placement in enumerate(placements):
         rows[number, :3] = np.array(placement)[:3]
@@ -244,8 +307,9 @@ def draw_to(
         program.uniform_float("depth_row", (window[2][2], window[2][3]))
         program.uniform_float("scale_shift", (*view.scale, *view.shift))
         program.uniform_float("size", (offscreen.width, offscreen.height))
-        program.uniform_float("dot_size", _DOT_SIZE if settings.kind == "POINTS" else 0.0)
+        program.uniform_float("dot_size", _DOT_SIZE if detail.is_points else 0.0)
         program.uniform_int("n_coefficients", tables.n_coefficients)
+        program.uniform_int("n_evaluated", min(detail.n_sh, tables.n_coefficients))
         program.uniform_bool("perspective", [is_perspective])
         batch.draw_instanced(program, instance_count=len(order))
         gpu.state.blend_set("NONE")
@@ -297,27 +361,46 @@ _rest_timer = Timer(_sharpen)
 
 
 def _show_shapes() -> None:
-    """Let Blender draw what the shader cannot."""
+    """Let Blender draw what the shader could not. The panel shows what went wrong."""
     for scene in bpy.data.scenes:
         scene.heritage_display.kind = "SHAPES"
 
 
+# While a region is drawn, data must not change.
+_shapes_timer = Timer(_show_shapes)
+
+
+def _failed() -> None:
+    _shapes_timer.start(0.0)
+
+
+def _start() -> None:
+    """Draw in all viewports, also when that has failed before."""
+    global _handle
+    _stop()
+    _handle = add_draw_handler(bpy.types.SpaceView3D, _draw, "POST_VIEW", failed=_failed)
+
+
+def _stop() -> None:
+    global _handle
+    if _handle is not None:
+        remove_draw_handler(bpy.types.SpaceView3D, _handle)
+    _handle = None
+
+
 def register() -> None:
     """Draw splats in all viewports."""
-    global _handle
     if not bpy.app.background:
-        _handle = add_draw_handler(bpy.types.SpaceView3D, _draw, "POST_VIEW", failed=_show_shapes)
+        _start()
         add_change_handler(_forget)
         add_load_handler(_begin_file)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    global _handle
-    if _handle is not None:
-        remove_draw_handler(bpy.types.SpaceView3D, _handle)
-        _handle = None
+    _stop()
     _rest_timer.stop()
+    _shapes_timer.stop()
     remove_change_handler(_forget)
     remove_load_handler(_begin_file)
     _forget_all()

@@ -122,6 +122,13 @@ def test_large_scenes_are_shown_in_part_at_first(opened: Any, part: Part) -> Non
     assert 0.1 < scene.heritage_display.share < 0.5
 
 
+def test_splats_that_cannot_be_drawn_are_left_to_blender(opened: Any, part: Part) -> None:
+    nodes = part("gaussian_heritage_addon.splat_nodes")
+    part("gaussian_heritage_addon.splat_view")._show_shapes()
+    assert bpy.context.scene.heritage_display.kind == "SHAPES"
+    assert all(nodes.display_input(obj, nodes.SHAPES) for obj in isolated().values())
+
+
 def test_file_of_the_first_release_gets_the_present_display(blender: ModuleType, part: Part, tmp_path: Path) -> None:
     copy = tmp_path / "first_release"
     shutil.copytree(Path(os.environ["GAUSSIAN_HERITAGE_FIXTURES"]) / "first_release", copy)
