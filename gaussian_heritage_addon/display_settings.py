@@ -73,7 +73,7 @@ class HeritageDisplay(bpy.types.PropertyGroup):
         FloatProperty(
             name="Share",
             description="Share of the Gaussians in view that are drawn, the most important first: "
-            "opacity times mean area, divided by the squared distance",
+            "opacity times mean diameter, divided by the distance",
             min=0.01,
             max=1.0,
             default=1.0,

@@ -68,11 +68,12 @@ def draw_order(
     radii : array of shape [N]
         Largest distance from the centre at which a Gaussian is visible.
     weights : array of shape [N]
-        Opacity times `mean_areas`.
+        Opacity times the square root of `mean_areas`.
     view : View
     share : float
-        Share of the Gaussians in the view that is drawn, those with the greatest importance: ``weight / depth^2``,
-        which is opacity times the mean projected area.
+        Share of the Gaussians in the view that is drawn, those with the greatest importance: ``weight / depth``, which
+        is opacity times the square root of the mean projected area. With the area itself, details are lost first; see
+        docs/design_notes/blender.md.
     members : array of shape [N]
         Gaussians that may be drawn, for example those whose membership reaches the threshold.
     """
@@ -91,7 +92,7 @@ def draw_order(
     if count < len(rows):
         importance = weights[rows]
         if view.is_perspective:
-            importance = importance / np.square(z[rows])
+            importance = importance / -z[rows]
         rows = rows[np.argpartition(importance, len(rows) - count)[len(rows) - count :]]
     return rows[np.argsort(z[rows])]
 

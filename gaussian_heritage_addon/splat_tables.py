@@ -31,7 +31,7 @@ class Part:
     radii : array of shape [N]
         See `visible_radii`.
     weights : array of shape [N]
-        Opacity times `mean_areas`.
+        Opacity times the square root of `mean_areas`.
     membership : array of shape [N], or None for a whole scene
     """
 
@@ -51,7 +51,7 @@ class Part:
         """
         scales = splats.attribute("scale")
         opacities = np.ascontiguousarray(splats.attribute("radiance:base")[:, 3])
-        weights = opacities * mean_areas(scales)
+        weights = opacities * np.sqrt(mean_areas(scales))
         return cls(splats.attribute("position"), visible_radii(scales, opacities), weights, splats.membership)
 
 

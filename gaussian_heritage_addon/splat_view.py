@@ -173,6 +173,9 @@ def _draw() -> None:
     objects = _shown(context)
     if not objects:
         return
+    # A new picture takes its place.
+    target = gpu.state.active_framebuffer_get()
+    scene_depth = _scene_depth(context, objects, target)
     tables = tables_of(objects)
     picture = _state.pictures.get(region.as_pointer()) or _Picture()
     # The user turns the view, moves an object or drags its threshold.
@@ -191,7 +194,6 @@ def _draw() -> None:
         picture.offscreen, picture.shown = gpu.types.GPUOffScreen(*size, format="RGBA16F"), None
         _state.pictures[region.as_pointer()] = picture
     shown = seen, _state.tables_of, detail
-    scene_depth = _scene_depth(context, objects)
     # Other objects may have moved.
     if picture.shown != shown or scene_depth is not None or picture.has_depth:
         draw_to(picture.offscreen, tables, objects, view.view_matrix, view.window_matrix, detail, scene_depth)
@@ -199,14 +201,15 @@ def _draw() -> None:
     if coarse:
         _rest_timer.start(_REST)
     _, _, copy, copy_batch = _programs()
-    gpu.state.blend_set("ALPHA")
-    gpu.state.depth_test_set("NONE")
-    copy.bind()
-    copy.uniform_sampler("finished", picture.offscreen.texture_color)
-    copy.uniform_float("strength", _strength(context, view))
-    copy_batch.draw(copy)
-    draw_boxes(context, {obj.name: _box(obj) for obj in objects})
-    gpu.state.blend_set("NONE")
+    with target.bind():
+        gpu.state.blend_set("ALPHA")
+        gpu.state.depth_test_set("NONE")
+        copy.bind()
+        copy.uniform_sampler("finished", picture.offscreen.texture_color)
+        copy.uniform_float("strength", _strength(context, view))
+        copy_batch.draw(copy)
+        draw_boxes(context, {obj.name: _box(obj) for obj in objects})
+        gpu.state.blend_set("NONE")
 
 
 def _detail(settings: Any, tables: Tables, *, coarse: bool) -> Detail:
@@ -233,13 +236,15 @@ def _forget_closed_regions() -> None:
         del _state.pictures[key]
 
 
-def _scene_depth(context: bpy.types.Context, splats: list[bpy.types.Object]) -> gpu.types.GPUTexture | None:
+def _scene_depth(
+    context: bpy.types.Context, splats: list[bpy.types.Object], target: gpu.types.GPUFrameBuffer
+) -> gpu.types.GPUTexture | None:
     """Return the depth of what Blender has drawn of other objects; None where there are none."""
     others = (obj for obj in context.visible_objects if obj.type in _OPAQUE and obj not in splats)
     if not any(obj.display_type in ("TEXTURED", "SOLID") for obj in others):
         return None
     size = context.region.width, context.region.height
-    depth = gpu.state.active_framebuffer_get().read_depth(0, 0, *size)
+    depth = target.read_depth(0, 0, *size)
     depth.dimensions = size[0] * size[1]
     return gpu.types.GPUTexture(size, format="R32F", data=depth)
 
@@ -334,7 +339,7 @@ def _order(
         matrix = np.array(placement, np.float32)
         centers[rows] = part.means @ matrix[:3, :3].T + matrix[:3, 3]
         enlarged = float(np.abs(placement.to_3x3().determinant())) ** (1 / 3)
-        radii[rows], weights[rows] = part.radii * enlarged, part.weights * enlarged**2
+        radii[rows], weights[rows] = part.radii * enlarged, part.weights * enlarged
         if part.membership is not None:
             members[rows] = part.membership >= np.float32(obj.heritage.threshold)
     return draw_order(centers, radii, weights, view, share=share, members=members)

@@ -244,7 +244,12 @@ for window in bpy.context.window_manager.windows:
     window.check("the default cube is gone", "'Cube' not in bpy.data.objects")
     time.sleep(10)
     window.shot("imported")
-    window.check("the splats fill the viewport", f"{COVER} > 0.9")
+
+
+def change_displays(window: Window) -> None:
+    """Look at the displays of the scene, and at an object that stands before it."""
+    view = "[a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D'][0].spaces.active"
+    window.check("the splats fill the viewport", f"{COVER} > 0.5")
     window.python(f"{view}.region_3d.view_perspective = 'PERSP'")
     time.sleep(5)
     window.check("the picture is sharp again when the view rests", f"{PICTURE}.width == {REGION}.width")
@@ -252,6 +257,7 @@ for window in bpy.context.window_manager.windows:
     mesh = f"{whole}.evaluated_get(bpy.context.evaluated_depsgraph_get()).data"
     window.python(f"{whole}.select_set(True); bpy.context.view_layer.objects.active = {whole}")
     window.check("a selected scene gives Blender nothing to outline", f"len({mesh}.polygons) == 0")
+    window.python(f"{view}.region_3d.view_perspective = 'CAMERA'; {whole}.select_set(False)")
     window.python("bpy.context.scene.heritage_display.kind = 'POINTS'")
     time.sleep(5)
     window.shot("points")
@@ -262,7 +268,6 @@ for window in bpy.context.window_manager.windows:
     window.check("in Solid, shapes are drawn in their colours", f"len({mesh}.polygons) > 0")
     window.check("Solid shows these colours", f"{mesh}.attributes.active_color_name == 'heritage_color'")
     window.python("bpy.context.scene.heritage_display.kind = 'SPLATS'")
-    window.python(f"{view}.region_3d.view_perspective = 'CAMERA'; {whole}.select_set(False)")
     time.sleep(5)
     window.python("bpy.ops.mesh.primitive_plane_add(size=100)")
     plane = "bpy.data.objects['Plane']"
@@ -271,10 +276,10 @@ for window in bpy.context.window_manager.windows:
         "bpy.context.scene.camera.matrix_world @ __import__('mathutils').Vector((0, 0, -0.05))"
     )
     time.sleep(5)
-    window.check("another object before the splats hides them", f"{COVER} < 0.5")
+    window.check("another object before the splats hides them", f"{COVER} < 0.2")
     window.python(f"bpy.data.objects.remove({plane})")
     time.sleep(5)
-    window.check("without it they are drawn again", f"{COVER} > 0.9")
+    window.check("without it they are drawn again", f"{COVER} > 0.5")
 
 
 def isolate_by_click(window: Window) -> None:
@@ -456,6 +461,7 @@ def main() -> int:
         ("install from disk", lambda: install_from_disk(window)),
         ("set up the engine", lambda: seconds.append(set_up_engine(window, str(python)))),
         ("import photos", lambda: import_photos(window)),
+        ("change displays", lambda: change_displays(window)),
         ("isolate by a click", lambda: isolate_by_click(window)),
         ("export", lambda: export(window)),
         ("check the calls", lambda: check_calls(work)),

@@ -256,8 +256,8 @@ sample*: the sizes while turning were chosen on it. The statue (15,000 Gaussians
 ## Likeness of the viewports
 
 PSNR in dB of what the viewports draw at rest beside the engine's picture of the same camera, mean of two views, by the
-share of the Gaussians in view that is drawn. The share keeps those with the greatest importance: opacity times mean
-area, divided by the squared distance (`draw_order` in `gaussian_heritage_addon/splat_order.py`).
+share of the Gaussians in view that is drawn. The share keeps those with the greatest importance: opacity times the
+square root of the mean projected area (`draw_order` in `gaussian_heritage_addon/splat_order.py`).
 
 | scene | {shares} |
 | --- |{" ---: |" * len(_SHARES)}

@@ -49,8 +49,8 @@ def test_without_perspective_the_view_is_a_box() -> None:
 
 
 def test_a_share_keeps_what_covers_most_of_the_picture() -> None:
-    weights = np.array([1, 2, 100, 3], np.float32)
-    # The third is the largest, but ten times as far: 100 / 100 = 1.
+    weights = np.array([1, 2, 10, 3], np.float32)
+    # The third is the largest, but ten times as far: 10 / 10 = 1.
     centers = [(0, 0, -1.0), (0, 0, -1.1), (0, 0, -10), (0, 0, -1.2)]
     assert order(centers, weights=weights, share=0.5) == [3, 1]
     assert len(order(centers, weights=weights, share=0.01)) == 1
