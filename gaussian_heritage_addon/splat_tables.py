@@ -9,6 +9,7 @@ import gpu
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.errors import ObjectError
 from ..engine.formats import rotations_from_quats
 from .splat_order import mean_areas, visible_radii
 from .splat_shader import TEXTURE_WIDTH
@@ -114,5 +115,8 @@ def _empty_list(count: int, width: int = 4) -> Float32:
 
 
 def _texture(texels: Float32, kind: str) -> gpu.types.GPUTexture:
+    most = gpu.capabilities.max_texture_size_get()
+    if len(texels) > TEXTURE_WIDTH * most:
+        raise ObjectError("There are more Gaussians than a viewport can draw. Hide objects, or import a smaller scene.")
     data = gpu.types.Buffer("FLOAT", texels.size, texels.ravel())
     return gpu.types.GPUTexture((TEXTURE_WIDTH, len(texels) // TEXTURE_WIDTH), format=kind, data=data)

@@ -38,6 +38,10 @@ PARTS = {
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
 MAX_DIFFERENCE = 0.04
 """Mean difference of a part, 0 to 1; another text or another place of a button is above."""
+COMPARED_SIDE, MIN_LIKENESS = 320, 40.0
+"""Longest side in pixels, and least PSNR in dB, of what the viewports draw beside the picture of the engine.
+
+Seen were 47 to 50 dB on other scenes; half precision and 8 bits explain the rest."""
 VIEW = f"__import__('{PACKAGE}.gaussian_heritage_addon.splat_view', fromlist=['x'])"
 PICTURE = f"next(iter({VIEW}._state.pictures.values())).offscreen"
 COVER = f"__import__('numpy').array({PICTURE}.texture_color.read().to_list())[..., 3].mean()"
@@ -45,6 +49,10 @@ COVER = f"__import__('numpy').array({PICTURE}.texture_color.read().to_list())[..
 REGION = (
     "next(r for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D' for r in a.regions "
     "if r.type == 'WINDOW')"
+)
+VIEW_LOCATION = (
+    "next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D')"
+    ".spaces.active.region_3d.view_location"
 )
 IMPORTERS = ("_poll_job", "HERITAGE_OT_open_project.execute")
 """Functions that import results."""
@@ -246,10 +254,28 @@ for window in bpy.context.window_manager.windows:
     window.shot("imported")
 
 
+def compare_with_engine(window: Window) -> None:
+    """Compare what the viewports draw of the first photo's view with the picture of the engine."""
+    project, file = window.work / "photos_heritage", window.work / "picture.npy"
+    photo = window.python("print(bpy.context.scene.camera.name)")
+    window.python((ROOT / "benchmarks" / "blender" / "in_window.py").read_text(encoding="utf-8"))
+    window.python(f"picture({photo!r}, {COMPARED_SIDE}, 1.0, {str(file)!r})")
+    words = ("-m", "benchmarks.blender.likeness", project, photo, COMPARED_SIDE, file)
+    command = [str(python_of("engine")), *map(str, words)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise Failed(f"the engine rendered nothing: {done.stderr[-500:]}")
+    likeness = float(done.stdout)
+    if likeness < MIN_LIKENESS:
+        raise Failed(f"what the viewport draws is not the engine's picture: {likeness:.1f} dB")
+    print(f"  the viewport draws the engine's picture ({likeness:.1f} dB)", flush=True)
+
+
 def change_displays(window: Window) -> None:
     """Look at the displays of the scene, and at an object that stands before it."""
     view = "[a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D'][0].spaces.active"
     window.check("the splats fill the viewport", f"{COVER} > 0.5")
+    compare_with_engine(window)
     window.python(f"{view}.region_3d.view_perspective = 'PERSP'")
     time.sleep(5)
     window.check("the picture is sharp again when the view rests", f"{PICTURE}.width == {REGION}.width")
@@ -308,7 +334,11 @@ for area in bpy.context.window_manager.windows[0].screen.areas:
     window.check("the click isolated an object", f"{state}[1].finished")
     window.wait_for(f"len(bpy.data.objects) > {before}", 60)
     window.check("the new object is selected", "[o.heritage.role for o in bpy.context.selected_objects] == ['OBJECT']")
-    window.check("it is framed", f"0 < {COVER} < 0.9")
+    window.check(
+        "it is framed",
+        f"max(abs(a - b) for o in bpy.context.selected_objects for a, b in zip(o.location, {VIEW_LOCATION})) < "
+        "max(max(o.dimensions) for o in bpy.context.selected_objects)",
+    )
     window.shot("new_object")
     window.check(
         "the object stands on its origin",

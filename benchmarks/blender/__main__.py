@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from engine.formats import write_ply
 from engine.machine import describe_machine
-from engine.scene import Camera, Gaussians, focal_and_center, read_camera_set
+from engine.scene import Gaussians, read_camera_set
 
+from .likeness import engine_picture, psnr
 from .window import ROOT, BlenderWindow, python_of
 
 _LARGE, _SLID = 1_000_000, 300_000
@@ -80,7 +81,8 @@ def main() -> int:
     rows = [import_row(name, large) for name in blenders]
     goals = {"museum room": 28.0, "statue": 26.0}
     expected = {
-        name: [engine_picture(one, photo, options.work) for photo in photos(one)] for name, one in projects.items()
+        name: [engine_picture(one, photo, _SIDE, options.work) for photo in photos(one)]
+        for name, one in projects.items()
     }
     for name, project in projects.items():
         rows.append(cycles_row(name, project, expected[name], goals[name], blenders[-1], options.work))
@@ -132,37 +134,6 @@ def photos(project: Path) -> list[str]:
     cameras = read_camera_set(project / "cameras").cameras
     names = sorted(camera.photo for camera in cameras)
     return [names[0], names[len(names) // 2]]
-
-
-def engine_picture(project: Path, photo: str, work: Path) -> NDArray[np.float32]:
-    """Return the engine's picture of the view of a photo without lens distortion, shape [H, W, 3], 0 to 1."""
-    from PIL import Image
-
-    camera = next(one for one in read_camera_set(project / "cameras").cameras if one.photo == photo)
-    file, out = work / "camera.json", work / "engine.png"
-    file.write_text(json.dumps(pinhole(camera)))
-    command = [sys.executable, "-m", "engine", "render", project, "--camera", file, "--out", out, "--overwrite"]
-    subprocess.run(
-        [str(word) for word in [*command, "--device", "cpu"]], cwd=ROOT, check=True, stdout=subprocess.DEVNULL
-    )
-    return np.asarray(Image.open(out), np.float32)[..., :3] / 255
-
-
-def pinhole(camera: Camera) -> dict[str, Any]:
-    """Return the view of a photo as Blender renders it, see `look_through`."""
-    fx, fy, cx, cy = focal_and_center(camera)
-    shrink = min(1.0, _SIDE / max(camera.width, camera.height))
-    width, height = max(1, round(camera.width * shrink)), max(1, round(camera.height * shrink))
-    x, y = width / camera.width, height / camera.height
-    return {
-        "width": width, "height": height, "fx": fx * x, "fy": fy * y, "cx": cx * x, "cy": cy * y,
-        "viewmat": camera.viewmat.tolist(),
-    }  # fmt: skip
-
-
-def psnr(picture: NDArray[np.float32], expected: NDArray[np.float32]) -> float:
-    """Return the peak signal-to-noise ratio in dB."""
-    return float(-10 * np.log10(np.mean((np.clip(picture, 0, 1) - expected) ** 2)))
 
 
 def cycles_row(name: str, project: Path, expected: list[Any], goal: float, blender: str, work: Path) -> Row:
