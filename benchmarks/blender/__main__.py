@@ -179,7 +179,7 @@ def window_rows(window: BlenderWindow, museum: Path, large: Path) -> list[Row]:
                 f"redraw of the museum room while turning: {what}",
                 _cost(cost),
                 f"{goal:.0f} s" if goal else "",
-                cost[1] <= goal,
+                cost[0] <= goal,
             )
         )
     window.call("show", "SPLATS")
@@ -189,7 +189,7 @@ def window_rows(window: BlenderWindow, museum: Path, large: Path) -> list[Row]:
             f"threshold of {_SLID:,} Gaussians: until Blender has evaluated it",
             _cost(evaluated),
             "0.2 s",
-            evaluated[1] <= 0.2,
+            evaluated[0] <= 0.2,
         )
     )
     rows.append(Row("the same, until the window is redrawn", _cost(redrawn)))
@@ -215,7 +215,8 @@ make bench-blender
 ```
 
 Machine: {describe_machine().name}, shared with other work, without a graphics card. Window: Blender {version},
-1600 x 1000 pixels. Medians; CPU seconds are those of all threads. The museum room (40,000 Gaussians, SH 1) is *in
+1600 x 1000 pixels. Medians. Goals are judged by the CPU seconds of all threads, which are at least the time on a free
+machine; the wall time beside them is that of the shared one. The museum room (40,000 Gaussians, SH 1) is *in
 sample*: the sizes while turning were chosen on it. The statue (15,000 Gaussians) chose nothing here.
 
 | what | measured | goal | met |
