@@ -291,7 +291,7 @@ def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
     def after_change(_: Any, depsgraph: bpy.types.Depsgraph) -> None:
         guarded([update.id.original for update in depsgraph.updates if update.is_updated_geometry])
 
-    guarded = _guarded(function, Timer._failed)
+    guarded = _guarded(function, _shown)
     _CHANGE_HANDLERS[function] = bpy.app.handlers.persistent(after_change)
     bpy.app.handlers.depsgraph_update_post.append(_CHANGE_HANDLERS[function])
 
