@@ -33,6 +33,8 @@ PARTS = {
     "licences": "446x150+476+146",
     "imported": "184x190+768+78",
     "solid": "184x190+768+78",
+    "points": "184x190+768+78",
+    "new_object": "184x112+768+78",
     "click_object": "650x20+172+58",
 }
 """Parts of the screenshots, in 1200 x 750 pixels, that must look as in the stored pictures: what the user reads."""
