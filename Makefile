@@ -18,7 +18,7 @@ DRAW ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-packages bench-batch bench-formats readers-test bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -101,6 +101,12 @@ bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; nee
 	$(ENGINE) -m benchmarks.gpu scene 3000000
 	$(ENGINE) -m benchmarks.gpu_step 1000000
 	$(ENGINE) -m benchmarks.gpu document --doc docs/gpu.md
+
+bench-blender: setup ## import, redraw, sliders and pictures in Blender, into docs/blender_speed.md; needs `make demo` and what window-test needs; 15 minutes
+	$(ENGINE) -m engine reconstruct "$(GAUSSIAN_HERITAGE_DATA)/sakharov_statue32/photos" --out out/sakharov_statue32/project \
+		--no-objects --preset preview --until training
+	$(ENGINE) -m benchmarks.blender --museum out/museum_room/project --statue out/sakharov_statue32/project \
+		--doc docs/blender_speed.md
 
 hostile: setup ## hostile projects and .blend files in every command and in Blender; writes docs/security_hostile.md
 	$(ENGINE) -m benchmarks.security.hostile --out docs/security_hostile.md

@@ -3,6 +3,7 @@
 import bpy
 
 from . import (
+    display_settings,
     guards,
     job_runner,
     open_projects,
@@ -12,13 +13,14 @@ from . import (
     problems,
     properties,
     solid_mode,
+    splat_view,
     translations,
 )
 from .preferences import user_folder
 
 __all__ = ["register", "unregister"]
 
-_CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *panels.CLASSES]
+_CLASSES = [*preferences_page.CLASSES, *properties.CLASSES, *display_settings.CLASSES, *panels.CLASSES]
 
 
 def register() -> None:
@@ -27,19 +29,23 @@ def register() -> None:
     for cls in _CLASSES:
         guards.register_class(cls)
     properties.register()
+    display_settings.register()
     job_runner.register()
     solid_mode.register()
     open_projects.register()
+    splat_view.register()
     translations.register()
 
 
 def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
+    splat_view.unregister()
     open_projects.unregister()
     solid_mode.unregister()
     job_runner.unregister()
     pictures.unregister()
+    display_settings.unregister()
     properties.unregister()
     for cls in reversed(_CLASSES):
         bpy.utils.unregister_class(cls)

@@ -12,6 +12,7 @@ from ..engine.errors import PhotoError
 from ..engine.files import path_within
 from ..engine.scene import Camera, read_photo_set
 from .photo_frame import apply_orientation, exif_orientation, remove_distortion, require_small
+from .properties import photo_alpha
 
 __all__ = ["show_backdrop"]
 
@@ -36,7 +37,7 @@ def show_backdrop(scene: bpy.types.Scene, camera: Camera, project: Path) -> None
         background.image = _load_background_image(camera, project)
         # Fill the camera's frame, which has the shape of the photo even where pixels are not square.
         background.frame_method, background.display_depth = "STRETCH", "FRONT"
-        background.alpha = scene.heritage.photo_opacity
+        background.alpha = photo_alpha(scene)
     data.show_background_images = True
 
 

@@ -42,10 +42,9 @@ _tab_timer = Timer(_open_tab)
 
 
 def show_scene(scene: bpy.types.Scene) -> None:
-    """Let the 3D viewports of `scene` show splats as the photos do: in Material Preview, through a photo.
+    """Let the 3D viewports of `scene` show it through a photo. Splats are drawn in every mode of shading.
 
-    The mode Solid is prepared to show them in their colours. The outline of a selected object would be drawn around
-    each Gaussian.
+    For the display *Shapes*, the mode Solid is prepared to show them in their colours.
     """
     if bpy.app.background:
         return
@@ -54,10 +53,8 @@ def show_scene(scene: bpy.types.Scene) -> None:
     for area in viewports(scene):
         space = area.spaces.active
         if space.shading.type in OPAQUE_MODES:
-            space.shading.color_type, space.shading.light = "VERTEX", "FLAT"  # for the return to this mode
+            space.shading.color_type, space.shading.light = "VERTEX", "FLAT"
             space.shading.show_object_outline = False
-            space.shading.type = "MATERIAL"
-        space.overlay.show_outline_selected = False
         space.clip_start = min(space.clip_start, 0.01)
         if current_photo(scene):
             space.region_3d.view_perspective = "CAMERA"

@@ -21,12 +21,14 @@ from .layouts import draw_text
 __all__ = [
     "TIMERS",
     "Timer",
+    "add_change_handler",
     "add_draw_handler",
     "add_load_handler",
     "add_menu_entry",
     "property_callbacks",
     "redraw",
     "register_class",
+    "remove_change_handler",
     "remove_draw_handler",
     "remove_load_handler",
     "remove_menu_entry",
@@ -283,6 +285,27 @@ def remove_load_handler(function: Callable[[], None]) -> None:
 _LOAD_HANDLERS: dict[Callable[[], None], Function] = {}
 
 
+def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
+    """Call `function` with the data that changed, after each change that Blender has evaluated, and after undo."""
+
+    def after_change(_: Any, depsgraph: bpy.types.Depsgraph) -> None:
+        guarded([update.id.original for update in depsgraph.updates if update.is_updated_geometry])
+
+    guarded = _guarded(function, _shown)
+    _CHANGE_HANDLERS[function] = bpy.app.handlers.persistent(after_change)
+    bpy.app.handlers.depsgraph_update_post.append(_CHANGE_HANDLERS[function])
+
+
+def remove_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:
+    """Undo `add_change_handler`; nothing happens where it was not called."""
+    handler = _CHANGE_HANDLERS.pop(function, None)
+    if handler is not None:
+        bpy.app.handlers.depsgraph_update_post.remove(handler)
+
+
+_CHANGE_HANDLERS: dict[Callable[[list[bpy.types.ID]], None], Function] = {}
+
+
 def subscribe(key: Any, function: Callable[[], None]) -> None:
     """Call `function` after each change of a property, once for all subscriptions to it; see ``bpy.msgbus``."""
     bpy.msgbus.clear_by_owner(function)
@@ -294,10 +317,21 @@ def unsubscribe(function: Callable[[], None]) -> None:
     bpy.msgbus.clear_by_owner(function)
 
 
-def add_draw_handler(space: type, draw: Callable[[], None]) -> Any:
+def add_draw_handler(
+    space: type, draw: Callable[[], None], when: str = "POST_PIXEL", *, failed: Callable[[], None] | None = None
+) -> Any:
     """Call `draw` whenever Blender has drawn a region of the type of editor `space`, and return a handle.
 
     After an error it is not called again: a viewport is drawn up to 60 times a second.
+
+    Parameters
+    ----------
+    space : type
+    draw : callable
+    when : str
+        ``"POST_PIXEL"``, in pixels of the region, or ``"POST_VIEW"``, before what Blender draws over the scene.
+    failed : callable, optional
+        Called after an error.
     """
     works = True
 
@@ -309,8 +343,10 @@ def add_draw_handler(space: type, draw: Callable[[], None]) -> Any:
             except Exception as error:
                 works = False
                 problems.show(problems.sentence_of(error))
+                if failed is not None:
+                    failed()
 
-    return space.draw_handler_add(draw_until_it_fails, (), "WINDOW", "POST_PIXEL")  # type: ignore[attr-defined]
+    return space.draw_handler_add(draw_until_it_fails, (), "WINDOW", when)  # type: ignore[attr-defined]
 
 
 def remove_draw_handler(space: type, handle: Any) -> None:

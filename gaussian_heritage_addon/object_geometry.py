@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..engine.scene import box_of, foot_of
 
-__all__ = ["foot_of", "near_object"]
+__all__ = ["box_of", "foot_of", "near_object"]
 
 
 def near_object(means: NDArray[np.float32], is_member: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from .properties import HeritageObject, HeritageScene, active_object, heritage_o
 __all__ = ["CLASSES"]
 
 
-_NAME_SHARE = 0.65
+_NAME_SHARE = 0.6
 """Share of the width of a row that the name of an object gets."""
 _NEXT_STEP_HEIGHT = 1.6
 _MAX_MESSAGES = 3
@@ -50,6 +50,8 @@ class HERITAGE_UL_objects(bpy.types.UIList):
         row = layout.split(factor=_NAME_SHARE, align=True)
         row.prop(item, "name", text="", emboss=False, icon=_icon_of(item.heritage))
         row.prop(item.heritage, "threshold", text="", slider=True)
+        eye = "HIDE_ON" if item.heritage.hidden else "HIDE_OFF"
+        row.prop(item.heritage, "hidden", text="", icon=eye, emboss=False)
 
     def filter_items(self, context: bpy.types.Context, data: Any, property: str) -> tuple[list[int], list[int]]:
         """Show only the isolated objects of this scene, the background last."""
@@ -142,6 +144,9 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         )
         if properties.level != properties.stored_level:
             row.operator("heritage.refine_object", text="Keep").level = properties.level
+    if properties.kind == "all":
+        column.label(text="Its name is a guess: double-click it", icon="QUESTION")
+    column.operator("heritage.solo_object", icon="SOLO_ON")
     if properties.kind != "background":
         column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True
         column.label(text=f"Confidence {properties.score:.2f}")

@@ -27,9 +27,11 @@ __all__ = [
     "HeritageScene",
     "active_object",
     "apply_blending",
+    "apply_photo_opacity",
     "apply_visibility",
     "heritage_objects",
     "loading",
+    "photo_alpha",
     "photo_of",
     "project_of",
     "record_of",
@@ -148,7 +150,7 @@ def show_level(obj: bpy.types.Object) -> None:
 def apply_visibility(scene: bpy.types.Scene) -> None:
     """Show either the whole scene or its objects: showing both would draw their Gaussians twice."""
     for obj in heritage_objects(scene):
-        hidden = obj.heritage.role != ("OBJECT" if scene.heritage.show == "OBJECTS" else "SCENE")
+        hidden = obj.heritage.hidden or obj.heritage.role != ("OBJECT" if scene.heritage.show == "OBJECTS" else "SCENE")
         obj.hide_render = obj.hide_viewport = hidden
 
 
@@ -169,6 +171,11 @@ def _level_changed(properties: HeritageObject, context: bpy.types.Context) -> No
         return
     show_level(properties.id_data)
     properties.problem = ""
+
+
+def _hidden_changed(properties: HeritageObject, context: bpy.types.Context) -> None:
+    for scene in properties.id_data.users_scene:
+        apply_visibility(scene)
 
 
 def _get_part_to_whole(properties: HeritageObject) -> float:
@@ -193,11 +200,22 @@ def _record_changed(properties: HeritageObject, context: bpy.types.Context) -> N
     properties.problem = ""
 
 
-def _photo_opacity_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
-    for obj in properties.id_data.objects:
+def photo_alpha(scene: bpy.types.Scene) -> float:
+    """Return the opacity with which Blender draws a photo. Splats that are drawn over it fade instead."""
+    opacity: float = scene.heritage.photo_opacity
+    return opacity if scene.heritage_display.kind == "SHAPES" else float(opacity > 0)
+
+
+def apply_photo_opacity(scene: bpy.types.Scene) -> None:
+    """Apply the opacity of the photos of `scene`."""
+    for obj in scene.objects:
         if photo_of(obj):
             for background in obj.data.background_images:
-                background.alpha = properties.photo_opacity
+                background.alpha = photo_alpha(scene)
+
+
+def _photo_opacity_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
+    apply_photo_opacity(properties.id_data)
 
 
 def _show_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
@@ -309,6 +327,10 @@ class HeritageObject(bpy.types.PropertyGroup):
     ]
     kind: Annotated[
         str, StringProperty(name="Kind", description="How the object was found: text, click, all or background")
+    ]
+    hidden: Annotated[
+        bool,
+        BoolProperty(name="Hidden", description="Hide this object in viewports and renders", update=_hidden_changed),
     ]
     level: Annotated[int, IntProperty(name="Level", description="0 is the smallest part", min=0, update=_level_changed)]
     n_levels: Annotated[int, IntProperty(name="Levels", min=1, default=1)]

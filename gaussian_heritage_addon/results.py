@@ -11,8 +11,9 @@ from ..engine.errors import EnvironmentProblem, ProjectError
 from ..engine.jobs import Job, JobState
 from ..engine.refused_prompts import dismiss
 from .model_files import states_of
+from .new_objects import show_new_objects
 from .preferences import store_check_result, store_model_states
-from .properties import heritage_objects, project_of, select_object
+from .properties import heritage_objects, project_of
 from .scene_file import add_objects, open_project
 from .solid_mode import update_shapes
 
@@ -75,8 +76,7 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     deleted = set(_ids(state, "deleted"))
     scene.heritage.deleted = "\n".join(one for one in scene.heritage.deleted.split("\n") if one not in deleted)
     scene.heritage.show = "OBJECTS"
-    if new_ids:
-        select_object(scene, new_ids[0])
+    show_new_objects(scene, new_ids)
 
 
 def _ids(state: JobState, name: str) -> list[str]:

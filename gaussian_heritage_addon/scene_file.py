@@ -13,9 +13,11 @@ from ..engine.formats import Up, file_from_z_up, read_ply, read_ply_file
 from ..engine.project_content import list_objects, scene_file
 from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
+from .display_settings import apply_display, choose_display
 from .object_import import add_object, new_collection, update_object
 from .placement import apply_measurement, placement_properties
 from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
+from .splat_view import is_software
 from .splats import SplatScene
 from .stored_file import keep_file
 
@@ -61,6 +63,8 @@ def _show(scene: bpy.types.Scene, splats: SplatScene, count: int) -> None:
     splats.object[COUNT_KEY] = count
     apply_blending(scene)
     apply_visibility(scene)
+    apply_display(scene)
+    choose_display(scene, count, software=is_software())
 
 
 def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = True) -> SplatScene:
@@ -173,6 +177,7 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     ]
     apply_blending(scene)
     apply_visibility(scene)
+    apply_display(scene)
     return splats
 
 

@@ -16,12 +16,14 @@ __all__ = [
     "DISPLAY",
     "AS_TRAINED",
     "PIXEL",
+    "SHAPES",
     "SOLID",
     "THRESHOLD",
     "VIEW_HIGH",
     "VIEW_LOW",
     "add_display",
     "display_input",
+    "renew_display",
     "set_display_input",
 ]
 
@@ -31,6 +33,7 @@ THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
 PIXEL = "Pixel Size"
 SOLID = "Solid Shapes"
+SHAPES = "Shapes in Viewport"
 VIEW_LOW, VIEW_HIGH = "View Low", "View High"
 """Inputs of the modifier, see `_display_group`."""
 _INPUTS = {
@@ -38,6 +41,7 @@ _INPUTS = {
     AS_TRAINED: "NodeSocketBool",
     PIXEL: "NodeSocketFloat",
     SOLID: "NodeSocketBool",
+    SHAPES: "NodeSocketBool",
     VIEW_LOW: "NodeSocketVector",
     VIEW_HIGH: "NodeSocketVector",
 }
@@ -51,6 +55,19 @@ def add_display(obj: bpy.types.Object, sh_degree: int) -> None:
     """Add the modifier that draws `obj`, a mesh with the attributes described in `splats`."""
     modifier = obj.modifiers.new(DISPLAY, "NODES")
     modifier.node_group = _display_group(sh_degree)
+
+
+def renew_display(obj: bpy.types.Object, sh_degree: int) -> None:
+    """Replace the display of `obj` by the present one, with the same inputs, where an earlier release made it."""
+    modifier = obj.modifiers.get(DISPLAY)
+    tree = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+    if tree is None or not tree.name.startswith(DISPLAY) or set(_INPUTS.items()) <= set(_inputs(tree)):
+        return
+    values = {name: display_input(obj, name) for name in _INPUTS}
+    modifier.node_group = _display_group(sh_degree)
+    for name, value in values.items():
+        if value is not None:
+            set_display_input(obj, name, value)
 
 
 def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
@@ -72,9 +89,10 @@ def display_input(obj: bpy.types.Object, name: str) -> Any:
     identifier = _identifier(modifier, name)
     if identifier is None:
         return None
-    if bpy.app.version >= (5, 2, 0):
-        return getattr(modifier.properties.inputs, identifier).value
-    return modifier[identifier]
+    has_inputs = bpy.app.version >= (5, 2, 0)
+    value = getattr(modifier.properties.inputs, identifier).value if has_inputs else modifier[identifier]
+    # Blender frees an array of its own when the node group is replaced.
+    return tuple(value) if _INPUTS[name] == "NodeSocketVector" else value
 
 
 def _identifier(modifier: bpy.types.Modifier | None, name: str) -> str | None:
@@ -106,6 +124,8 @@ def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     pixel.description = "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
     solid = tree.interface.new_socket(SOLID, in_out="INPUT", socket_type=_INPUTS[SOLID])
     solid.description = "Draw opaque shapes in the viewport, as the modes Solid and Wireframe need them"
+    shapes = tree.interface.new_socket(SHAPES, in_out="INPUT", socket_type=_INPUTS[SHAPES])
+    shapes.description = "Let the viewport draw a shape for each Gaussian; otherwise, only their bounds"
     for bound, sign in ((VIEW_LOW, -1.0), (VIEW_HIGH, 1.0)):
         socket = tree.interface.new_socket(bound, in_out="INPUT", socket_type=_INPUTS[bound])
         socket.description = (
@@ -150,10 +170,21 @@ def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
     projection = Projection(Formula(tree, inputs[PIXEL]), low, high)
     solids = add_solids(tree, solid, with_color.outputs["Geometry"])
     viewport = _choice(tree, inputs[SOLID], solids, add_ellipsoids(tree, cutoff))
+    viewport = _choice(tree, inputs[SHAPES], viewport, _corners(tree, solid, inputs["Geometry"]))
     is_viewport = tree.nodes.new("GeometryNodeIsViewport").outputs[0]
     shapes = _choice(tree, is_viewport, viewport, add_cards(tree, cutoff, projection))
     output = tree.nodes.new("NodeGroupOutput")
     tree.links.new(shapes, output.inputs["Geometry"])
+
+
+def _corners(tree: bpy.types.NodeTree, cutoff: Cutoff, mesh: Any) -> Any:
+    """Return the corners of the box around the centres of the Gaussians that are drawn, for Blender's bounds.
+
+    They are points without a size, as Blender would draw vertices.
+    """
+    drawn = new_node(tree, "GeometryNodeSeparateGeometry", Geometry=mesh, Selection=cutoff.drawn)
+    box = new_node(tree, "GeometryNodeBoundBox", Geometry=drawn.outputs["Selection"])
+    return new_node(tree, "GeometryNodeMeshToPoints", Mesh=box.outputs["Bounding Box"], Radius=0.0).outputs["Points"]
 
 
 def _choice(tree: bpy.types.NodeTree, condition: Any, if_true: Any, if_false: Any) -> Any:

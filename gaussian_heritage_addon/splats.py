@@ -179,11 +179,7 @@ class SplatScene:
         """Return all Gaussians in the frame of the object, including edits in Edit Mode."""
         with self._readable_mesh() as mesh:
             base = _read(mesh, "radiance:base")
-            bands = 0
-            while f"radiance:sh_{bands}" in mesh.attributes:
-                bands += 1
-            if bands not in _BANDS:
-                raise ObjectError(f"{self.name} lacks some of its colours (radiance:sh). Import the object again.")
+            bands = self._n_bands(mesh)
             sh = np.empty((len(base), 1 + bands, 3), dtype=np.float32)
             sh[:, 0] = base[:, :3]
             for k in range(bands):
@@ -203,6 +199,31 @@ class SplatScene:
         """What is kept of the file that the object was imported from."""
         with self._readable_mesh() as mesh:
             return stored_file(self.object, mesh)
+
+    def attribute(self, name: str) -> Float32:
+        """Return the values of an attribute of `Gaussians` in Blender, such as ``"scale"``, shape [N, 3] or [N, 4].
+
+        Raises
+        ------
+        ObjectError
+            When it is missing or was changed to another type.
+        """
+        with self._readable_mesh() as mesh:
+            return _read(mesh, name)
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 3."""
+        with self._readable_mesh() as mesh:
+            return _BANDS.index(self._n_bands(mesh))
+
+    def _n_bands(self, mesh: bpy.types.Mesh) -> int:
+        bands = 0
+        while f"radiance:sh_{bands}" in mesh.attributes:
+            bands += 1
+        if bands not in _BANDS:
+            raise ObjectError(f"{self.name} lacks some of its colours (radiance:sh). Import the object again.")
+        return bands
 
     def gaussians(self, threshold: float | None = None) -> Gaussians:
         """Return the Gaussians in world space, with positions, rotations, sizes and view-dependent colours transformed.

@@ -10,6 +10,7 @@ from . import (
     check_models,
     click_object,
     continue_job,
+    copy_as_native,
     dismiss_candidates,
     drop_job,
     edit_objects,
@@ -32,6 +33,7 @@ from . import (
     set_up_engine,
     shortcuts,
     show_project,
+    solo_object,
 )
 
 __all__ = ["CLASSES", "register", "unregister"]
@@ -64,6 +66,8 @@ _MODULES = (
     open_result,
     show_project,
     remove_default_objects,
+    solo_object,
+    copy_as_native,
 )
 CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 

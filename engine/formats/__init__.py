@@ -7,7 +7,7 @@ from .glb import read_glb, write_glb
 from .ply import PlyFile, read_ply, read_ply_file, write_ply
 from .spherical_harmonics import SH_C0
 from .spz import read_spz, write_spz
-from .transform import logits_of, transform_gaussians
+from .transform import logits_of, rotations_from_quats, transform_gaussians
 from .usd import write_usd
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "read_ply",
     "read_ply_file",
     "read_spz",
+    "rotations_from_quats",
     "transform_gaussians",
     "write_glb",
     "write_ply",

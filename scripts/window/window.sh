@@ -14,7 +14,7 @@ set -eu
 root=${BLENDER_WINDOW_ROOT:-${TMPDIR:-/tmp}/blender_window_root}   # the Debian root
 work=${BLENDER_WINDOW_WORK:-${TMPDIR:-/tmp}/blender_window}        # commands, logs, home; same path inside
 here=$(cd "$(dirname "$0")" && pwd)
-export DISPLAY=:77
+export DISPLAY=${BLENDER_WINDOW_DISPLAY:-:77}   # two windows at once need two
 inside() { chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@"; }
 # exec: the number of the background process is that of the program itself.
 begin() { (exec chroot "$root" env DISPLAY=$DISPLAY HOME="$work/home" XDG_RUNTIME_DIR=/tmp LIBGL_ALWAYS_SOFTWARE=1 "$@") & echo $! >>"$work/pids"; }

@@ -173,8 +173,13 @@ def test_photo_is_aligned_with_the_splats(opened: Any, camera: Any, part: Part, 
     errors = np.linalg.norm(seen - expected[inside], axis=1)
     bent = np.linalg.norm(pinhole - expected, axis=1)[inside] > 1.0
     assert bent.sum() >= 5 and errors[bent].mean() < 0.5 and errors.max() < 1.3
+    # Splats that are drawn over the photo fade instead of the photo.
     scene.heritage.photo_opacity = 0.25
+    assert entry.alpha == 1.0
+    scene.heritage_display.kind = "SHAPES"
     assert entry.alpha == 0.25
+    scene.heritage_display.kind, scene.heritage.photo_opacity = "SPLATS", 0.0
+    assert entry.alpha == 0.0
     viewport.show_photo(0)
     assert len(scene.camera.data.background_images) == 1
 

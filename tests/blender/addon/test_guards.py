@@ -220,6 +220,48 @@ def test_draw_handler_that_fails_is_called_once(part: Part, log: Path) -> None:
     assert log.read_text().count("Traceback") == 1
 
 
+def test_draw_handler_that_fails_says_so_once(part: Part, log: Path) -> None:
+    handlers: list[Callable[[], None]] = []
+    failures: list[int] = []
+    space = SimpleNamespace(draw_handler_add=lambda function, *_: handlers.append(function))
+    draw = {}.__getitem__
+    part("gaussian_heritage_addon.guards").add_draw_handler(
+        space, lambda: draw("x"), "POST_VIEW", failed=lambda: failures.append(1)
+    )
+    for _ in range(3):
+        handlers[0]()
+    assert failures == [1]
+
+
+def test_changed_meshes_are_told_and_errors_are_shown(part: Part, log: Path) -> None:
+    guards, told = part("gaussian_heritage_addon.guards"), []
+
+    def changed(data: list[bpy.types.ID]) -> None:
+        told.extend(data)
+        if len(told) > 100:
+            raise KeyError("x")
+
+    mesh = bpy.data.meshes.new("mesh")
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("obj", mesh))
+    bpy.context.view_layer.update()
+    guards.add_change_handler(changed)
+    try:
+        mesh.vertices.add(3)
+        mesh.update_tag()
+        bpy.context.view_layer.update()
+        assert mesh in told
+        told.extend([mesh] * 100)
+        mesh.update_tag()
+        bpy.context.view_layer.update()
+        assert "KeyError" in part("gaussian_heritage_addon.problems").shown()
+    finally:
+        guards.remove_change_handler(changed)
+    count = len(told)
+    mesh.update_tag()
+    bpy.context.view_layer.update()
+    assert len(told) == count
+
+
 def test_modal_operator_that_fails_removes_its_draw_handler(part: Part, log: Path) -> None:
     cls, ended = part("operators.click_object").HERITAGE_OT_click_object, []
     reports: list[str] = []

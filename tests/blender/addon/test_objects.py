@@ -223,7 +223,7 @@ def test_level_slider_goes_from_part_to_whole_at_once(levelled: Any, part: Part,
 
 
 def test_level_is_drawn_at_the_next_update(levelled: Any) -> None:
-    bpy.context.scene.heritage.show = "OBJECTS"
+    bpy.context.scene.heritage.show, bpy.context.scene.heritage_display.kind = "OBJECTS", "SHAPES"
     vase, visible = isolated()["vase"], levelled.gaussians.opacities > 1 / 255
     for level in (2, 0):
         vase.heritage.level = level
@@ -339,6 +339,7 @@ def test_kept_objects_missing_in_the_file_are_imported(opened: Any, fake_engine:
 def test_solid_mode_gets_opaque_shapes_in_the_colours_of_the_object(opened: Any, part: Part) -> None:
     nodes = part("gaussian_heritage_addon.splat_nodes")
     whole = next(obj for obj in bpy.context.scene.objects if obj.heritage.role == "SCENE")
+    bpy.context.scene.heritage_display.kind = "SHAPES"
     nodes.set_display_input(whole, nodes.SOLID, True)
     assert nodes.display_input(whole, nodes.SOLID)
     drawn = whole.evaluated_get(bpy.context.evaluated_depsgraph_get()).data

@@ -117,7 +117,7 @@ def test_every_panel_can_be_drawn_with_everything_in_it(project: Any, draw: Draw
     rows = part("gaussian_heritage_addon.objects_panel").HERITAGE_UL_objects
     drawn = FakeLayout()
     rows.draw_item(None, None, drawn, None, bpy.data.objects["Vase"], 0, None, "")
-    assert drawn.props == ["name", "threshold"] and drawn.texts == ["", ""]
+    assert drawn.props == ["name", "threshold", "hidden"] and drawn.texts == ["", "", ""]
 
 
 def test_long_sentences_are_wrapped(part: Part) -> None:

@@ -42,7 +42,7 @@ def test_objects_become_collections_with_their_properties(project: Any) -> None:
 
 def test_slider_changes_what_is_drawn_and_exported(project: Any, part: Part, tmp_path: Path) -> None:
     open_project(project)
-    bpy.context.scene.heritage.show = "OBJECTS"
+    bpy.context.scene.heritage.show, bpy.context.scene.heritage_display.kind = "OBJECTS", "SHAPES"
     obj = bpy.data.objects["Vase"]
     membership = np.linspace(0.2, 1, 40).astype(np.float32)
     visible = project.gaussians.opacities[:40] > 1 / 255

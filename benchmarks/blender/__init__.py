@@ -1,0 +1,1 @@
+"""Speed and likeness of splats in Blender."""

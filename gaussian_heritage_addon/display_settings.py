@@ -1,0 +1,103 @@
+"""How the viewports show splats: properties of a scene, and the choice that fits the computer."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
+
+from .properties import apply_photo_opacity, heritage_objects
+from .solid_mode import viewports
+from .splat_nodes import SHAPES, display_input, renew_display, set_display_input
+from .splats import SplatScene
+from .typed_properties import blender_properties
+
+__all__ = ["CLASSES", "HeritageDisplay", "apply_display", "choose_display", "register", "renew_displays", "unregister"]
+
+_MOST_ON_CARD, _MOST_ON_PROCESSOR = 2_000_000, 400_000
+"""Gaussians that a graphics card, and a processor without one, draw while the view turns."""
+
+
+def apply_display(scene: bpy.types.Scene) -> None:
+    """Let the display of `scene` decide what Blender itself draws of its splats: their shapes, or only their bounds."""
+    shapes = scene.heritage_display.kind == "SHAPES"
+    for obj in heritage_objects(scene):
+        if display_input(obj, SHAPES) != shapes:
+            set_display_input(obj, SHAPES, shapes)
+
+
+def renew_displays() -> None:
+    """Replace displays that an earlier release made in this file."""
+    for scene in bpy.data.scenes:
+        for obj in heritage_objects(scene):
+            if SplatScene.is_splats(obj):
+                renew_display(obj, SplatScene.of(obj).sh_degree)
+        apply_display(scene)
+
+
+def choose_display(scene: bpy.types.Scene, count: int, *, software: bool) -> None:
+    """Choose the share of `count` Gaussians that this computer can draw while the view turns."""
+    most = _MOST_ON_PROCESSOR if software else _MOST_ON_CARD
+    scene.heritage_display.share = min(1.0, max(0.05, most / max(1, count)))
+
+
+def _kind_changed(properties: HeritageDisplay, context: bpy.types.Context) -> None:
+    scene = properties.id_data
+    apply_display(scene)
+    apply_photo_opacity(scene)
+    for area in viewports(scene):
+        # Blender would outline each of the shapes.
+        area.spaces.active.overlay.show_outline_selected = properties.kind != "SHAPES"
+
+
+@blender_properties
+class HeritageDisplay(bpy.types.PropertyGroup):
+    """Display of the splats in the viewports: ``scene.heritage_display``. Renders always show all Gaussians."""
+
+    kind: Annotated[
+        str,
+        EnumProperty(
+            name="Display",
+            description="How the viewports show splats. Renders always show all Gaussians",
+            items=[
+                ("SPLATS", "Splats", "As trained, in all viewport modes"),
+                ("POINTS", "Points", "A dot for each Gaussian, the fastest"),
+                ("SHAPES", "Shapes", "Blender's own objects, for previews with EEVEE and Cycles; slow"),
+            ],
+            update=_kind_changed,
+        ),
+    ]
+    share: Annotated[
+        float,
+        FloatProperty(
+            name="Share",
+            description="Share of the Gaussians in view that are drawn, the most important first: "
+            "opacity times mean diameter, divided by the distance",
+            min=0.01,
+            max=1.0,
+            default=1.0,
+            subtype="FACTOR",
+        ),
+    ]
+    lighter: Annotated[
+        bool,
+        BoolProperty(
+            name="Lighter While Turning",
+            description="Draw with fewer pixels while the view moves, and sharpen the picture when it rests",
+            default=True,
+        ),
+    ]
+
+
+CLASSES = [HeritageDisplay]
+
+
+def register() -> None:
+    """Add the properties to scenes. Their classes must be registered already."""
+    bpy.types.Scene.heritage_display = PointerProperty(type=HeritageDisplay)
+
+
+def unregister() -> None:
+    """Remove the properties."""
+    del bpy.types.Scene.heritage_display

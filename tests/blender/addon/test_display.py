@@ -1,0 +1,166 @@
+"""What the viewports show of splats: bounds, new and hidden objects, displays of earlier files, Blender's own type."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+Part = Callable[[str], ModuleType]
+StandIn = Callable[[str], Path]
+Draw = Callable[[str], Any]
+
+
+@pytest.fixture
+def opened(project: Any) -> Any:
+    """Open the project of 100 Gaussians, and return it."""
+    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
+    return project
+
+
+def isolated() -> dict[str, bpy.types.Object]:
+    return {obj.heritage.object_id: obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"}
+
+
+def bounds(obj: bpy.types.Object) -> np.ndarray:
+    bpy.context.view_layer.update()
+    corners = np.array([corner[:] for corner in obj.bound_box])
+    return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+
+def test_bounds_are_those_of_the_gaussians_that_are_shown(opened: Any, part: Part) -> None:
+    bpy.context.scene.heritage.show = "OBJECTS"
+    vase = isolated()["vase"]
+    splats = part("gaussian_heritage_addon.splats").SplatScene.of(vase)
+    means, opacities = splats.attribute("position"), splats.attribute("radiance:base")[:, 3]
+    opaque = opacities > part("gaussian_heritage_addon.splat_nodes")._SOLID_OPACITY
+    for threshold in (0.5, 0.9):
+        vase.heritage.threshold = threshold
+        shown = means[opaque & (splats.membership >= np.float32(threshold))]
+        np.testing.assert_allclose(bounds(vase), [shown.min(axis=0), shown.max(axis=0)], atol=1e-5)
+    low, high = part("gaussian_heritage_addon.splat_boxes").shown_box(vase)
+    members = means[splats.membership >= np.float32(0.9)]
+    assert (low >= members.min(axis=0) - 1e-6).all() and (high <= members.max(axis=0) + 1e-6).all()
+
+
+def test_nothing_is_outlined_but_in_the_display_of_shapes(opened: Any) -> None:
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+
+    def instances() -> int:
+        found = bpy.context.evaluated_depsgraph_get().object_instances
+        return sum(1 for one in found if one.parent and one.parent.original == whole)
+
+    bpy.context.scene.heritage_display.kind = "POINTS"
+    # The points without a size that carry the bounds.
+    assert instances() <= 1
+    bpy.context.scene.heritage_display.kind = "SHAPES"
+    assert instances() > 50
+
+
+FOUND = """
+project = Path(sys.argv[4])
+rest = np.ones(100, np.float32)
+for row, name in ((50, "nail"), (70, "envelope")):
+    members = np.zeros(100, np.float32)
+    members[row:row + 9] = 1
+    rest -= members
+    write_object(project, name, name, members, prompt={"kind": "all"})
+write_object(project, "background", "background", rest, prompt={"kind": "background"})
+say("finished", outputs={"objects": ["envelope", "nail", "background"], "kept": []})
+"""
+
+
+def test_find_all_selects_what_it_found_and_hides_the_background(opened: Any, fake_engine: StandIn, draw: Draw) -> None:
+    fake_engine(FOUND)
+    assert bpy.ops.heritage.find_objects() == {"FINISHED"}
+    found = isolated()
+    assert {name for name, obj in found.items() if obj.heritage.hidden} == {"background"}
+    assert found["background"].hide_viewport and found["background"].hide_render
+    assert {obj.heritage.object_id for obj in bpy.context.selected_objects} == {"envelope", "nail"}
+    assert bpy.context.view_layer.objects.active == found["envelope"]
+    assert any("guess" in text for text in draw("HERITAGE_PT_objects").texts)
+
+
+def test_background_that_was_asked_for_is_shown(opened: Any, fake_engine: StandIn) -> None:
+    fake_engine(FOUND.replace('["envelope", "nail", "background"]', '["background"]'))
+    bpy.ops.heritage.isolate_background()
+    assert not isolated()["background"].hide_viewport
+
+
+def test_solo_hides_the_others_and_again_shows_them(opened: Any, fake_engine: StandIn) -> None:
+    fake_engine(FOUND)
+    bpy.ops.heritage.find_objects()
+    scene, found = bpy.context.scene, isolated()
+    scene.heritage.active = bpy.data.objects.find(found["nail"].name)
+    assert bpy.ops.heritage.solo_object() == {"FINISHED"}
+    assert {name for name, obj in found.items() if not obj.hide_viewport} == {"nail"}
+    bpy.ops.heritage.solo_object()
+    assert {name for name, obj in found.items() if obj.hide_viewport} == {"background"}
+    found["vase"].heritage.hidden = True
+    assert found["vase"].hide_viewport and found["vase"].hide_render
+    scene.heritage.show = "SCENE"
+    scene.heritage.show = "OBJECTS"
+    assert found["vase"].hide_viewport and not found["nail"].hide_viewport
+    scene.heritage.active = -1
+    with pytest.raises(RuntimeError, match="Select one in the list"):
+        bpy.ops.heritage.solo_object()
+
+
+def test_large_scenes_are_shown_in_part_at_first(opened: Any, part: Part) -> None:
+    settings = part("gaussian_heritage_addon.display_settings")
+    scene = bpy.context.scene
+    for count, software, all_shown in ((40_000, True, True), (1_500_000, False, True), (1_500_000, True, False)):
+        settings.choose_display(scene, count, software=software)
+        assert (scene.heritage_display.share == 1.0) == all_shown
+    assert 0.1 < scene.heritage_display.share < 0.5
+
+
+def test_splats_that_cannot_be_drawn_are_left_to_blender(opened: Any, part: Part) -> None:
+    nodes = part("gaussian_heritage_addon.splat_nodes")
+    part("gaussian_heritage_addon.splat_view")._show_shapes()
+    assert bpy.context.scene.heritage_display.kind == "SHAPES"
+    assert all(nodes.display_input(obj, nodes.SHAPES) for obj in isolated().values())
+
+
+def test_file_of_the_first_release_gets_the_present_display(blender: ModuleType, part: Part, tmp_path: Path) -> None:
+    copy = tmp_path / "first_release"
+    shutil.copytree(Path(os.environ["GAUSSIAN_HERITAGE_FIXTURES"]) / "first_release", copy)
+    bpy.ops.wm.open_mainfile(filepath=str(copy / "scene.blend"))
+    nodes = part("gaussian_heritage_addon.splat_nodes")
+    teapot = bpy.data.objects["teapot"]
+    before = {
+        name: nodes.display_input(teapot, name)
+        for name in (nodes.THRESHOLD, nodes.AS_TRAINED, nodes.PIXEL, nodes.VIEW_LOW)
+    }
+    assert nodes.display_input(teapot, nodes.SHAPES) is None
+    part("gaussian_heritage_addon.display_settings").renew_displays()
+    assert nodes.display_input(teapot, nodes.SHAPES) is False
+    assert {name: nodes.display_input(teapot, name) for name in before} == before
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="Blender 5.2 and newer have the attributes")
+def test_point_cloud_has_the_attributes_of_blenders_own_import(part: Part, random_gaussians: Any) -> None:
+    native, gaussians = part("gaussian_heritage_addon.native_splats"), random_gaussians(30)
+    cloud = native.new_point_cloud("cloud", gaussians)
+    values = np.zeros(30 * 4, np.float32)
+    cloud.attributes["radiance:base"].data.foreach_get("vector", values)
+    np.testing.assert_allclose(values.reshape(30, 4)[:, 3], gaussians.opacities, rtol=1e-6)
+    coefficient = np.zeros(30 * 3, np.float32)
+    cloud.attributes["radiance:sh_14"].data.foreach_get("vector", coefficient)
+    np.testing.assert_array_equal(coefficient.reshape(30, 3), gaussians.sh[:, 15])
+    kinds = {name: cloud.attributes[name].data_type for name in ("position", "rotation", "scale", "radiance:base")}
+    assert list(kinds.values()) == ["FLOAT_VECTOR", "QUATERNION", "FLOAT_VECTOR", "FLOAT4"]
+
+
+@pytest.mark.skipif(bpy.app.version >= (5, 3, 0), reason="Blender 5.3 has the type")
+def test_older_blender_says_that_it_has_no_type_for_gaussians(opened: Any, part: Part) -> None:
+    assert not part("gaussian_heritage_addon.native_splats").is_native()
+    with pytest.raises(RuntimeError, match=r"Use Blender 5\.3"):
+        bpy.ops.heritage.copy_as_native()
