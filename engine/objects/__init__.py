@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     )
     from .everything import find_everything, segment_everything_in
     from .evidence import DetectorFactory, SamFactory
+    from .found import NoMatchError
     from .graph import SceneGraph
     from .photos import Photos
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
-    from .ranking import NoMatchError
-    from .segment import THRESHOLD, find_objects, segment_project
+    from .segment import find_objects, mask_at, segment_project
     from .storage import (
         forget_unreadable_record,
         is_object_intact,
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     )
     from .trash import TrashEntry, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
     from .views import View, Views, erode_mask, spread_cameras
+    from .votes import THRESHOLD
 
 __all__ = [
     "CANDIDATES",
@@ -73,6 +74,7 @@ __all__ = [
     "load_membership",
     "load_object",
     "load_context",
+    "mask_at",
     "object_gaussians",
     "object_ids",
     "parse_point",
