@@ -91,8 +91,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
             return _pictures(project, gaussians, camera, objects, options.what, click, device, should_stop)
 
         pictures, device = run_on(device, render)
-        for record, picture in zip(objects or [None], pictures, strict=True):
-            file = files[label, None if record is None else record.id]
+        for key, picture in zip([record.id for record in objects] or [""], pictures, strict=True):
+            file = files[label, key]
             file.parent.mkdir(parents=True, exist_ok=True)
             write_png(file, picture)
             written.append(str(file))
@@ -130,9 +130,9 @@ def _pictures(
     if what == "mask" and objects:
         masks = visible_masks(Scene(gaussians, backend=device.backend), camera, members)
         return [np.where(mask, np.uint8(255), np.uint8(0)) for mask in masks]
+    wanted: Sequence[NDArray[np.bool_] | None] = members or (None,)
     return [
-        render_view(gaussians, camera, what=what, members=each, click=click, backend=device.backend)
-        for each in (members or [None])
+        render_view(gaussians, camera, what=what, members=each, click=click, backend=device.backend) for each in wanted
     ]
 
 
@@ -141,7 +141,7 @@ def _cameras(project: ProjectFolder, options: argparse.Namespace) -> dict[str, C
     from ..cameras import read_camera_json
 
     known = read_camera_set(project.path / "cameras")
-    pairs = [(photo, _camera_of(known, photo)) for photo in options.view]
+    pairs: list[tuple[str, Camera | PinholeCamera]] = [(photo, _camera_of(known, photo)) for photo in options.view]
     pairs += [(file.name, read_camera_json(file)) for file in options.camera]
     cameras = {"-".join(PurePosixPath(name).with_suffix("").parts): camera for name, camera in pairs}
     if len(cameras) < len(pairs):
@@ -151,10 +151,10 @@ def _cameras(project: ProjectFolder, options: argparse.Namespace) -> dict[str, C
 
 def _files(
     options: argparse.Namespace, labels: Sequence[str], objects: Sequence[ObjectRecord]
-) -> dict[tuple[str, str | None], Path]:
-    """Return the file of each picture by the name of its view and the id of its object."""
+) -> dict[tuple[str, str], Path]:
+    """Return the file of each picture by the name of its view and the id of its object, empty for the scene."""
     out: Path = options.out
-    pairs = [(label, record and record.id) for label in labels for record in (objects or [None])]
+    pairs = [(label, key) for label in labels for key in ([record.id for record in objects] or [""])]
     if len(pairs) > 1:
         if out.suffix.lower() == ".png" or out.is_file():
             raise SettingsError(f"{out} is a file, but {len(pairs)} pictures are wanted. Choose a folder.")

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
         store_background,
     )
     from .everything import find_everything, segment_everything_in
-    from .evidence import DetectorFactory, SamFactory
+    from .evidence import DetectorFactory
     from .found import NoMatchError
     from .graph import SceneGraph
-    from .photos import Photos
+    from .photos import Photos, SamFactory
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
     from .segment import find_objects, mask_at, segment_project

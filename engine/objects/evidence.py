@@ -18,7 +18,7 @@ from ..errors import PromptError
 from ..scene import CameraSet
 from .connected import connected_parts
 from .context import SegmentationContext
-from .photos import Photos, SamFactory
+from .photos import Photos
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import SegmentSettings
 from .views import View, Views
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DetectorFactory",
-    "Photos",
-    "SamFactory",
     "clicks_by_photo",
     "evidence_of_clicks",
     "evidence_of_exclusions",

@@ -50,7 +50,7 @@ _MIN_PIXELS = 0.05  # by definition
 _TOLERANCE = 1e-4  # by definition
 """Largest residual of the solution, relative to the right-hand side."""
 
-_SMALLEST = np.finfo(np.float32).tiny
+_SMALLEST = np.float32(np.finfo(np.float32).tiny)
 """Smallest divisor: a solved object has no residual."""
 
 _MAX_STEPS = 300  # by definition
@@ -123,10 +123,10 @@ class SceneGraph:
         """
         return self.solve_each(Votes(votes.inside[:, None], votes.outside[:, None]), strictness)[:, 0]
 
-    def solve_each(self, votes: Votes, strictness: float) -> Float32:
-        """Return the memberships in K objects, [N, K], of votes of the same shape; faster than one by one.
+    def solve_each(self, votes: Votes, strictness: float | Float32) -> Float32:
+        """Return the memberships in K objects, [N, K], of votes of the same shape; `strictness` may be that of each.
 
-        Conjugate gradients with the diagonal as preconditioner: SciPy's solve one system at a time, so that each step
+        Conjugate gradients with the diagonal as preconditioner. SciPy's solve one system at a time, so that each step
         reads all links for one object alone.
         """
         padding = ((0, len(self.photo)), (0, 0))
@@ -134,7 +134,8 @@ class SceneGraph:
         against = np.pad((_BACKGROUND_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
         diagonal = self._degrees[:, None] + inside + against
         diagonal[diagonal <= 0] = 1
-        solution, residual = np.zeros_like(inside), inside
+        solution: Float32 = np.zeros_like(inside)
+        residual: Float32 = inside
         scaled = residual / diagonal
         direction, size = scaled, _dot(residual, scaled)
         enough = _TOLERANCE**2 * _dot(inside, inside)
@@ -142,7 +143,7 @@ class SceneGraph:
             if (_dot(residual, residual) <= enough).all():
                 break
             product = diagonal * direction - self._links @ direction
-            length = size / np.maximum(_dot(direction, product), _SMALLEST)
+            length = (size / np.maximum(_dot(direction, product), _SMALLEST)).astype(np.float32)
             solution = solution + length * direction
             residual = residual - length * product
             scaled = residual / diagonal

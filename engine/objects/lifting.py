@@ -14,7 +14,7 @@ from .context import SegmentationContext
 from .graph import bounded
 from .settings import SegmentSettings
 from .views import MAX_OBJECT_EXTENT
-from .votes import THRESHOLD, MaskEvidence, count_votes
+from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
 __all__ = ["Levels", "lift", "lift_levels"]
 
@@ -129,9 +129,10 @@ def _union(
 ) -> list[Float32]:
     """Return the largest membership over the masks for each factor of the strictness."""
     graph = context.graph(settings, should_stop)
-    votes = [count_votes(context.views, item, graph.pixels) for item in evidence]
-    nothing = np.zeros(len(graph.pixels), np.float32)
-    return [
-        np.maximum.reduce([nothing, *(graph.solve(each, factor * settings.strictness) for each in votes)])
-        for factor in factors
-    ]
+    strictness = settings.strictness * np.array(factors, np.float32)
+    highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
+    for item in evidence:
+        votes = count_votes(context.views, item, graph.pixels)
+        repeated = (np.repeat(each[:, None], len(factors), axis=1) for each in (votes.inside, votes.outside))
+        highest = np.maximum(highest, graph.solve_each(Votes(*repeated), strictness).T)
+    return list(highest)

@@ -6,7 +6,7 @@ They are made once after training and kept; then a word only compares descriptio
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -143,7 +143,7 @@ class Proposals:
         return [found[0] if found else ("", 1.0 if not self.described.shape[1] else 0.0) for found in words]
 
     def evidence(
-        self, number: int, score: float, graph: SceneGraph, views: Views, label_maps: dict[str, Int32]
+        self, number: int, score: float, graph: SceneGraph, views: Views, label_maps: Mapping[str, Int32]
     ) -> MaskEvidence:
         """Return the segment that a proposal was solved from."""
         segment = self.segment[number]
@@ -371,7 +371,9 @@ def _from_arrays(arrays: dict[str, NDArray[Any]], views: Views, graph: SceneGrap
     )
     if not in_range:
         return None
-    unpacked = np.unpackbits(arrays["members"], axis=1, count=len(views.scene)).astype(bool)
-    photo = tuple(str(name) for name in arrays["photo"])
-    described = arrays["described"].astype(np.float32)
-    return Proposals(**{**arrays, "members": unpacked, "photo": photo, "described": described})
+    return Proposals(
+        members=np.unpackbits(arrays["members"], axis=1, count=len(views.scene)).astype(bool),
+        photo=tuple(str(name) for name in arrays["photo"]),
+        described=arrays["described"].astype(np.float32),
+        **{name: arrays[name] for name in ("covering", "pixels", "segment", "proposal", "box")},
+    )

@@ -50,9 +50,6 @@ class FakeSam:
             mask = min((truth == part for part in np.unique(truth)[1:]), key=lambda m: np.abs(box_of(m) - box).sum())
         return FakePrediction(mask, 0.9, np.zeros((256, 256), np.float32))
 
-    def predict_scale_masks(self, embedding, box):  # type: ignore[no-untyped-def]
-        return [self.predict(embedding, None, None, box).mask]
-
 
 def box_of(mask: np.ndarray) -> np.ndarray:
     rows, columns = np.nonzero(mask)
