@@ -2,7 +2,7 @@
 
 A step: activations, image, L1 + SSIM, gradients, Adam, random walk, limits; with features also L_CC on 16,384 pixels of
 200 segments, the disagreement along rays and L_reg on 1,000 anchors. Wall time of steps queued one after the other,
-with all that the processor does for them, such as random draws.
+with all that the processor does for them. As in training, samples are drawn and sorted in a thread ahead of the queue.
 
 example: python -m benchmarks.gpu_step 1000000
 """
@@ -13,6 +13,7 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -98,10 +99,12 @@ def measure(n: int, case: str) -> dict[str, float]:
                 )
         if clustering is None:
             rates.pop("features", None)
-        return StepPlan(
+        made = StepPlan(
             0, rates, degree, lambda_ray=0.01 if clustering else 0.0, clustering=clustering, neighbours=regulariser,
             noise=PositionNoise(1e-6, MAX_WALK, 0, step),
         )  # fmt: skip
+        made.sort()
+        return made
 
     def milliseconds(compute: Callable[[], Any], repeats: int) -> float:
         compute()
@@ -115,7 +118,8 @@ def measure(n: int, case: str) -> dict[str, float]:
     counter = iter(range(10**9))
 
     def steps() -> None:
-        trainer.steps([plan(next(counter)) for _ in range(STEPS)])
+        with ThreadPoolExecutor(1) as ahead:
+            trainer.steps(ahead.map(plan, [next(counter) for _ in range(STEPS)]))
 
     result = {"step": milliseconds(steps, ROUNDS) / STEPS}
     result["errors of a photo"] = milliseconds(lambda: trainer.gaussian_errors([0], degree), 5)

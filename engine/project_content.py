@@ -136,6 +136,8 @@ def _prompt_text(prompt: dict[str, Any]) -> str:
             return "found without a prompt"
         case "background":
             return "what belongs to no object"
+        case "hand":
+            return "made by hand"
         case "click" if clicks:
             return f"{len(clicks)} clicks, {len(others)} beside it"
         case "click":

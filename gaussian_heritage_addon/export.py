@@ -11,6 +11,7 @@ import bpy
 
 from ..engine.errors import DiskError, ObjectError
 from ..engine.formats import write_glb, write_ply
+from .placement import frame_of_object
 from .properties import HeritageObject, record_of
 from .splats import SplatScene
 
@@ -71,7 +72,8 @@ def _file_names(objects: Sequence[bpy.types.Object], folder: Path, file_format: 
 
 def _paradata(obj: bpy.types.Object, count: int) -> dict[str, Any]:
     properties: HeritageObject = obj.heritage
-    paradata: dict[str, Any] = {"generator": "Gaussian Heritage", "gaussians": count}
+    unit = frame_of_object(obj)
+    paradata: dict[str, Any] = {"generator": "Gaussian Heritage", "gaussians": count, "unit": unit.unit}
     if properties.role == "OBJECT":
         paradata |= {
             "object_id": properties.object_id,

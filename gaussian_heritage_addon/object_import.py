@@ -14,10 +14,11 @@ from ..engine.project_content import ProjectObject, load_level, load_membership,
 from ..engine.records import load_record
 from ..engine.scene import Gaussians, load_polished
 from .object_geometry import foot_of, near_object
+from .placement import placement_properties
 from .properties import COUNT_KEY, HeritageObject, loading, scene_count
 from .splats import SplatScene
 
-__all__ = ["add_object", "new_collection", "update_object"]
+__all__ = ["add_object", "new_collection", "origin_in_scene", "update_object"]
 
 _MIN_COPIED_MEMBERSHIP = 0.05
 """Smallest membership of Gaussians that are copied into an object, unless its threshold is lower.
@@ -73,6 +74,8 @@ def add_object(scene: bpy.types.Scene, project: Path, item: ProjectObject, whole
     splats = SplatScene.create(item.name, _moved(gaussians, -foot), collection, index=index, membership=membership)
     obj = splats.object
     obj.matrix_world = whole.matrix_world @ Matrix.Translation(foot)
+    for key, value in placement_properties(whole).items():
+        obj[key] = value
     properties: HeritageObject = obj.heritage
     record = load_record(project, item.id)
     with loading(properties):
@@ -96,7 +99,7 @@ def update_object(obj: bpy.types.Object, project: Path, item: ProjectObject, who
     splats = SplatScene.of(obj)
     gaussians, index, membership = _object_gaussians(project, item, whole)
     # Where the user has put the object, the Gaussians keep their place relative to its origin.
-    splats.replace(_moved(gaussians, -_origin(splats, whole)), index=index, membership=membership)
+    splats.replace(_moved(gaussians, -origin_in_scene(splats, whole)), index=index, membership=membership)
     _write_object_properties(obj, item, whole)
     return splats
 
@@ -108,6 +111,7 @@ def _write_object_properties(obj: bpy.types.Object, item: ProjectObject, whole: 
         properties.prompt, properties.score, properties.kind = item.prompt, item.score, item.kind
         properties.n_levels, properties.level, properties.stored_level = item.n_levels, item.level, item.level
         properties.problem = ""
+        properties.is_edited = False
     obj[COUNT_KEY] = scene_count(whole)
     for collection in obj.users_collection:
         # Not the collections that the user added the object to.
@@ -120,7 +124,7 @@ def _moved(gaussians: Gaussians, by: NDArray[np.float64]) -> Gaussians:
     return replace(gaussians, means=(gaussians.means + by).astype(np.float32))
 
 
-def _origin(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
+def origin_in_scene(splats: SplatScene, whole: bpy.types.Object) -> NDArray[np.float64]:
     """Return the origin of an object in the frame of the scene.
 
     Found from its Gaussians, as objects of older files have the origin of the scene, and *Object > Set Origin* moves

@@ -6,7 +6,7 @@ import bpy
 
 from ..engine.jobs import Job, JobState
 from ..engine.project_content import report_file
-from . import job_runner, objects_panel, problems
+from . import by_hand_panel, job_runner, objects_panel, problems
 from .cameras import current_photo
 from .curve import stored_curve
 from .default_objects import untouched_defaults
@@ -158,4 +158,10 @@ class HERITAGE_PT_training(bpy.types.Panel):
         draw_curve(self.layout, f"the training in {project}", stored_curve(project))
 
 
-CLASSES = [HERITAGE_PT_scene, *objects_panel.CLASSES, HERITAGE_PT_progress, HERITAGE_PT_training]
+CLASSES = [
+    HERITAGE_PT_scene,
+    *objects_panel.CLASSES,
+    *by_hand_panel.CLASSES,
+    HERITAGE_PT_progress,
+    HERITAGE_PT_training,
+]

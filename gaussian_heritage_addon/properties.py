@@ -221,6 +221,16 @@ class HeritageScene(bpy.types.PropertyGroup):
             name="Prompt", description='Objects to isolate, in words; separate several with ";" (vase;teapot)'
         ),
     ]
+    known_distance: Annotated[
+        float,
+        FloatProperty(
+            name="Metres",
+            description="A distance that you have measured on the real object, in metres; then pick its two ends",
+            min=0.0001,
+            default=1.0,
+            precision=4,
+        ),
+    ]
     photo_opacity: Annotated[
         float,
         FloatProperty(
@@ -234,6 +244,13 @@ class HeritageScene(bpy.types.PropertyGroup):
         ),
     ]
     active: Annotated[int, IntProperty(name="Active Object")]
+    deleted: Annotated[
+        str,
+        StringProperty(
+            name="Deleted Objects",
+            description="Ids of objects that were deleted in this file, one a line, until stored",
+        ),
+    ]
     show: Annotated[
         str,
         EnumProperty(
@@ -315,6 +332,9 @@ class HeritageObject(bpy.types.PropertyGroup):
         StringProperty(name="Rights", description="Credit line, licence or rights statement", update=_record_changed),
     ]
     notes: Annotated[str, StringProperty(name="Notes", update=_record_changed)]
+    is_edited: Annotated[
+        bool, BoolProperty(name="Edited by Hand", description="Changed in this file, and not yet stored in the project")
+    ]
     problem: Annotated[str, StringProperty(options={"SKIP_SAVE"})]
     is_loading: Annotated[bool, BoolProperty(options={"SKIP_SAVE", "HIDDEN"})]
 

@@ -72,6 +72,8 @@ def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> N
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
     # Objects that "find all" kept in the project may be missing in this file.
     add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
+    deleted = set(_ids(state, "deleted"))
+    scene.heritage.deleted = "\n".join(one for one in scene.heritage.deleted.split("\n") if one not in deleted)
     scene.heritage.show = "OBJECTS"
     if new_ids:
         select_object(scene, new_ids[0])

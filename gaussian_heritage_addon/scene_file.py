@@ -10,9 +10,10 @@ import bpy
 from ..engine.files import path_within
 from ..engine.formats import read_ply
 from ..engine.project_content import list_objects, scene_file
-from ..engine.scene import CameraSet, read_camera_set
+from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .object_import import add_object, new_collection, update_object
+from .placement import apply_measurement, placement_properties
 from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
 from .splats import SplatScene
 
@@ -56,8 +57,10 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     camera_folder = path_within(project, "cameras")
     has_cameras = (camera_folder / "cameras.json").exists()
     camera_set = read_camera_set(camera_folder) if with_cameras and has_cameras else None
+    measurement = load_measurement(project) if has_cameras else Measurement()
     earlier = whole_scene(scene, project)
     placement = None if earlier is None else earlier.matrix_world.copy()
+    measured = {} if earlier is None else placement_properties(earlier)
     if earlier is not None:
         # The scene may have been trained again. Its placement is the user's choice.
         bpy.data.objects.remove(earlier)
@@ -69,6 +72,8 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     splats.object.heritage.project = str(project)
     if placement is not None:
         splats.object.matrix_world = placement
+        for key, value in measured.items():
+            splats.object[key] = value
     scene.heritage.project = str(project)
     if camera_set is not None:
         collection = new_collection(scene.collection, f"{_title(project)} Cameras")
@@ -76,7 +81,11 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", INITIAL_RENDER_SIDE)
     prepare_cycles(scene)
-    add_objects(scene, project, [item.id for item in objects])
+    # What was changed by hand and is not stored yet stays as it is in this file.
+    kept = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited}
+    kept.update(scene.heritage.deleted.split("\n"))
+    add_objects(scene, project, [item.id for item in objects if item.id not in kept])
+    apply_measurement(scene, measurement)
     return splats
 
 

@@ -88,6 +88,23 @@ def _read_cameras(folder: Path) -> object:
     return read_camera_set(folder / "cameras")
 
 
+def _write_measurement(folder: Path) -> None:
+    from engine.scene import MeasuredDistance, Measurement, save_measurement
+
+    _write_cameras(folder)
+    a, b, c = (0.0, 0.0, 0.0), (1.0, 0.0, 0.1), (0.0, 1.0, 0.0)
+    save_measurement(
+        folder, Measurement((MeasuredDistance(a, b, 0.5), MeasuredDistance(a, c, 0.6)), (a, b, c), (a, c), b)
+    )
+
+
+def _load_measurement(folder: Path) -> object:
+    from engine.scene import load_measurement
+
+    measurement = load_measurement(folder)
+    return measurement.measured_from_world, measurement.residuals, measurement.ground_residual
+
+
 def _show_cameras(folder: Path) -> object:
     from engine.project_content import photo_camera
 
@@ -303,6 +320,7 @@ SCENE: tuple[Reader, ...] = (
     Reader("label-map", _write_label_map, _read_label_map, ("a.jpg.npz",)),
     Reader("scene", _write_scene, _read_scene, ("scene.ply", "features.npy"), share=2.0),
     Reader("polished", _write_polished, _read_polished, ("objects/vase/polished.npz",), share=2.0),
+    Reader("measurement", _write_measurement, _load_measurement, ("measurement.json",)),
     Reader("ply", _write_ply, _read_ply, ("scene.ply",)),
     Reader("ply-of-others", _write_ply_of_others, _read_ply, ("scene.ply",)),
     Reader("glb", _write_glb, _read_glb, ("scene.glb",), share=2.0),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import CameraError
-from ..files import read_json
+from ..files import parse_json, read_json
 from ..scene import Camera, Lens, PinholeCamera, focal_and_center, lens_pixels
 from .colmap import pycolmap
 from .reconstruction import is_rotation
@@ -210,6 +210,14 @@ def is_point_visible(camera: Camera, point: NDArray[np.floating[Any]]) -> bool:
     return bool(depth[0] > 0 and 0 <= x < camera.width and 0 <= y < camera.height)
 
 
+_CAMERA_SCHEMA = {
+    **dict.fromkeys(("width", "height"), int),
+    **dict.fromkeys(("fx", "fy", "cx", "cy"), float),
+    "viewmat": [[float]],
+}
+_CAMERA_ADVICE = "A camera has width, height, fx, fy, cx, cy and a viewmat of 4 x 4 numbers."
+
+
 def read_camera_json(path: Path) -> PinholeCamera:
     """Return the camera in a JSON file with width, height, fx, fy, cx, cy and a ``viewmat`` of 4 x 4 numbers.
 
@@ -222,12 +230,15 @@ def read_camera_json(path: Path) -> PinholeCamera:
     FormatError
         When the file is missing, is not JSON or lacks a key.
     """
-    schema = {
-        **dict.fromkeys(("width", "height"), int),
-        **dict.fromkeys(("fx", "fy", "cx", "cy"), float),
-        "viewmat": [[float]],
-    }
-    data = read_json(path, schema, advice="A camera has width, height, fx, fy, cx, cy and a viewmat of 4 x 4 numbers.")
+    return _pinhole_of(read_json(path, _CAMERA_SCHEMA, advice=_CAMERA_ADVICE), str(path))
+
+
+def parse_camera_json(text: str) -> PinholeCamera:
+    """Return the camera in a JSON text; content and errors as of `read_camera_json`."""
+    return _pinhole_of(parse_json(text, _CAMERA_SCHEMA, source="The camera", advice=_CAMERA_ADVICE), "the given JSON")
+
+
+def _pinhole_of(data: dict[str, Any], path: str) -> PinholeCamera:
     width, height = data["width"], data["height"]
     fx, fy, cx, cy = (float(data[key]) for key in ("fx", "fy", "cx", "cy"))
     if [len(row) for row in data["viewmat"]] != [4, 4, 4, 4]:

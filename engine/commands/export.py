@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import ProjectError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
+
+if TYPE_CHECKING:
+    from ..scene import ExportFrame
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -31,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frame",
         choices=("upright", "original"),
-        help="upright: Z up (glTF: Y up), about unit size; original: the frame of the given or estimated poses "
-        "(default: original where poses were given)",
+        help="upright: Z up (glTF: Y up), as `measure` placed and scaled it, otherwise about unit size; original: the "
+        "frame of the given or estimated poses (default: original where poses were given and nothing was measured)",
     )
 
 
@@ -47,7 +51,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     from ..formats import transform_gaussians, write_glb, write_ply
     from ..gaussians import load_gaussians
     from ..objects import load_object, object_gaussians
-    from ..scene import read_camera_set
+    from ..scene import export_frame, load_measurement, read_camera_set
 
     out: Path = options.out
     if out.is_dir():
@@ -75,20 +79,26 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         if len(gaussians) == 0:
             raise ProjectError(f"{project.path} has nothing but background. Export it without --without-background.")
     camera_set = read_camera_set(project.path / "cameras")
-    frame = options.frame or ("original" if camera_set.poses_given else "upright")
-    if frame == "original":
-        gaussians = transform_gaussians(gaussians, camera_set.original_from_world)
+    frame = export_frame(camera_set, load_measurement(project.path), options.frame)
+    gaussians = transform_gaussians(gaussians, frame.from_world)
     if options.format == "ply":
-        comments = [f"title {title}", f"frame {frame}", "generator Gaussian Heritage"]
+        comments = [f"title {title}", *frame.as_comments(), "generator Gaussian Heritage"]
         if options.without_background:
             comments.append(f"background left out: {left_out} Gaussians")
         write_ply(out, gaussians, comments=comments)
     else:
-        extras = {"frame": frame, **({"background_left_out": left_out} if options.without_background else {})}
+        extras = {**frame.as_dict(), **({"background_left_out": left_out} if options.without_background else {})}
         write_glb(out, gaussians, name=title, extras=extras)
-    figures = {"file": str(out), "n_gaussians": len(gaussians), "n_background_left_out": left_out}
-    emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}.", figures))
+    figures = {"file": str(out), "n_gaussians": len(gaussians), "n_background_left_out": left_out, **frame.as_dict()}
+    emit(Finished(f"Wrote {len(gaussians)} Gaussians to {out}; {_unit_sentence(frame)}.", figures))
     return 0
+
+
+def _unit_sentence(frame: ExportFrame) -> str:
+    """Return what is said of the unit of the file, as the end of a sentence."""
+    if frame.metres_per_unit is None:
+        return "its unit is unknown, see `measure`"
+    return "its unit is the metre" if frame.is_metric else f"its unit is {frame.unit}"
 
 
 def _n_background(project: ProjectFolder, n: int) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
@@ -15,6 +15,9 @@ from ..rasterizer import Device, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
 from .scene_options import add_device_option
+
+if TYPE_CHECKING:
+    from ..scene import Camera, PinholeCamera
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -55,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--level", type=int, metavar="K", help="level of the object with --refine; 0 is the smallest part"
     )
+    parser.add_argument(
+        "--seen-from", metavar="VIEW",
+        help="where left and right of a text are seen from: the name of a photo, or a camera as of `render --camera`, "
+        "its file or its JSON (default: the photo that shows most)",
+    )  # fmt: skip
     parser.add_argument("--name", help="name of the object (default: the text, or 'object')")
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default=DEFAULT_PRESET, help="preset of the method (default: %(default)s)"
@@ -100,6 +108,8 @@ def _action(options: argparse.Namespace) -> str:
         raise SettingsError("--not requires --click, --box, --mask or --refine.")
     if options.level is not None and action != "refine":
         raise SettingsError("--level requires --refine.")
+    if options.seen_from is not None and action != "prompt":
+        raise SettingsError("--seen-from requires --prompt.")
     if options.name is not None and action in ("all", "complement", "refine"):
         raise SettingsError(f"--name cannot be combined with --{action}.")
     return action
@@ -115,16 +125,28 @@ def _texts(
         raise SettingsError(
             "--name cannot be combined with several texts. Without it, each object is named after its text."
         )
+    camera = None if options.seen_from is None else _camera(project.path, options.seen_from)
     device = choose_objects_device(options.device)
     records, refused = segment_texts(
         project, texts, options.name, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
+        **model_factories(options), emit=emit, should_stop=should_stop, device=device, camera=camera,
     )  # fmt: skip
     outputs = _outputs(records, device)
     if refused:
         outputs["refused"] = refused
         outputs["candidates"] = CANDIDATES
     return _isolated(records), outputs
+
+
+def _camera(project: Path, view: str) -> Camera | PinholeCamera:
+    """Return the camera that --seen-from means."""
+    from ..cameras import parse_camera_json, read_camera_json
+    from ..scene import read_camera_set
+
+    if view.lstrip().startswith("{"):
+        return parse_camera_json(view)
+    cameras = {camera.photo: camera for camera in read_camera_set(project / "cameras").cameras}
+    return cameras[view] if view in cameras else read_camera_json(Path(view))
 
 
 def _pointed(

@@ -6,10 +6,12 @@ never taken for options.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..errors import PromptError
+from ..scene import PinholeCamera
 
 __all__ = [
     "Click",
@@ -55,8 +57,15 @@ def split_texts(prompt: str) -> list[str]:
     return [text.strip() for text in prompt.split(";") if text.strip()]
 
 
-def text_arguments(prompt: str, name: str = "") -> list[str]:
+def text_arguments(prompt: str, name: str = "", camera: PinholeCamera | None = None) -> list[str]:
     """Return the engine's arguments for a prompt of one or several texts.
+
+    Parameters
+    ----------
+    prompt : str
+    name : str
+    camera : PinholeCamera, optional
+        Where the user looks from, in the normalised world: left and right are those of this view.
 
     Raises
     ------
@@ -68,7 +77,17 @@ def text_arguments(prompt: str, name: str = "") -> list[str]:
         raise PromptError("Enter what to isolate: a prompt in words, or clicks on a photo.")
     if name and len(texts) > 1:
         raise PromptError(f"{len(texts)} objects cannot have the same name {name!r}. Leave the name empty.")
-    return [f"--prompt={';'.join(texts)}", *name_arguments(name)]
+    view = [] if camera is None else [f"--seen-from={_as_json(camera)}"]
+    return [f"--prompt={';'.join(texts)}", *name_arguments(name), *view]
+
+
+def _as_json(camera: PinholeCamera) -> str:
+    K = camera.K
+    lens = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
+    values = {name: float(value) for name, value in lens.items()}
+    return json.dumps(
+        {"width": camera.width, "height": camera.height, **values, "viewmat": camera.viewmat.tolist()}, allow_nan=False
+    )
 
 
 def click_arguments(clicks: Sequence[Click], name: str = "") -> list[str]:

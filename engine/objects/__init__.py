@@ -34,6 +34,8 @@ if TYPE_CHECKING:
         load_object,
         object_gaussians,
         object_ids,
+        save_object,
+        taken_ids,
     )
     from .trash import TrashEntry, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
     from .views import View, Views, erode_mask, spread_cameras
@@ -85,12 +87,14 @@ __all__ = [
     "polish",
     "refine_object",
     "restore_object",
+    "save_object",
     "segment_each_text",
     "segment_everything_in",
     "segment_project",
     "segment_texts",
     "spread_cameras",
     "store_background",
+    "taken_ids",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -15,6 +15,7 @@ from ..events import Emit, StopCheck, Warned, part_of
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
+from ..scene import Camera, PinholeCamera
 from .candidate_file import forget_candidates, load_candidate
 from .context import SegmentationContext, load_context
 from .evidence import DetectorFactory, evidence_of_clicks, evidence_of_exclusions
@@ -86,6 +87,7 @@ def segment_each_text(
     should_stop: StopCheck,
     skip: Collection[str] = (),
     again: Mapping[str, Sequence[str | None]] | None = None,
+    camera: Camera | PinholeCamera | None = None,
 ) -> Iterator[TextResult]:
     """Segment the objects of each text, and yield its result as soon as the objects are stored.
 
@@ -105,6 +107,8 @@ def segment_each_text(
         Texts that were segmented before, e.g. in a run that was killed. They yield nothing.
     again : mapping of str to sequence of (str or None), optional
         By text: ids of its objects that are made again, see `engine.objects.found.ObjectRequest`.
+    camera : Camera or PinholeCamera, optional
+        Where the user looks from, for left and right.
 
     Yields
     ------
@@ -122,7 +126,7 @@ def segment_each_text(
             records = segment_prompt(
                 project,
                 context,
-                TextPrompt(text),
+                TextPrompt(text, camera),
                 name,
                 settings,
                 detector_factory=detector_factory,
@@ -147,6 +151,7 @@ def segment_texts(
     emit: Emit,
     should_stop: StopCheck,
     device: Device = PROCESSOR,
+    camera: Camera | PinholeCamera | None = None,
 ) -> tuple[list[ObjectRecord], dict[str, str]]:
     """Segment the objects of several texts and store them.
 
@@ -159,6 +164,8 @@ def segment_texts(
         Name of the objects; by default each is named after its text.
     settings, detector_factory, sam_factory, emit, should_stop, device
         As in `engine.objects.segment.segment_project`.
+    camera : Camera or PinholeCamera, optional
+        As in `segment_each_text`.
 
     Returns
     -------
@@ -185,6 +192,7 @@ def segment_texts(
             detector_factory=detector_factory,
             emit=emit,
             should_stop=should_stop,
+            camera=camera,
         )
     )
     records = [record for result in results for record in result.records]

@@ -1,17 +1,20 @@
-"""The data that packages exchange, photos, cameras, lenses and Gaussians, and their files.
+"""The data that packages exchange, photos, cameras, lenses, Gaussians and measurements, and their files.
 
 NumPy only, because the add-on imports this package into Blender.
 """
 
 from __future__ import annotations
 
-from .camera import Camera, CameraSet, Lens, PinholeCamera
-from .camera_storage import MAX_COORDINATE, camera_problem, read_camera_set, write_camera_set
+from .camera import MAX_COORDINATE, Camera, CameraSet, Lens, PinholeCamera
+from .camera_storage import camera_problem, read_camera_set, write_camera_set
 from .gaussians import FEATURE_DIM, Gaussians
 from .lens import MAX_LENS_PARAMETER, focal_and_center, lens_pixels, photo_pixels
+from .measurement import ExportFrame, MeasuredDistance, Measurement, Point, export_frame, measurement_problem
+from .measurement_storage import delete_measurement, load_measurement, save_measurement
 from .photo import Photo, PhotoSet, RejectedPhoto
 from .photo_storage import MAX_PHOTO_SIDE, read_photo_set, write_photo_set
 from .polished import Polished, load_polished, save_polished
+from .rays import RayCaster, RayHits, photo_ray, surface_point
 
 __all__ = [
     "FEATURE_DIM",
@@ -20,21 +23,34 @@ __all__ = [
     "MAX_PHOTO_SIDE",
     "Camera",
     "CameraSet",
+    "ExportFrame",
     "Gaussians",
     "Lens",
+    "MeasuredDistance",
+    "Measurement",
     "Photo",
     "PhotoSet",
     "PinholeCamera",
+    "Point",
     "Polished",
+    "RayCaster",
+    "RayHits",
     "RejectedPhoto",
     "camera_problem",
+    "delete_measurement",
+    "export_frame",
     "focal_and_center",
     "lens_pixels",
+    "load_measurement",
     "load_polished",
+    "measurement_problem",
     "photo_pixels",
+    "photo_ray",
     "read_camera_set",
     "read_photo_set",
+    "save_measurement",
     "save_polished",
+    "surface_point",
     "write_camera_set",
     "write_photo_set",
 ]

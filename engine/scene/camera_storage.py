@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ..errors import FormatError
 from ..files import ArraySpec, atomic_write, read_arrays, read_versioned, write_json
-from .camera import Camera, CameraSet
+from .camera import MAX_COORDINATE, Camera, CameraSet
 from .lens import lens_problem
 from .photo_storage import photo_name, size_problem
 
-__all__ = ["MAX_COORDINATE", "camera_problem", "read_camera_set", "write_camera_set"]
+__all__ = ["camera_problem", "read_camera_set", "write_camera_set"]
 
 _VERSION = 1
 _CAMERAS, _POINTS = "cameras.json", "points.npz"
@@ -33,8 +33,6 @@ _ARRAYS = {"points": ArraySpec("float32", ("n", 3), finite=True), "colors": Arra
 _RIGID_TOLERANCE = 1e-4
 """Largest error of the products of a rotation's rows. Some programs write poses as float32 or with 6 digits; the engine
 and Blender invert poses by transposition, which this error changes by less than a pixel in 10,000."""
-MAX_COORDINATE = 1e15
-"""Largest coordinate, and entry of a matrix. Georeferenced scenes have 1e7; beyond 1e19, squares overflow float32."""
 
 
 def write_camera_set(path: Path, camera_set: CameraSet) -> None:

@@ -281,15 +281,13 @@ def _draw_distinct(
     # The n smallest of E / w, with E exponentially distributed, are a draw without replacement by w.
     race = -torch.rand(len(weights), dtype=torch.float64, generator=generator).clamp_min(1e-300).log()
     race = race / weights.double()
-    n_asked = n
-    while True:
+    n_asked, kept = 0, torch.zeros(0, dtype=torch.int64)
+    while len(kept) < n and n_asked < n_possible:
         # Few rows are asked about, because the answer can take long.
-        n_asked = min(n_asked, n_possible)
-        rows = race.topk(n_asked, largest=False).indices
-        kept = rows if allowed is None else rows[allowed(rows)]
-        if len(kept) >= n or n_asked == n_possible:
-            return kept[:n]
-        n_asked *= 2
+        n_before, n_asked = n_asked, min(max(n, 2 * n_asked), n_possible)
+        rows = race.topk(n_asked, largest=False).indices[n_before:]
+        kept = torch.cat([kept, rows if allowed is None else rows[allowed(rows)]])
+    return kept[:n]
 
 
 def _share_between_copies(parameters: Parameters | Population, chosen: torch.Tensor) -> None:

@@ -16,6 +16,9 @@ from .submissions import Submissions
 
 __all__ = ["ClusteringLoss", "ClusteringSample"]
 
+_SAMPLES = 64
+"""Samples of a workgroup of clustering_losses.wgsl."""
+
 
 @dataclass(frozen=True)
 class ClusteringSample:
@@ -88,7 +91,7 @@ class ClusteringLoss:
         if self._submissions is None or any(n > held for n, held in zip(wanted, self._sizes, strict=True)):
             self._sizes = with_room(wanted[0], self._sizes[0]), with_room(wanted[1], self._sizes[1])
             self._submissions = self._made()
-        constants = np.array([*wanted, 0, -(-len(samples) // 256)], np.uint32)
+        constants = np.array([*wanted, 0, -(-len(samples) // _SAMPLES)], np.uint32)
         constants[2] = np.float32(sample.weight / len(segments)).view(np.uint32)
         self._uniform.write(constants)
         self._frame.write("samples", samples)
@@ -104,7 +107,7 @@ class ClusteringLoss:
             "samples": 16 * n_samples, "segments": 16 * n_segments, "lengths": 4 * n_samples,
             "units": 16 * chunks * n_samples, "unit_gradients": 16 * chunks * n_samples, "normalisers": 4 * n_samples,
             "centers": 16 * (chunks + 1) * n_segments, "center_gradients": 16 * chunks * n_segments,
-            "clustering_sums": 16 * -(-n_samples // 256),
+            "clustering_sums": 16 * -(-n_samples // _SAMPLES),
         }  # fmt: skip
         frame.allocate(sizes)
 
@@ -120,7 +123,7 @@ class ClusteringLoss:
                 step(
                     "clustering_losses",
                     ["samples", "segments", "units", "centers", "unit_gradients", "normalisers", "clustering_sums"],
-                    -(-n_samples // 256),
+                    -(-n_samples // _SAMPLES),
                 ),
                 step(
                     "clustering_center_gradients",

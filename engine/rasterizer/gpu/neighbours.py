@@ -136,14 +136,19 @@ class NeighbourLoss:
     def _made(self) -> Submissions:
         """Make the buffers and return the dispatches on them."""
         frame = self._frame
-        frame.allocate({**self._sizes, "slopes": 16})
+        n_anchors = self._sizes["distant"] // 4
+        frame.allocate({**self._sizes, "slopes": 16, "cosine_sums": 16 * -(-n_anchors // 8)})
 
         def step(kernel: str, names: Sequence[str], n_groups: int) -> Any:
             return frame._step("neighbours", kernel, self._uniform, names, n_groups)
 
-        names = ["anchors", "means", "channels", "distant", "slopes", "loss_values"]
+        names = ["anchors", "means", "channels", "distant", "cosine_sums"]
         gradient_names = ["gaussians", "pairs", "channels", "distant", "slopes", "totals"]
         n_rows = self._sizes["gaussians"] // 16
         return frame._submissions(
-            [step("neighbour_cosines", names, 1), step("neighbour_gradients", gradient_names, -(-n_rows // 64))]
+            [
+                step("neighbour_cosines", names, -(-n_anchors // 8)),
+                step("neighbour_total", ["cosine_sums", "slopes", "loss_values"], 1),
+                step("neighbour_gradients", gradient_names, -(-n_rows // 64)),
+            ]
         )

@@ -165,16 +165,16 @@ class TrainingFrame(Frame):
         self._tests: list[tuple[Uniform, int]] = []
         self._losses: dict[int, Submissions] = {}
         optimiser = self._optimiser_uniform(0)
-        activate = self._step(
-            "activations", "activate", optimiser,
-            ["log_scales", "opacity_logits", "features", "scales", "opacities", "channels", "status", "gaussian_sums"],
-            self._over(256),
-        )  # fmt: skip
+        names = ["log_scales", "opacity_logits", "scales", "opacities", "status", "gaussian_sums"]
+        activate = [self._step("activations", "activate", optimiser, names, self._over(256))]
+        if size.n_channels:
+            names = ["features", "channels", "status"]
+            activate.append(self._step("activations", "activate_channels", optimiser, names, self._over(16)))
         self._noise_uniform = self._uniform(32)
         self._clustering = ClusteringLoss(self)
         self._neighbours = NeighbourLoss(self)
         self._errors = ErrorSum(self, optimiser)
-        self._activate = self._submissions([activate])
+        self._activate = self._submissions(activate)
         self._finish = self._submissions(self._finish_steps(optimiser))
         self._write_tests()
 
@@ -184,7 +184,7 @@ class TrainingFrame(Frame):
             "photo": 4 * s.width * s.height, "maps": 36 * s.width * s.height, "partial_sums": 8 * s.n_tiles, "loss_values": 16,
             "exposure_sums": 16 * s.n_tiles, "exposure_gradient": 16, "ray_sums": 8 * s.n_tiles,
             "gaussian_sums": 8 * -(-s.n_room // 256), "skipped": 4 * (s.n_room + 1), "nothing": 16,
-            "errors": 4 * s.n_room,
+            "errors": 4 * s.n_room, "feature_scales": 8 * s.n_room if s.n_channels else 16,
         }  # fmt: skip
 
     def set_parameters(self, parameters: GpuParameters) -> None:
@@ -211,7 +211,8 @@ class TrainingFrame(Frame):
         chunks = -(-s.n_out // 4)
         steps = [self._find_not_finite("gradients", 3), self._find_not_finite("totals", chunks + 2)]
         names = ["gradients", "log_scales", "opacity_logits", "totals", "channels", "features", "skipped"]
-        steps.append(self._step("tests", "find_overflow", optimiser, names, self._over(128)))
+        names.append("feature_scales")
+        steps.append(self._step("tests", "find_overflow", optimiser, names, self._over(16)))
         uniforms = {first: self._optimiser_uniform(first) if first else optimiser for first, *_ in self._color_ranges()}
         steps += self._sh_steps("tests", "find_sh_overflow", uniforms, ["sh_gradient"], ["skipped", "counts"])
         steps.append(self._step("verdict", "verdict", optimiser, ["counts", "loss_values", "status", "skipped"], 1))
@@ -220,8 +221,8 @@ class TrainingFrame(Frame):
         names = ["sh_gradient", "sh", "sh_mean", "sh_square"]
         steps += self._sh_steps("adam", "adam_sh", uniforms, names, ["skipped"])
         if s.n_channels:
-            names = ["totals", "channels", "features", "features_mean", "features_square", "skipped"]
-            steps.append(self._step("adam", "adam_channels", optimiser, names, self._over(128)))
+            names = ["totals", "channels", "feature_scales", "features", "features_mean", "features_square", "skipped"]
+            steps.append(self._step("adam", "adam_channels", optimiser, names, self._over(128, s.n_channels)))
         names = ["exposure_gradient", "exposure", "exposure_mean", "exposure_square", "in_use", "skipped"]
         steps.append(self._step("adam", "adam_exposure", optimiser, names, 1))
         names = ["means", "quats", "log_scales", "opacity_logits", "skipped"]

@@ -16,6 +16,7 @@ from engine.formats.ply import read_ply
 from engine.objects.storage import save_object
 from engine.project_folder import ProjectFolder
 from engine.records import ObjectRecord
+from engine.scene import MeasuredDistance, Measurement, save_measurement
 from engine.scene.polished import Polished
 from tests.engine.command_line import Answer, call
 from tests.engine.museum import write_point_cloud
@@ -152,3 +153,20 @@ def test_object_leaves_polished_in_files_and_in_its_picture(
     with Image.open(tmp_path / "ball.png") as picture:
         pixels = np.asarray(picture, np.int32)
     assert (pixels[..., 1] - pixels[..., 2]).max() > 80, "the trained ball is blue"
+
+
+@pytest.mark.parametrize(("kind", "read"), [("ply", read_ply), ("glb", read_glb)])
+def test_measured_scene_is_written_in_metres_and_an_unmeasured_one_says_that_its_unit_is_unknown(
+    kind: str, read: Any, scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before, after = tmp_path / f"before.{kind}", tmp_path / f"after.{kind}"
+    answer = write(capsys, kind, scene, before)
+    assert "unit is unknown" in answer.of_kind("finished")[0]["message"]
+    assert b"unknown" in before.read_bytes()
+    save_measurement(scene, Measurement((MeasuredDistance((0, 0, 0), (1, 0, 0), 2.5),), origin=(0.0, 0.0, 1.0)))
+    answer = write(capsys, kind, scene, after)
+    assert "unit is the metre" in answer.of_kind("finished")[0]["message"]
+    assert b"unknown" not in after.read_bytes() and b"measured" in after.read_bytes()
+    expected = (blobs.gaussians.means - (0.0, 0.0, 1.0)) * 2.5
+    np.testing.assert_allclose(read(after).means, expected, atol=1e-4)
+    np.testing.assert_allclose(read(after).scales, blobs.gaussians.scales * 2.5, rtol=1e-4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -190,3 +191,27 @@ def test_card_that_is_demanded_and_missing_is_one_sentence(
     answer = call(capsys, "segment", scene, "--mask", blue, "--device", "gpu")
     assert answer.error == "tests use no graphics card; use --device cpu."
     assert list_objects(scene) == []
+
+
+@pytest.mark.usefixtures("knowing")
+def test_left_and_right_are_those_of_the_view_that_is_given(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def means_of(view: str) -> np.ndarray:
+        answer = call(capsys, "segment", scene, "--prompt", "left red ball", "--seen-from", view)
+        (found,) = answer.of_kind("finished")[0]["outputs"]["objects"]
+        return blobs.gaussians.means[load_membership(scene, found) >= 0.5].mean(axis=0)
+
+    # From the negative Y axis, the red ball at x = -0.65 is on the left; from the other side, its twin is.
+    for sign, expected in ((1, -0.65), (-1, 0.65)):
+        rotation = [[sign, 0, 0], [0, 0, -1], [0, sign, 0]]
+        viewmat = [[*row, offset] for row, offset in zip(rotation, (0, 0, 3), strict=True)] + [[0, 0, 0, 1]]
+        lens = {"width": 100, "height": 100, "fx": 90.0, "fy": 90.0, "cx": 50.0, "cy": 50.0}
+        text = json.dumps({**lens, "viewmat": viewmat})
+        assert means_of(text)[0] == pytest.approx(expected, abs=0.1)
+        (tmp_path / "view.json").write_text(text)
+        assert means_of(str(tmp_path / "view.json"))[0] == pytest.approx(expected, abs=0.1)
+    assert means_of("view_0.png").shape == (3,)
+    for view in ("nowhere.jpg", '{"width": 3}'):
+        assert call(capsys, "segment", scene, "--prompt", "left red ball", "--seen-from", view).error
+    assert "requires --prompt" in call(capsys, "segment", scene, "--all", "--seen-from", "view_0.png").error

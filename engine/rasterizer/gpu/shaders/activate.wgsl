@@ -1,13 +1,11 @@
-// Scales, rendered opacities and unit channels from the values that are trained, and sums of opacities and scales.
+// Scales and rendered opacities from the values that are trained, and sums of opacities and scales.
 @group(0) @binding(0) var<uniform> optimiser: Optimiser;
 @group(0) @binding(1) var<storage, read> log_scales: array<f32>;
 @group(0) @binding(2) var<storage, read> opacity_logits: array<f32>;
-@group(0) @binding(3) var<storage, read> features: array<f32>;
-@group(0) @binding(4) var<storage, read_write> scales: array<f32>;
-@group(0) @binding(5) var<storage, read_write> opacities: array<f32>;
-@group(0) @binding(6) var<storage, read_write> channels: array<f32>;
-@group(0) @binding(7) var<storage, read_write> status: array<atomic<u32>>;
-@group(0) @binding(8) var<storage, read_write> gaussian_sums: array<vec2<f32>>;
+@group(0) @binding(3) var<storage, read_write> scales: array<f32>;
+@group(0) @binding(4) var<storage, read_write> opacities: array<f32>;
+@group(0) @binding(5) var<storage, read_write> status: array<atomic<u32>>;
+@group(0) @binding(6) var<storage, read_write> gaussian_sums: array<vec2<f32>>;
 
 // Activates one Gaussian; returns its opacity and the sum of its scales.
 fn activate(g: u32) -> vec2<f32> {
@@ -20,17 +18,7 @@ fn activate(g: u32) -> vec2<f32> {
         scales[3u * g + k] = scale;
         total.y += scale;
     }
-    let row = g * optimiser.n_channels;
-    var squared = 0.0;
-    for (var k = 0u; k < optimiser.n_channels; k++) {
-        finite = finite && is_finite(features[row + k]);
-        squared = fma(features[row + k], features[row + k], squared);
-    }
-    let length = select(1.0, max(sqrt(squared), NORM_MIN), optimiser.unit_channels != 0u);
-    for (var k = 0u; k < optimiser.n_channels; k++) {
-        channels[row + k] = features[row + k] / length;
-    }
-    // Tested here, because a quotient or an exponential of such a value may look finite.
+    // Tested here, because an exponential of such a value may look finite.
     if (!finite) {
         atomicOr(&status[HALTED], 1u);
     }

@@ -1,0 +1,115 @@
+"""What was measured of a project, as the panel shows it, and picked points of Blender's world as those of the scene."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.errors import ObjectError
+from ..engine.files import path_within
+from ..engine.scene import Measurement, Point, load_measurement, save_measurement
+from .placement import RULER_KEY, apply_measurement, is_metric, placement_properties
+from .properties import heritage_objects, project_of
+
+__all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
+
+Float64 = NDArray[np.float64]
+
+
+def current_measurement(project: Path) -> Measurement:
+    """Return what was measured of a project; panels call this often, so the file is read again only after a change.
+
+    Raises
+    ------
+    FormatError
+        As `load_measurement`.
+    """
+    return _cached(project, *(_stamp(path_within(project, *names)) for names in _FILES))
+
+
+_FILES = (("measurement.json",), ("cameras", "cameras.json"))
+
+
+@functools.lru_cache(maxsize=4)
+def _cached(project: Path, *stamps: tuple[int, int]) -> Measurement:
+    return load_measurement(project)
+
+
+def _stamp(file: Path) -> tuple[int, int]:
+    try:
+        state = file.stat()
+    except OSError:
+        return 0, 0
+    return state.st_mtime_ns, state.st_size
+
+
+def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
+    """Store `measurement` in the project of `scene`, and place its splats and cameras accordingly.
+
+    Raises
+    ------
+    HeritageError
+        When it cannot be used or stored.
+    """
+    save_measurement(project_of(scene.heritage), measurement)
+    apply_measurement(scene, measurement)
+    bpy.context.view_layer.update()
+    for ruler, length in rulers(scene):
+        ruler.name = length_text(scene, length)
+
+
+def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Point]:
+    """Return points of Blender's world as positions in the normalised world of the project.
+
+    Raises
+    ------
+    ObjectError
+        When the whole scene was not imported, or is flattened.
+    """
+    whole = next(iter(heritage_objects(scene, "SCENE")), None)
+    if whole is None:
+        raise ObjectError("The whole scene is not in this file. Open the project again.")
+    try:
+        inverse = np.linalg.inv(np.array(whole.matrix_world, np.float64))
+    except np.linalg.LinAlgError as error:
+        raise ObjectError(f"{whole.name} is flattened. Give it a scale other than 0.") from error
+    moved = [inverse[:3, :3] @ point + inverse[:3, 3] for point in points]
+    return [(float(x), float(y), float(z)) for x, y, z in moved]
+
+
+def length_text(scene: bpy.types.Scene, length: float) -> str:
+    """Return a length of Blender's world as text, in metres where the scale is known."""
+    whole = next(iter(heritage_objects(scene, "SCENE")), None)
+    if whole is None or not is_metric(whole):
+        return f"{length:.4g} units"
+    return f"{length:.3f} m" if length >= 1 else f"{length * 100:.1f} cm"
+
+
+def add_ruler(scene: bpy.types.Scene, first: Float64, second: Float64) -> bpy.types.Object:
+    """Add a line between two points of Blender's world, named after its length."""
+    mesh = bpy.data.meshes.new("Ruler")
+    mesh.from_pydata([first.tolist(), second.tolist()], [(0, 1)], [])
+    ruler = bpy.data.objects.new(length_text(scene, float(np.linalg.norm(second - first))), mesh)
+    ruler[RULER_KEY] = True
+    for whole in heritage_objects(scene, "SCENE")[:1]:
+        for key, value in placement_properties(whole).items():
+            ruler[key] = value
+    ruler.show_name = ruler.show_in_front = True
+    ruler.hide_render = True
+    scene.collection.objects.link(ruler)
+    return ruler
+
+
+def rulers(scene: bpy.types.Scene) -> list[tuple[bpy.types.Object, float]]:
+    """Return the rulers of `scene`, with their lengths in units of Blender's world."""
+    found = []
+    for obj in scene.objects:
+        if obj.type == "MESH" and RULER_KEY in obj and len(obj.data.vertices) == 2:
+            first, second = (obj.matrix_world @ vertex.co for vertex in obj.data.vertices)
+            found.append((obj, float((second - first).length)))
+    return found

@@ -1,0 +1,127 @@
+"""Add to an isolated object, or take from it, what lies in a lasso or a box that is drawn in the 3D view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import bpy
+import numpy as np
+from bpy.props import CollectionProperty, EnumProperty
+from numpy.typing import NDArray
+
+from ..engine.errors import ObjectError, PromptError
+from ..engine.formats import transform_gaussians
+from ..gaussian_heritage_addon.hand_edits import add_rows, take_vertices, whole_of
+from ..gaussian_heritage_addon.properties import HeritageClick, active_object, scene_count
+from ..gaussian_heritage_addon.region_selection import View, in_region
+from ..gaussian_heritage_addon.splats import SplatScene
+from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.visible_splats import sight_of_photo, sight_of_viewport
+from .path_drawing import PathOperator
+
+__all__ = ["CLASSES"]
+
+
+@blender_properties
+class HERITAGE_OT_edit_region(PathOperator):
+    """Drag around what you mean. Add: it becomes part of the object selected in the list. Take: it leaves the object"""
+
+    bl_idname = "heritage.edit_region"
+    bl_label = "Edit in Region"
+    bl_options = {"REGISTER", "UNDO"}
+
+    action: Annotated[
+        str,
+        EnumProperty(
+            name="Action",
+            description="What is done with the Gaussians in the region",
+            items=[
+                ("ADD", "Add", "Add what the region shows of the scene to the object"),
+                ("TAKE", "Take", "Take what the region shows of the object away from it"),
+            ],
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    depth: Annotated[
+        str,
+        EnumProperty(
+            name="Depth",
+            description="How far behind the visible surface the region reaches",
+            items=[
+                ("AUTO", "Automatic", "The surface when something is added, everything when something is taken"),
+                ("SURFACE", "Surface", "Only the surface that is seen"),
+                ("THROUGH", "Through", "Also all that is behind it"),
+            ],
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    path: Annotated[
+        Sequence[HeritageClick],
+        CollectionProperty(
+            type=HeritageClick,
+            name="Path",
+            description="For scripts: the corners of the region in pixels of one photo; two corners are those of a box",
+            options={"SKIP_SAVE"},
+        ),
+    ]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether a project is open."""
+        cls.poll_message_set("Import a photo folder or open a project first.")
+        return bool(context.scene.heritage.project)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the region from the arguments."""
+        photos = {corner.photo for corner in self.path}
+        if len(photos) != 1:
+            raise PromptError(
+                "Give the corners of the region as pixels of one photo. In a window, draw in the 3D view."
+            )
+        corners = np.array([(corner.x, corner.y) for corner in self.path], np.float64)
+        return self._edit(context, sight_of_photo(context.scene, photos.pop()), corners)
+
+    def drawn(self, context: bpy.types.Context, region: Any, view: Any, corners: NDArray[np.float64]) -> set[str]:
+        """Take the region from the path that was drawn."""
+        return self._edit(context, sight_of_viewport(region, view), corners)
+
+    def _edit(self, context: bpy.types.Context, view: View, corners: NDArray[np.float64]) -> set[str]:
+        obj = active_object(context.scene)
+        if obj is None:
+            raise ObjectError("Select an isolated object in the list first.")
+        if len(corners) == 2:
+            (left, top), (right, bottom) = corners
+            corners = np.array([(left, top), (right, top), (right, bottom), (left, bottom)], np.float64)
+        adds = self.action == "ADD"
+        through = self.depth == "THROUGH" or (self.depth == "AUTO" and not adds)
+        if adds:
+            whole = whole_of(obj, context.scene)
+            chosen = in_region(view, _world(whole, None), corners, through=through)
+            count = add_rows(obj, SplatScene.of(whole).index(scene_count(whole))[chosen], whole)
+        else:
+            shown = _shown(obj)
+            chosen = in_region(view, _world(obj, shown), corners, through=through)
+            count = take_vertices(obj, shown[chosen]) if chosen.any() else 0
+        if not count:
+            self.report({"INFO"}, f"The region holds nothing that {obj.name} {'lacks' if adds else 'has'}.")
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{count:,} Gaussians were {'added to' if adds else 'taken from'} {obj.name}.")
+        return {"FINISHED"}
+
+
+def _shown(obj: bpy.types.Object) -> NDArray[np.intp]:
+    """Return the vertices of an isolated object that its threshold shows."""
+    membership = SplatScene.of(obj).membership
+    if membership is None:
+        return np.arange(len(obj.data.vertices))
+    return np.flatnonzero(membership >= np.float32(obj.heritage.threshold))
+
+
+def _world(obj: bpy.types.Object, vertices: NDArray[np.intp] | None) -> Any:
+    gaussians = SplatScene.of(obj).local_gaussians()
+    gaussians = gaussians if vertices is None else gaussians[vertices]
+    return transform_gaussians(gaussians, np.array(obj.matrix_world, np.float64))
+
+
+CLASSES = [HERITAGE_OT_edit_region]

@@ -1,0 +1,109 @@
+"""Click in the view: select the isolated object that is seen there, or isolate what is seen there."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, StringProperty
+
+from ..engine.errors import ObjectError
+from ..gaussian_heritage_addon.typed_properties import blender_properties
+from ..gaussian_heritage_addon.visible_splats import (
+    SplatsInView,
+    cameras_of,
+    photo_of_point,
+    sight_of_photo,
+)
+from .view_clicking import ViewClickOperator
+
+__all__ = ["CLASSES"]
+
+
+@blender_properties
+class HERITAGE_OT_pick_object(ViewClickOperator):
+    """Click in the 3D view. Select: the isolated object that you see there. Isolate: make an object of what you see"""
+
+    bl_idname = "heritage.pick_object"
+    bl_label = "Click in View"
+    bl_options = {"REGISTER", "UNDO"}
+    n_clicks = 1
+    help_text = "Click what you see   Esc: cancel"
+
+    action: Annotated[
+        str,
+        EnumProperty(
+            name="Action",
+            description="What a click does",
+            items=[
+                ("SELECT", "Select", "Select the isolated object that is seen at the click"),
+                ("ISOLATE", "Isolate", "Isolate the thing that is seen at the click as a new object"),
+            ],
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    photo: Annotated[
+        str,
+        StringProperty(
+            name="Photo",
+            description="For scripts: look through this photo instead of the 3D view",
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    x: Annotated[
+        float,
+        FloatProperty(
+            name="X", description="For scripts: pixels from the left edge of the photo", options={"SKIP_SAVE"}
+        ),
+    ]
+    y: Annotated[
+        float,
+        FloatProperty(
+            name="Y", description="For scripts: pixels from the top edge of the photo", options={"SKIP_SAVE"}
+        ),
+    ]
+    name: Annotated[
+        str,
+        StringProperty(name="Name", description="Name of an isolated object; empty: object", options={"SKIP_SAVE"}),
+    ]
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Look through the photo."""
+        if not self.photo:
+            raise ObjectError("Give the photo and the pixel to look at: photo, x, y. In a window, click in the view.")
+        return self._pick(context, *sight_of_photo(context.scene, self.photo).ray(self.x, self.y))
+
+    def clicked(self, context: bpy.types.Context) -> set[str]:
+        """Look along the ray of the click."""
+        return self._pick(context, *self.rays[-1])
+
+    def _pick(self, context: bpy.types.Context, origin: object, direction: object) -> set[str]:
+        scene = context.scene
+        splats = SplatsInView.of(scene)
+        seen = splats.seen(origin, direction)
+        name = splats.name_of(seen)
+        if self.action == "ISOLATE":
+            if seen.point is None:
+                raise ObjectError("There is no surface at this place. Click on something that is not transparent.")
+            click = photo_of_point(scene, cameras_of(scene), seen.point, direction)
+            bpy.ops.heritage.isolate(photo=click.photo, x=click.x, y=click.y, name=self.name)
+            self.report({"INFO"}, f"Isolating what {click.photo} shows at {click.x:.0f}, {click.y:.0f}.")
+            return {"FINISHED"}
+        if not name:
+            self.report({"INFO"}, "No isolated object is seen there. Use Isolate to make one.")
+            return {"CANCELLED"}
+        _select(context, bpy.data.objects[name])
+        self.report({"INFO"}, f"{name} is selected.")
+        return {"FINISHED"}
+
+
+def _select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Select an isolated object in the list and, where it is shown, in the view."""
+    context.scene.heritage.active = bpy.data.objects.find(obj.name)
+    if obj.visible_get():
+        for other in context.view_layer.objects:
+            other.select_set(other == obj)
+        context.view_layer.objects.active = obj
+
+
+CLASSES = [HERITAGE_OT_pick_object]

@@ -1,0 +1,264 @@
+"""Objects are selected and edited by hand: in the view, in Edit Mode, by scripts; the scene itself stays as it is."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from conftest import write_object
+
+Part = Callable[[str], ModuleType]
+PHOTO = "a b/view 1.jpg"
+
+
+@pytest.fixture
+def balls(project: Any, part: Part, random_gaussians: Callable[..., Any]) -> Any:
+    """A project of two opaque balls beside each other, the objects ``left`` and ``right``, and a wall behind them.
+
+    The photo shows the left one at about (50, 44) and the right one at about (86, 44).
+    """
+    rng = np.random.default_rng(1)
+    direction = rng.standard_normal((100, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    wall = np.column_stack([rng.uniform(-3, 3, 400), np.full(400, 2.0), rng.uniform(-3, 3, 400)])
+    gaussians = random_gaussians(600, degree=0)
+    gaussians.means[:] = np.concatenate([0.2 * direction - (0.3, 0, 0), 0.2 * direction + (0.3, 0, 0), wall])
+    gaussians.log_scales[:200], gaussians.log_scales[200:] = np.log(0.06), np.log(0.2)
+    gaussians.opacity_logits[:] = 4.0
+    part("engine.formats").write_ply(project.folder / "gaussians" / "scene.ply", gaussians)
+    label = np.repeat([0, 1, 2], [100, 100, 400])
+    for number, name in ((0, "left"), (1, "right"), (2, "vase")):
+        write_object(project.folder, name, name.title(), (label == number).astype(np.float32))
+    project.gaussians, project.label = gaussians, label
+    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    return project
+
+
+def listed(name: str) -> bpy.types.Object:
+    obj = bpy.data.objects[name]
+    bpy.context.scene.heritage.active = bpy.data.objects.find(name)
+    return obj
+
+
+def current() -> str:
+    return bpy.data.objects[bpy.context.scene.heritage.active].name
+
+
+def rows_of(part: Part, name: str) -> set[int]:
+    return set(part("gaussian_heritage_addon.hand_edits").member_rows(bpy.data.objects[name]).tolist())
+
+
+def pixel(project: Any, camera: Any, point: tuple[float, float, float]) -> tuple[float, float]:
+    fx, fy, cx, cy = camera.params
+    x, y, z = camera.viewmat[:3, :3] @ point + camera.viewmat[:3, 3]
+    return fx * x / z + cx, fy * y / z + cy
+
+
+def corners(*points: tuple[float, float]) -> list[dict[str, Any]]:
+    return [{"name": "", "photo": PHOTO, "x": x, "y": y, "wanted": True} for x, y in points]
+
+
+def select_in_edit_mode(obj: bpy.types.Object, vertices: np.ndarray) -> None:
+    bpy.context.scene.heritage.show = "SCENE" if obj.heritage.role == "SCENE" else "OBJECTS"
+    bpy.context.view_layer.objects.active = obj
+    chosen = np.zeros(len(obj.data.vertices), bool)
+    chosen[vertices] = True
+    obj.data.vertices.foreach_set("select", chosen)
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
+@pytest.mark.parametrize("show", ["SCENE", "OBJECTS"])
+def test_click_selects_the_object_that_is_seen_also_after_it_was_moved(balls: Any, camera: Any, show: str) -> None:
+    bpy.context.scene.heritage.show = show
+    for name, center in (("Left", (-0.3, 0, 0)), ("Right", (0.3, 0, 0)), ("Left", (-0.35, -0.1, 0.05))):
+        x, y = pixel(balls, camera, center)
+        assert bpy.ops.heritage.pick_object(photo=PHOTO, x=x, y=y) == {"FINISHED"}
+        assert current() == name
+    if show == "OBJECTS":
+        bpy.data.objects["Left"].location.z += 5
+        bpy.context.view_layer.update()
+        x, y = pixel(balls, camera, (-0.3, 0, 0))
+        assert bpy.ops.heritage.pick_object(photo=PHOTO, x=x, y=y) == {"FINISHED"}
+        assert current() == "Vase", "the wall behind is seen where the ball was"
+
+
+def test_click_in_a_measured_scene_hits_the_same(balls: Any, camera: Any, part: Part) -> None:
+    scene = part("engine.scene")
+    distance = scene.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 4.0)
+    scene.save_measurement(balls.folder, scene.Measurement((distance,), origin=(1.0, 2.0, 3.0)))
+    bpy.ops.heritage.open_project(directory=str(balls.folder))
+    bpy.context.view_layer.update()
+    x, y = pixel(balls, camera, (0.3, 0, 0))
+    bpy.ops.heritage.pick_object(photo=PHOTO, x=x, y=y)
+    assert current() == "Right"
+
+
+def test_click_isolates_through_the_photo_that_shows_the_place(
+    balls: Any, camera: Any, fake_engine: Callable[[str], Path]
+) -> None:
+    arguments = fake_engine("say('finished', message='ok', outputs={'objects': []})")
+    x, y = pixel(balls, camera, (0.3, 0, 0))
+    assert bpy.ops.heritage.pick_object(action="ISOLATE", photo=PHOTO, x=x, y=y, name="ball") == {"FINISHED"}
+    text = arguments.read_text()
+    (click,) = [word for word in eval(text) if word.startswith("--click=")]
+    assert click.startswith(f"--click={PHOTO}=")
+    found = [float(value) for value in click.rpartition("=")[2].split(",")]
+    # The surface of the picked ray is projected to the same photo again.
+    assert found == pytest.approx([x, y], abs=0.1)
+    assert "--name=ball" in text
+
+
+def test_scripts_are_told_what_is_missing(balls: Any) -> None:
+    with pytest.raises(RuntimeError, match="photo, x, y"):
+        bpy.ops.heritage.pick_object()
+    with pytest.raises(RuntimeError, match="no camera of the photo"):
+        bpy.ops.heritage.pick_object(photo="nowhere.jpg", x=1, y=1)
+    listed("Left")
+    with pytest.raises(RuntimeError, match="pixels of one photo"):
+        bpy.ops.heritage.edit_region(action="ADD")
+
+
+def test_region_adds_the_surface_and_takes_through_and_the_scene_stays(
+    balls: Any, camera: Any, part: Part, tmp_path: Path
+) -> None:
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    before = np.array([vertex.co[:] for vertex in whole.data.vertices])
+    x, y = pixel(balls, camera, (0.3, 0, 0))
+    listed("Left")
+    box = corners((x - 12, y - 12), (x + 12, y + 12))
+    assert bpy.ops.heritage.edit_region(action="ADD", path=box) == {"FINISHED"}
+    added = rows_of(part, "Left") - set(range(100))
+    assert added <= set(range(100, 200)) and len(added) > 30, "the wall behind the ball is not added"
+    listed("Right")
+    assert bpy.ops.heritage.edit_region(action="TAKE", depth="SURFACE", path=box) == {"FINISHED"}
+    left = rows_of(part, "Right")
+    assert 0 < len(left) < 70
+    triangle = corners((x - 20, y - 20), (x + 20, y - 20), (x, y + 5))
+    bpy.ops.heritage.edit_region(action="TAKE", path=triangle)
+    assert rows_of(part, "Right") < left
+    assert np.array_equal(before, [vertex.co[:] for vertex in whole.data.vertices])
+    bpy.ops.heritage.export_objects(directory=str(tmp_path))
+    exported = part("engine.formats").read_ply(tmp_path / "Left.ply")
+    rows = sorted(rows_of(part, "Left"))
+    expected = balls.gaussians.means[rows]
+    assert len(exported) == len(rows)
+    # float32 positions relative to the object's foot.
+    nearest = np.abs(exported.means[:, None] - expected[None]).sum(axis=2).min(axis=1)
+    assert nearest.max() < 1e-5
+
+
+def test_nothing_left_of_an_object_is_refused(balls: Any, part: Part) -> None:
+    listed("Right")
+    everything = corners((1, 1), (127, 95))
+    with pytest.raises(RuntimeError, match="Nothing would be left of Right"):
+        bpy.ops.heritage.edit_region(action="TAKE", path=everything)
+    with pytest.raises(RuntimeError, match="too small"):
+        bpy.ops.heritage.edit_region(action="TAKE", path=corners((5, 5), (5, 5)))
+    assert rows_of(part, "Right") == set(range(100, 200))
+
+
+def test_selection_in_edit_mode_is_assigned_taken_and_split(balls: Any, part: Part) -> None:
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    listed("Left")
+    select_in_edit_mode(whole, np.arange(110, 130))
+    assert bpy.ops.heritage.assign_to_object() == {"FINISHED"}
+    assert bpy.context.object.mode == "EDIT"
+    assert rows_of(part, "Left") == set(range(100)) | set(range(110, 130))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    right = listed("Right")
+    select_in_edit_mode(right, np.arange(10))
+    with pytest.raises(RuntimeError, match="part of Right already"):
+        bpy.ops.heritage.assign_to_object()
+    listed("Left")
+    bpy.ops.heritage.assign_to_object()
+    assert rows_of(part, "Right") == set(range(110, 200)) and set(range(100, 110)) < rows_of(part, "Left")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    select_in_edit_mode(right, np.arange(10, 20))
+    assert bpy.ops.heritage.split_object(name="Knauf") == {"FINISHED"}
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert rows_of(part, "Knauf") == set(range(110, 120)) and current() == "Knauf"
+    assert rows_of(part, "Right") == set(range(120, 200))
+    select_in_edit_mode(right, np.arange(20, 30))
+    bpy.ops.heritage.take_selection()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert rows_of(part, "Right") == set(range(130, 200))
+    select_in_edit_mode(right, np.arange(0))
+    with pytest.raises(RuntimeError, match="Nothing is selected"):
+        bpy.ops.heritage.take_selection()
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_merged_objects_are_one_and_a_deleted_one_is_gone(balls: Any, part: Part) -> None:
+    listed("Left")
+    assert bpy.ops.heritage.merge_objects(names="Right") == {"FINISHED"}
+    assert rows_of(part, "Left") == set(range(200))
+    assert "Right" not in bpy.data.objects and "Right" not in bpy.data.collections
+    assert current() == "Left"
+    with pytest.raises(RuntimeError, match="No isolated object is called 'Nose'"):
+        bpy.ops.heritage.merge_objects(names="Nose")
+    listed("Vase")
+    bpy.ops.heritage.delete_object()
+    assert "Vase" not in bpy.data.objects
+    assert bpy.context.scene.heritage.deleted.split() == ["right", "vase"]
+    bpy.ops.heritage.open_project(directory=str(balls.folder))
+    assert rows_of(part, "Left") == set(range(200)), "edits that are not stored survive opening the project again"
+    assert "Vase" not in bpy.data.objects
+
+
+def test_floaters_are_shown_as_a_selection_and_removed_on_request(balls: Any, part: Part) -> None:
+    left = listed("Left")
+    mesh = left.data
+    mesh.vertices[3].co = (5.0, 5.0, 5.0)
+    mesh.vertices[4].co = (-5.0, 5.0, 5.0)
+    assert bpy.ops.heritage.floaters() == {"FINISHED"}
+    assert left.mode == "EDIT"
+    left.update_from_editmode()
+    assert [vertex.index for vertex in mesh.vertices if vertex.select] == [3, 4]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.heritage.floaters(remove=True) == {"FINISHED"}
+    assert rows_of(part, "Left") == set(range(100)) - {3, 4}
+    assert bpy.ops.heritage.floaters() == {"CANCELLED"}
+
+
+def test_edits_are_stored_in_the_project_by_the_engine(balls: Any, part: Part, installed: str) -> None:
+    preferences = bpy.context.preferences.addons[installed].preferences
+    preferences.engine_python = os.environ["GAUSSIAN_HERITAGE_PYTHON"]
+    try:
+        with pytest.raises(RuntimeError, match="No object was edited"):
+            bpy.ops.heritage.store_edits()
+        listed("Left")
+        bpy.ops.heritage.merge_objects(names="Right")
+        wall = bpy.data.objects["Vase"]
+        select_in_edit_mode(wall, np.arange(50))
+        bpy.ops.heritage.split_object(name="Fenster öst")
+        bpy.ops.object.mode_set(mode="OBJECT")
+        assert bpy.ops.heritage.store_edits() == {"FINISHED"}
+    finally:
+        preferences.engine_python = ""
+    content = part("engine.project_content")
+    names = {item.id: item.name for item in content.list_objects(balls.folder)}
+    assert names == {"left": "Left", "vase": "Vase", "fenster-öst": "Fenster öst"}
+    stored = content.load_membership(balls.folder, "left", 600)
+    assert np.array_equal(stored >= 0.5, balls.label < 2)
+    assert (content.load_membership(balls.folder, "vase", 600) >= 0.5).sum() == 350
+    assert not any(obj.heritage.is_edited for obj in bpy.data.objects) and not bpy.context.scene.heritage.deleted
+    assert rows_of(part, "Fenster öst") == set(range(200, 250))
+
+
+def test_panel_offers_the_edits_and_says_what_is_not_stored(balls: Any, draw: Callable[[str], Any]) -> None:
+    listed("Left")
+    buttons = [(name, options) for name, options in draw("HERITAGE_PT_by_hand").buttons]
+    regions = [(options["action"], options["shape"]) for name, options in buttons if name == "heritage.edit_region"]
+    assert regions == [("ADD", "LASSO"), ("ADD", "BOX"), ("TAKE", "LASSO"), ("TAKE", "BOX")]
+    assert "heritage.store_edits" not in [name for name, _ in buttons]
+    bpy.ops.heritage.merge_objects(names="Right")
+    drawn = draw("HERITAGE_PT_by_hand")
+    assert "heritage.store_edits" in [name for name, _ in drawn.buttons]
+    assert "Not stored: Left 1 deleted" in " ".join(drawn.texts)
