@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from engine.errors import ProjectError
-from engine.events import never_stop
+from engine.events import ignore_events, never_stop
 from engine.masks import load_default_sam
 from engine.objects import SegmentationContext, View, load_context
 from engine.objects.settings import BETTER
@@ -46,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     """Write the pictures of one object, prompted by its true mask in the photo that shows it largest."""
     from engine.evaluation.ground_truth import read_ground_truth
-    from engine.objects.everything import object_groups
-    from engine.objects.hierarchy import build_hierarchy
+    from engine.grounding import load_default_detector
+    from engine.objects import find_everything
     from engine.objects.lifting import lift, lift_levels
     from engine.objects.votes import MaskEvidence, count_votes
 
@@ -66,8 +66,10 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     seen = (votes.inside + votes.outside > 0.5).astype(np.float32)
     membership = lift(context, [evidence], BETTER, should_stop=never_stop).membership
     levels = lift_levels(context, [evidence], BETTER, never_stop)
-    hierarchy = build_hierarchy(context.views)
-    groups = [hierarchy.members(group) for group in object_groups(context.views, graph, hierarchy)]
+    found = find_everything(
+        context, BETTER, detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop
+    )
+    groups = [one.members for one in found]
     _write(out / "objects_evidence.jpg", [_photo(context, view), _tinted(_photo(context, view), evidence.mask)])
     _write(out / "objects_votes.jpg", [_blended(context, one, share * seen) for one in (view, other)])
     _write(out / "objects_segments.jpg", [_segments(context, one) for one in (view, other)])

@@ -34,7 +34,7 @@ def shorten_stages() -> None:
     # Enough steps, figures and checkpoints for a kill to fall between them.
     PRESETS[PRESET] = PRESETS[PRESET].changed(steps=500, curve_points=20, checkpoint_interval=40)
     # Objects of so short a training fit their masks badly.
-    segment = replace(SEGMENT_PRESETS[DEFAULT_PRESET], least_score=0.2)
+    segment = replace(SEGMENT_PRESETS[DEFAULT_PRESET], least_score=0.0)
     SEGMENT_PRESETS[DEFAULT_PRESET] = segment
     _COMMAND.PlanSettings = partial(PlanSettings, n_mask_photos=3)
     _COMMAND.PipelineSettings = partial(PipelineSettings, segment=segment)

@@ -348,32 +348,30 @@ def _write_embedding(folder: Path) -> None:
     np.savez_compressed(file, **arrays)
 
 
-def _describe_groups(folder: Path) -> object:
-    """Read the appearance of the groups of a scene. Computing it is the answer to a damaged file."""
-    from engine.objects import appearance
-    from engine.objects.hierarchy import Hierarchy
+def _make_proposals(folder: Path) -> object:
+    """Read the proposals of a scene. Making them is the answer to a damaged file."""
+    from engine.objects import proposals
+    from engine.objects.graph import SceneGraph
+    from engine.objects.settings import BETTER
 
-    def describe(*_: object, **__: object) -> object:
+    def build(*_: object, **__: object) -> object:
         if any(folder.iterdir()):
             raise _NotStored
-        finest, groups = np.array([0, 1, 1], np.int32), np.array([[0, 1], [1, 2]], np.int32)
-        map_ = np.array([[0, 1], [-1, 0]], np.int32)
-        hierarchy = Hierarchy(finest, groups, np.array([0.5, 0.7], np.float32))
-        described = np.ones((2, 4), np.float32)
-        return appearance.GroupAppearance(
-            hierarchy, {"a.jpg": map_}, np.array([0, 1], np.int32), ("a.jpg",) * 2, described
-        )
+        numbers, ones = np.array([0, 1], np.int32), np.ones(2, np.float32)
+        members = np.array([[True, False, True], [False, True, False]])
+        sightings = (numbers, ("a.jpg",) * 2, np.ones((2, 4), np.float32), np.ones((2, 4), np.float32))
+        return proposals.Proposals(members, ones, ones, numbers, *sightings)
 
-    array = np.zeros((3, 2), np.float32)
-    scene = SimpleNamespace(gaussians=SimpleNamespace(means=array, opacities=array, features=array))
-    cameras = SimpleNamespace(cameras=[SimpleNamespace(photo="a.jpg", width=2, height=2)])
-    views: Any = SimpleNamespace(scene=scene, cameras=cameras, render_side=2)
+    links, segments = csr_matrix(np.zeros((3, 3), np.float32)), csr_matrix(np.ones((3, 2), np.float32))
+    graph = SceneGraph(links, segments, np.zeros(2, np.int32), np.arange(2, dtype=np.int32), ("a.jpg",))
+    views: Any = SimpleNamespace(scene=range(3))
     others: Any = SimpleNamespace(name="detector")
-    with mock.patch.object(appearance, "describe_groups", describe):
+    with mock.patch.object(proposals, "build_proposals", build):
         try:
-            return appearance.load_or_describe_groups(
-                folder / "groups.npz", views, others, others, emit=lambda event: None, should_stop=lambda: False
-            )
+            return proposals.load_or_build_proposals(
+                folder / "groups.npz", views, graph, others, others, BETTER,
+                emit=lambda event: None, should_stop=lambda: False,
+            )  # fmt: skip
         except _NotStored:
             return None
 
@@ -387,7 +385,8 @@ def _link_gaussians(folder: Path) -> object:
             raise _NotStored
         links = csr_matrix(np.array([[0, 1, 0], [1, 0, 2], [0, 2, 0]], np.float32))
         pixels = csr_matrix(np.array([[0, 1, 0], [3, 0, 2], [0, 2, 4]], np.float32))
-        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32))
+        labels = np.array([0, 1, 0], np.int32)
+        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32), labels, ("a.jpg", "b.jpg"))
 
     array, segments = np.zeros((3, 2), np.float32), np.ones((2, 2), np.int32)
     gaussians = SimpleNamespace(means=array, opacities=array, features=array)
@@ -465,7 +464,7 @@ PROJECT = (
     Reader("candidates-in-blender", _write_candidates, _show_candidates, ("objects/candidates.json",)),
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),
     Reader("embedding", _write_embedding, _encode, ("a.jpg.sam.npz",)),
-    Reader("groups", _describe_groups, _describe_groups, ("groups.npz",)),
+    Reader("groups", _make_proposals, _make_proposals, ("groups.npz",)),
     Reader("graph", _link_gaussians, _link_gaussians, ("graph.npz",)),
     Reader("calibration", lambda folder: _calibration(folder, again=False), _calibration, ("calibration.json",)),
 )

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
-    from .comparison import visible_masks
     from .document import write_section
     from .ground_truth import GroundTruth, read_ground_truth
     from .isolation import evaluate_project
@@ -32,7 +31,6 @@ __all__ = [
     "read_ground_truth",
     "read_results",
     "summarise",
-    "visible_masks",
     "write_evaluation",
     "write_results",
     "write_section",

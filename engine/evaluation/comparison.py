@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -11,23 +11,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cameras import covering_pinhole, distort
 from ..errors import Cancelled, MaskError
 from ..events import StopCheck
 from ..photos import load_pixels
-from ..pictures import Scene, render_view
+from ..pictures import Scene, render_view, visible_masks
 from ..scene import Camera
 from .ground_truth import GroundTruth
 from .image_metrics import psnr
 from .mask_metrics import boundary_iou, halo, holes, iou, stray
 
-__all__ = ["NOTHING_RETURNED", "Comparison", "Scores", "compare_with_all", "resized", "score_photo", "visible_masks"]
+__all__ = ["NOTHING_RETURNED", "Comparison", "Scores", "compare_with_all", "resized", "score_photo"]
 
 Mask = NDArray[np.bool_]
 Float64 = NDArray[np.float64]
 
-_MAX_OBJECTS_PER_PASS = 16
-"""Objects rendered in one pass. Each needs one float per pixel."""
 _MAX_ASPECT_DEVIATION = 0.02
 """Largest relative difference of the aspect ratios of a photo and its mask."""
 
@@ -63,19 +60,6 @@ class Comparison:
     boundary_iou: Float64
     n_shown: NDArray[np.int64]
     n_ignored: NDArray[np.int64]
-
-
-def visible_masks(scene: Scene, camera: Camera, members: Sequence[Mask]) -> Iterator[Mask]:
-    """Yield for each set of Gaussians where it makes up more than half of a pixel of the photo, bool [height, width].
-
-    The same as `engine.pictures.render_view` with ``what="mask"``, for several sets in one pass.
-    """
-    frame = covering_pinhole(camera)
-    for start in range(0, len(members), _MAX_OBJECTS_PER_PASS):
-        weights = np.stack(members[start : start + _MAX_OBJECTS_PER_PASS], axis=1).astype(np.float32)
-        shares = scene.render(frame, channels=weights).channels
-        for channel in range(shares.shape[2]):
-            yield np.asarray(distort(np.ascontiguousarray(shares[..., channel]), frame, camera) > 0.5)
 
 
 def score_photo(

@@ -109,13 +109,11 @@ class Method:
 def methods_of(settings: EvaluationSettings) -> list[Method]:
     """Return the presets, the ablations and the variants with other numbers of views, in this order.
 
-    Texts and searches for all objects are ablated by what finds their candidates, not by the graph.
+    Texts and searches for all objects have no ablations.
     """
     presets = tuple(name for name in settings.presets if settings.prompt_kind != "all" or name == _FINDS_ALL)
     counts = {name: _n_views(PRESETS[name], settings.prompt_kind) for name in presets}
     methods = [Method(name, PRESETS[name], preset=name, n_views=counts[name]) for name in presets]
-    if settings.ablations and settings.prompt_kind == "text":
-        methods.append(Method("better, no groups of Gaussians", replace(BETTER, n_groups=0)))
     if settings.ablations and settings.prompt_kind in ("mask", "click"):
         methods += [
             Method("better, no links to segments", BETTER, without="segments"),

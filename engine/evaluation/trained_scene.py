@@ -146,7 +146,7 @@ class TrainedScene:
         self._label_maps = label_maps_of(project.path, self._visible_cameras(None))
         self._embeddings = EmbeddingFolder(project.path / "masks").copied(folder / "embeddings", self.looked_at)
         # Both are computed once, as in a project; the project itself is only read here.
-        self._appearance_file = folder / "looks.npz"
+        self._proposals_file = folder / "looks.npz"
         self._graphs: dict[int, SceneGraph] = {}
         self._prompt_file = folder / "prompt.png"
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
@@ -190,7 +190,7 @@ class TrainedScene:
                 names = [""] * len(found)
             except PromptError as error:
                 refusal = str(error)
-                best_score = error.candidates[0][0] if isinstance(error, NoMatchError) else best_score
+                best_score = error.candidates[0].score if isinstance(error, NoMatchError) else best_score
         seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
         return Answer(tuple(members), tuple(scores), tuple(names), seconds, cpu_seconds, refusal, best_score)
 
@@ -211,7 +211,7 @@ class TrainedScene:
             ),
             self.photos(method.settings),
             self._label_maps,
-            self._appearance_file,
+            self._proposals_file,
             graphs=self._graphs,
         )
         if not method.without:

@@ -145,19 +145,17 @@ class Detector(Protocol):
         """
         ...
 
-    def name_crops(
-        self, crops: Sequence[tuple[NDArray[np.uint8], ArrayLike, NDArray[np.bool_]]]
-    ) -> list[tuple[str, float]]:
+    def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
         """Return words for one object that several photos show, each with a confidence 0 to 1, best first.
 
         Parameters
         ----------
-        crops : sequence of (pixels, box, mask)
-            Pixels [H, W, 3], uint8, the object's box x0, y0, x1, y1, and the object's mask, bool [H, W].
+        described : array of shape [n, D], float32
+            Descriptions of the object in n photos, by `describe_crops`.
 
         Returns
         -------
         list of (str, float)
-            Empty without crops, and for a detector that has no words of its own.
+            Empty without rows, and for a detector that has no words of its own.
         """
         ...

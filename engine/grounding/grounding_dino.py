@@ -216,8 +216,8 @@ class GroundingDino:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_descriptions`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
-    def name_crops(self, crops: Sequence[tuple[Pixels, ArrayLike, NDArray[np.bool_]]]) -> list[tuple[str, float]]:
-        """Return an empty list: this model has no words of its own; see `Detector.name_crops`."""
+    def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
+        """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
         return []
 
     def _score_crop(self, pixels: Pixels, box: NDArray[np.float64], prompt: str) -> float:

@@ -228,10 +228,6 @@ class SegmentAnything:
         logits, iou = self.predict_logits(embedding, points, labels, box, mask_prompt)
         return Prediction(_mask(logits, embedding), iou, logits)
 
-    def predict_scale_masks(self, embedding: Embedding, box: ArrayLike) -> list[NDArray[np.bool_]]:
-        """Return the masks of `predict_scales` for a box, each bool [H, W] in the photo's frame."""
-        return [_mask(logits, embedding) for logits, _ in self.predict_scales(embedding, box=box)]
-
 
 def load_sam(name: str, *, threads: int = 2, may_use_gpu: bool = True) -> SegmentAnything:
     """Return the SAM model called `name`; `models.locate` verifies the SHA-256 of its files.

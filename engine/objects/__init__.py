@@ -19,13 +19,13 @@ if TYPE_CHECKING:
         store_background,
     )
     from .everything import find_everything, segment_everything_in
-    from .evidence import DetectorFactory, SamFactory
+    from .evidence import DetectorFactory
+    from .found import NoMatchError
     from .graph import SceneGraph
-    from .photos import Photos
+    from .photos import Photos, SamFactory
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
-    from .ranking import NoMatchError
-    from .segment import THRESHOLD, find_objects, segment_project
+    from .segment import find_objects, mask_at, segment_project
     from .storage import (
         forget_unreadable_record,
         is_object_intact,
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     )
     from .trash import TrashEntry, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
     from .views import View, Views, erode_mask, spread_cameras
+    from .votes import THRESHOLD
 
 __all__ = [
     "CANDIDATES",
@@ -75,6 +76,7 @@ __all__ = [
     "load_membership",
     "load_object",
     "load_context",
+    "mask_at",
     "object_gaussians",
     "object_ids",
     "parse_point",

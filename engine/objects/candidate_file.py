@@ -16,8 +16,9 @@ from ..errors import FormatError, PromptError
 from ..files import delete_derived, read_json, write_json
 from ..masks import mask_box
 from ..pictures import write_png
-from .candidates import Candidate
+from .found import FoundObject
 from .photos import Photos
+from .votes import THRESHOLD
 
 __all__ = ["CANDIDATES", "StoredCandidate", "forget_candidates", "load_candidate", "remember_candidates"]
 
@@ -70,7 +71,7 @@ def forget_candidates(project: Path) -> None:
 
 
 def remember_candidates(
-    project: Path, text: str, message: str, candidates: Sequence[tuple[float, Candidate]], photos: Photos | None
+    project: Path, text: str, message: str, candidates: Sequence[FoundObject], photos: Photos | None
 ) -> None:
     """Store a refused text and its nearest candidates in the project, beside those of other texts.
 
@@ -80,8 +81,8 @@ def remember_candidates(
     text : str
     message : str
         Why the text was refused.
-    candidates : sequence of (float, Candidate)
-        With their scores, the best first; at most five are stored.
+    candidates : sequence of FoundObject
+        The best first; at most five are stored.
     photos : Photos or None
         Required if there are candidates.
 
@@ -94,10 +95,10 @@ def remember_candidates(
     refused = [entry for entry in stored["refused"] if entry["text"] != text] + [{"text": text, "message": message}]
     entries = [entry for entry in stored["candidates"] if entry["text"] != text]
     number = max((entry["number"] for entry in stored["candidates"]), default=0)
-    for score, candidate in candidates[:_MAX_STORED]:
+    for candidate in candidates[:_MAX_STORED]:
         assert photos is not None
         number += 1
-        entries.append(_write_candidate(project, number, text, score, candidate, photos))
+        entries.append(_write_candidate(project, number, text, candidate, photos))
     created = datetime.now(UTC).isoformat(timespec="microseconds")
     write_json(
         project / CANDIDATES,
@@ -105,9 +106,7 @@ def remember_candidates(
     )
 
 
-def _write_candidate(
-    project: Path, number: int, text: str, score: float, candidate: Candidate, photos: Photos
-) -> dict[str, Any]:
+def _write_candidate(project: Path, number: int, text: str, candidate: FoundObject, photos: Photos) -> dict[str, Any]:
     """Write the picture and the mask of a candidate and return its entry in the file."""
     evidence = candidate.evidence[0]
     camera = evidence.view.camera
@@ -125,12 +124,12 @@ def _write_candidate(
     return {
         "number": number,
         "text": text,
-        "score": round(float(score), 4),
+        "score": round(candidate.score, 4),
         "photo": camera.photo,
         "x": float(x) + 0.5,
         "y": float(y) + 0.5,
         "box": [float(side) for side in box],
-        "n_gaussians": int(candidate.best.members.sum()),
+        "n_gaussians": int((candidate.membership >= THRESHOLD).sum()),
         "picture": picture,
     }
 

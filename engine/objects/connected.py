@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-__all__ = ["connected_parts", "grid_components"]
+__all__ = ["connected_parts"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -46,27 +46,10 @@ def connected_parts(points: Float32, evidence_weights: NDArray[np.floating]) -> 
     radius = float(np.sqrt(share @ ((points - center) ** 2).sum(axis=1)))
     neighbours = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
     cell = max(0.1 * radius, 2 * float(np.median(neighbours)), 1e-9)
-    part = grid_components(points, cell)
-    weight = np.bincount(part, weights=evidence_weights)
-    return np.asarray((weight >= _LEAST_SHARE * weight.max())[part] & (weight > 0)[part])
-
-
-def grid_components(points: Float32, cell: float) -> NDArray[np.integer]:
-    """Return the connected component of each point, linked through the occupied cells of a grid.
-
-    Parameters
-    ----------
-    points : array of shape [M, 3], float32
-    cell : float
-        Side of a cell. Points in the same cell or in two cells that touch are connected.
-
-    Returns
-    -------
-    integer array of shape [M]
-        Components are numbered from 0.
-    """
+    # Linked through the occupied cells of the grid.
     keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     pairs = cKDTree(keys).query_pairs(_CELL_LINK_DISTANCE, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
-    components: NDArray[np.integer] = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
-    return components
+    part = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
+    weight = np.bincount(part, weights=evidence_weights)
+    return np.asarray((weight >= _LEAST_SHARE * weight.max())[part] & (weight > 0)[part])

@@ -16,9 +16,9 @@ from ..pictures import Scene
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
-from .appearance import GroupAppearance, describe_groups, load_or_describe_groups
 from .graph import SceneGraph, load_or_build_graph
 from .photos import Photos, SamFactory
+from .proposals import Proposals, build_proposals, load_or_build_proposals
 from .settings import SegmentSettings
 from .views import Views
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
 
-_APPEARANCE_FILE = Path("groups") / "looks.npz"
-"""Path of the stored appearance of the groups, relative to the project folder."""
+_PROPOSALS_FILE = Path("groups") / "looks.npz"
+"""Path of the stored proposals, relative to the project folder."""
 
 _GRAPH_FILE = Path("groups") / "graph.npz"
 """Path of the stored graph of the scene, relative to the project folder."""
@@ -36,7 +36,7 @@ _GRAPH_FILE = Path("groups") / "graph.npz"
 
 @dataclass(frozen=True)
 class SegmentationContext:
-    """A trained scene with rendered views, photos, SAM's embeddings and the appearance of its groups.
+    """A trained scene with rendered views, photos, SAM's embeddings, its graph and its proposals.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ class SegmentationContext:
     photos : Photos
     label_maps : mapping of str to int32 array of shape [h, w]
         SAM label maps by photo; may be empty.
-    appearance_file : Path or None
-        File that stores the appearance of the groups (`engine.objects.appearance`). None keeps it in memory only.
+    proposals_file : Path or None
+        File that stores the proposals (`engine.objects.proposals`). None keeps them in memory only.
     graph_file : Path or None
         File that stores the graph of the scene (`engine.objects.graph`). None keeps it in memory only.
     graphs : dict of int to SceneGraph
@@ -55,10 +55,10 @@ class SegmentationContext:
     views: Views
     photos: Photos
     label_maps: Mapping[str, NDArray[np.int32]]
-    appearance_file: Path | None = None
+    proposals_file: Path | None = None
     graph_file: Path | None = None
     graphs: dict[int, SceneGraph] = field(default_factory=dict, compare=False, repr=False)
-    _appearance: dict[str, GroupAppearance | None] = field(default_factory=dict, compare=False, repr=False)
+    _proposals: dict[str, Proposals] = field(default_factory=dict, compare=False, repr=False)
 
     def graph(self, settings: SegmentSettings, should_stop: StopCheck) -> SceneGraph:
         """Return the graph of the scene, made at the first call with these `n_vote_views`.
@@ -75,23 +75,24 @@ class SegmentationContext:
             )
         return self.graphs[n_views]
 
-    def group_appearance(self, detector: Detector, *, emit: Emit, should_stop: StopCheck) -> GroupAppearance | None:
-        """Return how `detector` describes the groups of the scene, computed at the first call.
+    def proposals(
+        self, detector: Detector, settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck
+    ) -> Proposals:
+        """Return what may be an object, as `detector` describes it, made at the first call.
 
         Raises
         ------
         Cancelled
             When `should_stop` returns True.
         """
-        if detector.name not in self._appearance:
-            self._appearance[detector.name] = (
-                describe_groups(self.views, self.photos, detector, emit=emit, should_stop=should_stop)
-                if self.appearance_file is None
-                else load_or_describe_groups(
-                    self.appearance_file, self.views, self.photos, detector, emit=emit, should_stop=should_stop
-                )
+        if detector.name not in self._proposals:
+            given = (self.views, self.graph(settings, should_stop), self.photos, detector, settings)
+            self._proposals[detector.name] = (
+                build_proposals(*given, emit=emit, should_stop=should_stop)
+                if self.proposals_file is None
+                else load_or_build_proposals(self.proposals_file, *given, emit=emit, should_stop=should_stop)
             )
-        return self._appearance[detector.name]
+        return self._proposals[detector.name]
 
 
 def load_context(
@@ -132,7 +133,7 @@ def load_context(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
-        project.path / _APPEARANCE_FILE,
+        project.path / _PROPOSALS_FILE,
         project.path / _GRAPH_FILE,
     )
 

@@ -35,7 +35,7 @@ from .storage import (
     save_object,
 )
 from .trash import delete_object, keep_version
-from .votes import BELOW_HALF, HALF, MaskEvidence
+from .votes import BELOW_HALF, THRESHOLD, MaskEvidence
 
 __all__ = [
     "BACKGROUND",
@@ -296,10 +296,8 @@ def refine_object(
     membership = load_fitting_membership(project.path, record, len(context.views.scene))
     before = int((membership >= record.threshold).sum())
     views = context.views
-    evidence = evidence_of_exclusions(excluded, clicks, context)
-    if clicks:
-        evidence += evidence_of_clicks(clicks, excluded, context)
-    membership = lift(context, evidence, settings, before=membership, should_stop=should_stop).membership
+    evidence = evidence_of_exclusions(excluded, clicks, context) + evidence_of_clicks(clicks, context)
+    membership = lift(context, evidence, settings, before=membership, should_stop=should_stop)
     if (membership >= record.threshold).sum() < max(1.0, _MIN_REMAINING_SHARE * before):
         raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
     correction = {"clicks": describe_points(clicks), "not": describe_points(excluded)}
@@ -404,7 +402,7 @@ def store_background(project: ProjectFolder, settings: SegmentSettings) -> Objec
         )
     highest = np.maximum.reduce(list(memberships.values()))
     # 1 - m. At exactly 0.5 a Gaussian belongs to the object only, never to both.
-    background = np.where(highest >= HALF, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
+    background = np.where(highest >= THRESHOLD, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
     for record in list_objects(project.path):
         if record.prompt.get("kind") == BACKGROUND:
             delete_object(project, record.id, why="replaced by a new background")

@@ -8,26 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Cancelled, PromptError
+from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
-from .candidates import THRESHOLD, overlap
 from .context import SegmentationContext, load_context
-from .crops import crop_photos
 from .curation import memberships_of, store_background
 from .evidence import DetectorFactory
-from .found import ObjectRequest, new_record
-from .graph import SceneGraph
-from .hierarchy import Hierarchy, build_hierarchy
-from .lifting import Levels, bounded
+from .found import ObjectRequest, new_record, overlap
+from .graph import bounded
+from .hierarchy import build_hierarchy
+from .lifting import Levels
 from .photos import SamFactory
 from .polishing import polish_each
+from .proposals import describe
 from .settings import SegmentSettings
 from .storage import save_object
-from .views import Views
-from .votes import HALF, Votes
+from .votes import THRESHOLD, Votes
 
 __all__ = ["DetectedObject", "find_everything", "segment_everything_in"]
 
@@ -43,7 +41,7 @@ _SIZE_POWER = 0.7  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, r
 _MIN_COVERING = 0.4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Covering (`SceneGraph.covering`) from which on a group is an object."""
 
-_MIN_NAME_SCORE = 0.5  # chosen on museum_room
+_MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
 
 
@@ -85,7 +83,6 @@ def find_everything(
     ----------
     context : SegmentationContext
     settings : SegmentSettings
-        Uses `n_crop_views`.
     detector_factory : callable
     emit, should_stop
         See `engine.events`.
@@ -106,44 +103,34 @@ def find_everything(
     views, graph = context.views, context.graph(settings, should_stop)
     emit(Progress("objects", 0.0, message="Grouping the Gaussians"))
     hierarchy = build_hierarchy(views)
-    groups = object_groups(views, graph, hierarchy)
-    objects: list[DetectedObject] = []
-    taken = np.zeros(len(views.scene), bool)
-    for number, group in enumerate(groups):
-        if should_stop():
-            raise Cancelled("Stopped while searching for all objects; none was stored.")
-        members = hierarchy.members(group)
-        votes = Votes(members * graph.pixels, ~members * graph.pixels)
-        membership = np.where(taken, np.float32(0), graph.solve(votes, settings.strictness))
-        membership = bounded(membership, views.scene.gaussians.means)
-        if (membership >= HALF).any():
-            taken |= membership >= HALF
-            objects.append(_named(context, membership, settings, detector_factory))
-        emit(Progress("objects", (number + 1) / len(groups), message="Naming"))
-    return sorted(objects, key=lambda item: -item.score)
-
-
-def object_groups(views: Views, graph: SceneGraph, hierarchy: Hierarchy) -> list[int]:
-    """Return the disjoint groups that are objects, those first that the segments of the photos outline best."""
-    covering, pixels = graph.covering(hierarchy.membership_matrix())
-    groups = [
+    groups = hierarchy.members
+    covering, shown = graph.covering(groups)
+    cut = [
         group
-        for group in hierarchy.cut(covering * pixels**_SIZE_POWER)
-        if covering[group] >= _MIN_COVERING and views.extent(hierarchy.members(group)) <= _MAX_EXTENT
+        for group in hierarchy.cut(covering * shown.sum(axis=1) ** _SIZE_POWER)
+        if covering[group] >= _MIN_COVERING and views.extent(groups[group]) <= _MAX_EXTENT
     ]
-    return sorted(groups, key=lambda group: -covering[group])
-
-
-def _named(
-    context: SegmentationContext, membership: Float32, settings: SegmentSettings, detector_factory: DetectorFactory
-) -> DetectedObject:
-    """Return an object with the name that the detector suggests from several views."""
-    crops = list(crop_photos(context.views, membership >= HALF, context.photos, settings))
-    suggestions = detector_factory().name_crops(crops) if crops else []
-    if not suggestions:
-        return DetectedObject(membership, "", 0.0)
-    name, score = suggestions[0]
-    return DetectedObject(membership, name if score >= _MIN_NAME_SCORE else "", score)
+    chosen = groups[cut].T
+    votes = Votes(chosen * graph.pixels[:, None], ~chosen * graph.pixels[:, None])
+    memberships: list[Float32] = []
+    taken = np.zeros(len(views.scene), bool)
+    for solved in graph.solve_each(votes, settings.strictness).T:
+        memberships.append(bounded(np.where(taken, np.float32(0), solved), views.scene.gaussians.means))
+        taken |= memberships[-1] >= THRESHOLD
+    members = np.array(memberships).reshape(groups[cut].shape) >= THRESHOLD
+    by_name = {camera.photo: camera for camera in views.cameras.cameras}
+    detector = detector_factory()
+    proposals = describe(
+        members, covering[cut], np.full(len(cut), -1, np.int32), shown[cut],
+        views, [by_name[photo] for photo in graph.photos], context.photos, detector, settings,
+        emit=emit, should_stop=should_stop,
+    )  # fmt: skip
+    objects = [
+        DetectedObject(membership, name if score >= _MIN_NAME_SCORE else "", score)
+        for membership, (name, score) in zip(memberships, proposals.names(detector), strict=True)
+        if (membership >= THRESHOLD).any()
+    ]
+    return sorted(objects, key=lambda item: -item.score)
 
 
 def segment_everything_in(

@@ -12,22 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import PromptError
 from ..events import Emit, StopCheck
+from ..masks import mask_iou
 from ..project_folder import ProjectFolder
 from ..provenance import describe_run
 from ..records import ObjectRecord, new_id, new_name
 from ..settings import to_dict
-from .candidates import THRESHOLD
 from .context import SegmentationContext
 from .lifting import Levels
 from .polishing import polish_each
 from .settings import SegmentSettings
 from .storage import list_objects, save_object, taken_ids
-from .votes import MaskEvidence
+from .views import View, Views
+from .votes import THRESHOLD, MaskEvidence
 
-__all__ = ["FoundObject", "ObjectRequest", "new_record", "store_found"]
+__all__ = ["FoundObject", "NoMatchError", "ObjectRequest", "fit_of", "new_record", "overlap", "store_found"]
 
 Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,32 @@ class FoundObject:
     fit: float
     evidence: tuple[MaskEvidence, ...]
     levels: Levels
+
+
+class NoMatchError(PromptError):
+    """Nothing in the scene looks enough like the text.
+
+    Attributes
+    ----------
+    candidates : tuple of FoundObject
+        What looks most like it, the best first.
+    """
+
+    def __init__(self, message: str, candidates: Sequence[FoundObject]) -> None:
+        super().__init__(message)
+        self.candidates = tuple(candidates)
+
+
+def fit_of(views: Views, view: View, mask: Mask, membership: Float32) -> float:
+    """Return the IoU of a mask with the object rendered in the same view."""
+    return mask_iou(views.visible_share(view, membership >= THRESHOLD) > THRESHOLD, mask)
+
+
+def overlap(first: Float32, second: Float32) -> float:
+    """Return the number of common Gaussians of two memberships [N] as a share of the smaller object."""
+    a, b = first >= THRESHOLD, second >= THRESHOLD
+    smaller = min(int(a.sum()), int(b.sum()))
+    return int((a & b).sum()) / smaller if smaller else 0.0
 
 
 @dataclass(frozen=True)

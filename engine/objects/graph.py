@@ -14,8 +14,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, coo_matrix, csr_matrix, diags, hstack
-from scipy.sparse.linalg import cg
+from scipy.sparse import bmat, coo_matrix, csc_matrix, csr_matrix, diags, hstack
 from scipy.spatial import cKDTree
 
 from ..errors import Cancelled
@@ -23,14 +22,15 @@ from ..events import StopCheck
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
 from .views import Views, spread_cameras
-from .votes import Votes
+from .votes import THRESHOLD, Votes
 
-__all__ = ["SceneGraph", "build_graph", "load_or_build_graph"]
+__all__ = ["SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
+Mask = NDArray[np.bool_]
 
-_VERSION = 1  # by definition
+_VERSION = 2  # by definition
 
 _N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Nearest neighbours that a Gaussian is linked to."""
@@ -41,11 +41,17 @@ _SEGMENT_WEIGHT = 0.02  # chosen on room_1, room_2, room_3, room_4, room_5, room
 _BACKGROUND_WEIGHT = 0.03  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight with which every Gaussian is background before any evidence."""
 
+_MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it."""
+
 _MIN_PIXELS = 0.05  # by definition
 """Smallest contribution of a Gaussian to a segment that is kept, in pixels."""
 
 _TOLERANCE = 1e-4  # by definition
 """Largest residual of the solution, relative to the right-hand side."""
+
+_SMALLEST = np.float32(np.finfo(np.float32).tiny)
+"""Smallest divisor: a solved object has no residual."""
 
 _MAX_STEPS = 300  # by definition
 """Largest number of steps of conjugate gradients."""
@@ -64,11 +70,19 @@ class SceneGraph:
         them, which may be empty, is no segment but the rest of the photo.
     photo : int32 array of shape [M]
         Number of the photo of each segment, 0 to P - 1.
+    label : int32 array of shape [M]
+        The segment in the label map of the photo; 0 for the rest.
+    photos : tuple of P str
+    key : str
+        Key of what the graph was made of; empty if that is not known.
     """
 
     neighbours: csr_matrix
     segments: csr_matrix
     photo: Int32
+    label: Int32
+    photos: tuple[str, ...]
+    key: str = ""
 
     @cached_property
     def pixels(self) -> Float32:
@@ -86,11 +100,11 @@ class SceneGraph:
         is_segment = np.ones(len(self.photo), np.float32)
         is_segment[self._first] = 0
         links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(is_segment))
-        return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]))
+        return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]), dtype=np.float32)
 
     @cached_property
-    def _degrees(self) -> NDArray[np.float64]:
-        return np.asarray(self._links.sum(axis=1), np.float64).ravel()
+    def _degrees(self) -> Float32:
+        return np.asarray(self._links.sum(axis=1), np.float32).ravel()
 
     def solve(self, votes: Votes, strictness: float) -> Float32:
         """Return the membership of each Gaussian in the object that `votes` show, in [0, 1], shape [N].
@@ -107,50 +121,100 @@ class SceneGraph:
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
         votes S for the object and B against it, and lambda the strictness.
         """
-        n_segments = len(self.photo)
-        inside = np.pad(votes.inside.astype(np.float64), (0, n_segments))
-        against = _BACKGROUND_WEIGHT + strictness * votes.outside
-        diagonal = self._degrees + inside + np.pad(against, (0, n_segments))
-        diagonal = np.where(diagonal > 0, diagonal, 1.0)
-        system = diags(diagonal) - self._links
-        preconditioner = diags(1 / diagonal)
-        solution, _ = cg(system, inside, rtol=_TOLERANCE, maxiter=_MAX_STEPS, M=preconditioner)
-        return np.clip(solution[: len(votes.inside)], 0, 1).astype(np.float32)
+        return self.solve_each(Votes(votes.inside[:, None], votes.outside[:, None]), strictness)[:, 0]
+
+    def solve_each(self, votes: Votes, strictness: float | Float32) -> Float32:
+        """Return the memberships in K objects, [N, K], of votes of the same shape; `strictness` may be that of each.
+
+        Conjugate gradients with the diagonal as preconditioner. SciPy's solve one system at a time, so that each step
+        reads all links for one object alone.
+        """
+        padding = ((0, len(self.photo)), (0, 0))
+        inside = np.pad(votes.inside.astype(np.float32), padding)
+        against = np.pad((_BACKGROUND_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
+        diagonal = self._degrees[:, None] + inside + against
+        diagonal[diagonal <= 0] = 1
+        solution: Float32 = np.zeros_like(inside)
+        residual: Float32 = inside
+        scaled = residual / diagonal
+        direction, size = scaled, _dot(residual, scaled)
+        enough = _TOLERANCE**2 * _dot(inside, inside)
+        for _ in range(_MAX_STEPS):
+            if (_dot(residual, residual) <= enough).all():
+                break
+            product = diagonal * direction - self._links @ direction
+            length = (size / np.maximum(_dot(direction, product), _SMALLEST)).astype(np.float32)
+            solution = solution + length * direction
+            residual = residual - length * product
+            scaled = residual / diagonal
+            before, size = size, _dot(residual, scaled)
+            direction = scaled + size / np.maximum(before, _SMALLEST) * direction
+        return np.clip(solution[: len(votes.inside)], 0, 1)
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
         """Return the graph without the links to segments, those between Gaussians, or features in their weights."""
         if part == "segments":
-            return replace(self, segments=csr_matrix(self.segments.shape, dtype=np.float32))
+            return replace(self, segments=csr_matrix(self.segments.shape, dtype=np.float32), key=f"{self.key} {part}")
         links = self.neighbours.sign() if part == "features" else csr_matrix(self.neighbours.shape, dtype=np.float32)
-        return replace(self, neighbours=links)
+        return replace(self, neighbours=links, key=f"{self.key} {part}")
 
-    def covering(self, members: csr_matrix) -> tuple[Float32, Float32]:
+    @cached_property
+    def _by_segment(self) -> csc_matrix:
+        return self.segments.tocsc()
+
+    @cached_property
+    def _by_photo(self) -> Float32:
+        """Pixels that each Gaussian contributes to each photo, [N, P]."""
+        photos = csr_matrix((np.ones(len(self.photo), np.float32), (np.arange(len(self.photo)), self.photo)))
+        return np.asarray((self.segments @ photos).todense(), np.float32)
+
+    def votes_of(self, segment: int) -> Votes:
+        """Return the votes of a segment, a column of `segments`, for the Gaussians that it shows."""
+        inside = self._by_segment[:, segment].toarray().ravel().astype(np.float32)
+        return Votes(inside, self._by_photo[:, self.photo[segment]] - inside)
+
+    def covering(self, members: Mask) -> tuple[Float32, Float32]:
         """Return how well the segments of the photos outline sets of Gaussians.
 
         Parameters
         ----------
-        members : sparse matrix of shape [N, K]
-            1 for the Gaussians of each set.
+        members : bool array of shape [K, N]
 
         Returns
         -------
         array of shape [K], float32
             IoU of the set with the segment that fits it best, averaged over the photos by the pixels that show it.
-        array of shape [K], float32
-            Those pixels, over all photos.
+        array of shape [K, P], float32
+            Those pixels in each photo.
         """
-        n_sets = members.shape[1]
-        if len(self.photo) == 0:
-            return np.zeros(n_sets, np.float32), np.zeros(n_sets, np.float32)
-        common = np.asarray((members.T @ self.segments).todense(), np.float32)
+        if len(members) == 0 or len(self.photo) == 0:
+            return np.zeros(len(members), np.float32), np.zeros((len(members), len(self.photos)), np.float32)
+        common = np.asarray((csr_matrix(members).astype(np.float32) @ self.segments).todense(), np.float32)
         first = self._first
         shown = np.add.reduceat(common, first, axis=1)
         sizes = np.asarray(self.segments.sum(axis=0), np.float32)
         iou = common / np.maximum(sizes + shown[:, self.photo] - common, 1e-6)
         iou[:, first] = 0
         best = np.maximum.reduceat(iou, first, axis=1)
-        total = shown.sum(axis=1)
-        return (best * shown).sum(axis=1) / np.maximum(total, 1e-6), total
+        return (best * shown).sum(axis=1) / np.maximum(shown.sum(axis=1), 1e-6), shown
+
+
+def _dot(first: Float32, second: Float32) -> Float32:
+    """Return the dot products of the columns."""
+    product: Float32 = np.einsum("nk,nk->k", first, second)
+    return product
+
+
+def bounded(membership: Float32, means: Float32) -> Float32:
+    """Return a membership, [N], that is 0 far from its members, so that no threshold adds what is elsewhere.
+
+    `means` are the positions of the Gaussians, [N, 3]. Without members, all are 0.
+    """
+    members = membership >= THRESHOLD
+    if not members.any():
+        return np.zeros_like(membership)
+    distances = np.linalg.norm(means - np.median(means[members], axis=0), axis=1)
+    return np.where(distances <= _MAX_RADII * np.percentile(distances[members], 90), membership, np.float32(0))
 
 
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
@@ -173,7 +237,9 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
     cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
     photo: list[int] = []
-    for number, camera in enumerate(spread_cameras(cameras, n_views)):
+    label: list[int] = []
+    spread = spread_cameras(cameras, n_views)
+    for number, camera in enumerate(spread):
         if should_stop():
             raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
         view = views.of(camera)
@@ -183,7 +249,10 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
         votes = views.scene.votes(view.frame, masks.astype(np.float32))
         columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
         photo += [number] * len(segments)
-    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32))
+        label += segments.tolist()
+    numbers = (np.array(photo, np.int32), np.array(label, np.int32))
+    photos = tuple(camera.photo for camera in spread)
+    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), *numbers, photos)
 
 
 def _neighbours(views: Views) -> csr_matrix:
@@ -208,15 +277,14 @@ def load_or_build_graph(
 
     A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
     """
-    if file is None:
-        return build_graph(views, label_maps, n_views=n_views, should_stop=should_stop)
     recipe = _recipe(views, label_maps, n_views)
-    stored = read_kept_arrays(file, recipe, _SPECS)
+    stored = None if file is None else read_kept_arrays(file, recipe, _SPECS)
     graph = None if stored is None else _from_arrays(stored, len(views.scene))
     if graph is None:
         graph = build_graph(views, label_maps, n_views=n_views, should_stop=should_stop)
-        keep_arrays(file, recipe, _to_arrays(graph))
-    return graph
+        if file is not None:
+            keep_arrays(file, recipe, _to_arrays(graph))
+    return replace(graph, key=recipe)
 
 
 def _recipe(views: Views, label_maps: Mapping[str, Int32], n_views: int) -> str:
@@ -233,6 +301,8 @@ def _recipe(views: Views, label_maps: Mapping[str, Int32], n_views: int) -> str:
 _MATRICES = ("neighbours", "segments")
 _SPECS = {
     "photo": ArraySpec("int32", ("m",)),
+    "label": ArraySpec("int32", ("m",)),
+    "photos": ArraySpec("str", ("p",)),
     **{f"{name} values": ArraySpec("float32", (f"{name} links",), finite=True) for name in _MATRICES},
     **{f"{name} columns": ArraySpec("int32", (f"{name} links",)) for name in _MATRICES},
     **{f"{name} rows": ArraySpec("int32", ("n",)) for name in _MATRICES},
@@ -240,7 +310,11 @@ _SPECS = {
 
 
 def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
-    arrays: dict[str, NDArray[np.generic]] = {"photo": graph.photo}
+    arrays: dict[str, NDArray[np.generic]] = {
+        "photo": graph.photo,
+        "label": graph.label,
+        "photos": np.array(graph.photos, np.str_),
+    }
     for name in _MATRICES:
         matrix = getattr(graph, name)
         arrays |= {
@@ -253,7 +327,7 @@ def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
 
 def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGraph | None:
     """Return the graph; None when the arrays are not its matrices."""
-    photo = np.asarray(arrays["photo"], np.int32)
+    photo, photos = np.asarray(arrays["photo"], np.int32), tuple(str(name) for name in arrays["photos"])
     matrices: dict[str, csr_matrix] = {}
     for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
         parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
@@ -263,5 +337,8 @@ def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGra
         except ValueError:
             return None
     consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all()
-    usable = consecutive and all((one.data >= 0).all() for one in matrices.values())
-    return SceneGraph(photo=photo, **matrices) if usable else None
+    usable = (
+        consecutive and photo.max(initial=-1) < len(photos) and all((one.data >= 0).all() for one in matrices.values())
+    )
+    label = np.asarray(arrays["label"], np.int32)
+    return SceneGraph(photo=photo, label=label, photos=photos, **matrices) if usable else None

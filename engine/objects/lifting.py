@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from ..events import StopCheck
 from ..masks import mask_iou
 from .context import SegmentationContext
+from .graph import bounded
 from .settings import SegmentSettings
 from .views import MAX_OBJECT_EXTENT
-from .votes import HALF, MaskEvidence, count_votes
+from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
-__all__ = ["Levels", "Lifted", "bounded", "lift", "lift_levels"]
+__all__ = ["Levels", "lift", "lift_levels"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -23,23 +24,8 @@ Mask = NDArray[np.bool_]
 _LEVELS = (16.0, 4.0, 1.0, 0.25, 0.0625)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
 
-_MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it."""
-
 _SAME_LEVEL_IOU = 0.9  # by definition
 """IoU above which two levels are the same."""
-
-
-@dataclass(frozen=True)
-class Lifted:
-    """The Gaussians that evidence shows: their membership in [0, 1], shape [N]; one belongs from 0.5 on."""
-
-    membership: Float32
-
-    @property
-    def members(self) -> Mask:
-        """Gaussians that belong, bool [N]."""
-        return self.membership >= HALF
 
 
 @dataclass(frozen=True)
@@ -63,18 +49,6 @@ class Levels:
         return self.memberships[self.chosen]
 
 
-def bounded(membership: Float32, means: Float32) -> Float32:
-    """Return a membership, [N], that is 0 far from its members, so that no threshold adds what is elsewhere.
-
-    `means` are the positions of the Gaussians, [N, 3]. Without members, all are 0.
-    """
-    members = membership >= HALF
-    if not members.any():
-        return np.zeros_like(membership)
-    distances = np.linalg.norm(means - np.median(means[members], axis=0), axis=1)
-    return np.where(distances <= _MAX_RADII * np.percentile(distances[members], 90), membership, np.float32(0))
-
-
 def lift(
     context: SegmentationContext,
     evidence: Sequence[MaskEvidence],
@@ -82,8 +56,8 @@ def lift(
     *,
     before: Float32 | None = None,
     should_stop: StopCheck,
-) -> Lifted:
-    """Return the Gaussians of the object that `evidence` shows; there may be none.
+) -> Float32:
+    """Return the membership, [N], in the object that `evidence` shows; there may be no members.
 
     Several masks show one object together, even where no mask shows all of it.
 
@@ -103,12 +77,12 @@ def lift(
         When `should_stop` returns True.
     """
     if before is None:
-        return Lifted(_solve(context, evidence, settings, (1.0,), should_stop)[0])
+        return _solve(context, evidence, settings, (1.0,), should_stop)[0]
     added, removed = (
         _union(context, [item for item in evidence if item.excluded == kind], settings, (1.0,), should_stop)[0]
         for kind in (False, True)
     )
-    return Lifted(np.minimum(np.maximum(before, added), 1 - removed))
+    return np.minimum(np.maximum(before, added), 1 - removed)
 
 
 def lift_levels(
@@ -124,8 +98,8 @@ def lift_levels(
     chosen = _LEVELS.index(1.0)
     kept = [chosen]
     for number in sorted(range(len(_LEVELS)), key=lambda number: abs(number - chosen)):
-        members = solved[number] >= HALF
-        same = any(mask_iou(members, solved[other] >= HALF) > _SAME_LEVEL_IOU for other in kept)
+        members = solved[number] >= THRESHOLD
+        same = any(mask_iou(members, solved[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
         if members.any() and not same and context.views.extent(members) <= MAX_OBJECT_EXTENT:
             kept.append(number)
     return Levels(tuple(solved[number] for number in sorted(kept)), sorted(kept).index(chosen))
@@ -155,9 +129,10 @@ def _union(
 ) -> list[Float32]:
     """Return the largest membership over the masks for each factor of the strictness."""
     graph = context.graph(settings, should_stop)
-    votes = [count_votes(context.views, item, graph.pixels) for item in evidence]
-    nothing = np.zeros(len(graph.pixels), np.float32)
-    return [
-        np.maximum.reduce([nothing, *(graph.solve(each, factor * settings.strictness) for each in votes)])
-        for factor in factors
-    ]
+    strictness = settings.strictness * np.array(factors, np.float32)
+    highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
+    for item in evidence:
+        votes = count_votes(context.views, item, graph.pixels)
+        repeated = (np.repeat(each[:, None], len(factors), axis=1) for each in (votes.inside, votes.outside))
+        highest = np.maximum(highest, graph.solve_each(Votes(*repeated), strictness).T)
+    return list(highest)

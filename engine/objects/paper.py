@@ -1,27 +1,28 @@
 """The published method: one feature for the mask of a prompt, all Gaussians near it, then their convex hull.
 
-Dahaghin et al., "Gaussian Heritage" (2024). It shares with `engine.objects.segment` how prompts become masks of a text
-or of SAM, and nothing else. docs/paper.md lists where the text, its released code and this module differ.
+Dahaghin et al., "Gaussian Heritage" (2024). It shares with `engine.objects.segment` how boxes and masks become
+evidence, and nothing else. docs/paper.md lists where the text, its released code and this module differ.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from ..errors import PromptError
+from ..errors import Cancelled, PromptError
 from ..events import Emit, Progress, StopCheck
 from ..masks import mask_box
 from ..pictures import normalized
-from .candidates import Candidate, build_candidates, overlap
+from ..scene import Camera
 from .connected import connected_parts
 from .context import SegmentationContext
-from .crops import median_center
 from .evidence import (
     DetectorFactory,
     clicks_by_photo,
@@ -30,15 +31,20 @@ from .evidence import (
     nothing_behind,
     nothing_found,
     pixel_of,
+    require_known,
     require_mask,
 )
-from .found import FoundObject
-from .lifting import Levels, Lifted, bounded
+from .found import FoundObject, fit_of, overlap
+from .graph import bounded
+from .lifting import Levels
 from .photos import Photos
 from .prompts import ClickPrompt, Point, Prompt, TextPrompt, camera_of_prompt
 from .settings import PaperSettings
-from .views import View, Views, erode_mask
-from .votes import BELOW_HALF, HALF, MaskEvidence, count_votes
+from .views import View, Views, erode_mask, spread_cameras
+from .votes import BELOW_HALF, THRESHOLD, MaskEvidence, count_votes
+
+if TYPE_CHECKING:
+    from ..grounding import Detector
 
 __all__ = ["find_objects_of_paper"]
 
@@ -67,14 +73,14 @@ def find_objects_of_paper(
             _from_clicks(points, prompt.excluded, context, settings)
             for points in clicks_by_photo(prompt.clicks, views.cameras)
         ]
+    elif isinstance(prompt, TextPrompt):
+        evidence = _from_text(prompt, context, settings, detector_factory(), emit, should_stop)
     else:
-        evidence = find_evidence(
-            prompt, context, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
-        )
+        evidence = find_evidence(prompt, context)
     shown = [item for item in evidence if not item.excluded]
     if isinstance(prompt, TextPrompt) and not shown:
         raise nothing_found(prompt.text, context, settings)
-    candidates = build_candidates(
+    candidates = _candidates(
         views, shown, settings.same_object, lambda item: _lift(views, item, prompt, settings), should_stop
     )
     if not candidates:
@@ -89,16 +95,119 @@ def find_objects_of_paper(
     for number, (score, candidate) in enumerate(scored):
         if len(found) == settings.max_objects or score < settings.relative_score * scored[0][0]:
             break
-        membership = _completed(views, candidate.best, settings)
+        membership = _completed(views, candidate.membership, settings)
         membership = np.where(removed, np.minimum(membership, BELOW_HALF), membership)
         same = any(overlap(membership, other.membership) > settings.same_object for other in found)
-        if not same and (membership >= HALF).any():
+        if not same and (membership >= THRESHOLD).any():
             evidence_of = tuple(candidate.evidence)
             found.append(FoundObject(membership, score, candidate.fit, evidence_of, Levels((membership,))))
         emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(scored), message="Isolating"))
     if not found:
         raise PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
     return found
+
+
+@dataclass
+class _Candidate:
+    """Mask evidence that shows the same object.
+
+    Attributes
+    ----------
+    membership : array of shape [N], float32
+        Of the first evidence.
+    evidence : list of MaskEvidence
+        The best first.
+    fit : float
+        IoU of the first mask with the candidate rendered in the same view.
+    """
+
+    membership: Float32
+    evidence: list[MaskEvidence]
+    fit: float
+
+    def add(self, item: MaskEvidence, membership: Float32, fit: float, *, better: bool) -> None:
+        """Add evidence that shows the same object; `better` evidence becomes the first."""
+        if better:
+            self.membership, self.fit = membership, fit
+            self.evidence.insert(0, item)
+        else:
+            self.evidence.append(item)
+
+
+def _candidates(
+    views: Views,
+    evidence: Sequence[MaskEvidence],
+    same_object: float,
+    lift: Callable[[MaskEvidence], Float32 | None],
+    should_stop: StopCheck,
+) -> list[_Candidate]:
+    """Lift each mask to the Gaussians and merge what shows the same ones, led by the mask with the best fit.
+
+    Two masks show the same object when their Gaussians overlap by more than `same_object` of the smaller one.
+
+    Raises
+    ------
+    Cancelled
+        When `should_stop` returns True.
+    """
+    candidates: list[_Candidate] = []
+    for item in sorted(evidence, key=lambda item: -item.score):
+        if should_stop():
+            raise Cancelled("Stopped while isolating; no object was stored.")
+        membership = lift(item)
+        if membership is None:
+            continue
+        fit = fit_of(views, item.view, item.mask, membership)
+        same = next((c for c in candidates if overlap(c.membership, membership) > same_object), None)
+        if same is None:
+            candidates.append(_Candidate(membership, [item], fit))
+        else:
+            same.add(item, membership, fit, better=item.score * fit > same.evidence[0].score * same.fit)
+    return candidates
+
+
+def _from_text(
+    prompt: TextPrompt,
+    context: SegmentationContext,
+    settings: PaperSettings,
+    detector: Detector,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> list[MaskEvidence]:
+    """Return the masks that the detector finds in several photos, among their segments where there are some."""
+    require_known(prompt.text, detector)
+    evidence = []
+    # Existing segments are better regions than any box, and cost nothing.
+    views, label_maps = context.views, context.label_maps
+    segmented = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    cameras = spread_cameras(segmented or views.cameras.cameras, settings.n_text_views)
+    for number, camera in enumerate(cameras):
+        if should_stop():
+            raise Cancelled(f"Stopped while looking for {prompt.text!r}; no object was stored.")
+        view = views.of(camera)
+        for photo_mask, score in _detect(detector, prompt.text, camera, context.photos, label_maps.get(camera.photo)):
+            mask = view.from_photo(photo_mask)
+            if mask.any():
+                evidence.append(MaskEvidence(view, mask, score))
+        emit(
+            Progress(
+                "objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r} ({detector.name})"
+            )
+        )
+    return evidence
+
+
+def _detect(
+    detector: Detector, text: str, camera: Camera, photos: Photos, labels: NDArray[np.int32] | None
+) -> list[tuple[Mask, float]]:
+    """Return masks, in the pixels of the photo, and scores of all detections of `text` in one photo."""
+    pixels = photos.pixels(camera)
+    if labels is not None:
+        return [(labels == found.region, found.score) for found in detector.detect(pixels, text, labels=labels)]
+    scale = photos.scale(camera)
+    found = [(detection.box, detection.score) for detection in detector.detect(pixels, text)]
+    boxes = [(x0 / scale, y0 / scale, x1 / scale, y1 / scale) for (x0, y0, x1, y1), _ in found]
+    return [(photos.segment(camera, box=box)[0], score) for box, (_, score) in zip(boxes, found, strict=True)]
 
 
 def _from_clicks(
@@ -149,7 +258,7 @@ def _segment_similar(clicks: Sequence[Point], view: View, photos: Photos, cosine
     return view.from_photo(mask), score
 
 
-def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSettings) -> Lifted | None:
+def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSettings) -> Float32 | None:
     """Return the Gaussians with features like the mask's that are connected to what it shows; None without any."""
     view, mask = item.view, item.mask
     inner = erode_mask(mask, settings.erode_pixels) & view.covered
@@ -165,12 +274,12 @@ def _lift(views: Views, item: MaskEvidence, prompt: Prompt, settings: PaperSetti
     if direction is None:
         return None
     membership = calibrated(views.directions @ direction, settings.cosine)
-    members = np.flatnonzero(membership >= HALF)
+    members = np.flatnonzero(membership >= THRESHOLD)
     weights = count_votes(views, item, membership).inside
     connected = np.zeros(len(membership), bool)
     connected[members[connected_parts(views.scene.gaussians.means[members], weights[members])]] = True
     membership = np.where(connected, membership, np.minimum(membership, BELOW_HALF))
-    return Lifted(bounded(membership, views.scene.gaussians.means)) if connected.any() else None
+    return bounded(membership, views.scene.gaussians.means) if connected.any() else None
 
 
 def _shown_by(views: Views, evidence: Sequence[MaskEvidence]) -> Mask:
@@ -178,7 +287,7 @@ def _shown_by(views: Views, evidence: Sequence[MaskEvidence]) -> Mask:
     shown = np.zeros(len(views.scene), bool)
     for item in evidence:
         votes = count_votes(views, item, shown.astype(np.float32))
-        shown |= (votes.inside >= HALF) & (votes.inside > votes.outside)
+        shown |= (votes.inside >= THRESHOLD) & (votes.inside > votes.outside)
     return shown
 
 
@@ -187,19 +296,19 @@ def _clicked_feature(view: View, inner: Mask, click: Point, settings: PaperSetti
     column, row = pixel_of(view, click.x, click.y)
     features = view.features[inner]
     clicked = view.features[row, column]
-    return clicked if len(features) and (features @ clicked >= settings.cosine).mean() >= HALF else None
+    return clicked if len(features) and (features @ clicked >= settings.cosine).mean() >= THRESHOLD else None
 
 
-def _completed(views: Views, lifted: Lifted, settings: PaperSettings) -> Float32:
+def _completed(views: Views, membership: Float32, settings: PaperSettings) -> Float32:
     """Return the membership with the convex hull of the object filled in at 0.5."""
     means = views.scene.gaussians.means
-    corners = means[lifted.members]
+    corners = means[membership >= THRESHOLD]
     if settings.outlier_iqr is not None:
         corners = corners[within_quartiles(corners, settings.outlier_iqr)]
-    return np.where(inside_hull(corners, means), np.maximum(lifted.membership, HALF), lifted.membership)
+    return np.where(inside_hull(corners, means), np.maximum(membership, THRESHOLD), membership)
 
 
-def _agreement(views: Views, candidate: Candidate, searched: set[str]) -> float:
+def _agreement(views: Views, candidate: _Candidate, searched: set[str]) -> float:
     """Return the detector's mean score over the searched photos that face the candidate, times the candidate's fit.
 
     A photo in which the detector found something else counts 0: a candidate that several photos agree on wins over one
@@ -207,7 +316,7 @@ def _agreement(views: Views, candidate: Candidate, searched: set[str]) -> float:
     """
     facing = [
         camera.photo
-        for camera in views.facing(median_center(views, candidate.best.members))
+        for camera in views.facing(np.median(views.scene.gaussians.means[candidate.membership >= THRESHOLD], axis=0))
         if camera.photo in searched
     ]
     best_by_photo: dict[str, float] = {}

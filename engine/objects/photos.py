@@ -96,14 +96,6 @@ class Photos:
         )
         return found.mask, float(np.clip(found.iou, 0, 1))
 
-    def segment_scales(self, camera: Camera, box: tuple[float, float, float, float]) -> list[NDArray[np.bool_]]:
-        """Return SAM's masks of part, object and whole for a box as in `segment`, bool [H, W].
-
-        A SAM with a single mask per prompt gives one.
-        """
-        sam, embedding = self._encoded(camera)
-        return sam.predict_scale_masks(embedding, box=np.asarray(box, np.float32) * np.float32(self.scale(camera)))
-
     def _encoded(self, camera: Camera) -> tuple[SegmentAnything, Embedding]:
         if self._sam is None:
             self._sam = self._sam_factory()

@@ -1,4 +1,4 @@
-"""Segmentation by a prompt: its evidence is lifted to the Gaussians, and what a text names is ranked."""
+"""Segmentation by a prompt: its evidence is lifted to the Gaussians, and what a text names is found among proposals."""
 
 from __future__ import annotations
 
@@ -8,29 +8,40 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..errors import PromptError
 from ..events import Emit, Progress, StopCheck, part_of
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord
+from ..scene import Camera, PinholeCamera
 from .candidate_file import remember_candidates
-from .candidates import THRESHOLD, Candidate, fit_of, overlap
 from .context import SegmentationContext, load_context
-from .evidence import DetectorFactory, evidence_of_groups, find_evidence, nothing_behind, nothing_found
-from .found import FoundObject, ObjectRequest, store_found
+from .evidence import (
+    DetectorFactory,
+    evidence_of_places,
+    find_evidence,
+    nothing_behind,
+    nothing_found,
+    require_known,
+)
+from .found import FoundObject, NoMatchError, ObjectRequest, fit_of, overlap, store_found
 from .lifting import Levels, lift, lift_levels
 from .paper import find_objects_of_paper
 from .photos import SamFactory
 from .prompts import Prompt, TextPrompt, describe_prompt
-from .ranking import NoMatchError, TextScorer, build_text_candidates, no_match_error, rank_for_text
 from .settings import PaperSettings, SegmentSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
-from .votes import HALF, MaskEvidence
+from .votes import THRESHOLD, MaskEvidence
 
 if TYPE_CHECKING:
     from ..grounding import Detector
 
-__all__ = ["THRESHOLD", "find_objects", "isolate_object", "segment_project"]
+__all__ = ["find_objects", "isolate_object", "mask_at", "segment_project"]
+
+Mask = NDArray[np.bool_]
 
 
 def find_objects(
@@ -72,12 +83,49 @@ def find_objects(
         )
     if isinstance(prompt, TextPrompt):
         return _find_text(context, prompt, settings, detector_factory(), emit, should_stop)
-    evidence = find_evidence(
-        prompt, context, settings, detector_factory=detector_factory, emit=emit, should_stop=should_stop
-    )
-    found = isolate_object(context, evidence, settings, should_stop)
+    found = isolate_object(context, find_evidence(prompt, context), settings, should_stop)
     emit(Progress("objects", 1.0, message="Isolating"))
     return [found]
+
+
+def mask_at(
+    context: SegmentationContext,
+    camera: Camera | PinholeCamera,
+    click: tuple[float, float],
+    settings: SegmentSettings,
+    should_stop: StopCheck,
+) -> Mask:
+    """Return where the object under a pixel of any view of the scene is visible in that view.
+
+    Parameters
+    ----------
+    context : SegmentationContext
+    camera : Camera or PinholeCamera
+        Of a photo, or any other one.
+    click : (float, float)
+        x, y in pixels of the picture; (0, 0) is its top left corner.
+    settings : SegmentSettings
+    should_stop : callable
+
+    Returns
+    -------
+    bool array of shape [camera.height, camera.width]
+
+    Raises
+    ------
+    PromptError
+        When the click lies outside of the picture, or no Gaussian is there.
+    Cancelled
+        When `should_stop` returns True.
+    """
+    x, y = click
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise PromptError(
+            f"The click {x:g},{y:g} lies outside of the picture, {camera.width} x {camera.height} pixels."
+        )
+    view = context.views.from_anywhere(camera)
+    found = isolate_object(context, [evidence_of_places([click], view, context)], settings, should_stop)
+    return view.to_photo(context.views.visible_share(view, found.membership >= THRESHOLD) > THRESHOLD)
 
 
 def isolate_object(
@@ -102,10 +150,10 @@ def isolate_object(
     """
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
     if shown[0].given:  # a mask drawn by the user is the whole object
-        levels = Levels((lift(context, evidence, settings, should_stop=should_stop).membership,))
+        levels = Levels((lift(context, evidence, settings, should_stop=should_stop),))
     else:
         levels = lift_levels(context, evidence, settings, should_stop)
-    if not (levels.membership >= HALF).any():
+    if not (levels.membership >= THRESHOLD).any():
         if any(item.excluded for item in evidence):
             raise PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
         raise nothing_behind()
@@ -123,72 +171,59 @@ def _find_text(
 ) -> list[FoundObject]:
     """Return the objects that a text names, of which its spatial word may choose some; errors as in `find_objects`."""
     spatial = parse_spatial(prompt.text)
-    noun = TextPrompt(spatial.noun)
     if not spatial.word:
-        return _find_named(context, noun, settings, detector, emit, should_stop)
-    found = _find_named(context, noun, settings, detector, part_of(emit, 0, 2), should_stop)
+        return _find_named(context, spatial.noun, settings, detector, emit, should_stop)
+    found = _find_named(context, spatial.noun, settings, detector, part_of(emit, 0, 2), should_stop)
     others: list[FoundObject] = []
     if spatial.other:
         with contextlib.suppress(NoMatchError):  # `choose` says that there is none
-            others = _find_named(
-                context, TextPrompt(spatial.other), settings, detector, part_of(emit, 1, 2), should_stop
-            )
+            others = _find_named(context, spatial.other, settings, detector, part_of(emit, 1, 2), should_stop)
     means = context.views.scene.gaussians.means
-    extents, other_extents = ([Extent.of(means[one.membership >= HALF]) for one in kind] for kind in (found, others))
+    extents, other_extents = (
+        [Extent.of(means[one.membership >= THRESHOLD]) for one in kind] for kind in (found, others)
+    )
     camera = prompt.camera or showing_camera(context.views.cameras.cameras, extents)
     return [found[number] for number in choose(spatial, extents, other_extents, camera)]
 
 
 def _find_named(
     context: SegmentationContext,
-    prompt: TextPrompt,
+    text: str,
     settings: SegmentSettings,
     detector: Detector,
     emit: Emit,
     should_stop: StopCheck,
 ) -> list[FoundObject]:
     """Return the objects that a text names; errors as in `find_objects`."""
-    text = prompt.text
-    appearance = None
-    if settings.n_groups and detector.check_prompt(text).known:
-        appearance = context.group_appearance(detector, emit=part_of(emit, 0, 2), should_stop=should_stop)
-        emit = part_of(emit, 1, 2)
-    evidence = find_evidence(
-        prompt, context, settings, detector_factory=lambda: detector, emit=emit, should_stop=should_stop
-    )
-    if appearance is not None:
-        evidence += evidence_of_groups(text, appearance, context.views, detector, settings.n_groups)
-    if not evidence:
+    require_known(text, detector)
+    proposals = context.proposals(detector, settings, emit=part_of(emit, 0, 2), should_stop=should_stop)
+    emit(Progress("objects", 0.5, message=f"Looking for {text!r} ({detector.name})"))
+    scores = proposals.scores(text, detector, context.views, context.photos, settings.n_text_views)
+    if not scores.any():
         raise nothing_found(text, context, settings)
-    candidates = build_text_candidates(context, evidence, settings, should_stop)
-    if not candidates:
-        raise nothing_behind()
-    scorer = TextScorer(text, context, detector, settings, None if appearance is None else appearance.hierarchy)
-    ranked = rank_for_text(scorer, candidates, should_stop)
-    least = max(settings.least_score, settings.relative_score * ranked[0][0])
-    found: list[FoundObject] = []
-    for number, (score, candidate) in enumerate(ranked):
-        emit(Progress("objects", 0.7 + 0.3 * number / len(ranked), message="Isolating"))
-        if score < least or len(found) == settings.max_objects:
-            break
-        membership = candidate.best.membership
-        if not any(overlap(membership, other.membership) > settings.same_object for other in found):
-            levels = lift_levels(context, candidate.evidence[:1], settings, should_stop)
-            found.append(FoundObject(levels.membership, score, candidate.fit, tuple(candidate.evidence), levels))
-    emit(Progress("objects", 1.0, message="Isolating"))
-    if not found:
-        raise no_match_error(text, _different(ranked, settings), settings)
+    graph = context.graph(settings, should_stop)
+    # The best first, without versions of better ones.
+    different: list[int] = []
+    for number in np.argsort(-scores, kind="stable"):
+        members = proposals.members[number].astype(np.float32)
+        same = (overlap(members, proposals.members[k].astype(np.float32)) for k in different)
+        if len(different) < settings.max_objects and not any(share > settings.same_object for share in same):
+            different.append(int(number))
+    least = max(settings.least_score, settings.relative_score * float(scores.max()))
+    wanted = [number for number in different if scores[number] >= least]
+    nearest = [number for number in different if scores[number] >= THRESHOLD * scores.max()]
+    found = []
+    for done, number in enumerate(wanted or nearest):
+        item = proposals.evidence(number, float(scores[number]), graph, context.views, context.label_maps)
+        found.append(isolate_object(context, [item], settings, should_stop))
+        emit(Progress("objects", 0.5 + 0.5 * (done + 1) / len(wanted or nearest), message="Isolating"))
+    if not wanted:
+        raise NoMatchError(
+            f"Nothing in the photos looks enough like {text!r} (best match {found[0].score:.2f}, needed "
+            f"{settings.least_score:.2f}). Use another word, or click on the object instead.",
+            found,
+        )
     return found
-
-
-def _different(ranked: Sequence[tuple[float, Candidate]], settings: SegmentSettings) -> list[tuple[float, Candidate]]:
-    """Return the candidates that are no versions of better ones."""
-    kept: list[tuple[float, Candidate]] = []
-    for score, candidate in ranked:
-        membership = candidate.best.membership
-        if not any(overlap(membership, other.best.membership) > settings.same_object for _, other in kept):
-            kept.append((score, candidate))
-    return kept
 
 
 def segment_project(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -14,7 +14,7 @@ from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = ["MAX_OBJECT_EXTENT", "MIN_GROUPED_OPACITY", "View", "Views", "erode_mask", "spread_cameras"]
+__all__ = ["MAX_OBJECT_EXTENT", "View", "Views", "erode_mask", "spread_cameras"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -22,8 +22,8 @@ Mask = NDArray[np.bool_]
 MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 """Largest extent of an object, relative to `Views.cameras_spread`. Anything longer is a wall, a floor or a table."""
 
-MIN_GROUPED_OPACITY = 0.1  # chosen on museum_room
-"""Opacity above which a Gaussian takes part in forming groups. Fainter ones float in free space."""
+_SETS_PER_PASS = 60  # by definition
+"""Sets of Gaussians rendered in one pass. More need more memory and give the same masks."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +115,25 @@ class Views:
             self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
         return self._views[camera.photo]
 
+    def from_anywhere(self, camera: Camera | PinholeCamera) -> View:
+        """Return the view of a camera that need not be that of a photo; its `View.camera` is then called ``""``."""
+        if isinstance(camera, Camera):
+            return self.of(camera)
+        K = camera.K
+        lens = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+        self._views.pop("", None)
+        return self.of(Camera("", camera.width, camera.height, "PINHOLE", lens, camera.viewmat))
+
     def visible_share(self, view: View, members: Mask) -> Float32:
         """Return the share of each pixel of `view` that the members, bool [N], contribute, occluded by the others."""
         return self.scene.share(view.frame, members)
+
+    def visible_masks(self, view: View, members: Mask) -> Iterator[Mask]:
+        """Yield for each of K sets of Gaussians, bool [K, N], where it makes up more than half of a pixel of `view`."""
+        for start in range(0, len(members), _SETS_PER_PASS):
+            weights = members[start : start + _SETS_PER_PASS].T.astype(np.float32)
+            shares = self.scene.render(view.frame, channels=weights).channels
+            yield from np.moveaxis((shares > 0.5) & view.within[..., None], -1, 0)
 
     def extent(self, members: Mask) -> float:
         """Return the longest side of a box around the members, bool [N], relative to `cameras_spread`; 0 for none.

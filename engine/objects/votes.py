@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from .views import View, Views
 
-__all__ = ["BELOW_HALF", "HALF", "MaskEvidence", "Votes", "count_votes"]
+__all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-HALF = np.float32(0.5)  # by definition
-"""Membership from which on a Gaussian belongs to an object."""
+THRESHOLD = 0.5  # by definition
+"""Membership from which on a Gaussian belongs to an object, until the user moves the slider."""
 
-BELOW_HALF = np.nextafter(HALF, np.float32(0))  # by definition
+BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
 """Largest membership of a Gaussian that does not belong."""
 
 

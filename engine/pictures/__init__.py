@@ -9,9 +9,9 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .clusters import find_clusters
     from .png import write_png
-    from .render import render_view
+    from .render import Subject, render_view, visible_masks
     from .scene import Backend, Scene, normalized
 
-__all__ = ["Backend", "Scene", "find_clusters", "normalized", "render_view", "write_png"]
+__all__ = ["Backend", "Scene", "Subject", "find_clusters", "normalized", "render_view", "visible_masks", "write_png"]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,15 @@ from .clusters import cluster_colors, find_clusters, principal_colors
 from .png import write_png
 from .scene import Backend, Scene, normalized
 
-__all__ = ["DEPTH_STEPS_PER_UNIT", "INSTANCE_COSINE", "Subject", "click_mask", "render_view", "write_png"]
+__all__ = [
+    "DEPTH_STEPS_PER_UNIT",
+    "INSTANCE_COSINE",
+    "Subject",
+    "click_mask",
+    "render_view",
+    "visible_masks",
+    "write_png",
+]
 
 DEPTH_STEPS_PER_UNIT = 1000
 """Grey values of a depth picture per unit of the normalised world. 0 means no surface, 65535 this depth or more."""
@@ -28,6 +36,9 @@ resized to the photo."""
 
 _MIN_COVERAGE = 0.5
 """Coverage above which a pixel of a depth, instance or click picture counts as covered."""
+
+_MAX_SETS_PER_PASS = 16
+"""Sets of Gaussians rendered in one pass. Each needs one float per pixel."""
 
 Subject = Literal["rgb", "mask", "depth", "features", "instances"]
 Float32 = NDArray[np.float32]
@@ -86,7 +97,8 @@ def render_view(
     if what == "mask":
         if members is None:
             raise SettingsError("A mask requires an object. Choose it with --object.")
-        return _binary(_visible_part(Scene(gaussians, backend=backend), _frame(camera), members), camera)
+        (mask,) = visible_masks(Scene(gaussians, backend=backend), camera, [members])
+        return np.where(mask, np.uint8(255), np.uint8(0))
     shown = gaussians if members is None else gaussians[members]
     if what == "rgb":
         return _rgb(shown, camera, background, backend)
@@ -143,6 +155,21 @@ def click_mask(
     return _binary((similar & covered).astype(np.float32), camera, frame)
 
 
+def visible_masks(
+    scene: Scene, camera: Camera | PinholeCamera, members: Sequence[NDArray[np.bool_]]
+) -> Iterator[NDArray[np.bool_]]:
+    """Yield for each set of Gaussians where it makes up more than half of a pixel of the photo, bool [height, width].
+
+    The same as `render_view` with ``what="mask"``, for several sets in one pass.
+    """
+    frame = _frame(camera)
+    for start in range(0, len(members), _MAX_SETS_PER_PASS):
+        weights = np.stack(members[start : start + _MAX_SETS_PER_PASS], axis=1).astype(np.float32)
+        shares = scene.render(frame, channels=weights).channels
+        for channel in range(shares.shape[2]):
+            yield np.asarray(_to_photo(np.ascontiguousarray(shares[..., channel]), frame, camera) > 0.5)
+
+
 def _frame(camera: Camera | PinholeCamera, *, max_side: int | None = None) -> PinholeCamera:
     if isinstance(camera, PinholeCamera):
         return camera
@@ -180,11 +207,6 @@ def _uint8(values: Float32) -> NDArray[np.uint8]:
 def _binary(share: Float32, camera: Camera | PinholeCamera, frame: PinholeCamera | None = None) -> NDArray[np.uint8]:
     picture = _to_photo(share, frame or _frame(camera), camera)
     return np.where(picture > 0.5, np.uint8(255), np.uint8(0))
-
-
-def _visible_part(scene: Scene, frame: PinholeCamera, members: NDArray[np.bool_]) -> Float32:
-    """Return the share of each pixel that the members contribute in the whole scene, shape [H, W]."""
-    return scene.render(frame, channels=members[:, None].astype(np.float32)).channels[..., 0]
 
 
 def _rgb(

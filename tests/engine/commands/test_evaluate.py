@@ -16,7 +16,7 @@ from tests.engine.pictures.blob_scene import BLUE, BlobScene
 @pytest.fixture
 def scene(blobs: BlobScene, tmp_path: Path) -> Path:
     write_truth(blobs, tmp_path / "truth", names={BLUE: "blue ball"})
-    return held_out(trained_project(blobs, tmp_path, segments=True)).path
+    return held_out(trained_project(blobs, tmp_path)).path
 
 
 def test_table_is_told_and_written_and_the_project_untouched(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -9,12 +10,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from engine.cameras import covering_pinhole
 from engine.errors import EnvironmentProblem
+from engine.objects.storage import save_object
+from engine.pictures.render import render_view
 from engine.rasterizer import gpu as gpu_backend
 from engine.rasterizer.gpu import adapters, open_gpu, self_test
+from engine.records import ObjectRecord
+from engine.scene import PinholeCamera
 from tests.engine.command_line import Answer, call
 from tests.engine.objects.fakes import trained_project
-from tests.engine.pictures.blob_scene import BlobScene
+from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 SENTENCE = "this computer has no graphics card with Vulkan, Metal or DirectX 12"
 
@@ -58,6 +64,50 @@ def test_without_a_card_the_processor_renders_and_the_sentence_says_why(
     (finished,) = render(capsys, scene, tmp_path / "out.png").of_kind("finished")
     assert finished["message"].endswith(f"It was rendered on cpu, because {SENTENCE}.")
     assert (tmp_path / "out.png").exists()
+
+
+def test_several_views_and_objects_are_rendered_in_one_call(
+    blobs: BlobScene, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, part in (("ball", RED), ("twin", TWIN)):
+        members = (blobs.part == part).astype(np.float32)
+        record = ObjectRecord(name, name, {"kind": "click"}, 0.5, 1.0, 1.0, int(members.sum()), len(members))
+        save_object(scene, record, members)
+    wanted = ["--view", "view_1.png", "--view", "view_3.png", "--object", "ball", "--object", "twin", "--what", "mask"]
+    answer = call(capsys, "render", scene, *wanted, "--out", tmp_path / "pictures")
+    (finished,) = answer.of_kind("finished")
+    names = ["view_1-ball.png", "view_1-twin.png", "view_3-ball.png", "view_3-twin.png"]
+    assert [Path(file).name for file in finished["outputs"]["files"]] == names
+    assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == names
+    for name, part in zip(names, (RED, TWIN, RED, TWIN), strict=True):
+        shown = np.asarray(Image.open(tmp_path / "pictures" / name)) > 0
+        truth = blobs.labels[f"{name.split('-')[0]}.png"] == part
+        assert (shown & truth).sum() / (shown | truth).sum() > 0.8
+    assert "already exists" in call(capsys, "render", scene, *wanted, "--out", tmp_path / "pictures").error
+    assert "Choose a folder" in call(capsys, "render", scene, *wanted, "--out", tmp_path / "one.png").error
+
+
+def test_click_in_any_rendered_view_gives_the_mask_of_the_object_there(
+    blobs: BlobScene, scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo = blobs.cameras.cameras[1]
+    frame = covering_pinhole(photo)
+    K = {"fx": frame.K[0, 0], "fy": frame.K[1, 1], "cx": frame.K[0, 2], "cy": frame.K[1, 2]}
+    moved = frame.viewmat.copy()
+    moved[2, 3] += 0.15  # farther away than any photo
+    camera = {"width": frame.width, "height": frame.height, **K, "viewmat": moved.tolist()}
+    (tmp_path / "away.json").write_text(json.dumps(camera))
+    x, y, depth = moved[:3, :3] @ np.median(blobs.gaussians.means[blobs.part == BLUE], axis=0) + moved[:3, 3]
+    click = f"{K['fx'] * x / depth + K['cx']:.1f},{K['fy'] * y / depth + K['cy']:.1f}"
+    out = tmp_path / "mask.png"
+    arguments = ("--camera", tmp_path / "away.json", "--what", "mask", "--click", click, "--out", out)
+    assert call(capsys, "render", scene, *arguments).code == 0
+    shown = np.asarray(Image.open(out)) > 0
+    elsewhere = PinholeCamera(moved, frame.K, frame.width, frame.height)
+    truth = render_view(blobs.gaussians, elsewhere, what="mask", members=blobs.part == BLUE) > 0
+    assert (shown & truth).sum() / (shown | truth).sum() > 0.9
+    outside = call(capsys, "render", scene, *arguments[:-3], "9999,1", "--out", tmp_path / "other.png")
+    assert "outside of the picture" in outside.error and outside.code != 0
 
 
 def test_card_that_is_demanded_and_missing_is_one_sentence(

@@ -19,7 +19,7 @@ from tests.engine.pictures.blob_scene import BLUE, RED, BlobScene
 
 @pytest.fixture
 def scene(blobs: BlobScene, tmp_path: Path) -> Path:
-    return trained_project(blobs, tmp_path, segments=True).path
+    return trained_project(blobs, tmp_path).path
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_unknown_prompt_names_the_nearest_words(scene: Path, capsys: pytest.Capt
     assert list_objects(scene) == []
 
 
-@pytest.mark.parametrize("prompt", [("--prompt", "vase"), ("--click", "view_1.png=80,60")], ids=["text", "click"])
+@pytest.mark.parametrize("prompt", [("--prompt", "vase"), ("--box", "view_1.png=60,40,90,70")], ids=["text", "box"])
 def test_missing_model_file_names_the_command(
     prompt: tuple[str, str], scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -93,8 +93,9 @@ def test_photo_that_is_not_of_the_scene_is_named(photo: str, scene: Path, capsys
 
 def test_photos_that_moved_away_are_named(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (scene.parent / "photos").rename(scene.parent / "elsewhere")
-    error = call(capsys, "segment", scene, "--click", "view_1.png=80,60").error
-    assert "view_1.png" in error
+    assert "view_1.png" in call(capsys, "segment", scene, "--box", "view_1.png=60,40,90,70").error
+    # A click needs neither the photos nor Segment Anything.
+    assert call(capsys, "segment", scene, "--click", "view_1.png=80,60").code == 0
 
 
 @pytest.fixture

@@ -100,7 +100,8 @@ def test_object_found_without_a_prompt_gets_its_name(detector: OfflineVocabulary
     mask = room.labels == room.ids[exhibit]
     rows, columns = np.nonzero(mask)
     box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
-    names = detector.name_crops([(room.pixels, box, mask)])
-    assert names[0][0] == exhibit and names[0][1] > 0.8
+    described = detector.describe_crops(room.pixels, [box], [mask])
+    names = detector.name_descriptions(described)
+    assert names[0][0] == exhibit and names[0][1] > 0.6
     assert [score for _, score in names] == sorted((score for _, score in names), reverse=True)
-    assert detector.name_crops([]) == []
+    assert detector.name_descriptions(described[:0]) == []

@@ -50,9 +50,6 @@ class FakeSam:
             mask = min((truth == part for part in np.unique(truth)[1:]), key=lambda m: np.abs(box_of(m) - box).sum())
         return FakePrediction(mask, 0.9, np.zeros((256, 256), np.float32))
 
-    def predict_scale_masks(self, embedding, box):  # type: ignore[no-untyped-def]
-        return [self.predict(embedding, None, None, box).mask]
-
 
 def box_of(mask: np.ndarray) -> np.ndarray:
     rows, columns = np.nonzero(mask)
@@ -110,16 +107,15 @@ class FakeDetector:
         meant = [part for part, name in PART_NAMES.items() if name == prompt]
         return [float(row[meant].max(initial=0.0)) for row in described]
 
-    def name_crops(self, crops):  # type: ignore[no-untyped-def]
-        """Return the name of the part that fills most of the first mask, with its share as the score."""
-        for pixels, _, mask in crops:
-            photo = next(name for name, other in self.scene.pixels.items() if np.array_equal(other, pixels))
-            counts = np.bincount(self.scene.labels[photo][mask], minlength=4)
-            return [(PART_NAMES.get(int(counts.argmax()), "floor"), float(counts.max() / counts.sum()))]
-        return []
+    def name_descriptions(self, described):  # type: ignore[no-untyped-def]
+        """Return the name of the part that the descriptions fit best, with their mean IoU as the score."""
+        if len(described) == 0:
+            return []
+        mean = np.mean(described, axis=0)
+        return [(PART_NAMES.get(int(mean.argmax()), "floor"), float(mean.max()))]
 
 
-def trained_project(scene: BlobScene, folder: Path, *, features: bool = True, segments: bool = False) -> ProjectFolder:
+def trained_project(scene: BlobScene, folder: Path, *, features: bool = True, segments: bool = True) -> ProjectFolder:
     """Write a project as if `scene` had been trained, and its photos beside the project.
 
     With `segments`, the true parts are the segments of the photos.

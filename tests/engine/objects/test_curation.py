@@ -38,7 +38,7 @@ SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 
 @pytest.fixture
 def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
-    return trained_project(blobs, tmp_path, segments=True)
+    return trained_project(blobs, tmp_path)
 
 
 def models(scene: BlobScene, detector: FakeDetector | None = None, sam: FakeSam | None = None) -> dict[str, object]:
@@ -107,8 +107,8 @@ def test_text_that_finds_nothing_stores_only_the_reason(blobs: BlobScene, projec
 class Unsure(FakeDetector):
     """Finds the right thing, but scores it low from all sides."""
 
-    def score_crops(self, pixels, boxes, prompt, *, masks=None):  # type: ignore[no-untyped-def]
-        return [0.05 * score for score in super().score_crops(pixels, boxes, prompt, masks=masks)]
+    def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+        return [0.05 * score for score in super().score_descriptions(described, prompt)]
 
 
 def refuse(blobs: BlobScene, project: ProjectFolder) -> list[dict[str, object]]:

@@ -22,7 +22,7 @@ SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 
 
 def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, SegmentationContext]:
-    project = trained_project(blobs, folder, segments=True)
+    project = trained_project(blobs, folder)
     return project, load_context(project, SMALL, lambda: FakeSam(blobs))
 
 
@@ -64,8 +64,8 @@ def test_unsure_names_are_numbers_and_the_background_is_the_rest(blobs: BlobScen
     project, _ = look(blobs, tmp_path)
 
     class Unsure(FakeDetector):
-        def name_crops(self, crops):  # type: ignore[no-untyped-def]
-            return [(word, 0.3 * score) for word, score in super().name_crops(crops)]
+        def name_descriptions(self, described):  # type: ignore[no-untyped-def]
+            return [(word, 0.1 * score) for word, score in super().name_descriptions(described)]
 
     models = {"detector_factory": lambda: Unsure(blobs), "sam_factory": lambda: FakeSam(blobs)}
     made, kept, background = segment_everything_in(

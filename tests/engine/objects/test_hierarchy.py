@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.objects.hierarchy import UNGROUPED_PROMINENCE, Hierarchy, build_hierarchy
+from engine.objects.hierarchy import Hierarchy, build_hierarchy
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
@@ -23,9 +23,8 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def test_every_object_is_one_of_the_groups_and_equal_objects_are_two(groups: Hierarchy, blobs: BlobScene) -> None:
-    members = [groups.members(k) for k in range(len(groups.groups))]
     for part in (RED, TWIN, BLUE):
-        assert max(iou(one, blobs.part == part) for one in members) > 0.95
+        assert max(iou(one, blobs.part == part) for one in groups.members) > 0.95
 
 
 def test_groups_are_nested_or_disjoint(groups: Hierarchy) -> None:
@@ -35,29 +34,6 @@ def test_groups_are_nested_or_disjoint(groups: Hierarchy) -> None:
         for other_first, other_stop in groups.groups:
             nested = (first <= other_first and other_stop <= stop) or (other_first <= first and stop <= other_stop)
             assert nested or stop <= other_first or other_stop <= first
-
-
-def test_an_object_is_prominent_and_its_half_or_it_with_the_floor_is_not(groups: Hierarchy, blobs: BlobScene) -> None:
-    blue = blobs.part == BLUE
-    ious = [iou(groups.members(k), blue) for k in range(len(groups.groups))]
-    best = int(np.argmax(ious))
-    first, stop = groups.groups[best]
-    related = [
-        k
-        for k, (a, b) in enumerate(groups.groups)
-        if k != best and b - a < groups.n_finest and ((a <= first and stop <= b) or (first <= a and b <= stop))
-    ]
-    assert related
-    assert groups.prominence[best] > 0.7 > groups.prominence[related].max()
-    assert groups.prominence_of(blue) == groups.prominence[best]
-    assert ((groups.prominence >= 0) & (groups.prominence <= 1)).all()
-
-
-def test_gaussians_unlike_any_group_have_low_prominence(groups: Hierarchy, blobs: BlobScene) -> None:
-    scattered = np.zeros(len(blobs.gaussians), bool)
-    scattered[::9] = True
-    assert groups.prominence_of(scattered) == UNGROUPED_PROMINENCE
-    assert groups.prominence_of(np.zeros(len(blobs.gaussians), bool)) == UNGROUPED_PROMINENCE
 
 
 def test_the_same_scene_falls_into_the_same_groups(groups: Hierarchy, blobs: BlobScene) -> None:
@@ -71,12 +47,6 @@ def test_a_handful_of_gaussians_has_few_groups_or_none(count: int, blobs: BlobSc
     scene = Scene(few)
     found = build_hierarchy(Views(scene, blobs.cameras, render_side=160))
     assert found.finest.shape == (count,) and found.finest.max() < max(1, found.n_finest)
-    assert found.prominence_of(np.ones(count, bool)) >= 0
-
-
-def test_the_whole_scene_has_no_prominence(groups: Hierarchy) -> None:
-    sizes = [int(groups.members(k).sum()) for k in range(len(groups.groups))]
-    assert groups.prominence[int(np.argmax(sizes))] == 0
 
 
 def test_cut_takes_a_group_unless_its_parts_score_more() -> None:
@@ -84,10 +54,8 @@ def test_cut_takes_a_group_unless_its_parts_score_more() -> None:
     #     3     \
     #   0   1    2
     groups = np.array([[0, 1], [1, 2], [2, 3], [0, 2], [0, 3]], np.int32)
-    tree = Hierarchy(np.array([0, 1, 2, -1], np.int32), groups, np.zeros(5, np.float32))
+    tree = Hierarchy(np.array([0, 1, 2, -1], np.int32), groups)
     assert sorted(tree.cut(np.array([1.0, 1, 1, 3, 2]))) == [2, 3]
     assert tree.cut(np.array([1.0, 1, 1, 2, 3])) == [4]
     assert sorted(tree.cut(np.array([2.0, 1, 1, 2.5, 3]))) == [0, 1, 2]
-    np.testing.assert_array_equal(
-        tree.membership_matrix().toarray(), [[1, 0, 0, 1, 1], [0, 1, 0, 1, 1], [0, 0, 1, 0, 1], [0, 0, 0, 0, 0]]
-    )
+    np.testing.assert_array_equal(tree.members, [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [1, 1, 0, 0], [1, 1, 1, 0]])

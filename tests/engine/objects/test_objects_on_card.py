@@ -42,7 +42,7 @@ def test_objects_are_those_of_the_processor(prompt: str, card: Gpu, blobs: BlobS
     }
     found = []
     for device in (CARD, PROCESSOR):
-        project = trained_project(blobs, tmp_path / device.name, segments=True)
+        project = trained_project(blobs, tmp_path / device.name)
         context = load_context(project, SMALL, lambda: FakeSam(blobs), device=device)
         assert context.views.scene.backend == device.backend
         if prompt == "all":
