@@ -28,16 +28,26 @@ TEXTS: dict[str, str] = {
     "As trained, in all viewport modes": "Wie trainiert, in allen Ansichten",
     "A dot for each Gaussian, the fastest": "Ein Punkt je Gaussian; am schnellsten",
     "Axis of the file that points up": "Achse der Datei, die nach oben zeigt",
-    "How the viewports show splats. Renders always show all Gaussians": "Wie die Ansichten Splats zeigen. Gerendert werden immer alle Gaussians",
-    "Draw with fewer pixels while the view moves, and sharpen the picture when it rests": "Mit weniger Pixeln zeichnen, solange sich die Ansicht bewegt, und das Bild schärfen, wenn sie ruht",
+    "How the viewports show splats. Renders always show all Gaussians": (
+        "Wie die Ansichten Splats zeigen. Gerendert werden immer alle Gaussians"
+    ),
+    "Draw with fewer pixels while the view moves, and sharpen the picture when it rests": (
+        "Mit weniger Pixeln zeichnen, solange sich die Ansicht bewegt, und das Bild schärfen, wenn sie ruht"
+    ),
     "Hide this object in viewports and renders": "Dieses Objekt in Ansichten und beim Rendern ausblenden",
-    "Hide all objects but the one selected in the list; again: show all but the background": "Alle Objekte außer dem gewählten der Liste ausblenden; noch einmal: alle außer dem Hintergrund zeigen",
+    "Hide all objects but the one selected in the list; again: show all but the background": (
+        "Alle Objekte außer dem gewählten der Liste ausblenden; noch einmal: alle außer dem Hintergrund zeigen"
+    ),
     "Each object stands where it stands in this scene": "Jedes Objekt steht dort, wo es in dieser Szene steht",
     "Y points up": "Y zeigt nach oben",
     "Y points down, as in most Gaussian scenes": "Y zeigt nach unten, wie in den meisten Gaussian-Szenen",
     "Z points up, as in Blender": "Z zeigt nach oben, wie in Blender",
-    "Compressed to a sixth of the size, with some loss and without a record": "Auf ein Sechstel der Größe verdichtet, mit etwas Verlust und ohne Herkunftsnachweis",
-    "Skip Gaussians with invalid values instead of rejecting the file": "Gaussians mit ungültigen Werten auslassen, statt die Datei abzulehnen",
+    "Compressed to a sixth of the size, with some loss and without a record": (
+        "Auf ein Sechstel der Größe verdichtet, mit etwas Verlust und ohne Herkunftsnachweis"
+    ),
+    "Skip Gaussians with invalid values instead of rejecting the file": (
+        "Gaussians mit ungültigen Werten auslassen, statt die Datei abzulehnen"
+    ),
     "Selected splats, including whole scenes": "Ausgewählte Splats, auch ganze Szenen",
     "Action": "Aktion",
     "Active Object": "Aktives Objekt",
