@@ -126,14 +126,12 @@ class ProjectFolder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             require_no_links_out(self.path)
-            # Held open until __exit__; the operating system releases the lock even after kill -9.
-            stream = (self.path / _LOCK_FILE).open("a+", encoding="utf-8")
+            stream = _open_locked(self.path / _LOCK_FILE)
         except OSError as error:
             raise DiskError(
                 f"{self.path} cannot be written: {error.strerror or error}. Choose another folder."
             ) from error
-        if not _try_lock(stream):
-            stream.close()
+        if stream is None:
             raise ProjectInUse(
                 f"Another job is working in {self.path}. Wait for it, cancel it, or choose another folder."
             )
@@ -295,9 +293,14 @@ def hold_mark(file: Path) -> IO[str] | None:
     """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        stream = file.open("a+", encoding="utf-8")
+        return _open_locked(file)
     except OSError as error:
         raise DiskError(f"{file} cannot be written: {error.strerror or error}. Check its permissions.") from error
+
+
+def _open_locked(file: Path) -> IO[str] | None:
+    """Return `file` opened and locked until it is closed, even by kill -9; None when another program holds it."""
+    stream = file.open("a+", encoding="utf-8")
     if _try_lock(stream):
         return stream
     stream.close()

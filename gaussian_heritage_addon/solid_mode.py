@@ -10,7 +10,7 @@ from .guards import add_load_handler, remove_load_handler, subscribe, unsubscrib
 from .properties import heritage_objects
 from .splat_nodes import SOLID, display_input, set_display_input
 
-__all__ = ["OPAQUE_MODES", "register", "unregister", "update_shapes", "viewports"]
+__all__ = ["OPAQUE_MODES", "redraw_viewports", "register", "unregister", "update_shapes", "viewports"]
 
 OPAQUE_MODES = ("SOLID", "WIREFRAME")
 """Types of shading that draw no transparency and no materials."""
@@ -37,6 +37,14 @@ def viewports(scene: bpy.types.Scene | None = None) -> Iterator[bpy.types.Area]:
     for window in bpy.context.window_manager.windows:
         if scene is None or window.scene == scene:
             yield from (area for area in window.screen.areas if area.type == "VIEW_3D")
+
+
+def redraw_viewports() -> None:
+    """Draw the scene of all 3D viewports again, without their sidebars."""
+    for area in viewports():
+        for region in area.regions:
+            if region.type == "WINDOW":
+                region.tag_redraw()
 
 
 def _follow() -> None:

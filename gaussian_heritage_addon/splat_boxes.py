@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..engine.scene import box_of
 from .guards import Timer
-from .solid_mode import viewports
+from .solid_mode import redraw_viewports
 from .splats import SplatScene
 
 __all__ = ["Box", "draw_boxes", "flash", "frame", "is_flashing", "shown_box"]
@@ -84,10 +84,7 @@ def is_flashing(name: str) -> bool:
 
 
 def _blink() -> float | None:
-    for area in viewports():
-        for region in area.regions:
-            if region.type == "WINDOW":
-                region.tag_redraw()
+    redraw_viewports()
     now = time.monotonic()
     for name in [name for name, ends in _flashing.items() if ends < now]:
         del _flashing[name]

@@ -29,6 +29,7 @@ from .guards import (
     remove_load_handler,
 )
 from .properties import heritage_objects, photo_of
+from .solid_mode import redraw_viewports
 from .splat_boxes import Box, draw_boxes, shown_box
 from .splat_order import View, draw_order
 from .splat_shader import copy_shader, splat_shader
@@ -353,16 +354,7 @@ def _programs() -> tuple[Any, Any, Any, Any]:
     return _state.programs
 
 
-def _sharpen() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "WINDOW":
-                        region.tag_redraw()
-
-
-_rest_timer = Timer(_sharpen)
+_rest_timer = Timer(redraw_viewports)
 
 
 def _show_shapes() -> None:

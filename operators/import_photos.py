@@ -8,7 +8,6 @@ from typing import Annotated
 
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, StringProperty
-from bpy_extras.io_utils import poll_file_object_drop
 
 from ..engine.errors import PhotoError
 from ..engine.photos.settings import VIDEO_SUFFIXES
@@ -16,6 +15,7 @@ from ..engine.project_content import default_project_folder
 from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .dropped_files import DroppedIntoView
 
 __all__ = ["CLASSES"]
 
@@ -126,7 +126,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HERITAGE_FH_photos(bpy.types.FileHandler):
+class HERITAGE_FH_photos(DroppedIntoView, bpy.types.FileHandler):
     """Imports the folder of the photos that are dropped into the viewport. Blender takes no dropped folders."""
 
     bl_idname = "HERITAGE_FH_photos"
@@ -134,24 +134,14 @@ class HERITAGE_FH_photos(bpy.types.FileHandler):
     bl_import_operator = "heritage.import_photo_folder"
     bl_file_extensions = ";".join(_PHOTO_SUFFIXES)
 
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Return whether files can be dropped here: in the 3D viewport and the outliner."""
-        return poll_file_object_drop(context)
 
-
-class HERITAGE_FH_video(bpy.types.FileHandler):
+class HERITAGE_FH_video(DroppedIntoView, bpy.types.FileHandler):
     """Imports a video that is dropped into the viewport."""
 
     bl_idname = "HERITAGE_FH_video"
     bl_label = "Video as Gaussian Scene"
     bl_import_operator = "heritage.import_photo_folder"
     bl_file_extensions = ";".join(VIDEO_SUFFIXES)
-
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Return whether files can be dropped here: in the 3D viewport and the outliner."""
-        return poll_file_object_drop(context)
 
 
 CLASSES = [HERITAGE_OT_import_photo_folder, HERITAGE_FH_photos, HERITAGE_FH_video]

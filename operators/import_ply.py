@@ -7,11 +7,12 @@ from typing import Annotated, cast
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
-from bpy_extras.io_utils import ImportHelper, poll_file_object_drop
+from bpy_extras.io_utils import ImportHelper
 
 from ..engine.formats import Up
 from ..gaussian_heritage_addon.scene_file import add_other_file, prepare_cycles
 from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .dropped_files import DroppedIntoView
 
 __all__ = ["CLASSES"]
 
@@ -67,18 +68,13 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
 
-class HERITAGE_FH_gaussian_ply(bpy.types.FileHandler):
+class HERITAGE_FH_gaussian_ply(DroppedIntoView, bpy.types.FileHandler):
     """Imports a Gaussian PLY file that is dropped into the viewport."""
 
     bl_idname = "HERITAGE_FH_gaussian_ply"
     bl_label = "Gaussian Scene"
     bl_import_operator = "heritage.import_gaussian_ply"
     bl_file_extensions = ".ply"
-
-    @classmethod
-    def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Return whether files can be dropped here: in the 3D viewport and the outliner."""
-        return poll_file_object_drop(context)
 
 
 CLASSES = [HERITAGE_OT_import_gaussian_ply, HERITAGE_FH_gaussian_ply]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ModelFileError
-from ..masks import mask_box
+from ..masks import box_ious, mask_box
 from ..models import locate, open_session
 from .detector import Detection, PromptCheck
 from .dino_inputs import Tokens, load_tokenizer, normalise_picture, resized_size, to_caption
@@ -226,7 +226,7 @@ class GroundingDino:
         x0, y0 = np.clip(np.floor(box[:2] - margin), 0, (width - 1, height - 1)).astype(int)
         x1, y1 = np.clip(np.ceil(box[2:] + margin), (x0 + 1, y0 + 1), (width, height)).astype(int)
         predicted = self.predict_boxes(np.ascontiguousarray(pixels[y0:y1, x0:x1]), prompt)
-        overlaps = _ious(predicted.corners, (box - (x0, y0, x0, y0)).astype(np.float32))
+        overlaps = box_ious(predicted.corners, (box - (x0, y0, x0, y0)).astype(np.float32))
         return float(predicted.scores[overlaps >= _MIN_CROP_IOU].max(initial=0.0))
 
     def predict_boxes(self, pixels: Pixels, prompt: str) -> Boxes:
@@ -326,7 +326,7 @@ def best_segments(
             if int(number) not in segment_boxes:
                 segment_boxes[int(number)] = np.array(_extent(labels == number, box), np.float32)
             segment_box = segment_boxes[int(number)]
-            fit = float(_ious(segment_box[None], box)[0]) * float(inside[number] / areas[number])
+            fit = float(box_ious(segment_box[None], box)[0]) * float(inside[number] / areas[number])
             if fit > best[1]:
                 best = (int(number), fit, _as_box(segment_box))
         results.append(best)
@@ -343,17 +343,9 @@ def _suppress_overlapping(corners: Float32, order: Sequence[int], max_overlap: f
     """Return the indices in `order` that non-maximum suppression keeps."""
     kept: list[int] = []
     for i in order:
-        if not kept or _ious(corners[kept], corners[i]).max() <= max_overlap:
+        if not kept or box_ious(corners[kept], corners[i]).max() <= max_overlap:
             kept.append(int(i))
     return kept
-
-
-def _ious(boxes: Float32, box: Float32) -> Float32:
-    """Return the intersection over union of each of `boxes`, shape [n, 4], with one box."""
-    sides = np.clip(np.minimum(boxes[:, 2:], box[2:]) - np.maximum(boxes[:, :2], box[:2]), 0, None)
-    intersection = sides.prod(axis=1)
-    union = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1) + (box[2:] - box[:2]).prod() - intersection
-    return np.asarray(intersection / np.maximum(union, 1e-9), np.float32)
 
 
 def _clip_to_photo(corners: Float32, shape: tuple[int, ...]) -> Float32:

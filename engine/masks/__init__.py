@@ -8,7 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .embeddings import EmbeddingFolder
-    from .mask_geometry import mask_box, mask_iou
+    from .mask_geometry import box_ious, mask_box, mask_iou
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
     from .storage import label_map_path, read_label_map
@@ -21,6 +21,7 @@ __all__ = [
     "load_default_sam",
     "load_sam",
     "make_masks",
+    "box_ious",
     "mask_box",
     "mask_iou",
     "read_label_map",

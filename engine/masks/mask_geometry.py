@@ -1,12 +1,13 @@
-"""Overlap and bounding box of boolean masks."""
+"""Overlap of boolean masks and of boxes, and the bounding box of a mask."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["mask_box", "mask_iou"]
+__all__ = ["box_ious", "mask_box", "mask_iou"]
 
+Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
@@ -20,6 +21,14 @@ def mask_iou(first: Mask, second: Mask) -> float:
     """
     union = int(np.count_nonzero(first | second))
     return int(np.count_nonzero(first & second)) / union if union else 0.0
+
+
+def box_ious(boxes: Float32, box: Float32) -> Float32:
+    """Return the intersection over union of each of `boxes`, shape [N, 4], with one box, shape [4]: x0, y0, x1, y1."""
+    sides = np.clip(np.minimum(boxes[:, 2:], box[2:]) - np.maximum(boxes[:, :2], box[:2]), 0, None)
+    intersection = sides.prod(axis=1)
+    union = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1) + (box[2:] - box[:2]).prod() - intersection
+    return np.asarray(intersection / np.maximum(union, 1e-9), np.float32)
 
 
 def mask_box(mask: Mask) -> tuple[int, int, int, int] | None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled
 from ..events import Emit, Progress, StopCheck, part_of
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
-from ..masks import mask_box
+from ..masks import box_ious, mask_box
 from ..project_folder import stage_key
 from ..scene import Camera
 from .graph import SceneGraph, bounded
@@ -131,10 +131,12 @@ class Proposals:
         searched = spread_cameras([one for one in views.cameras.cameras if one.photo in set(self.photo)], n_photos)
         rows, known = np.zeros(len(self.proposal)), np.zeros(len(self.proposal), bool)
         for camera in searched:
-            found = detector.detect(photos.pixels(camera), text)
-            for number in (k for k, photo in enumerate(self.photo) if photo == camera.photo):
-                fits = [one.score for one in found if _box_iou(self.box[number], one.box) >= THRESHOLD]
-                known[number], rows[number] = True, (1 + max(fits)) / 2 if fits else 0.0
+            numbers = np.flatnonzero(np.array(self.photo) == camera.photo)
+            known[numbers] = True
+            for found in detector.detect(photos.pixels(camera), text):
+                overlaps = box_ious(self.box[numbers], np.asarray(found.box, np.float32))
+                fitting = numbers[overlaps >= THRESHOLD]
+                rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
         return rows, known
 
     def names(self, detector: Detector) -> list[tuple[str, float]]:
@@ -150,13 +152,6 @@ class Proposals:
         photo = graph.photos[graph.photo[segment]]
         view = views.of(next(camera for camera in views.cameras.cameras if camera.photo == photo))
         return MaskEvidence(view, view.labels_from_photo(label_maps[photo]) == graph.label[segment], score)
-
-
-def _box_iou(first: Sequence[float] | Float32, second: Sequence[float]) -> float:
-    low, high = np.maximum(first[:2], second[:2]), np.minimum(first[2:], second[2:])
-    common = float(np.prod(np.maximum(high - low, 0)))
-    areas = sum(float((box[2] - box[0]) * (box[3] - box[1])) for box in (first, second))
-    return common / max(areas - common, _MIN_SCORE)
 
 
 def build_proposals(

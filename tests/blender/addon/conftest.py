@@ -82,6 +82,18 @@ def project(part: Part, random_gaussians: Callable[..., Any], camera: Any, tmp_p
     return SimpleNamespace(folder=folder, gaussians=gaussians)
 
 
+@pytest.fixture
+def opened(project: Any) -> Any:
+    """Open the project of 100 Gaussians, and return it."""
+    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
+    return project
+
+
+def isolated() -> dict[str, bpy.types.Object]:
+    """Return the objects of the opened project by id."""
+    return {obj.heritage.object_id: obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"}
+
+
 def write_object(project: Path, object_id: str, name: str, membership: np.ndarray, **known: Any) -> None:
     """Write an object as the engine does."""
     folder = project / "objects" / object_id

@@ -68,12 +68,6 @@ class Window:
         return self.x + (x / w + 1) * self.width / 2, self.y + (y / w + 1) * self.height / 2
 
 
-@pytest.fixture
-def opened(project: Any) -> Any:
-    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
-    return project
-
-
 @pytest.mark.parametrize(("zoom", "shift"), [(1.0, (0.0, 0.0)), (0.5, (0.3, -0.2)), (2.0, (-0.4, 0.1))])
 @pytest.mark.parametrize("resolution", [(128, 96), (640, 640)])
 def test_click_is_the_pixel_of_the_photo_however_the_view_is_zoomed(

@@ -12,21 +12,11 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from conftest import isolated
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
 Draw = Callable[[str], Any]
-
-
-@pytest.fixture
-def opened(project: Any) -> Any:
-    """Open the project of 100 Gaussians, and return it."""
-    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
-    return project
-
-
-def isolated() -> dict[str, bpy.types.Object]:
-    return {obj.heritage.object_id: obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"}
 
 
 def bounds(obj: bpy.types.Object) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import write_object
+from conftest import isolated, write_object
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
@@ -26,17 +26,6 @@ refused = [{"text": "banana", "message": "Nothing looks enough like 'banana'."}]
 stored = {"version": 1, "created": "now", "refused": refused, "candidates": [picture]}
 (folder / "candidates.json").write_text(json.dumps(stored))
 """
-
-
-@pytest.fixture
-def opened(project: Any) -> Any:
-    """Open the project of 100 Gaussians, and return it."""
-    assert bpy.ops.heritage.open_project(directory=str(project.folder)) == {"FINISHED"}
-    return project
-
-
-def isolated() -> dict[str, bpy.types.Object]:
-    return {obj.heritage.object_id: obj for obj in bpy.data.objects if obj.heritage.role == "OBJECT"}
 
 
 def rows(obj: bpy.types.Object) -> list[int]:
