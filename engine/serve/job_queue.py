@@ -76,7 +76,6 @@ class JobQueue:
         self._stop_jobs = stop_jobs
         self._prefix = ["remote", f"--scheduler={scheduler}", "--events", "--"] if scheduler else []
         self._at_once = _ON_CLUSTER if scheduler else 1
-        self._cancelled: set[Path] = set()
         self._lock = threading.RLock()
         self._waiting: list[WaitingJob] = []
         self._last: dict[Path, Job] = {}
@@ -109,8 +108,6 @@ class JobQueue:
             job.cancel(_STOP_SECONDS)
         for job in running:
             job.wait()
-            if job.folder in self._cancelled:
-                job.mark_taken()  # The user wanted its end, so that it is not continued.
 
     def submit(self, project: WebProject, arguments: Sequence[str]) -> JobView:
         """Run ``python -m engine`` with `arguments` on a project when its turn comes.
@@ -172,7 +169,8 @@ class JobQueue:
             if job is None or job.folder.name != job_id or not job.poll().running:
                 raise ProjectError("That job has ended already.")
             job.cancel()
-            self._cancelled.add(job.folder)
+            # Now, not when it has ended: the server may end in between, and the next one must not continue it.
+            job.mark_taken()
 
     def cancel_all(self, project: Path) -> None:
         """Stop and remove everything that works on a project, and wait for its end."""
@@ -229,7 +227,6 @@ class JobQueue:
             project = _project_of(job)
             if not state.running:
                 del self._running[job.folder]
-                self._cancelled.discard(job.folder)
                 job.mark_taken()
                 for kind in _CHANGES.get(job.kind, ()):
                     self._feeds.publish(project, kind)

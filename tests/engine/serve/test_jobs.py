@@ -220,7 +220,10 @@ def test_killed_job_is_continued_by_the_next_server_but_not_for_ever(
     assert client.http.post(f"{API}/projects/{project}/jobs/{again['id']}/continue").status_code == 202
 
 
-def test_job_that_the_user_stopped_is_not_continued(make_client: Callable[..., Client], fake_engine: Engine) -> None:
+@pytest.mark.parametrize("ends_unseen", [False, True])
+def test_job_that_the_user_stopped_is_not_continued(
+    make_client: Callable[..., Client], fake_engine: Engine, ends_unseen: bool
+) -> None:
     fake_engine(ENDS_TIDILY)
     client = make_client(stop_jobs=True)
     project = client.new_project()
@@ -228,7 +231,12 @@ def test_job_that_the_user_stopped_is_not_continued(make_client: Callable[..., C
     reconstruct(client, project)
     while (job := client.wait_for_job(project, "running"))["fraction"] < 0.6:
         time.sleep(0.02)
+    if ends_unseen:
+        # The job ends between the queue's last look and the end of the server.
+        client.http.app.state.server.queue._step = lambda: None  # type: ignore[attr-defined]
     client.http.delete(f"{API}/projects/{project}/jobs/{job['id']}")
+    if ends_unseen:
+        client.wait_for_job(project, "stopped")
     client.stop()
     make_client(stop_jobs=True).wait_for_job(project, "stopped")
     assert (client.folder(project) / "project" / "runs.txt").read_text() == "reconstruct\n"
