@@ -228,7 +228,7 @@ def photo_camera(project: Path, photo: str) -> Camera:
     CameraError
         When the photo has no camera.
     """
-    for camera in read_camera_set(path_within(project, "cameras")).cameras:
-        if camera.photo == photo:
-            return camera
-    raise CameraError(f"{project} has no camera of the photo {photo!r}. Open the project again.")
+    camera = read_camera_set(path_within(project, "cameras")).by_photo.get(photo)
+    if camera is None:
+        raise CameraError(f"{project} has no camera of the photo {photo!r}. Open the project again.")
+    return camera

@@ -52,7 +52,7 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     from engine.objects.votes import MaskEvidence, count_votes
 
     context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_sam)
-    cameras = {camera.photo: camera for camera in context.views.cameras.cameras}
+    cameras = context.views.cameras.by_photo
     masks = read_ground_truth(truth, list(cameras), (), layout="auto")
     shown = {photo: masks.masks(photo)[name] for photo in cameras if name in masks.masks(photo)}
     if len(shown) < 2:

@@ -116,7 +116,7 @@ def _picker(project: Path) -> Callable[[str], Point]:
             return values[0], values[1], values[2]
         if not photo or len(values) != 2:
             raise SettingsError(f"{text!r} is no point. Give PHOTO=x,y or {_WORLD}=X,Y,Z.")
-        cameras = {camera.photo: camera for camera in read_camera_set(project / "cameras").cameras}
+        cameras = read_camera_set(project / "cameras").by_photo
         if photo not in cameras:
             raise PromptError(f"There is no photo {photo!r} with a camera. Choose one of: {', '.join(cameras)[:500]}.")
         if not casters:

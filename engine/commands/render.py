@@ -172,11 +172,11 @@ def _files(
 
 
 def _camera_of(camera_set: CameraSet, photo: str) -> Camera:
-    for camera in camera_set.cameras:
-        if camera.photo == photo:
-            return camera
-    names = ", ".join(camera.photo for camera in camera_set.cameras[:5])
-    raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {names}.")
+    camera = camera_set.by_photo.get(photo)
+    if camera is None:
+        names = ", ".join(camera.photo for camera in camera_set.cameras[:5])
+        raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {names}.")
+    return camera
 
 
 def _pixel(text: str) -> tuple[float, float]:

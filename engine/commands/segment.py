@@ -145,7 +145,7 @@ def _camera(project: Path, view: str) -> Camera | PinholeCamera:
 
     if view.lstrip().startswith("{"):
         return parse_camera_json(view)
-    cameras = {camera.photo: camera for camera in read_camera_set(project / "cameras").cameras}
+    cameras = read_camera_set(project / "cameras").by_photo
     return cameras[view] if view in cameras else read_camera_json(Path(view))
 
 

@@ -138,7 +138,7 @@ class TrainedScene:
         self.gaussians = load_gaussians(project.path / "gaussians")
         self._scene = scene_on(device, self.gaussians, emit)
         self.photo_folder = photo_folder_of(project)
-        self.camera_of = {camera.photo: camera for camera in cameras.cameras}
+        self.camera_of = cameras.by_photo
         self.looked_at = tuple(photo for photo in self.camera_of if photo not in hidden)
         if not self.looked_at:
             raise SettingsError("Every photo is compared, so none is left to isolate objects from. Use --views all.")

@@ -118,11 +118,11 @@ def find_everything(
         memberships.append(bounded(np.where(taken, np.float32(0), solved), views.scene.gaussians.means))
         taken |= memberships[-1] >= THRESHOLD
     members = np.array(memberships).reshape(groups[cut].shape) >= THRESHOLD
-    by_name = {camera.photo: camera for camera in views.cameras.cameras}
+    by_photo = views.cameras.by_photo
     detector = detector_factory()
     proposals = describe(
         members, covering[cut], np.full(len(cut), -1, np.int32), shown[cut],
-        views, [by_name[photo] for photo in graph.photos], context.photos, detector, settings,
+        views, [by_photo[photo] for photo in graph.photos], context.photos, detector, settings,
         emit=emit, should_stop=should_stop,
     )  # fmt: skip
     objects = [

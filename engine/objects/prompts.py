@@ -277,7 +277,7 @@ def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, camer
         When the photo is unknown (the message then lists the nearest names) or was not registered, or when the click or
         the box lies outside of it.
     """
-    camera = next((camera for camera in cameras.cameras if camera.photo == prompt.photo), None)
+    camera = cameras.by_photo.get(prompt.photo)
     if camera is None:
         raise PromptError(_unknown_photo(prompt.photo, [c.photo for c in cameras.cameras], cameras.unregistered))
     size = f"{prompt.photo} is {camera.width} x {camera.height} pixels"

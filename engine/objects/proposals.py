@@ -150,7 +150,7 @@ class Proposals:
         """Return the segment that a proposal was solved from."""
         segment = self.segment[number]
         photo = graph.photos[graph.photo[segment]]
-        view = views.of(next(camera for camera in views.cameras.cameras if camera.photo == photo))
+        view = views.of(views.cameras.by_photo[photo])
         return MaskEvidence(view, view.labels_from_photo(label_maps[photo]) == graph.label[segment], score)
 
 
@@ -182,8 +182,8 @@ def build_proposals(
     Cancelled
         When `should_stop` returns True.
     """
-    by_name = {camera.photo: camera for camera in views.cameras.cameras}
-    cameras = [by_name[photo] for photo in graph.photos]
+    by_photo = views.cameras.by_photo
+    cameras = [by_photo[photo] for photo in graph.photos]
     segments, members = _solved(views, graph, cameras, settings, part_of(emit, 0, 2), should_stop)
     covering, shown = graph.covering(members)
     chosen: list[int] = []
@@ -226,12 +226,12 @@ def describe(
         As of `build_proposals`.
     """
     sightings = _sightings(views, members, shown, cameras, settings.n_crop_views)
-    by_name = {camera.photo: camera for camera in cameras}
+    by_photo = views.cameras.by_photo
     found: list[tuple[int, str, bool, Sequence[float]]] = []
     described: list[Float32] = []
     for done, (photo, numbers) in enumerate(sightings.items()):
         _check_stop(should_stop)
-        view, pixels = views.of(by_name[photo]), photos.pixels(by_name[photo])
+        view, pixels = views.of(by_photo[photo]), photos.pixels(by_photo[photo])
         size = (pixels.shape[1], pixels.shape[0])
         crops = []
         for number, mask in zip(numbers, views.visible_masks(view, members[numbers]), strict=True):

@@ -72,7 +72,7 @@ def build_report(project: ProjectFolder, *, backend: Backend = "cpu") -> Path:
         from ..scene import read_camera_set
 
         gaussians = load_gaussians(project.path / "gaussians")
-        cameras = {camera.photo: camera for camera in read_camera_set(project.path / "cameras").cameras}
+        cameras = read_camera_set(project.path / "cameras").by_photo
         training = facts["training"]
         if not training.get("feature_agreement"):
             training["feature_agreement"] = _feature_agreement(project, cameras, training, gaussians, backend)

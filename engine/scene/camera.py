@@ -131,3 +131,8 @@ class CameraSet:
     reprojection_error: float
     original_from_world: Float64
     poses_given: bool
+
+    @property
+    def by_photo(self) -> dict[str, Camera]:
+        """The cameras by the names of their photos."""
+        return {camera.photo: camera for camera in self.cameras}

@@ -60,8 +60,7 @@ def read_pixel(photo: str, project: CurrentProject, x: _Number, y: _Number, z: _
 
     What may hide the point is not looked at.
     """
-    cameras = read_camera_set(path_within(project.project, "cameras")).cameras
-    camera = next((one for one in cameras if one.photo == photo), None)
+    camera = read_camera_set(path_within(project.project, "cameras")).by_photo.get(photo)
     if camera is None:
         raise NotFound(f"There is no camera of {photo!r}.")
     local = np.asarray(camera.viewmat)[:3, :3] @ (x, y, z) + np.asarray(camera.viewmat)[:3, 3]
