@@ -22,7 +22,7 @@ from .hierarchy import build_hierarchy
 from .lifting import Levels
 from .photos import SamFactory
 from .polishing import polish_each
-from .proposals import describe
+from .proposals import GaussianSets, describe
 from .settings import SegmentSettings
 from .storage import save_object
 from .votes import THRESHOLD, Votes
@@ -118,13 +118,9 @@ def find_everything(
         memberships.append(bounded(np.where(taken, np.float32(0), solved), views.scene.gaussians.means))
         taken |= memberships[-1] >= THRESHOLD
     members = np.array(memberships).reshape(groups[cut].shape) >= THRESHOLD
-    by_photo = views.cameras.by_photo
     detector = detector_factory()
-    proposals = describe(
-        members, covering[cut], np.full(len(cut), -1, np.int32), shown[cut],
-        views, [by_photo[photo] for photo in graph.photos], context.photos, detector, settings,
-        emit=emit, should_stop=should_stop,
-    )  # fmt: skip
+    sets = GaussianSets(members, covering[cut], shown[cut], np.full(len(cut), -1, np.int32))
+    proposals = describe(sets, views, graph, context.photos, detector, settings, emit=emit, should_stop=should_stop)
     objects = [
         DetectedObject(membership, name if score >= _MIN_NAME_SCORE else "", score)
         for membership, (name, score) in zip(memberships, proposals.names(detector), strict=True)

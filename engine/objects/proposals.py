@@ -30,14 +30,14 @@ from .votes import THRESHOLD, MaskEvidence, Votes
 if TYPE_CHECKING:
     from ..grounding import Detector
 
-__all__ = ["Proposals", "build_proposals", "describe", "load_or_build_proposals"]
+__all__ = ["GaussianSets", "Proposals", "build_proposals", "describe", "load_or_build_proposals"]
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 4  # by definition
+_VERSION = 5  # by definition
 
 _MIN_SEGMENT_SHARE = 0.001  # chosen on museum_room
 """Smallest segment that is a proposal, as a share of its photo."""
@@ -65,6 +65,27 @@ _MIN_SCORE = 1e-3  # by definition
 
 
 @dataclass(frozen=True)
+class GaussianSets:
+    """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
+
+    Attributes
+    ----------
+    members : bool array of shape [K, N]
+    covering : array of shape [K], float32
+        See `SceneGraph.covering`.
+    shown : array of shape [K, P], float32
+        Pixels that show each set in each photo.
+    segment : int32 array of shape [K]
+        Segment of the graph that the set was solved from; -1 for none.
+    """
+
+    members: Mask
+    covering: Float32
+    shown: Float32
+    segment: Int32
+
+
+@dataclass(frozen=True)
 class Proposals:
     """K sets of Gaussians that may be objects, and how a detector describes them in photos: S sightings.
 
@@ -74,8 +95,6 @@ class Proposals:
         In descending order of covering. They may overlap: a part and its whole are two proposals.
     covering : array of shape [K], float32
         See `SceneGraph.covering`.
-    pixels : array of shape [K], float32
-        Pixels that show the set, over all photos.
     segment : int32 array of shape [K]
         Segment of the graph that the set was solved from; -1 for none.
     proposal : int32 array of shape [S]
@@ -90,7 +109,6 @@ class Proposals:
 
     members: Mask
     covering: Float32
-    pixels: Float32
     segment: Int32
     proposal: Int32
     photo: tuple[str, ...]
@@ -182,9 +200,7 @@ def build_proposals(
     Cancelled
         When `should_stop` returns True.
     """
-    by_photo = views.cameras.by_photo
-    cameras = [by_photo[photo] for photo in graph.photos]
-    segments, members = _solved(views, graph, cameras, settings, part_of(emit, 0, 2), should_stop)
+    segments, members = _solved(views, graph, settings, part_of(emit, 0, 2), should_stop)
     covering, shown = graph.covering(members)
     chosen: list[int] = []
     for k in np.argsort(-covering, kind="stable"):
@@ -194,19 +210,14 @@ def build_proposals(
         union = members[chosen].sum(axis=1) + members[k].sum() - common
         if not (common > _SAME_IOU * union).any():
             chosen.append(int(k))
-    return describe(
-        members[chosen], covering[chosen], np.array(segments, np.int32)[chosen], shown[chosen],
-        views, cameras, photos, detector, settings, emit=part_of(emit, 1, 2), should_stop=should_stop,
-    )  # fmt: skip
+    sets = GaussianSets(members[chosen], covering[chosen], shown[chosen], np.array(segments, np.int32)[chosen])
+    return describe(sets, views, graph, photos, detector, settings, emit=part_of(emit, 1, 2), should_stop=should_stop)
 
 
 def describe(
-    members: Mask,
-    covering: Float32,
-    segment: Int32,
-    shown: Float32,
+    sets: GaussianSets,
     views: Views,
-    cameras: Sequence[Camera],
+    graph: SceneGraph,
     photos: Photos,
     detector: Detector,
     settings: SegmentSettings,
@@ -216,16 +227,9 @@ def describe(
 ) -> Proposals:
     """Return sets of Gaussians as a detector describes them in photos that show them large and whole.
 
-    Parameters
-    ----------
-    members, covering, segment
-        Attributes of `Proposals`.
-    shown : array of shape [K, P], float32
-        Pixels that show each set in the photos of `cameras`.
-    views, cameras, photos, detector, settings, emit, should_stop
-        As of `build_proposals`.
+    The parameters and errors are those of `build_proposals`.
     """
-    sightings = _sightings(views, members, shown, cameras, settings.n_crop_views)
+    sightings = _sightings(views, sets, graph, settings.n_crop_views)
     by_photo = views.cameras.by_photo
     found: list[tuple[int, str, bool, Sequence[float]]] = []
     described: list[Float32] = []
@@ -234,7 +238,7 @@ def describe(
         view, pixels = views.of(by_photo[photo]), photos.pixels(by_photo[photo])
         size = (pixels.shape[1], pixels.shape[0])
         crops = []
-        for number, mask in zip(numbers, views.visible_masks(view, members[numbers]), strict=True):
+        for number, mask in zip(numbers, views.visible_masks(view, sets.members[numbers]), strict=True):
             inside = cv2.resize(view.to_photo(mask).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
             box = mask_box(inside)
             if mask.sum() >= _MIN_VISIBLE_PIXELS and box is not None:
@@ -248,10 +252,9 @@ def describe(
     seen_whole = {number for number, _, whole, _ in found if whole}
     kept = [k for k, (number, _, whole, _) in enumerate(found) if whole or number not in seen_whole]
     return Proposals(
-        members,
-        covering,
-        shown.sum(axis=1),
-        segment,
+        sets.members,
+        sets.covering,
+        sets.segment,
         np.array([found[k][0] for k in kept], np.int32),
         tuple(found[k][1] for k in kept),
         np.array([found[k][3] for k in kept], np.float32).reshape(-1, 4),
@@ -270,15 +273,10 @@ def _check_stop(should_stop: StopCheck) -> None:
 
 
 def _solved(
-    views: Views,
-    graph: SceneGraph,
-    cameras: Sequence[Camera],
-    settings: SegmentSettings,
-    emit: Emit,
-    should_stop: StopCheck,
+    views: Views, graph: SceneGraph, settings: SegmentSettings, emit: Emit, should_stop: StopCheck
 ) -> tuple[list[int], Mask]:
     """Return segments of `n_text_views` photos, and the Gaussians that each of them leads to, bool [K, N]."""
-    seeds = {camera.photo for camera in spread_cameras(cameras, settings.n_text_views)}
+    seeds = {camera.photo for camera in spread_cameras(_cameras_of(graph, views), settings.n_text_views)}
     columns = [k for k, photo in enumerate(graph.photo) if graph.photos[photo] in seeds and graph.label[k] > 0]
     segments: list[int] = []
     members: list[Mask] = []
@@ -297,15 +295,20 @@ def _solved(
     return segments, np.array(members, bool).reshape(len(members), len(views.scene))
 
 
-def _sightings(
-    views: Views, members: Mask, shown: Float32, cameras: Sequence[Camera], count: int
-) -> dict[str, list[int]]:
-    """Return the proposals to look at by photo: each in at most `count` photos that show it large, from all sides."""
+def _cameras_of(graph: SceneGraph, views: Views) -> list[Camera]:
+    """Return the cameras of the photos of the graph, in its order."""
+    by_photo = views.cameras.by_photo
+    return [by_photo[photo] for photo in graph.photos]
+
+
+def _sightings(views: Views, sets: GaussianSets, graph: SceneGraph, count: int) -> dict[str, list[int]]:
+    """Return the sets to look at by photo: each in at most `count` photos that show it large, from all sides."""
+    cameras = _cameras_of(graph, views)
     found: dict[str, list[int]] = defaultdict(list)
-    for number, pixels in enumerate(shown):
-        if not members[number].any():
+    for number, (members, pixels) in enumerate(zip(sets.members, sets.shown, strict=True)):
+        if not members.any():
             continue
-        center = np.median(views.scene.gaussians.means[members[number]], axis=0)
+        center = np.median(views.scene.gaussians.means[members], axis=0)
         facing = {camera.photo for camera in views.facing(center)}
         large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= THRESHOLD * pixels.max()]
         for camera in spread_cameras([one for one in large if one.photo in facing] or large, count):
@@ -315,7 +318,6 @@ def _sightings(
 
 _SPECS = {
     "covering": ArraySpec("float32", ("k",), finite=True),
-    "pixels": ArraySpec("float32", ("k",), finite=True),
     "segment": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
@@ -370,5 +372,5 @@ def _from_arrays(arrays: dict[str, NDArray[Any]], views: Views, graph: SceneGrap
         members=np.unpackbits(arrays["members"], axis=1, count=len(views.scene)).astype(bool),
         photo=tuple(str(name) for name in arrays["photo"]),
         described=arrays["described"].astype(np.float32),
-        **{name: arrays[name] for name in ("covering", "pixels", "segment", "proposal", "box")},
+        **{name: arrays[name] for name in ("covering", "segment", "proposal", "box")},
     )

@@ -94,7 +94,7 @@ def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photo
     )
     assert detector.n_shown == len(first.proposal) > 0
     assert again.photo == first.photo
-    for name in ("members", "covering", "pixels", "segment", "proposal", "box"):
+    for name in ("members", "covering", "segment", "proposal", "box"):
         np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
     # Stored with 16 bits.
     np.testing.assert_allclose(again.described, first.described, atol=1e-3)
