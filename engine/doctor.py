@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .child_process import ChildFailure, run_in_child
 from .errors import EnvironmentProblem, HeritageError
 
 __all__ = ["Check", "examine", "missing_package"]
@@ -32,10 +31,6 @@ _REQUIRED_PACKAGES = {
     "platformdirs": "platformdirs",
 }
 _MIN_FREE_GB = 2.0
-_CARD_SECONDS = 60.0
-"""For the encoding of a photo on the graphics card, which takes one or two."""
-_CARD_BYTES = 1 << 46
-"""Address space for it: drivers reserve much more than they use."""
 
 
 @dataclass(frozen=True)
@@ -102,13 +97,9 @@ def _gpu() -> Check:
 
 
 def _encoding() -> Check:
-    try:
-        usable, found = run_in_child(
-            "masks.encoder:describe_encoding", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
-            what="encoding a photo on the graphics card",
-        )  # fmt: skip
-    except ChildFailure as failure:
-        usable, found = False, f"{str(failure).rstrip('.')}; update its driver"
+    from .masks import card_encodes
+
+    usable, found = card_encodes()
     return Check("segments", usable, False, found.rstrip("."))
 
 

@@ -187,12 +187,19 @@ def masks_stage(
         return {}
 
     def compute() -> dict[str, Any]:
-        from .masks import load_sam, make_masks
+        from .masks import card_encodes, load_sam, make_masks
+        from .models import gpu_provider_is_installed
 
         start = time.perf_counter()
+        may_use_gpu = True
+        if gpu_provider_is_installed():
+            # First in a process of its own: a driver that crashes would end the run.
+            may_use_gpu, sentence = card_encodes()
+            if not may_use_gpu:
+                runner.emit(Warned(sentence))
         # The default model takes as long for the clicks of a photo as for encoding the next, which runs beside them;
         # the encoders of the others take longer.
-        sam = load_sam(settings.model, threads=1 if settings.model == SAM_MODELS[0] else 2)
+        sam = load_sam(settings.model, threads=1 if settings.model == SAM_MODELS[0] else 2, may_use_gpu=may_use_gpu)
         # Label maps are replaced one by one.
         runner.before_replacing_outputs("masks")
         made = make_masks(

@@ -8,6 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .embeddings import EmbeddingFolder
+    from .encoder import card_encodes
     from .mask_geometry import box_ious, mask_box, mask_iou
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
@@ -17,6 +18,7 @@ __all__ = [
     "Embedding",
     "EmbeddingFolder",
     "SegmentAnything",
+    "card_encodes",
     "label_map_path",
     "load_default_sam",
     "load_sam",

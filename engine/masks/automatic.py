@@ -41,6 +41,34 @@ class _Candidate:
     logits: NDArray[np.float32]
     mask: Mask
     iou: float
+    area: int
+
+
+class _Found:
+    """The accepted masks of a photo, and what they leave uncovered."""
+
+    def __init__(self, rows: int, columns: int) -> None:
+        self.masks: list[_Candidate] = []
+        # Counted, because a mask that is removed uncovers only what no other covers.
+        self._n_masks = np.zeros((rows, columns), np.uint16)
+        self._padded = np.zeros((rows + 2, columns + 2), np.uint8)
+
+    def admit(self, candidate: _Candidate, max_overlap: float) -> None:
+        """Add a mask and remove overlapping ones, unless one of them has at least the same score."""
+        rivals = [other for other in self.masks if _overlap(candidate, other, max_overlap)]
+        if any(other.iou >= candidate.iou for other in rivals):
+            return
+        for rival in rivals:
+            self._n_masks -= rival.mask
+        self._n_masks += candidate.mask
+        self.masks = [other for other in self.masks if not any(other is rival for rival in rivals)]
+        self.masks.append(candidate)
+
+    def distance_of_free(self, tried: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """Return for each pixel how far it is from the next one that is covered or was tried."""
+        # With a border of zeros, the edge of the frame counts as covered, which keeps clicks away from it.
+        np.equal(self._n_masks + tried, 0, out=self._padded[1:-1, 1:-1], casting="unsafe")
+        return np.asarray(cv2.distanceTransform(self._padded, cv2.DIST_L2, 3)[1:-1, 1:-1], np.float32)
 
 
 def label_map_size(height: int, width: int, max_side: int) -> tuple[int, int]:
@@ -104,7 +132,7 @@ def _search(
     rows = max(1, round(embedding.height * embedding.scale * LOW_RES_SIDE / INPUT_SIDE))
     columns = max(1, round(embedding.width * embedding.scale * LOW_RES_SIDE / INPUT_SIDE))
     min_low_res_area = min_area * rows * columns / (size[0] * size[1])
-    found: list[_Candidate] = []
+    found = _Found(rows, columns)
     tried = np.zeros((rows, columns), np.uint8)
     grid = _grid(rows, columns, settings.grid)
     for _ in range(settings.max_prompts):
@@ -115,11 +143,14 @@ def _search(
             break
         cv2.circle(tried, click, _MIN_CLICK_DISTANCE, 1, -1)
         point = (np.array(click) + 0.5) * (embedding.width / columns, embedding.height / rows)
-        for logits, iou in sam.predict_scales(embedding, [point], [1], without_padding=True):
-            candidate = _Candidate(logits, logits[:rows, :columns] > 0, iou)
+        for logits, iou in sam.predict_scales(
+            embedding, [point], [1], without_padding=True, min_stability=settings.min_stability
+        ):
+            mask = logits[:rows, :columns] > 0
+            candidate = _Candidate(logits, mask, iou, int(np.count_nonzero(mask)))
             if _passes_filters(candidate, logits[:rows, :columns], settings, min_low_res_area):
-                _admit(candidate, found, settings.max_overlap)
-    return found
+                found.admit(candidate, settings.max_overlap)
+    return found.masks
 
 
 def _grid(rows: int, columns: int, n_cells: int) -> list[tuple[int, int]]:
@@ -137,26 +168,19 @@ def _grid(rows: int, columns: int, n_cells: int) -> list[tuple[int, int]]:
 
 
 def _next_click(
-    found: list[_Candidate], tried: NDArray[np.uint8], grid: list[tuple[int, int]], settings: MaskSettings
+    found: _Found, tried: NDArray[np.uint8], grid: list[tuple[int, int]], settings: MaskSettings
 ) -> tuple[int, int] | None:
     """Return x, y of the next click: the centre of the largest uncovered area, then points of the coarse grid."""
-    free = (1 - tried).astype(np.uint8)
-    for candidate in found:
-        free[candidate.mask] = 0
-    # With a border of zeros, the edge of the frame counts as covered, which keeps clicks away from it.
-    distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    distance = found.distance_of_free(tried)
     best = int(np.argmax(distance))
     if distance.flat[best] >= _MIN_FREE_RADIUS:
-        return best % free.shape[1], best // free.shape[1]
-    max_small_area = settings.large_fraction * free.size
-    covered_by_small = np.zeros(free.shape, bool)
-    for candidate in found:
-        if np.count_nonzero(candidate.mask) <= max_small_area:
-            covered_by_small |= candidate.mask
+        return best % tried.shape[1], best // tried.shape[1]
+    small = [candidate for candidate in found.masks if candidate.area <= settings.large_fraction * tried.size]
     while grid:
         x, y = grid.pop(0)
-        confident = any(candidate.logits[y, x] >= _CONFIDENT_LOGIT for candidate in found)
-        if not (covered_by_small[y, x] or tried[y, x] or confident):
+        explained = any(candidate.mask[y, x] for candidate in small)
+        confident = any(candidate.logits[y, x] >= _CONFIDENT_LOGIT for candidate in found.masks)
+        if not (explained or tried[y, x] or confident):
             return x, y
     return None
 
@@ -164,21 +188,18 @@ def _next_click(
 def _passes_filters(
     candidate: _Candidate, logits: NDArray[np.float32], settings: MaskSettings, min_area: float
 ) -> bool:
-    area = np.count_nonzero(candidate.mask)
-    if area < min_area or area > settings.max_frame_fraction * candidate.mask.size:
+    if candidate.area < min_area or candidate.area > settings.max_frame_fraction * candidate.mask.size:
         return False
     if candidate.iou < settings.min_iou:
         return False
     return stability_score(logits) >= settings.min_stability
 
 
-def _admit(candidate: _Candidate, found: list[_Candidate], max_overlap: float) -> None:
-    """Add `candidate` to `found` and remove overlapping masks, unless one of them has at least the same score."""
-    rivals = [other for other in found if mask_iou(candidate.mask, other.mask) > max_overlap]
-    if any(other.iou >= candidate.iou for other in rivals):
-        return
-    found[:] = [other for other in found if not any(other is rival for rival in rivals)]
-    found.append(candidate)
+def _overlap(first: _Candidate, second: _Candidate, max_overlap: float) -> bool:
+    """Return whether the IoU of two masks is larger than `max_overlap`."""
+    smaller, larger = sorted((first.area, second.area))
+    # The IoU is at most the ratio of the areas, which costs nothing.
+    return smaller / larger > max_overlap and mask_iou(first.mask, second.mask) > max_overlap
 
 
 def paint_labels(

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..child_process import ChildFailure, run_in_child
 from ..errors import HeritageError
-from ..models import locate, open_gpu_session, open_session
+from ..models import gpu_provider_is_installed, locate, open_gpu_session, open_session
 from .settings import SAM_MODELS
 
-__all__ = ["describe_encoding", "open_encoder"]
+__all__ = ["card_encodes", "describe_encoding", "open_encoder"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -22,6 +23,10 @@ _LOG = logging.getLogger(__name__)
 # differ by about 1e-5; a wrong kernel, or half precision inside of the network, by 1e-2 and more.
 _MAX_DIFFERENCE = 2e-3
 _INPUT_SIDE = 1024
+_CARD_SECONDS = 60.0
+"""For the encoding of a photo on the graphics card, which takes one or two."""
+_CARD_BYTES = 1 << 46
+"""Address space for it: drivers reserve much more than they use."""
 
 
 def open_encoder(path: Path, *, threads: int, may_use_gpu: bool) -> tuple[Any, str]:
@@ -61,6 +66,20 @@ def describe_encoding() -> tuple[bool, str]:
     except HeritageError as error:
         return False, str(error)
     return session.get_providers()[0] != "CPUExecutionProvider", sentence
+
+
+def card_encodes() -> tuple[bool, str]:
+    """Return the result of `describe_encoding` in a process of its own, which a driver may crash or hang."""
+    if not gpu_provider_is_installed():
+        return describe_encoding()
+    try:
+        usable, sentence = run_in_child(
+            "masks.encoder:describe_encoding", {}, max_memory=_CARD_BYTES, max_seconds=_CARD_SECONDS,
+            what="encoding a photo on the graphics card",
+        )  # fmt: skip
+    except ChildFailure as failure:
+        return False, f"Photos are encoded on the CPU: {str(failure).rstrip('.')}; update its driver."
+    return usable, sentence
 
 
 def _failed_self_test(cpu: Any, gpu: Any) -> str | None:

@@ -65,6 +65,7 @@ class MaskDecoder:
         labels: NDArray[np.float32],
         mask_prompt: NDArray[np.float32] | None = None,
         cells: tuple[int, int] | None = None,
+        min_stability: float = 0.0,
     ) -> Masks:
         """Return the masks of a prompt.
 
@@ -77,6 +78,8 @@ class MaskDecoder:
         mask_prompt : array of shape [256, 256], float32, or None
         cells : (int, int) or None
             Rows and columns of cells to look at, where the rest may be left out.
+        min_stability : float
+            With `cells`, masks that are clearly less stable may be left coarse.
 
         Returns
         -------
@@ -90,7 +93,7 @@ class MaskDecoder:
             When the decoder returns another number of masks.
         """
         with self._lock:
-            return self._decode(features, coordinates, labels, mask_prompt, cells)
+            return self._decode(features, coordinates, labels, mask_prompt, cells, min_stability)
 
     def _decode(
         self,
@@ -99,6 +102,7 @@ class MaskDecoder:
         labels: NDArray[np.float32],
         mask_prompt: NDArray[np.float32] | None,
         cells: tuple[int, int] | None,
+        min_stability: float,
     ) -> Masks:
         if mask_prompt is not None or self._torch is None:
             return self._run(features, coordinates, labels, mask_prompt)
@@ -109,7 +113,7 @@ class MaskDecoder:
                 _LOG.warning("%s is decoded by onnxruntime: torch computes other masks", self._path.name)
                 self._torch = None
                 return expected
-        return self._torch.decode(features, coordinates, labels, cells)
+        return self._torch.decode(features, coordinates, labels, cells, min_stability)
 
     @functools.cached_property
     def _torch(self) -> TorchDecoder | None:

@@ -188,13 +188,17 @@ class SegmentAnything:
         mask_prompt: NDArray[np.float32] | None = None,
         *,
         without_padding: bool = False,
+        min_stability: float = 0.0,
     ) -> list[tuple[NDArray[np.float32], float]]:
         """Return logits and predicted IoU of each scale: part, object and whole, or the decoder's only mask.
 
         Parameters and errors are those of `predict_logits`. With `without_padding` the decoder may approximate what
-        the padded square contains beside the photo; logits there are then 0. This saves a sixth of the time.
+        the padded square contains beside the photo; logits there are then 0. This saves a sixth of the time. Masks
+        that are clearly less stable than `min_stability` may then be coarse; they stay less stable.
         """
-        logits, ious, _ = self._decode(embedding, points, labels, box, mask_prompt, without_padding=without_padding)
+        logits, ious, _ = self._decode(
+            embedding, points, labels, box, mask_prompt, without_padding=without_padding, min_stability=min_stability
+        )
         first = 1 if len(ious) > 1 else 0
         return [(mask, float(iou)) for mask, iou in zip(logits[first:], ious[first:], strict=True)]
 
@@ -207,13 +211,16 @@ class SegmentAnything:
         mask_prompt: NDArray[np.float32] | None,
         *,
         without_padding: bool = False,
+        min_stability: float = 0.0,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
         """Return logits [k, 256, 256], predicted IoUs [k] and the number of points, padding included; k is 1 or 4."""
         coordinates, point_labels = _encode_prompt(embedding, points, labels, box)
         if mask_prompt is not None and mask_prompt.shape != (LOW_RES_SIDE, LOW_RES_SIDE):
             raise MaskError(f"A mask prompt must have the shape [256, 256], got {mask_prompt.shape}.")
         cells = _photo_cells(embedding) if without_padding else None
-        masks, ious = self._decoder.decode(embedding.features, coordinates, point_labels, mask_prompt, cells)
+        masks, ious = self._decoder.decode(
+            embedding.features, coordinates, point_labels, mask_prompt, cells, min_stability
+        )
         return masks, ious, point_labels.shape[1]
 
     def predict(

@@ -33,6 +33,10 @@ _CELL_PIXELS = 16  # by definition
 _NOT_A_POINT = -1  # by definition
 _CERTAIN_LOGIT = 4.0  # chosen on room_1, room_4, room_6
 """The mask's border is not near where a cell and its neighbours have higher logits, or lower than the negative."""
+_STABILITY_MARGIN = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""How far the stability of one pixel per cell must be below the smallest allowed one that a mask is given up."""
+_MIN_SAMPLES = 32  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Smallest number of cells with a logit above -1 from which the stability is estimated."""
 _PIECE_CELLS = 512  # by definition
 """Cells that are computed together: at most 1 MB of values, which stays in the cache of a core."""
 
@@ -90,6 +94,7 @@ class TorchDecoder:
         coordinates: NDArray[np.float32],
         labels: NDArray[np.float32],
         cells: tuple[int, int] | None = None,
+        min_stability: float = 0.0,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the mask of a prompt, as Meta's decoder with one mask per prompt.
 
@@ -104,6 +109,9 @@ class TorchDecoder:
             Rows and columns of cells, 1 to 64, that show the photo; None for all. The others are padding, which keeps
             the values that it has for a click in the middle of the photo. Logits that are far from 0 are then computed
             for one pixel per cell.
+        min_stability : float
+            The smallest stability that the caller accepts. With `cells`, a mask that is clearly below has one logit per
+            cell, which is below too.
 
         Returns
         -------
@@ -124,7 +132,7 @@ class TorchDecoder:
             if cells is None:
                 pixels = self._enlarged(picture, mask_head)
             else:
-                pixels = self._enlarged_at_border(picture, mask_head, rows, columns)
+                pixels = self._enlarged_at_border(picture, mask_head, rows, columns, min_stability)
             # Both enlargements double rows and columns of a cell: [y, x, y of the first, x, y of the second, x].
             pixels = pixels.reshape(rows, columns, 2, 2, 2, 2).permute(0, 2, 4, 1, 3, 5)
             logits = np.zeros((1, 4 * _SIDE, 4 * _SIDE), np.float32)
@@ -203,9 +211,17 @@ class TorchDecoder:
             pieces.append((quarters.reshape(-1, len(mask_head)) @ mask_head).reshape(len(piece), -1))
         return torch.cat(pieces)
 
-    def _enlarged_at_border(self, cells: Tensor, mask_head: Tensor, rows: int, columns: int) -> Tensor:
-        """Return the result of `_enlarged`, with one logit per cell where the mask's border is not near."""
+    def _enlarged_at_border(
+        self, cells: Tensor, mask_head: Tensor, rows: int, columns: int, min_stability: float
+    ) -> Tensor:
+        """Return the result of `_enlarged`, with one logit per cell where the mask's border is not near.
+
+        Everywhere in a mask that is clearly less stable than `min_stability`: its border is near in most cells.
+        """
         sample = self._sampled(cells, mask_head)
+        certain, possible = (int((sample > threshold).sum()) for threshold in (1.0, -1.0))
+        if possible >= _MIN_SAMPLES and certain < (min_stability - _STABILITY_MARGIN) * possible:
+            return sample[:, None].repeat(1, _CELL_PIXELS)
         grid = sample.reshape(1, 1, rows, columns)
         highest, lowest = (sign * functional.max_pool2d(sign * grid, 3, stride=1, padding=1) for sign in (1.0, -1.0))
         near = ((highest > -_CERTAIN_LOGIT) & (lowest < _CERTAIN_LOGIT)).reshape(-1).nonzero()[:, 0]

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .cache import locate, models_folder
     from .catalogue import CATALOGUE, ModelFile, find_model_file, find_model_files
     from .fetching import fetch
-    from .onnx_session import open_gpu_session, open_session
+    from .onnx_session import gpu_provider_is_installed, open_gpu_session, open_session
     from .onnx_weights import read_onnx_weights
     from .packages import folder_contains, npm_command
 
@@ -21,6 +21,7 @@ __all__ = [
     "find_model_file",
     "find_model_files",
     "folder_contains",
+    "gpu_provider_is_installed",
     "locate",
     "models_folder",
     "npm_command",

@@ -1,14 +1,16 @@
 """Open an ONNX model on the CPU or on a graphics card; the only module that imports onnxruntime.
 
-Cards are used by the CUDA provider, which other builds of onnxruntime contain, and by the WebGPU provider for cards of
-all vendors, which the package `onnxruntime-ep-webgpu` adds to any build.
+Cards are used by the CUDA provider, which other builds of onnxruntime contain, or else by the WebGPU provider for cards
+of all vendors, which the package `onnxruntime-ep-webgpu` adds to any build.
 """
 
 from __future__ import annotations
 
 import functools
 import importlib
+import importlib.util
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +20,16 @@ from .catalogue import CATALOGUE
 if TYPE_CHECKING:
     import onnxruntime
 
-__all__ = ["open_gpu_session", "open_session"]
+__all__ = ["gpu_provider_is_installed", "open_gpu_session", "open_session"]
 
 _LOG = logging.getLogger(__name__)
 
 _CUDA = "CUDAExecutionProvider"
 _PLUGIN = "onnxruntime_ep_webgpu"
 _PLUGIN_PACKAGE = "onnxruntime-ep-webgpu"
+
+_Provider = tuple[str, str, list[Any] | None]
+"""Name in a session, description, and the `providers` of a session."""
 
 
 def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSession:
@@ -57,6 +62,11 @@ def open_session(path: Path, *, threads: int = 2) -> onnxruntime.InferenceSessio
         ) from error
 
 
+def gpu_provider_is_installed() -> bool:
+    """Return whether onnxruntime has a provider for graphics cards; none is loaded to find out."""
+    return _CUDA in _imported().get_available_providers() or importlib.util.find_spec(_PLUGIN) is not None
+
+
 def open_gpu_session(path: Path) -> tuple[onnxruntime.InferenceSession | None, str]:
     """Return an inference session on a graphics card.
 
@@ -70,31 +80,60 @@ def open_gpu_session(path: Path) -> tuple[onnxruntime.InferenceSession | None, s
     Returns
     -------
     session : onnxruntime.InferenceSession or None
-        None without a provider, without a card, or when the provider fails.
+        None without a provider, without a card, or when every provider that is installed fails.
     description : str
-        The provider, or why there is no session; the predicate of a sentence without a full stop.
+        The provider, or why there is no session, of each provider; part of a sentence without a full stop.
     """
-    onnxruntime = _imported()
-    options, providers = _options(threads=1), None
+    refusals: list[str] = []
+    for provider in (_cuda, _webgpu):
+        session, description = _try(provider, path)
+        if session is not None:
+            return session, ", because ".join([description, *refusals])
+        if description:
+            refusals.append(description)
+    if not refusals:
+        refusals = [f"onnxruntime has no provider for graphics cards; `pip install {_PLUGIN_PACKAGE}` adds one"]
+    return None, ", and ".join(refusals)
+
+
+def _try(
+    provider: Callable[[onnxruntime.SessionOptions], _Provider | str], path: Path
+) -> tuple[onnxruntime.InferenceSession | None, str]:
+    """Return a session and its provider, or None and why there is no session; nothing if it is not installed."""
+    options = _options(threads=1)
     try:
-        if _CUDA in onnxruntime.get_available_providers():
-            # Without TF32, which rounds factors to 10 bits and fails the caller's self-test.
-            name, description, providers = _CUDA, "CUDA", [(_CUDA, {"use_tf32": "0"}), "CPUExecutionProvider"]
-        elif (device := _webgpu_device()) is not None:
-            name, description = device.ep_name, f"WebGPU ({device.device.vendor})"
-            options.add_provider_for_devices([device], {})
-        else:
-            return None, f"{_PLUGIN_PACKAGE} finds no graphics card"
+        found = provider(options)
+        if isinstance(found, str):
+            return None, found
+        name, description, providers = found
         # With its fallback, onnxruntime would print to standard output and go on with the CPU.
-        session = onnxruntime.InferenceSession(str(path), options, providers=providers, enable_fallback=0)
-    except ImportError:
-        return None, f"onnxruntime has no provider for graphics cards; `pip install {_PLUGIN_PACKAGE}` adds one"
+        session = _imported().InferenceSession(str(path), options, providers=providers, enable_fallback=0)
     except Exception as error:  # no common base class, as above; drivers raise anything
         _LOG.info("No graphics card for %s", path.name, exc_info=True)
         return None, f"onnxruntime cannot use a graphics card ({(str(error).splitlines() or ['unknown'])[0]})"
     if name not in session.get_providers():
         return None, f"onnxruntime's {description} did not start; its libraries may be missing"
     return session, description
+
+
+def _cuda(options: onnxruntime.SessionOptions) -> _Provider | str:
+    """Return CUDA's provider, or why it cannot be used; nothing if it is not installed."""
+    if _CUDA not in _imported().get_available_providers():
+        return ""
+    # Without TF32, which rounds factors to 10 bits and fails the caller's self-test.
+    return _CUDA, "CUDA", [(_CUDA, {"use_tf32": "0"}), "CPUExecutionProvider"]
+
+
+def _webgpu(options: onnxruntime.SessionOptions) -> _Provider | str:
+    """Return the same of the WebGPU plugin, which is added to `options`."""
+    try:
+        device = _webgpu_device()
+    except ImportError:
+        return ""
+    if device is None:
+        return f"{_PLUGIN_PACKAGE} finds no graphics card"
+    options.add_provider_for_devices([device], {})
+    return device.ep_name, f"WebGPU ({device.device.vendor})", None
 
 
 @functools.cache

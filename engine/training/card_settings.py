@@ -1,6 +1,6 @@
 """What a graphics card changes in the settings: it affords more Gaussians and pixels. Standard library only.
 
-More Gaussians than these were measured to be worse on photo sets that do not determine them, see docs/gpu.md.
+More Gaussians than these were measured to be worse on photo sets that do not determine them, see docs/error_vs_time.md.
 """
 
 from __future__ import annotations

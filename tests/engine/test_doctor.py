@@ -79,7 +79,8 @@ def test_what_encodes_photos_is_one_of_the_checks(monkeypatch: pytest.MonkeyPatc
     def crash(*_: object, **__: object) -> None:
         raise ChildFailure("Encoding a photo on the graphics card crashed (SIGSEGV).", "crash")
 
-    monkeypatch.setattr(doctor, "run_in_child", crash)
+    monkeypatch.setattr("engine.masks.encoder.gpu_provider_is_installed", lambda: True)
+    monkeypatch.setattr("engine.masks.encoder.run_in_child", crash)
     check = doctor._encoding()
     assert not check.ok and not check.required and "crashed (SIGSEGV); update its driver" in check.detail
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -11,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from engine.errors import Cancelled, SettingsError
-from engine.masks.automatic import label_map_size, paint_labels, segment_everything
+from engine.masks import mask_iou
+from engine.masks.automatic import _Candidate, _Found, label_map_size, paint_labels, segment_everything
 from engine.masks.sam import SegmentAnything
 from engine.masks.settings import PRESETS, MaskSettings
 from tests.engine.masks.shapes import iou, shapes_picture
@@ -145,6 +147,46 @@ def test_same_photo_gives_the_same_label_map_whatever_was_segmented_before(sam: 
     labels = segment_everything(first, sam, QUICK)
     segment_everything(other, sam, QUICK)
     np.testing.assert_array_equal(segment_everything(first, sam, QUICK), labels)
+
+
+def test_label_map_is_the_same_when_no_mask_is_given_up_early(
+    sam: SegmentAnything, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    embedding = sam.encode(shapes_picture(2)[0])
+    labels = segment_everything(embedding, sam, QUICK)
+    predict = SegmentAnything.predict_scales
+
+    def in_full(*arguments: Any, min_stability: float, **options: Any) -> Any:
+        assert min_stability == QUICK.min_stability
+        return predict(*arguments, **options)
+
+    monkeypatch.setattr(SegmentAnything, "predict_scales", in_full)
+    np.testing.assert_array_equal(segment_everything(embedding, sam, QUICK), labels)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 0.9))
+def test_clicks_keep_away_from_the_masks_that_are_left_after_better_ones_replaced_others(
+    seed: int, max_overlap: float
+) -> None:
+    generator = np.random.default_rng(seed)
+    found, expected = _Found(20, 30), list[_Candidate]()
+    for _ in range(12):
+        mask = np.zeros((20, 30), bool)
+        y, x = generator.integers(0, 15, 2)
+        mask[y : y + generator.integers(1, 20), x : x + generator.integers(1, 20)] = True
+        candidate = _Candidate(mask.astype(np.float32), mask, generator.integers(4) / 4, np.count_nonzero(mask))
+        rivals = [other for other in expected if mask_iou(mask, other.mask) > max_overlap]
+        if not any(other.iou >= candidate.iou for other in rivals):
+            expected = [other for other in expected if not any(other is rival for rival in rivals)] + [candidate]
+        found.admit(candidate, max_overlap)
+        assert [id(each) for each in found.masks] == [id(each) for each in expected]
+    tried = (generator.random((20, 30)) < 0.1).astype(np.uint8)
+    covered = np.any([tried > 0, *(each.mask for each in expected)], axis=0)
+    free = np.pad(~covered, 1).astype(np.uint8)
+    np.testing.assert_array_equal(
+        found.distance_of_free(tried), cv2.distanceTransform(free, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    )
 
 
 def test_settings_out_of_bounds_are_named() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from engine.masks import mask_iou
+from engine.masks.generator import stability_score
 from engine.masks.mask_decoder import MaskDecoder
 from engine.masks.sam import Embedding, SegmentAnything
 from engine.masks.torch_decoder import TorchDecoder
@@ -65,6 +66,20 @@ def test_mask_without_padding_is_nearly_the_same_inside_the_photo(sam: SegmentAn
         outside = np.ones((256, 256), bool)
         outside[inside] = False
         assert not found[outside].any()
+
+
+def test_only_masks_that_are_refused_anyway_are_left_coarse(sam: SegmentAnything, embedding: Embedding) -> None:
+    strict, coarse = 1.0, []
+    for x, y in [(20, 20), (150, 140), (220, 380), (490, 365), (320, 240), (20, 460), (300, 100), (600, 300)]:
+        ((full, full_iou),) = sam.predict_scales(embedding, [(x, y)], [1], without_padding=True)
+        ((found, iou),) = sam.predict_scales(embedding, [(x, y)], [1], without_padding=True, min_stability=strict)
+        assert iou == full_iou
+        coarse.append(not np.array_equal(found, full))
+        if coarse[-1]:
+            assert max(stability_score(found), stability_score(full)) < strict
+            cells = found[:192].reshape(48, 4, 64, 4)
+            assert (cells == cells[:, :1, :, :1]).all()
+    assert any(coarse) and not all(coarse)
 
 
 def test_mask_does_not_depend_on_earlier_prompts(sam: SegmentAnything, embedding: Embedding) -> None:

@@ -163,7 +163,8 @@ def test_stability_score_equals_transformers() -> None:
         for wanted in (float(score) - 1e-4, float(score) + 1e-4):
             if wanted < 1:
                 settings = MaskSettings(min_stability=wanted, max_frame_fraction=1.0, min_iou=0)
-                assert _passes_filters(_Candidate(mask, mask > 0, 1.0), mask, settings, 1) == (wanted <= score)
+                candidate = _Candidate(mask, mask > 0, 1.0, np.count_nonzero(mask > 0))
+                assert _passes_filters(candidate, mask, settings, 1) == (wanted <= score)
 
 
 def test_published_generator_gives_the_same_masks_as_transformers(tiny: Tiny) -> None:

@@ -58,7 +58,7 @@ class _Counting:
         return Embedding(np.zeros((1, 256, 64, 64), np.float32), height, width, 1024 / max(height, width))
 
     def predict_scales(
-        self, embedding: Embedding, points: object, labels: object, *, without_padding: bool
+        self, embedding: Embedding, points: object, labels: object, *, without_padding: bool, min_stability: float
     ) -> list[tuple[np.ndarray, float]]:
         logits = np.full((256, 256), -9.0, np.float32)
         logits[60:120, 60:120] = 9.0
@@ -118,7 +118,7 @@ def test_next_photo_is_encoded_beside_the_clicks_and_each_label_map_is_of_its_ph
             return found
 
         def predict_scales(
-            self, embedding: Embedding, points: object, labels: object, *, without_padding: bool
+            self, embedding: Embedding, points: object, labels: object, *, without_padding: bool, min_stability: float
         ) -> list[tuple[np.ndarray, float]]:
             logits = np.full((256, 256), -9.0, np.float32)
             start = int(100 * embedding.features.max())

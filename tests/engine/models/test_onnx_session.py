@@ -69,3 +69,51 @@ def test_session_of_a_card_is_returned_with_its_provider(path: Path, monkeypatch
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
     monkeypatch.setattr(onnxruntime, "InferenceSession", lambda *arguments, **options: session)
     assert open_gpu_session(path) == (session, "CUDA")
+
+
+def _cuda_that_does_not_start(monkeypatch: pytest.MonkeyPatch, path: Path, webgpu: Any) -> None:
+    cpu = onnx_session.open_session(path)
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
+    monkeypatch.setattr(onnxruntime.SessionOptions, "add_provider_for_devices", lambda *_: None)
+
+    def opened(*_: Any, providers: Any, **options: Any) -> Any:
+        if providers is not None:
+            return cpu
+        if isinstance(webgpu, Exception):
+            raise webgpu
+        return webgpu
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", opened)
+
+
+def test_webgpu_is_used_where_cuda_does_not_start_and_the_reason_is_told(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = types.SimpleNamespace(get_providers=lambda: ["WebGpuExecutionProvider", "CPUExecutionProvider"])
+    _plug_in(monkeypatch, [_device("WebGpuExecutionProvider", "Maker")])
+    _cuda_that_does_not_start(monkeypatch, path, session)
+    assert open_gpu_session(path) == (
+        session,
+        "WebGPU (Maker), because onnxruntime's CUDA did not start; its libraries may be missing",
+    )
+
+
+def test_reasons_of_both_providers_are_told(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _plug_in(monkeypatch, [_device("WebGpuExecutionProvider", "Maker")])
+    _cuda_that_does_not_start(monkeypatch, path, RuntimeError("device lost\nat line 5"))
+    assert open_gpu_session(path) == (
+        None,
+        "onnxruntime's CUDA did not start; its libraries may be missing, "
+        "and onnxruntime cannot use a graphics card (device lost)",
+    )
+
+
+def test_provider_is_looked_for_without_loading_it(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CPUExecutionProvider"])
+    monkeypatch.setattr(onnx_session.importlib.util, "find_spec", lambda name: None)
+    assert not onnx_session.gpu_provider_is_installed()
+    monkeypatch.setattr(onnx_session.importlib.util, "find_spec", lambda name: name == "onnxruntime_ep_webgpu")
+    assert onnx_session.gpu_provider_is_installed()
+    monkeypatch.setattr(onnx_session.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: ["CUDAExecutionProvider"])
+    assert onnx_session.gpu_provider_is_installed()
