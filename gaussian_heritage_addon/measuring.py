@@ -10,9 +10,10 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError
+from ..engine.errors import FormatError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
+from .measurement_history import remember
 from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties
 from .properties import heritage_objects, project_of
 
@@ -56,8 +57,15 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     HeritageError
         When it cannot be used or stored.
     """
-    save_measurement(project_of(scene.heritage), measurement)
+    project = project_of(scene.heritage)
+    try:
+        before = load_measurement(project)
+    except FormatError:
+        # A damaged file is replaced, and does not come back.
+        before = Measurement()
+    save_measurement(project, measurement)
     apply_measurement(scene, measurement)
+    remember(scene, before, measurement)
     bpy.context.view_layer.update()
     for ruler, length in rulers(scene):
         ruler.name = length_text(scene, length)

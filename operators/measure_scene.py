@@ -186,6 +186,7 @@ class HERITAGE_OT_clear_measurement(bpy.types.Operator):
 
     bl_idname = "heritage.clear_measurement"
     bl_label = "Clear Measurement"
+    bl_options = {"REGISTER", "UNDO"}
 
     distance: Annotated[
         int,

@@ -101,6 +101,14 @@ def measure_scene(window: Window) -> None:
     window.click(x, y + 0.3 * height)
     time.sleep(3)
     window.check("Blender measures in metres", "bpy.context.scene.unit_settings.system == 'METRIC'")
+    unmeasured = "bpy.context.scene.unit_settings.system == 'NONE'"
+    stored = "__import__('pathlib').Path(bpy.path.abspath(bpy.context.scene.heritage.project), 'measurement.json')"
+    window.run("key", "ctrl+z")
+    time.sleep(5)
+    window.check("Ctrl+Z takes the measurement back, in the project too", f"{unmeasured} and not {stored}.exists()")
+    window.run("key", "ctrl+shift+z")
+    time.sleep(5)
+    window.check("Ctrl+Shift+Z brings it again", f"not {unmeasured} and {stored}.exists()")
     (x, y), height = _frame_object(window)
     _invoke(window, "measure", action="RULER")
     window.click(x, y - 0.3 * height)
