@@ -99,6 +99,11 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder; for dropped files, ask for the options only."""
         if self.filepath or self.files:
+            # Blender gives the folder and the first file of whatever was dropped.
+            if Path(self.filepath).suffix.lower() in VIDEO_SUFFIXES:
+                self.directory = ""
+            else:
+                self.filepath = ""
             answer: set[str] = context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH)
             return answer
         context.window_manager.fileselect_add(self)
