@@ -7,8 +7,12 @@ Blender reads project folders too.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import json
+import os
+import socket
 from collections.abc import Callable, Iterable
 from pathlib import Path, PurePosixPath
 from types import TracebackType
@@ -29,6 +33,7 @@ from .files import (
     write_json,
 )
 from .project_versions import MIGRATIONS, PROJECT_VERSION, SCHEMAS
+from .visible_text import visible
 
 __all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "hold_mark", "stage_key"]
 
@@ -37,6 +42,10 @@ SCENE_OUTPUT = "gaussians/scene.ply"
 """Output of training that the objects refer to, as `ProjectFolder.recorded_outputs` names it."""
 
 _LOCK_FILE = "lock"
+_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)
+"""Errors of a lock that another program holds; others mean that the disk has no locks."""
+_MAX_LOCK_BYTES = 300
+"""Size of a lock with the longest name of a computer."""
 _OURS = (_LOCK_FILE, "log.jsonl", "trash")
 """What a folder without ``project.json`` may hold and still become a project."""
 
@@ -121,7 +130,9 @@ class ProjectFolder:
         Raises
         ------
         ProjectInUse
-            When another job holds the lock.
+            When another job holds the lock, of this computer or of another one on a shared disk.
+        DiskError
+            When the folder cannot be written or locked.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -132,10 +143,12 @@ class ProjectFolder:
                 f"{self.path} cannot be written: {error.strerror or error}. Choose another folder."
             ) from error
         if stream is None:
+            where = _holder(self.path / _LOCK_FILE)
             raise ProjectInUse(
-                f"Another job is working in {self.path}. Wait for it, cancel it, or choose another folder."
+                f"Another job is working in {self.path}{where}. Wait for it, cancel it, or choose another folder."
             )
         self._lock = stream
+        _name_holder(stream)
         if (self.path / PROJECT_FILE).exists():
             # Another job may have finished after the folder was read and before it was locked.
             self._read()
@@ -301,10 +314,37 @@ def hold_mark(file: Path) -> IO[str] | None:
 def _open_locked(file: Path) -> IO[str] | None:
     """Return `file` opened and locked until it is closed, even by kill -9; None when another program holds it."""
     stream = file.open("a+", encoding="utf-8")
-    if _try_lock(stream):
-        return stream
+    try:
+        if _try_lock(stream):
+            return stream
+    except OSError:
+        stream.close()
+        raise
     stream.close()
     return None
+
+
+def _name_holder(stream: IO[str]) -> None:
+    """Write this computer and process into a lock, for those who find it held."""
+    # Nothing depends on it.
+    with contextlib.suppress(OSError):
+        state = os.fstat(stream.fileno())
+        if state.st_nlink > 1 or state.st_size > _MAX_LOCK_BYTES:
+            # In a project of someone else, the name may lead to any file.
+            return
+        stream.truncate(0)
+        stream.write(f"{socket.gethostname()} {os.getpid()}\n")
+        stream.flush()
+
+
+def _holder(lock: Path) -> str:
+    """Return where the program runs that holds a lock, as the end of a clause; empty for this computer or unknown."""
+    # Windows reads no file that is locked.
+    with contextlib.suppress(OSError, ValueError):
+        with lock.open(encoding="utf-8") as stream:
+            host = visible(stream.readline(_MAX_LOCK_BYTES).partition(" ")[0].strip())
+        return f" on the computer {host}" if host not in ("", socket.gethostname()) else ""
+    return ""
 
 
 def _lock_function() -> Callable[[IO[str]], None]:
@@ -328,6 +368,8 @@ def _lock_function() -> Callable[[IO[str]], None]:
 def _try_lock(stream: IO[str]) -> bool:
     try:
         _lock_function()(stream)
-    except OSError:
-        return False
+    except OSError as error:
+        if error.errno in _HELD:
+            return False
+        raise
     return True

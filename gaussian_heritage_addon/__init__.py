@@ -6,6 +6,7 @@ from . import (
     display_settings,
     guards,
     job_runner,
+    measurement_history,
     open_projects,
     panels,
     pictures,
@@ -33,6 +34,7 @@ def register() -> None:
     job_runner.register()
     solid_mode.register()
     open_projects.register()
+    measurement_history.register()
     splat_view.register()
     translations.register()
 
@@ -41,6 +43,7 @@ def unregister() -> None:
     """Remove them from Blender."""
     translations.unregister()
     splat_view.unregister()
+    measurement_history.unregister()
     open_projects.unregister()
     solid_mode.unregister()
     job_runner.unregister()

@@ -11,6 +11,7 @@ from .hand_edits import edited_objects
 from .layouts import draw_text
 from .measuring import current_measurement, length_text, rulers
 from .properties import HeritageScene, active_object, project_of
+from .translations import translated
 
 __all__ = ["CLASSES"]
 
@@ -44,13 +45,7 @@ class HERITAGE_PT_by_hand(_ProjectPanel):
         if obj is not None:
             box = layout.column(align=True)
             box.label(text=obj.name, icon="OUTLINER_OB_POINTCLOUD")
-            for action, icon in (("ADD", "ADD"), ("TAKE", "REMOVE")):
-                row = box.row(align=True)
-                for shape in ("LASSO", "BOX"):
-                    button = row.operator(
-                        "heritage.edit_region", text=f"{action.title()} by {shape.title()}", icon=icon
-                    )
-                    button.action, button.shape = action, shape
+            _draw_regions(box)
             row = box.row(align=True)
             row.operator("heritage.floaters", text="Show Floaters", icon="HIDE_OFF").remove = False
             row.operator("heritage.floaters", text="Remove Floaters").remove = True
@@ -66,8 +61,10 @@ class HERITAGE_PT_by_hand(_ProjectPanel):
         if edited or scene.heritage.deleted:
             names = ", ".join(one.name for one in edited)
             deleted = len(scene.heritage.deleted.split())
-            text = f"Not stored: {names}" if names else "Not stored:"
-            draw_text(layout, f"{text} {deleted} deleted" if deleted else text, icon="INFO")
+            lines = [translated("Not stored: {}", names)] if names else []
+            lines += [translated("Deleted, not stored: {}", deleted)] if deleted else []
+            for line in lines:
+                draw_text(layout, line, icon="INFO")
             layout.operator("heritage.store_edits", icon="FILE_TICK")
 
 
@@ -130,7 +127,7 @@ def _draw_scale(layout: bpy.types.UILayout, properties: HeritageScene, measureme
         row.label(text=f"{distance.metres:.4g} m{off}")
         row.operator("heritage.clear_measurement", text="", icon="X").distance = number
     if measurement.scale_residual is not None:
-        layout.label(text=f"They agree within {measurement.scale_residual * 1000:.1f} mm")
+        layout.label(text=translated("They agree within {:.1f} mm", measurement.scale_residual * 1000))
 
 
 CLASSES = [HERITAGE_PT_by_hand, HERITAGE_PT_measure]

@@ -73,7 +73,7 @@ class ClickSession:
             return EventResult.IGNORED
         return EventResult.HANDLED
 
-    def summary(self) -> str:
-        """Return the number of clicks as text."""
+    def counts(self) -> tuple[int, int]:
+        """Return the numbers of clicks on the object and beside it."""
         positive = sum(click.wanted for click in self.clicks)
-        return f"{positive} on the object, {len(self.clicks) - positive} beside it"
+        return positive, len(self.clicks) - positive

@@ -25,12 +25,13 @@ __all__ = [
     "add_draw_handler",
     "add_load_handler",
     "add_menu_entry",
+    "add_undo_handler",
     "property_callbacks",
     "redraw",
     "register_class",
     "remove_change_handler",
     "remove_draw_handler",
-    "remove_load_handler",
+    "remove_handler",
     "remove_menu_entry",
     "subscribe",
     "unsubscribe",
@@ -267,22 +268,32 @@ _MENU_ENTRIES: dict[Function, Function] = {}
 def add_load_handler(function: Callable[[], None]) -> None:
     """Call `function` after each .blend file that Blender loads."""
 
-    def after_load(*_: Any) -> None:
+    _add_handler(function, bpy.app.handlers.load_post)
+
+
+def add_undo_handler(function: Callable[[], None]) -> None:
+    """Call `function` after each step that Blender undoes or does again."""
+    _add_handler(function, bpy.app.handlers.undo_post, bpy.app.handlers.redo_post)
+
+
+def _add_handler(function: Callable[[], None], *events: list[Function]) -> None:
+    def after_event(*_: Any) -> None:
         guarded()
 
     guarded = _guarded(function, Timer._failed)
-    _LOAD_HANDLERS[function] = bpy.app.handlers.persistent(after_load)
-    bpy.app.handlers.load_post.append(_LOAD_HANDLERS[function])
+    handler = bpy.app.handlers.persistent(after_event)
+    _HANDLERS[function] = [(event, handler) for event in events]
+    for event in events:
+        event.append(handler)
 
 
-def remove_load_handler(function: Callable[[], None]) -> None:
-    """Undo `add_load_handler`; nothing happens where it was not called."""
-    handler = _LOAD_HANDLERS.pop(function, None)
-    if handler is not None:
-        bpy.app.handlers.load_post.remove(handler)
+def remove_handler(function: Callable[[], None]) -> None:
+    """Undo `add_load_handler` or `add_undo_handler`; nothing happens where it was not called."""
+    for event, handler in _HANDLERS.pop(function, ()):
+        event.remove(handler)
 
 
-_LOAD_HANDLERS: dict[Callable[[], None], Function] = {}
+_HANDLERS: dict[Callable[[], None], list[tuple[list[Function], Function]]] = {}
 
 
 def add_change_handler(function: Callable[[list[bpy.types.ID]], None]) -> None:

@@ -18,7 +18,7 @@ from ..engine.jobs import Job, JobState, WaitingJob
 from . import problems
 from .engine_process import engine_command
 from .first_view import show_job, show_scene
-from .guards import Timer, add_load_handler, redraw, remove_load_handler
+from .guards import Timer, add_load_handler, redraw, remove_handler
 from .preferences import current_environment, current_python, user_folder
 from .results import PROJECT_KINDS, destination, import_results, is_editing, scene_for
 
@@ -344,6 +344,6 @@ def register() -> None:
 
 def unregister() -> None:
     """Stop polling. The job itself keeps running."""
-    remove_load_handler(_search)
+    remove_handler(_search)
     _poll_timer.stop()
     _search_timer.stop()

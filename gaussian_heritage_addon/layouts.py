@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
+from bpy.app.translations import pgettext_n
 
 from ..engine.jobs import Job, JobState, format_seconds
 from .curve import Point
@@ -14,6 +15,7 @@ from .pictures import curve_icon, picture_icon
 from .planned_device import planned_device
 from .problems import plain_text
 from .time_left import seconds_left_in_all
+from .translations import translated
 
 __all__ = ["draw_curve", "draw_job", "draw_text"]
 
@@ -25,13 +27,13 @@ _MAX_LENGTH = 2000
 """Characters of a text that are drawn: a project from someone else may hold any text."""
 
 _METRICS = {
-    "registered_photos": ("Photos with a camera", "{:.0f}"),
-    "sparse_points": ("Points in space", "{:,.0f}"),
-    "reprojection_error_px": ("Error of the cameras", "{:.2f} pixels"),
-    "gaussians": ("Gaussians", "{:,.0f}"),
-    "psnr": ("PSNR of photos not trained on", "{:.1f} dB"),
+    "registered_photos": pgettext_n("Photos with a camera: {:.0f}"),
+    "sparse_points": pgettext_n("Points in space: {:,.0f}"),
+    "reprojection_error_px": pgettext_n("Error of the cameras: {:.2f} pixels"),
+    "gaussians": pgettext_n("Gaussians: {:,.0f}"),
+    "psnr": pgettext_n("PSNR of photos not trained on: {:.1f} dB"),
 }
-"""Metrics that are shown: label and text. The others are for programs."""
+"""Metrics that are shown. The others are for programs."""
 
 
 def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line_length: int | None = None) -> None:
@@ -43,7 +45,7 @@ def draw_text(layout: bpy.types.UILayout, text: str, *, icon: str = "NONE", line
         line_length = max(20, int(region.width / (_CHARACTER_WIDTH * bpy.context.preferences.system.ui_scale)) - 6)
     column = layout.column(align=True)
     for number, line in enumerate(
-        textwrap.wrap(plain_text(text)[:_MAX_LENGTH], line_length, break_on_hyphens=False) or [""]
+        textwrap.wrap(translated(plain_text(text)[:_MAX_LENGTH]), line_length, break_on_hyphens=False) or [""]
     ):
         column.label(text=line, icon=icon if number == 0 or icon == "NONE" else "BLANK1")
 
@@ -60,7 +62,7 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
         draw_text(box, state.message or job.subject)
         left = seconds_left_in_all(Path(job.subject), state) if job.kind == "reconstruct" else None
         if left is not None:
-            box.label(text=f"About {format_seconds(left)} left in all", icon="TIME")
+            box.label(text=translated("About {} left in all", format_seconds(left)), icon="TIME")
         device = planned_device(Path(job.subject)) if job.kind == "reconstruct" else ""
         if device:
             draw_text(box, device, icon="SYSTEM")
@@ -69,8 +71,8 @@ def draw_job(layout: bpy.types.UILayout, job: Job, state: JobState) -> None:
             box.template_icon(icon_value=icon, scale=8.0)
         for name, value in state.metrics.items():
             if name in _METRICS:
-                label, text = _METRICS[name]
-                box.label(text=f"{label}: {text.format(value)}")
+                text = _METRICS[name]
+                box.label(text=translated(text, value))
     elif state.error_type == "PromptError":
         # The panel Objects has the sentence, with the candidates.
         box.label(text="Not found", icon="QUESTION")
@@ -88,7 +90,7 @@ def draw_curve(layout: bpy.types.UILayout, subject: str, points: Sequence[Point]
     if not points:
         return
     seconds, psnr = points[-1]
-    layout.label(text=f"{psnr:.1f} dB after {seconds:.0f} s (photos not trained on)")
+    layout.label(text=translated("{:.1f} dB after {:.0f} s (photos not trained on)", psnr, seconds))
     icon = curve_icon(subject, points)
     if icon:
         layout.template_icon(icon_value=icon, scale=8.0)

@@ -10,10 +10,11 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.errors import ObjectError
+from ..engine.errors import FormatError, ObjectError
 from ..engine.files import path_within
 from ..engine.scene import Measurement, Point, load_measurement, save_measurement
-from .placement import RULER_KEY, apply_measurement, is_metric, placement_properties
+from .measurement_history import remember
+from .placement import RULER_KEY, apply_measurement, is_metric, placement_of, placement_properties
 from .properties import heritage_objects, project_of
 
 __all__ = ["add_ruler", "current_measurement", "length_text", "measure", "rulers", "scene_points"]
@@ -56,8 +57,15 @@ def measure(scene: bpy.types.Scene, measurement: Measurement) -> None:
     HeritageError
         When it cannot be used or stored.
     """
-    save_measurement(project_of(scene.heritage), measurement)
+    project = project_of(scene.heritage)
+    try:
+        before = load_measurement(project)
+    except FormatError:
+        # A damaged file is replaced, and does not come back.
+        before = Measurement()
+    save_measurement(project, measurement)
     apply_measurement(scene, measurement)
+    remember(scene, before, measurement)
     bpy.context.view_layer.update()
     for ruler, length in rulers(scene):
         ruler.name = length_text(scene, length)
@@ -74,10 +82,7 @@ def scene_points(scene: bpy.types.Scene, points: Sequence[Float64]) -> list[Poin
     whole = next(iter(heritage_objects(scene, "SCENE")), None)
     if whole is None:
         raise ObjectError("The whole scene is not in this file. Open the project again.")
-    try:
-        inverse = np.linalg.inv(np.array(whole.matrix_world, np.float64))
-    except np.linalg.LinAlgError as error:
-        raise ObjectError(f"{whole.name} is flattened. Give it a scale other than 0.") from error
+    inverse = np.linalg.inv(placement_of(whole))
     moved = [inverse[:3, :3] @ point + inverse[:3, 3] for point in points]
     return [(float(x), float(y), float(z)) for x, y, z in moved]
 

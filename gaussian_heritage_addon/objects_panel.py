@@ -11,6 +11,7 @@ from ..engine.refused_prompts import NotFound, read_not_found
 from .layouts import draw_text
 from .pictures import picture_icon
 from .properties import HeritageObject, HeritageScene, active_object, heritage_objects, project_of
+from .translations import translated
 
 __all__ = ["CLASSES"]
 
@@ -116,7 +117,7 @@ def _draw_not_found(box: bpy.types.UILayout, not_found: NotFound) -> None:
     for message in not_found.messages[:_MAX_MESSAGES]:
         draw_text(box, message)
     if len(not_found.messages) > _MAX_MESSAGES:
-        box.label(text=f"... and {len(not_found.messages) - _MAX_MESSAGES} more")
+        box.label(text=translated("... and {} more", len(not_found.messages) - _MAX_MESSAGES))
     if not_found.candidates:
         box.label(text="Closest matches:")
     for candidate in not_found.candidates:
@@ -139,7 +140,7 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
         row.prop(
             properties,
             "part_to_whole",
-            text=f"Part to Whole: {properties.level + 1} of {properties.n_levels}",
+            text=translated("Part to Whole: {} of {}", properties.level + 1, properties.n_levels),
             slider=True,
         )
         if properties.level != properties.stored_level:
@@ -149,7 +150,7 @@ def _draw_object(layout: bpy.types.UILayout, obj: bpy.types.Object) -> None:
     column.operator("heritage.solo_object", icon="SOLO_ON")
     if properties.kind != "background":
         column.operator("heritage.click_object", text="Correct by Clicks", icon="EYEDROPPER").refine = True
-        column.label(text=f"Confidence {properties.score:.2f}")
+        column.label(text=translated("Confidence {:.2f}", properties.score))
     for name in ("catalogue_number", "title", "rights", "notes"):
         # Beside its name, a field would have no room in a sidebar of the usual width.
         column.prop(properties, name, text="", placeholder=properties.bl_rna.properties[name].name)

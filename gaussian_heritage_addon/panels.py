@@ -16,6 +16,7 @@ from .open_projects import is_open_elsewhere
 from .properties import HeritageScene, project_of
 from .results import PROJECT_KINDS
 from .set_up_box import draw_set_up
+from .translations import translated
 
 __all__ = ["CLASSES"]
 
@@ -80,9 +81,10 @@ def _draw_undecided(layout: bpy.types.UILayout, *, is_new_scene: bool) -> None:
     for number, project in enumerate(job_runner.undecided()):
         box = layout.box()
         if job_runner.ended_while_away(number):
-            draw_text(box, f"A job on {project.name} ended while you were away.", icon="TIME")
+            draw_text(box, translated("A job on {} ended while you were away.", project.name), icon="TIME")
         if not is_new_scene:
-            draw_text(box, f"The result of {project.name} is ready. This scene shows another project.", icon="QUESTION")
+            sentence = translated("The result of {} is ready. This scene shows another project.", project.name)
+            draw_text(box, sentence, icon="QUESTION")
         row = box.row(align=True)
         row.operator("heritage.open_result", text="Open" if is_new_scene else "Open in Own Scene").number = number
         row.operator("heritage.dismiss_result", text="Leave").number = number
@@ -132,7 +134,7 @@ class HERITAGE_PT_progress(bpy.types.Panel):
             draw_job(self.layout, *shown)
         for number, one in enumerate(job_runner.waiting()):
             row = self.layout.row(align=True)
-            row.label(text=f"Then: {one.kind} {one.subject.name}", icon="SORTTIME")
+            row.label(text=translated("Then: {} {}", one.kind, one.subject.name), icon="SORTTIME")
             row.operator("heritage.drop_job", text="", icon="X").number = number
 
 

@@ -18,7 +18,15 @@ from ..engine.errors import ObjectError
 from ..engine.scene import ExportFrame, Measurement
 from .properties import heritage_objects, photo_of
 
-__all__ = ["RULER_KEY", "apply_measurement", "frame_of_object", "is_metric", "placement_properties", "world_from_scene"]
+__all__ = [
+    "RULER_KEY",
+    "apply_measurement",
+    "frame_of_object",
+    "is_metric",
+    "placement_of",
+    "placement_properties",
+    "world_from_scene",
+]
 
 Float64 = NDArray[np.float64]
 
@@ -29,6 +37,8 @@ _METRIC_KEY = "heritage_metric"
 RULER_KEY = "heritage_ruler"
 """Custom property of a ruler, which moves with what it measures."""
 _MAX_ENTRY = 1e15
+_MIN_THICKNESS = 1e-7
+"""Smallest scale of an object relative to its largest: Blender's float32 holds no smaller one after a rotation."""
 
 
 def apply_measurement(scene: bpy.types.Scene, measurement: Measurement) -> None:
@@ -60,6 +70,21 @@ def apply_measurement(scene: bpy.types.Scene, measurement: Measurement) -> None:
         obj[_METRIC_KEY] = metric
     scene.unit_settings.system = "METRIC" if metric else "NONE"
     scene.unit_settings.scale_length = 1.0
+
+
+def placement_of(obj: bpy.types.Object) -> Float64:
+    """Return ``matrix_world`` of `obj`, which can be inverted.
+
+    Raises
+    ------
+    ObjectError
+        When a scale of the object, or of its parent, is 0.
+    """
+    matrix = np.array(obj.matrix_world, np.float64)
+    largest, _, smallest = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+    if not smallest > _MIN_THICKNESS * largest:
+        raise ObjectError(f"{obj.name} is flattened. Give it a scale other than 0.")
+    return matrix
 
 
 def placement_properties(obj: bpy.types.Object) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+from bpy.app.translations import pgettext_n
 
 from . import job_runner
 from .installation import installed_engine
@@ -11,12 +12,16 @@ from .preferences import engine_problem
 
 __all__ = ["draw_set_up", "set_up_label"]
 
-_LABELS = {"missing": "Set Up Engine", "incomplete": "Continue Set-Up", "outdated": "Update Engine"}
+_LABELS = {
+    "missing": pgettext_n("Set Up Engine"),
+    "incomplete": pgettext_n("Continue Set-Up"),
+    "outdated": pgettext_n("Update Engine"),
+}
 
 
 def set_up_label() -> str:
     """Return what setting up means now, as a label: first set-up, continuation, update or repair."""
-    return _LABELS.get(installed_engine().state(), "Repair Engine")
+    return _LABELS.get(installed_engine().state(), pgettext_n("Repair Engine"))
 
 
 def draw_set_up(layout: bpy.types.UILayout) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from .guards import add_load_handler, remove_load_handler, subscribe, unsubscribe
+from .guards import add_load_handler, remove_handler, subscribe, unsubscribe
 from .properties import heritage_objects
 from .splat_nodes import SOLID, display_input, set_display_input
 
@@ -63,4 +63,4 @@ def register() -> None:
 def unregister() -> None:
     """Undo `register`."""
     unsubscribe(update_shapes)
-    remove_load_handler(_follow)
+    remove_handler(_follow)

@@ -26,14 +26,14 @@ from .guards import (
     add_load_handler,
     remove_change_handler,
     remove_draw_handler,
-    remove_load_handler,
+    remove_handler,
 )
 from .properties import heritage_objects, photo_of
 from .solid_mode import redraw_viewports
 from .splat_boxes import Box, draw_boxes, shown_box
 from .splat_order import View, draw_order
 from .splat_shader import copy_shader, splat_shader
-from .splat_tables import Part, Tables, list_texture
+from .splat_tables import Part, Tables, checksum, list_texture
 from .splats import SplatScene
 
 __all__ = ["Detail", "draw_to", "is_software", "register", "tables_of", "unregister"]
@@ -100,6 +100,7 @@ class _State:
 
     parts: dict[str, Part] = field(default_factory=dict)
     versions: dict[str, int] = field(default_factory=dict)
+    doubtful: set[str] = field(default_factory=set)
     tables: Tables | None = None
     tables_of: Any = None
     boxes: dict[str, tuple[Any, Box | None]] = field(default_factory=dict)
@@ -117,15 +118,14 @@ def is_software() -> bool:
 
 
 def _forget(changed: list[bpy.types.ID]) -> None:
-    """Read the data that changed again, when they are drawn next."""
-    for data in changed:
-        if isinstance(data, bpy.types.Mesh) and _state.parts.pop(data.name_full, None) is not None:
-            _state.versions[data.name_full] = _state.versions.get(data.name_full, 0) + 1
+    """Look again at the data that may have changed, when they are drawn next."""
+    _state.doubtful.update(data.name_full for data in changed if isinstance(data, bpy.types.Mesh))
 
 
 def _forget_all() -> None:
     """Forget everything but the programs."""
     _state.parts.clear()
+    _state.doubtful.clear()
     _state.boxes.clear()
     _state.pictures.clear()
     _state.tables = _state.tables_of = None
@@ -154,14 +154,19 @@ def tables_of(objects: list[bpy.types.Object]) -> Tables:
     """Return the Gaussians of `objects` as lists on the card, which are kept until one of them changes."""
     names = [obj.data.name_full for obj in objects]
     for obj, name in zip(objects, names, strict=True):
-        part = _state.parts.get(name)
-        if part is None or len(part.means) != len(obj.data.vertices):
-            _state.parts[name] = Part.of(SplatScene.of(obj))
+        part, splats = _state.parts.get(name), SplatScene.of(obj)
+        if (
+            part is None
+            or len(part.means) != len(obj.data.vertices)
+            or (name in _state.doubtful and checksum(splats) != part.checksum)
+        ):
+            _state.parts[name] = Part.of(splats)
             _state.versions[name] = _state.versions.get(name, 0) + 1
+        _state.doubtful.discard(name)
     wanted = tuple((name, _state.versions[name]) for name in names)
     if _state.tables is None or _state.tables_of != wanted:
-        splats = [SplatScene.of(obj) for obj in objects]
-        _state.tables, _state.tables_of = Tables(splats, [_state.parts[name] for name in names]), wanted
+        every = [SplatScene.of(obj) for obj in objects]
+        _state.tables, _state.tables_of = Tables(every, [_state.parts[name] for name in names]), wanted
     return _state.tables
 
 
@@ -399,6 +404,6 @@ def unregister() -> None:
     _rest_timer.stop()
     _shapes_timer.stop()
     remove_change_handler(_forget)
-    remove_load_handler(_begin_file)
+    remove_handler(_begin_file)
     _forget_all()
     _state.programs = None

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from .german import TEXTS
+from . import german, german_tooltips
 
-__all__ = ["register", "unregister"]
+__all__ = ["register", "translated", "unregister"]
 
 _NAME = __package__ or __name__
 _LOCALES = ("de", "de_DE")
@@ -15,9 +15,19 @@ _CONTEXTS = ("*", "Operator")
 """Contexts in which Blender looks up labels; those of operators have one of their own."""
 
 
+def translated(text: str, *values: object) -> str:
+    """Return a text in the language of the interface, with `values` in its places ``{}``.
+
+    For texts that Blender does not look up itself: those with values, those that are wrapped, those in headers.
+    """
+    found: str = bpy.app.translations.pgettext_iface(text)
+    return found.format(*values) if values else found
+
+
 def register() -> None:
     """Give Blender the translations."""
-    texts = {(context, text): german for text, german in TEXTS.items() for context in _CONTEXTS}
+    every = german.TEXTS | german_tooltips.TEXTS
+    texts = {(context, text): own for text, own in every.items() for context in _CONTEXTS}
     bpy.app.translations.register(_NAME, dict.fromkeys(_LOCALES, texts))
 
 

@@ -16,6 +16,7 @@ from ..engine.project_content import photo_camera
 from ..engine.rasterizer.settings import ALPHA_MIN
 from ..engine.scene import Camera, PinholeCamera, RayCaster, photo_pixels, photo_ray, read_camera_set
 from .picking import FLIP
+from .placement import placement_of
 from .properties import heritage_objects, project_of, scene_count
 from .sight import Seen, Sight, SplatLayer, seen_on_ray
 from .splats import SplatScene
@@ -47,7 +48,7 @@ class PhotoSight:
     camera : Camera
         With its lens distortion. Positions are pixels of the photo, from its upper left corner.
     world_from_scene : array of shape [4, 4], float64
-        ``matrix_world`` of the whole scene.
+        ``matrix_world`` of the whole scene, which can be inverted.
     """
 
     camera: Camera
@@ -101,9 +102,9 @@ def sight_of_photo(scene: bpy.types.Scene, photo: str) -> PhotoSight:
     Raises
     ------
     HeritageError
-        When there is no such photo, or the scene was not imported.
+        When there is no such photo, or the scene was not imported, or is flattened.
     """
-    return PhotoSight(photo_camera(project_of(scene.heritage), photo), _placement(_whole(scene)))
+    return PhotoSight(photo_camera(project_of(scene.heritage), photo), placement_of(_whole(scene)))
 
 
 def _whole(scene: bpy.types.Scene) -> bpy.types.Object:
@@ -208,9 +209,11 @@ def photo_of_point(scene: bpy.types.Scene, cameras: Sequence[Camera], point: Flo
     ------
     CameraError
         When no photo shows the point from this side.
+    ObjectError
+        When the whole scene was not imported, or is flattened.
     """
     whole = _whole(scene)
-    placement = _placement(whole)
+    placement = placement_of(whole)
     caster = RayCaster(SplatScene.of(whole).local_gaussians())
     inverse = np.linalg.inv(placement)
     local, look = inverse[:3, :3] @ point + inverse[:3, 3], inverse[:3, :3] @ direction

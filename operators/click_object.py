@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import bpy
+from bpy.app.translations import pgettext_n
 from bpy.props import BoolProperty
 
 from ..engine.errors import HeritageError, ObjectError
@@ -14,13 +15,16 @@ from ..gaussian_heritage_addon.clicking import Viewport
 from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
 from ..gaussian_heritage_addon.problems import sentence_of
 from ..gaussian_heritage_addon.properties import active_object
+from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .segmenting import SegmentOperator
 
 __all__ = ["CLASSES"]
 
-_HELP = "Click: the object   Shift-click: not part of it   Left/Right: other photo   Backspace: remove last click   "
-_HELP += "Enter: isolate   Esc: cancel   |   "
+_HELP = pgettext_n(
+    "Click: the object   Shift-click: not part of it   Left/Right: other photo   Backspace: remove last click   "
+    "Enter: isolate   Esc: cancel   |   {} on the object, {} beside it"
+)
 
 
 @blender_properties
@@ -104,7 +108,7 @@ class HERITAGE_OT_click_object(SegmentOperator):
             self._viewport.draw_marks([(click, self._directions[click]) for click in self._session.clicks])
 
     def _update_header(self) -> None:
-        self._viewport.area.header_text_set(_HELP + self._session.summary())
+        self._viewport.area.header_text_set(translated(_HELP, *self._session.counts()))
         self._viewport.area.tag_redraw()
 
     def _isolate(self) -> set[str]:

@@ -33,6 +33,7 @@ from ..gaussian_heritage_addon.properties import (
 )
 from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.typed_properties import blender_properties
+from .needing_project import is_project_open
 
 __all__ = ["CLASSES"]
 
@@ -45,8 +46,7 @@ class _ObjectOperator(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
+        return is_project_open(cls, context)
 
 
 def _listed(context: bpy.types.Context) -> bpy.types.Object:

@@ -18,6 +18,7 @@ from ..gaussian_heritage_addon.region_selection import View, in_region
 from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.visible_splats import sight_of_photo, sight_of_viewport
+from .needing_project import is_project_open
 from .path_drawing import PathOperator
 
 __all__ = ["CLASSES"]
@@ -69,8 +70,7 @@ class HERITAGE_OT_edit_region(PathOperator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
+        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the region from the arguments."""

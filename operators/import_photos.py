@@ -14,6 +14,7 @@ from ..engine.photos.settings import VIDEO_SUFFIXES
 from ..engine.project_content import default_project_folder
 from ..engine.training.settings import PRESET_LIST
 from ..gaussian_heritage_addon import job_runner
+from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .dropped_files import DroppedIntoView
 
@@ -26,7 +27,7 @@ OFFERED_PRESETS = [preset for preset in PRESET_LIST if preset.offered]
 
 
 def _search_presets(operator: bpy.types.Operator, context: bpy.types.Context, typed: str) -> list[tuple[str, str]]:
-    return [(preset.name, preset.description) for preset in OFFERED_PRESETS]
+    return [(preset.name, translated(preset.description)) for preset in OFFERED_PRESETS]
 
 
 @blender_properties
@@ -86,8 +87,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         str,
         StringProperty(
             name="Preset",
-            description="How much work. "
-            + " ".join(f"{preset.name}: {preset.description}" for preset in OFFERED_PRESETS),
+            description="How much work; the list says what each choice takes",
             default="standard",
             search=_search_presets,
         ),
@@ -99,6 +99,11 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser to select the folder; for dropped files, ask for the options only."""
         if self.filepath or self.files:
+            # Blender gives the folder and the first file of whatever was dropped.
+            if Path(self.filepath).suffix.lower() in VIDEO_SUFFIXES:
+                self.directory = ""
+            else:
+                self.filepath = ""
             answer: set[str] = context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH)
             return answer
         context.window_manager.fileselect_add(self)

@@ -16,6 +16,8 @@ from .dropped_files import DroppedIntoView
 
 __all__ = ["CLASSES"]
 
+_DIALOG_WIDTH = 450
+
 
 @blender_properties
 class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
@@ -55,6 +57,15 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
             default=True,
         ),
     ]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Open the file browser to select the file; for a dropped file, ask for the options only."""
+        # What the operator was given the last time is a ghost.
+        if self.properties.is_property_set("filepath", ghost=False):
+            answer: set[str] = context.window_manager.invoke_props_dialog(self, width=_DIALOG_WIDTH)
+            return answer
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import the file."""

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_n
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, IntProperty
 from numpy.typing import NDArray
 
@@ -22,6 +23,7 @@ from ..gaussian_heritage_addon.measuring import (
 from ..gaussian_heritage_addon.properties import HeritageClick, heritage_objects, project_of
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.visible_splats import SplatsInView, sight_of_photo
+from .needing_project import is_project_open
 from .view_clicking import ViewClickOperator
 
 __all__ = ["CLASSES"]
@@ -31,11 +33,13 @@ Float64 = NDArray[np.float64]
 _N_POINTS = {"DISTANCE": 2, "RULER": 2, "NORTH": 2, "ORIGIN": 1, "GROUND": 0}
 """Points of each action; 0: three or more."""
 _HELP = {
-    "DISTANCE": "Click the two ends of the known distance   Esc: cancel",
-    "RULER": "Click two points   Esc: cancel",
-    "NORTH": "Click a point, then another one to the north of it   Esc: cancel",
-    "ORIGIN": "Click the origin   Esc: cancel",
-    "GROUND": "Click three or more points of the ground   Backspace: remove the last   Enter: done   Esc: cancel",
+    "DISTANCE": pgettext_n("Click the two ends of the known distance   Esc: cancel"),
+    "RULER": pgettext_n("Click two points   Esc: cancel"),
+    "NORTH": pgettext_n("Click a point, then another one to the north of it   Esc: cancel"),
+    "ORIGIN": pgettext_n("Click the origin   Esc: cancel"),
+    "GROUND": pgettext_n(
+        "Click three or more points of the ground   Backspace: remove the last   Enter: done   Esc: cancel"
+    ),
 }
 
 
@@ -161,8 +165,7 @@ class HERITAGE_OT_ground_from_plane(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
+        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Use three points of the plane."""
@@ -183,6 +186,7 @@ class HERITAGE_OT_clear_measurement(bpy.types.Operator):
 
     bl_idname = "heritage.clear_measurement"
     bl_label = "Clear Measurement"
+    bl_options = {"REGISTER", "UNDO"}
 
     distance: Annotated[
         int,
@@ -194,8 +198,7 @@ class HERITAGE_OT_clear_measurement(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
+        return is_project_open(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Remove."""

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_n
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 from numpy.typing import NDArray
 
@@ -32,7 +33,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
     bl_label = "Click in View"
     bl_options = {"REGISTER", "UNDO"}
     n_clicks = 1
-    help_text = "Click what you see   Esc: cancel"
+    help_text = pgettext_n("Click what you see   Esc: cancel")
 
     action: Annotated[
         str,

@@ -8,6 +8,7 @@ from ..engine.jobs import Click
 from ..gaussian_heritage_addon import job_runner
 from ..gaussian_heritage_addon.preferences import sam_arguments
 from ..gaussian_heritage_addon.properties import heritage_objects, project_of
+from .needing_project import is_project_open
 
 __all__ = ["SegmentOperator", "clicks_of", "replaced_background"]
 
@@ -21,8 +22,7 @@ class SegmentOperator(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
+        return is_project_open(cls, context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first where something is replaced."""

@@ -7,12 +7,15 @@ from typing import Any
 import blf
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_n
 from numpy.typing import NDArray
 
 from ..engine.errors import HeritageError, ObjectError
 from ..gaussian_heritage_addon.guards import add_draw_handler, remove_draw_handler
 from ..gaussian_heritage_addon.problems import sentence_of
+from ..gaussian_heritage_addon.translations import translated
 from ..gaussian_heritage_addon.visible_splats import sight_of_viewport
+from .needing_project import is_project_open
 
 __all__ = ["ViewClickOperator"]
 
@@ -27,14 +30,13 @@ class ViewClickOperator(bpy.types.Operator):
 
     n_clicks = 0
     """Clicks after which the operator ends; 0: it ends with Enter."""
-    help_text = "Click in the view   Backspace: remove the last   Enter: done   Esc: cancel"
+    help_text = pgettext_n("Click in the view   Backspace: remove the last   Enter: done   Esc: cancel")
     _handler: Any = None
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Return whether a project is open."""
-        cls.poll_message_set("Import a photo folder or open a project first.")
-        return bool(context.scene.heritage.project)
+        return is_project_open(cls, context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Wait for clicks in the view."""
@@ -45,7 +47,7 @@ class ViewClickOperator(bpy.types.Operator):
         self.points: list[Float64] = []
         self._handler = add_draw_handler(bpy.types.SpaceView3D, self._draw)
         context.window_manager.modal_handler_add(self)
-        self._area.header_text_set(self.help_text)
+        self._area.header_text_set(translated(self.help_text))
         self._area.tag_redraw()
         return {"RUNNING_MODAL"}
 

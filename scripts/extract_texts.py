@@ -8,14 +8,23 @@ from __future__ import annotations
 import argparse
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("gaussian_heritage_addon", "operators")
-LANGUAGES = {"german": ROOT / "gaussian_heritage_addon" / "german.py"}
+PRESETS = ROOT / "engine" / "training" / "settings.py"
+"""Here the engine describes what a curator chooses from."""
+LANGUAGES = {
+    "german": (
+        ROOT / "gaussian_heritage_addon" / "german.py",
+        ROOT / "gaussian_heritage_addon" / "german_tooltips.py",
+    )
+}
 _SHOWN = ("text", "title", "confirm_text", "placeholder")
 """Arguments of layouts and dialogs that Blender translates."""
+_TRANSLATING = {"translated": 0, "pgettext_n": 0, "draw_text": 1, "TrainingPreset": 1}
+"""Functions whose text at this position among their arguments is translated."""
 
 
 def texts_of(source: str) -> Iterator[tuple[str, str]]:
@@ -24,7 +33,11 @@ def texts_of(source: str) -> Iterator[tuple[str, str]]:
         if isinstance(node, ast.ClassDef):
             yield from _of_class(node)
         elif isinstance(node, ast.Call):
-            is_property = isinstance(node.func, ast.Name) and node.func.id.endswith("Property")
+            called = node.func.id if isinstance(node.func, ast.Name) else ""
+            is_offered = all(keyword.arg != "offered" for keyword in node.keywords)
+            if called in _TRANSLATING and len(node.args) > _TRANSLATING[called] and is_offered:
+                yield from _constant("label", node.args[_TRANSLATING[called]])
+            is_property = called.endswith("Property")
             for keyword in node.keywords:
                 if is_property and keyword.arg in ("name", "description"):
                     yield from _constant("label" if keyword.arg == "name" else "tooltip", keyword.value)
@@ -52,22 +65,31 @@ def _of_class(node: ast.ClassDef) -> Iterator[tuple[str, str]]:
 
 
 def _constant(kind: str, node: ast.expr) -> Iterator[tuple[str, str]]:
-    if isinstance(node, ast.Constant) and isinstance(node.value, str) and any(map(str.isalpha, node.value)):
+    if isinstance(node, ast.IfExp):
+        yield from _constant(kind, node.body)
+        yield from _constant(kind, node.orelse)
+    elif isinstance(node, ast.BoolOp):
+        for value in node.values:
+            yield from _constant(kind, value)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str) and any(map(str.isalpha, node.value)):
         yield kind, node.value
 
 
 def all_texts() -> dict[str, str]:
     """Return all texts of the add-on, with their kinds."""
     found: dict[str, str] = {}
-    for folder in FOLDERS:
-        for file in sorted((ROOT / folder).glob("*.py")):
-            for kind, text in texts_of(file.read_text(encoding="utf-8")):
-                found.setdefault(text, kind)
+    for file in [PRESETS, *(file for folder in FOLDERS for file in sorted((ROOT / folder).glob("*.py")))]:
+        for kind, text in texts_of(file.read_text(encoding="utf-8")):
+            found.setdefault(text, kind)
     return found
 
 
-def translated(file: Path) -> dict[str, str]:
-    """Return the texts of a module with translations."""
+def translated(files: Sequence[Path]) -> dict[str, str]:
+    """Return the texts of the modules of a language."""
+    return {text: own for file in files for text, own in _texts_in(file).items()}
+
+
+def _texts_in(file: Path) -> dict[str, str]:
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "TEXTS":
             assert node.value is not None

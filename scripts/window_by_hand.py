@@ -93,18 +93,43 @@ def edit_by_hand(window: Window) -> None:
     window.check("the edit is stored in the project", f"{state}[1].finished and {count} == {after} < {before}")
 
 
+def _two_ends(window: Window) -> list[tuple[float, float]]:
+    """Return positions on the screen, near the bottom and the top of the framed object, where a surface is seen."""
+    answer = window.python(f"""
+import importlib
+visible = importlib.import_module({PACKAGE + ".gaussian_heritage_addon.visible_splats"!r})
+sight, splats = visible.sight_of_viewport(region, view), visible.SplatsInView.of(bpy.context.scene)
+order = np.round(seen[np.argsort(seen[:, 1])])
+for places in (order, order[::-1]):
+    x, y = next(one for one in places[len(places) // 10:] if splats.seen(*sight.ray(*one)).point is not None)
+    print(first.x + region.x + x, {SCREEN_HEIGHT} - first.y - region.y - y)
+""")
+    bottom, top = ((float(x), float(y)) for x, y in (line.split() for line in answer.splitlines()))
+    return [bottom, top]
+
+
 def measure_scene(window: Window) -> None:
     """Pick the ends of a known distance and of a ruler in the view, and look at the panels, also in German."""
-    (x, y), height = _frame_object(window)
+    _frame_object(window)
+    ends = _two_ends(window)
     _invoke(window, "measure", action="DISTANCE", metres=0.3)
-    window.click(x, y - 0.3 * height)
-    window.click(x, y + 0.3 * height)
+    for end in ends:
+        window.click(*end)
     time.sleep(3)
     window.check("Blender measures in metres", "bpy.context.scene.unit_settings.system == 'METRIC'")
-    (x, y), height = _frame_object(window)
+    unmeasured = "bpy.context.scene.unit_settings.system == 'NONE'"
+    stored = "__import__('pathlib').Path(bpy.path.abspath(bpy.context.scene.heritage.project), 'measurement.json')"
+    window.run("key", "ctrl+z")
+    time.sleep(5)
+    window.check("Ctrl+Z takes the measurement back, in the project too", f"{unmeasured} and not {stored}.exists()")
+    window.run("key", "ctrl+shift+z")
+    time.sleep(5)
+    window.check("Ctrl+Shift+Z brings it again", f"not {unmeasured} and {stored}.exists()")
+    _frame_object(window)
+    ends = _two_ends(window)
     _invoke(window, "measure", action="RULER")
-    window.click(x, y - 0.3 * height)
-    window.click(x, y + 0.3 * height)
+    for end in ends:
+        window.click(*end)
     time.sleep(3)
     measuring = f"__import__('{PACKAGE}.gaussian_heritage_addon.measuring', fromlist=['x'])"
     # The view may have moved by a few pixels, and so may the ends.

@@ -57,8 +57,8 @@ def record(kind: str, entry: dict[str, Any]) -> None:
 def time_calls(package: str) -> int:
     """Record the duration of each call that Blender makes to the add-on, and return how many functions are timed.
 
-    All of them have a guard, which looks its function up in ``__wrapped__`` at each call. The time in which other
-    programs had all cores is recorded apart: the add-on can do nothing about it.
+    All of them have a guard, which looks its function up in ``__wrapped__`` at each call. The CPU seconds of the thread
+    are recorded apart: the others depend on what else the computer does.
     """
     import gc
 
@@ -74,22 +74,15 @@ def time_calls(package: str) -> int:
 
 def _timed(inner: Any) -> Any:
     def call(*arguments: Any) -> Any:
-        begin, waited = time.perf_counter(), _seconds_without_a_core()
+        begin, cpu = time.perf_counter(), time.thread_time()
         try:
             return inner(*arguments)
         finally:
-            waited = _seconds_without_a_core() - waited
-            seconds = time.perf_counter() - begin - waited
-            record("calls", {"name": inner.__qualname__, "seconds": round(seconds, 4), "waited": round(waited, 4)})
+            seconds, cpu = time.perf_counter() - begin, time.thread_time() - cpu
+            record("calls", {"name": inner.__qualname__, "seconds": round(seconds, 4), "cpu": round(cpu, 4)})
 
     call.is_timed = True  # type: ignore[attr-defined]
     return call
-
-
-def _seconds_without_a_core() -> float:
-    """Return how long this thread was ready to run and had no core, since it started (Linux, see proc(5))."""
-    with open("/proc/thread-self/schedstat") as file:
-        return int(file.read().split()[1]) / 1e9
 
 
 NAMES["time_calls"] = time_calls

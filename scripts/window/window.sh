@@ -5,6 +5,7 @@
 #   window.sh py [SECONDS]        runs Python from standard input inside the window's Blender, prints its output
 #   window.sh click X Y [BUTTON] | drag X1 Y1 X2 | type TEXT | key KEYS...    pixels of a 1600x1000 screen
 #   window.sh path X1 Y1 X2 Y2 ...   presses at the first position, moves over the others, releases at the last
+#   window.sh drop X Y FILE...    drops files, as a file manager does
 #   window.sh shot FILE.png       the whole screen
 #   window.sh crash | again       kills Blender; starts it again
 #   window.sh small FILE.png FILE.jpg | differ FILE.jpg FILE.jpg WxH+X+Y    of screenshots, 1200x750 pixels
@@ -33,7 +34,7 @@ setup)
   # python3-cattr: without it Blender's extension system does not register
   chroot "$root" sh -c 'export DEBIAN_FRONTEND=noninteractive; apt-get update -q && apt-get install -y -q --no-install-recommends \
     blender xvfb xdotool imagemagick x11-utils libgl1-mesa-dri libglx-mesa0 libegl1 openbox dbus-x11 procps \
-    python3-numpy python3-cattr python3-requests python3-zstandard python3-jsonschema' ;;
+    python3-numpy python3-xlib python3-cattr python3-requests python3-zstandard python3-jsonschema' ;;
 start)
   shift
   bind_all
@@ -59,6 +60,7 @@ path)
   inside xdotool mousemove $(($1 - 4)) "$2" sleep 0.5 mousemove "$1" "$2" sleep 0.5 mousedown 1 sleep 0.3
   while [ $# -ge 2 ]; do inside xdotool mousemove "$1" "$2" sleep 0.4; shift 2; done
   inside xdotool mouseup 1 ;;
+drop) shift; cp "$here/drop.py" "$work/"; inside python3 "$work/drop.py" "$@" ;;
 type) inside xdotool key ctrl+a; sleep 0.2; inside xdotool type --delay 25 "$2"; sleep 0.3; inside xdotool key Return ;;
 key) shift; inside xdotool key "$@" ;;
 small) inside convert "$2" -resize 1200x750 -quality 82 "$work/small.jpg" && cp "$work/small.jpg" "$3" ;;
@@ -71,5 +73,5 @@ crash) kill -9 "$(tail -1 "$work/pids")" ;;
 stop)
   [ ! -e "$work/pids" ] || { tac "$work/pids" | while read -r pid; do kill "$pid" 2>/dev/null || true; done; rm "$work/pids"; sleep 5; }
   mount | awk -v root="$root/" 'index($3, root) == 1 {print $3}' | sort -r | while read -r point; do umount "$point" || umount -l "$point" || true; done ;;
-*) sed -n '2,13p' "$0"; exit 2 ;;
+*) sed -n '2,14p' "$0"; exit 2 ;;
 esac

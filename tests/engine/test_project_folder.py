@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from engine.errors import DiskError, FormatError, ProjectError
+from engine import project_folder
+from engine.errors import DiskError, FormatError, ProjectError, ProjectInUse
 from engine.files import atomic_write, finite_or_null, write_json
 from engine.project_folder import ProjectFolder, stage_key
 
@@ -154,6 +157,51 @@ def test_second_job_on_one_folder_is_refused(tmp_path: Path) -> None:
     with first, pytest.raises(ProjectError, match="Another job is working"), second:
         pass
     with second:
+        pass
+
+
+def test_job_of_another_computer_on_a_shared_disk_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = ProjectFolder.create(tmp_path / "p"), ProjectFolder.create(tmp_path / "p")
+    here = socket.gethostname()
+    monkeypatch.setattr(socket, "gethostname", lambda: "photo-studio")
+    with first:
+        monkeypatch.setattr(socket, "gethostname", lambda: here)
+        with pytest.raises(ProjectInUse, match=r"is working in .* on the computer photo-studio\."), second:
+            pass
+    # The name that a finished or killed job leaves holds nobody up, and is replaced.
+    with second, pytest.raises(ProjectInUse) as caught, first:
+        pass
+    assert "on the computer" not in str(caught.value)
+
+
+def test_name_in_a_lock_of_someone_else_moves_no_cursor(tmp_path: Path) -> None:
+    first, second = ProjectFolder.create(tmp_path / "p"), ProjectFolder.create(tmp_path / "p")
+    with first:
+        (tmp_path / "p" / "lock").write_text("\x1b[2Jstudio" * 100 + " 1\n")
+        with pytest.raises(ProjectInUse) as caught, second:
+            pass
+    assert "\x1b" not in str(caught.value) and len(str(caught.value)) < len(str(tmp_path)) + 1000
+
+
+def test_file_that_a_lock_of_someone_else_is_linked_to_keeps_its_content(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    project = ProjectFolder.create(tmp_path / "p")
+    os.link(mine, tmp_path / "p" / "lock")
+    with project:
+        pass
+    assert mine.read_text() == "mine"
+
+
+def test_disk_without_locks_is_told_instead_of_a_job_that_does_not_exist(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_locks(stream: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    project = ProjectFolder.create(tmp_path / "p")
+    monkeypatch.setattr(project_folder, "_lock_function", lambda: no_locks)
+    with pytest.raises(DiskError, match="No locks available"), project:
         pass
 
 

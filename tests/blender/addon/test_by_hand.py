@@ -261,7 +261,7 @@ def test_panel_offers_the_edits_and_says_what_is_not_stored(balls: Any, draw: Ca
     bpy.ops.heritage.merge_objects(names="Right")
     drawn = draw("HERITAGE_PT_by_hand")
     assert "heritage.store_edits" in [name for name, _ in drawn.buttons]
-    assert "Not stored: Left 1 deleted" in " ".join(drawn.texts)
+    assert "Not stored: Left" in drawn.texts and "Deleted, not stored: 1" in drawn.texts
 
 
 def test_edits_are_not_lost_to_a_correction_by_clicks(balls: Any) -> None:
@@ -269,3 +269,22 @@ def test_edits_are_not_lost_to_a_correction_by_clicks(balls: Any) -> None:
     bpy.ops.heritage.merge_objects(names="Right")
     with pytest.raises(RuntimeError, match="Left was edited by hand. Store its edits first"):
         bpy.ops.heritage.refine_object(level=0)
+
+
+@pytest.mark.parametrize("scale", [(0, 0, 0), (1, 1, 0), (1e-9, 1, 1)])
+def test_flattened_scene_is_named_instead_of_clicked_on(balls: Any, scale: tuple[float, float, float]) -> None:
+    whole = next(obj for obj in bpy.data.objects if obj.heritage.role == "SCENE")
+    # A rotation leaves no exact zero in the matrix.
+    whole.rotation_mode, whole.rotation_euler, whole.scale = "XYZ", (0.3, 0.4, 0.5), scale
+    bpy.context.view_layer.update()
+    listed("Left")
+    calls = [
+        lambda: bpy.ops.heritage.pick_object(action="ISOLATE", photo=PHOTO, x=50, y=44),
+        lambda: bpy.ops.heritage.measure(action="ORIGIN", points_on_photos=corners((50, 44))),
+        lambda: bpy.ops.heritage.edit_region(action="ADD", path=corners((40, 30), (60, 60))),
+        lambda: bpy.ops.heritage.edit_region(action="TAKE", path=corners((40, 30), (60, 60))),
+    ]
+    with np.errstate(all="raise"):
+        for call in calls:
+            with pytest.raises(RuntimeError, match=r"is flattened\. Give it a scale other than 0"):
+                call()

@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from conftest import isolated
+from mathutils import Matrix
 
 Part = Callable[[str], ModuleType]
 StandIn = Callable[[str], Path]
@@ -38,6 +39,32 @@ def test_bounds_are_those_of_the_gaussians_that_are_shown(opened: Any, part: Par
     low, high = part("gaussian_heritage_addon.splat_boxes").shown_box(vase)
     members = means[splats.membership >= np.float32(0.9)]
     assert (low >= members.min(axis=0) - 1e-6).all() and (high <= members.max(axis=0) + 1e-6).all()
+
+
+def test_threshold_is_dragged_without_reading_the_gaussians_again_and_edits_are_seen(
+    opened: Any, part: Part, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    view, built = part("gaussian_heritage_addon.splat_view"), []
+    # Textures need a window.
+    monkeypatch.setattr(view, "Tables", lambda objects, parts: built.append(parts) or object())
+    view._forget_all()
+    bpy.context.scene.heritage.show = "OBJECTS"
+    vase = isolated()["vase"]
+    splats = part("gaussian_heritage_addon.splats").SplatScene.of(vase)
+
+    def drawn_after(change: Callable[[], None]) -> int:
+        change()
+        # Blender names the mesh after both kinds of change.
+        view._forget([vase.data])
+        view.tables_of([vase])
+        return len(built)
+
+    assert drawn_after(lambda: None) == 1
+    assert drawn_after(lambda: setattr(vase.heritage, "threshold", 0.8)) == 1
+    assert drawn_after(lambda: splats.set_membership(splats.membership * 0.5)) == 2
+    assert drawn_after(lambda: vase.data.transform(Matrix.Translation((1, 0, 0)))) == 3
+    np.testing.assert_allclose(built[-1][0].means, splats.attribute("position"))
+    view._forget_all()
 
 
 def test_nothing_is_outlined_but_in_the_display_of_shapes(opened: Any) -> None:

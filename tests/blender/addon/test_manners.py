@@ -1,4 +1,4 @@
-"""Files are dropped, two Blenders know of each other, texts are translated, and a text prompt knows the view."""
+"""Files are dropped, two Blenders know of each other, and a text prompt knows the view."""
 
 from __future__ import annotations
 
@@ -81,17 +81,6 @@ def test_dropped_photos_import_their_folder(fake_engine: Callable[[str], Path], 
     with pytest.raises(RuntimeError, match="enough"):
         bpy.ops.heritage.import_photo_folder(directory=str(folder), files=[{"name": "a.jpg"}], preset="preview")
     assert str(folder) in eval(arguments.read_text())
-
-
-def test_german_is_given_to_blender_for_labels_and_operators(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
-    translations, given = part("gaussian_heritage_addon.translations"), {}
-    # Blender as a Python module has no translations; the window test looks at a German window.
-    fake = SimpleNamespace(register=lambda name, texts: given.update(texts))
-    monkeypatch.setattr(translations, "bpy", SimpleNamespace(app=SimpleNamespace(translations=fake)))
-    translations.register()
-    assert set(given) == {"de", "de_DE"}
-    for context in ("*", "Operator"):
-        assert given["de"][context, "Ground"] == "Boden"
 
 
 def test_shortcuts_name_operators_and_options_that_exist(part: Part) -> None:

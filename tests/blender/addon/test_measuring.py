@@ -194,3 +194,55 @@ def test_measurement_of_other_cameras_is_told_and_can_be_cleared(
     assert any("earlier reconstruction" in text for text in draw("HERITAGE_PT_measure").texts)
     bpy.ops.heritage.clear_measurement()
     assert load(part, floor).is_empty
+
+
+def undo_to(part: Part, mark: str | None) -> None:
+    """Do what Ctrl+Z does here. Blender as a Python module does not end after a real undo."""
+    scene = bpy.context.scene
+    if mark is None:
+        scene.pop("heritage_measured", None)
+    else:
+        scene["heritage_measured"] = mark
+    for handler in bpy.app.handlers.undo_post:
+        handler(scene, None)
+
+
+def test_undo_takes_a_measurement_back_in_the_project_too_and_redo_brings_it_again(
+    floor: Any, part: Part, camera: Any
+) -> None:
+    ends = pixels(camera, (0.0, 0.0, -0.5), (0.5, 0.0, -0.5))
+    bpy.ops.heritage.measure(action="DISTANCE", metres=1.0, points_on_photos=ends)
+    bpy.context.view_layer.update()
+    first = load(part, floor), bpy.context.scene["heritage_measured"]
+    bpy.ops.heritage.measure(action="DISTANCE", metres=2.0, points_on_photos=ends)
+    second = load(part, floor), bpy.context.scene["heritage_measured"]
+    assert [len(one.distances) for one, _ in (first, second)] == [1, 2]
+    for (measurement, mark), n_distances in ((first, 1), (second, 2), (first, 1)):
+        undo_to(part, mark)
+        assert load(part, floor) == measurement and len(measurement.distances) == n_distances
+    undo_to(part, None)
+    assert load(part, floor).is_empty
+    # Undo of anything else.
+    undo_to(part, None)
+    assert load(part, floor).is_empty
+
+
+def test_undo_keeps_what_another_program_has_measured_since_and_says_so(floor: Any, part: Part, camera: Any) -> None:
+    ends = pixels(camera, (0.0, 0.0, -0.5), (0.5, 0.0, -0.5))
+    bpy.ops.heritage.measure(action="DISTANCE", metres=1.0, points_on_photos=ends)
+    measure(part, floor, 7.0)
+    undo_to(part, None)
+    assert load(part, floor).distances[0].metres == 7.0
+    assert "measured by another program since" in part("gaussian_heritage_addon.problems").shown()
+
+
+def test_undo_after_a_file_was_loaded_leaves_the_project_alone(
+    floor: Any, part: Part, camera: Any, tmp_path: Path
+) -> None:
+    file = str(tmp_path / "before.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    ends = pixels(camera, (0.0, 0.0, -0.5), (0.5, 0.0, -0.5))
+    bpy.ops.heritage.measure(action="DISTANCE", metres=1.0, points_on_photos=ends)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    undo_to(part, None)
+    assert len(load(part, floor).distances) == 1

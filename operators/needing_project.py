@@ -1,0 +1,15 @@
+"""When operators that work on a project can be used."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..gaussian_heritage_addon.translations import translated
+
+__all__ = ["is_project_open"]
+
+
+def is_project_open(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
+    """Return whether a project is open; if not, the tooltip of the disabled button says what to do."""
+    operator.poll_message_set(translated("Import a photo folder or open a project first."))
+    return bool(context.scene.heritage.project)

@@ -1,0 +1,91 @@
+"""Whatever Blender shows of the add-on's operators, panels and properties has a German text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import bpy
+import pytest
+
+Part = Callable[[str], ModuleType]
+_TYPES = (
+    bpy.types.Operator,
+    bpy.types.Panel,
+    bpy.types.PropertyGroup,
+    bpy.types.AddonPreferences,
+    bpy.types.FileHandler,
+)
+
+
+def own_classes() -> list[type]:
+    """Return the classes that the add-on has registered."""
+    found = [
+        cls
+        for kind in _TYPES
+        for cls in kind.__subclasses__() + [one for sub in kind.__subclasses__() for one in sub.__subclasses__()]
+        if ".gaussian_heritage." in f"{cls.__module__}." and getattr(cls, "is_registered", False)
+    ]
+    return list(dict.fromkeys(found))
+
+
+def shown_texts(cls: Any) -> Iterator[str]:
+    """Yield what Blender shows of a class: labels, tooltips, and those of its properties and their choices."""
+    rna = cls.bl_rna
+    if hasattr(cls, "bl_label"):
+        yield cls.bl_label
+    if issubclass(cls, bpy.types.Operator):
+        rna = getattr(bpy.ops.heritage, cls.bl_idname.partition(".")[2]).get_rna_type()
+        yield rna.description
+    base = dict(rna.base.properties.items()) if rna.base else {}
+    for name, prop in rna.properties.items():
+        if name in base or prop.is_hidden:
+            continue
+        # A property without a name is none that is drawn.
+        if prop.name != name:
+            yield prop.name
+        yield prop.description
+        for item in getattr(prop, "enum_items_static", None) or ():
+            # Names of models and files have no description and are the same in every language.
+            if item.description:
+                yield from (item.name, item.description)
+
+
+def test_every_label_and_tooltip_has_a_german_text(blender: ModuleType, part: Part) -> None:
+    german = part("gaussian_heritage_addon.german").TEXTS | part("gaussian_heritage_addon.german_tooltips").TEXTS
+    classes = own_classes()
+    assert len(classes) > 40
+    # Blender's own, of its base class of exporters.
+    german |= {"File Path": "", "Filepath used for exporting the file": ""}
+    missing = {text: cls.__name__ for cls in classes for text in shown_texts(cls) if text and text not in german}
+    assert missing == {}
+
+
+def test_german_is_given_to_blender_for_labels_and_operators(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
+    translations, given = part("gaussian_heritage_addon.translations"), {}
+    # Blender as a Python module has no translations; the window test looks at a German window.
+    fake = SimpleNamespace(register=lambda name, texts: given.update(texts))
+    monkeypatch.setattr(translations, "bpy", SimpleNamespace(app=SimpleNamespace(translations=fake)))
+    translations.register()
+    assert set(given) == {"de", "de_DE"}
+    for context in ("*", "Operator"):
+        assert given["de"][context, "Ground"] == "Boden"
+        assert given["de"][context, "Do not start this job"] == "Diese Arbeit nicht beginnen"
+
+
+def test_texts_with_values_are_translated_before_the_values_are_filled_in(
+    part: Part, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    translations, german = part("gaussian_heritage_addon.translations"), part("gaussian_heritage_addon.german").TEXTS
+    fake = SimpleNamespace(pgettext_iface=lambda text: german.get(text, text))
+    monkeypatch.setattr(translations, "bpy", SimpleNamespace(app=SimpleNamespace(translations=fake)))
+    assert translations.translated("Part to Whole: {} of {}", 2, 3) == "Teil bis Ganzes: 2 von 3"
+    # A name of the user is shown as it is.
+    assert translations.translated("Vase {blue}") == "Vase {blue}"
+
+
+def test_german_texts_have_the_places_for_values_of_the_english_ones(part: Part) -> None:
+    german = part("gaussian_heritage_addon.german").TEXTS
+    for text, own in german.items():
+        assert text.count("{") == own.count("{") and text.count("}") == own.count("}"), text
