@@ -18,7 +18,16 @@ from engine.scene import Gaussians
 
 from .ply_programs import gsply_reads, gsply_writes, plyfile_reads, plyfile_writes, plyfile_writes_table
 
-__all__ = ["COUNT", "bytes_of", "memory_rows", "random_gaussians", "rotation_error", "speed_rows"]
+__all__ = [
+    "COUNT",
+    "N_MEMORY",
+    "N_ROUNDS",
+    "bytes_of",
+    "memory_rows",
+    "random_gaussians",
+    "rotation_error",
+    "speed_rows",
+]
 
 COUNT = 1_000_000
 N_ROUNDS = 5
@@ -143,7 +152,7 @@ def rotation_error() -> float:
 
 
 _MEMORY = """
-import json, sys
+import json, sys, time
 from pathlib import Path
 import numpy as np
 import engine.formats as formats
@@ -158,18 +167,36 @@ gaussians = random_gaussians(count if verb == "write" else 1)
 size = bytes_of(gaussians) * (1 if verb == "write" else count)
 before = now() - (bytes_of(gaussians) if verb == "write" else 0)
 open("/proc/self/clear_refs", "w").write("5")
+begin = time.process_time(), time.monotonic()
 file = folder / f"memory.{kind}"
 options = {"up": "-y"} if what == "write ply" else {}
 kept = getattr(formats, f"{verb}_{kind}")(file, *((gaussians,) if verb == "write" else ()), **options)
-print(json.dumps((peak() - before) / size))
+seconds = time.process_time() - begin[0], time.monotonic() - begin[1]
+print(json.dumps({"times": (peak() - before) / size, "bytes": peak() - before, "seconds": seconds}))
 """
 
 
 def memory_rows(folder: Path) -> list[Row]:
-    """Return the peak memory of each writer and reader, in sizes of the Gaussians, which are counted once."""
+    """Return the peak memory of each writer and reader, in sizes of the Gaussians, which are counted once.
+
+    Of a large scene, also the time of one call.
+    """
     rows = []
     for what in ("write ply", "read ply", "write glb", "read glb", "write spz", "read spz"):
-        command = [sys.executable, "-c", _MEMORY, what, str(folder), str(N_MEMORY)]
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
-        rows.append((f"peak memory: {what}, times the data", f"{json.loads(done.stdout):.2f}", "2.2"))
+        measured = _in_own_process(what, folder, N_MEMORY)
+        rows.append((f"peak memory: {what}, times the data", f"{measured['times']:.2f}", "2.2"))
+    for what in ("write ply", "read ply", "write glb", "read glb"):
+        measured = _in_own_process(what, folder, N_MANY)
+        text = (
+            f"{_seconds(measured['seconds'])}, {measured['bytes'] / 1e9:.1f} GB, {measured['times']:.2f} times the data"
+        )
+        rows.append((f"{N_MANY:,} Gaussians: {what}", text, "2.2 times"))
     return rows
+
+
+def _in_own_process(what: str, folder: Path, count: int) -> dict[str, Any]:
+    """Return the peak memory, relative to the Gaussians and in bytes, and the CPU and wall seconds, of one call."""
+    command = [sys.executable, "-c", _MEMORY, what, str(folder), str(count)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    measured: dict[str, Any] = json.loads(done.stdout)
+    return measured

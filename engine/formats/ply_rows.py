@@ -47,7 +47,8 @@ class RowsToWrite:
     """
 
     def __init__(self, dtype: np.dtype[np.void], count: int, n_sh: int, extra: Sequence[str]) -> None:
-        self._rows = np.zeros(count, dtype)
+        # Views of an empty buffer cannot be made.
+        self._rows = np.zeros(max(count, 1), dtype)
         self._table = _table(self._rows)
         self._extra = tuple(extra)
         rest = rest_names(3 * (n_sh - 1))

@@ -30,6 +30,12 @@ def test_written_gaussians_are_read_back_bit_for_bit(
     assert_same_gaussians(read_ply(tmp_path / "scene.ply"), gaussians)
 
 
+def test_no_gaussians_are_an_empty_list(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    write_ply(tmp_path / "none.ply", random_gaussians(0, degree=2), up="-y")
+    content = (tmp_path / "none.ply").read_bytes()
+    assert b"element vertex 0\n" in content and content.endswith(b"end_header\n")
+
+
 def test_layout_is_the_standard_one(tmp_path: Path) -> None:
     # Each value encodes its position, so that exchanged channels or coefficients are detected.
     sh = np.array([[[100 * channel + k for channel in range(3)] for k in range(4)]], dtype=np.float32)
