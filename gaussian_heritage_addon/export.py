@@ -157,7 +157,7 @@ def _far(obj: bpy.types.Object, gaussians: Gaussians) -> NDArray[np.bool_]:
     cameras = path_within(project_of(obj.heritage), "cameras")
     if not (cameras / "cameras.json").is_file():
         return none
-    far = far_gaussians(gaussians.means, read_camera_set(cameras))
+    far = far_gaussians(gaussians, read_camera_set(cameras))
     return none if far.all() else far
 
 

@@ -83,7 +83,9 @@ class Environment:
 
 ENGINE_IMPORTS = "import torch, pycolmap, onnxruntime, cv2, numba, scipy, PIL, tokenizers, pytest"
 ENVIRONMENTS = (
-    Environment("engine", (3, 11), ("engine", "serve", "batch", "dev", "torch", "cuda"), ENGINE_IMPORTS, True),
+    Environment(
+        "engine", (3, 11), ("engine", "serve", "batch", "formats", "dev", "torch", "cuda"), ENGINE_IMPORTS, True
+    ),
     Environment("blender-4.5", (3, 11), ("blender-4.5", "bpy-4.5"), "import bpy, pytest", True),
     Environment("blender-5.2", (3, 13), ("blender-5.2", "bpy-5.2"), "import bpy, pytest", False),
 )
@@ -145,7 +147,9 @@ def make(environment: Environment, python: Path, torch: str) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.parent.mkdir(parents=True, exist_ok=True)
         run_logged([python, "-m", "venv", folder], log, f"the environment {folder} could not be created")
-    for name in ("engine", "serve", "batch", "dev") if environment.name == "engine" else environment.locked[:1]:
+    for name in (
+        ("engine", "serve", "batch", "formats", "dev") if environment.name == "engine" else environment.locked[:1]
+    ):
         pip(environment, locked_arguments(locked_file(name)), log, locked_file(name).name)
     if environment.name == "engine":
         drop_other_torch(torch, log)

@@ -17,7 +17,7 @@ from engine.formats import read_ply
 from engine.machine import describe_machine
 
 from .readers import reader_rows, require_node_modules
-from .speed import COUNT, N_MEMORY, memory_rows, speed_rows
+from .speed import COUNT, N_MEMORY, N_ROUNDS, memory_rows, speed_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_PSNR = 28.0
@@ -47,8 +47,9 @@ def speed(options: argparse.Namespace, folder: Path) -> int:
     """Measure speed, size and memory."""
     rows = [*speed_rows(folder), *memory_rows(folder)]
     text = (
-        f"{COUNT:,} random Gaussians with harmonics of degree 3; memory with {N_MEMORY:,}. Least of three rounds: "
-        "seconds of the processor, and by the clock in brackets. "
+        f"{COUNT:,} random Gaussians with harmonics of degree 3; memory with {N_MEMORY:,}. Least of {N_ROUNDS} rounds "
+        "in turn: seconds of the processor, and by the clock in brackets. All programs begin or end with the same "
+        "arrays. "
         f"Machine: {describe_machine().name}, shared with other work.\n\n" + _table(("what", "measured", "goal"), rows)
     )
     return _publish(options.doc, "speed", text)

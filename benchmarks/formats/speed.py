@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,25 @@ from engine.formats import read_glb, read_ply, read_spz, transform_gaussians, wr
 from engine.formats.spherical_harmonics import sh_basis
 from engine.scene import Gaussians
 
-__all__ = ["COUNT", "bytes_of", "memory_rows", "random_gaussians", "rotation_error", "speed_rows"]
+from .ply_programs import gsply_reads, gsply_writes, plyfile_reads, plyfile_writes, plyfile_writes_table
+
+__all__ = [
+    "COUNT",
+    "N_MEMORY",
+    "N_ROUNDS",
+    "bytes_of",
+    "memory_rows",
+    "random_gaussians",
+    "rotation_error",
+    "speed_rows",
+]
 
 COUNT = 1_000_000
-N_ROUNDS = 3
+N_ROUNDS = 5
 N_MEMORY = 2_000_000
 """Gaussians whose peak memory is measured. It is proportional to them beyond the chunks, of a few megabytes."""
-N_PLYFILE = 100_000
-"""Gaussians that plyfile reads row by row; its time is proportional to them."""
+N_MANY = 10_000_000
+"""Gaussians of a large scene, written and read once."""
 Row = tuple[str, str, str]
 
 
@@ -44,46 +55,28 @@ def bytes_of(gaussians: Gaussians) -> int:
     return sum(part.nbytes for part in parts)
 
 
-def timed(call: Callable[[], object]) -> tuple[float, float]:
-    """Return the least CPU and wall seconds of some calls."""
-    cpu, wall = [], []
+def timed(calls: Mapping[str, Callable[[], object]]) -> dict[str, tuple[float, float]]:
+    """Return the least CPU and wall seconds of each of some calls, which are made in turn."""
+    cpu, wall = ({name: float("inf") for name in calls} for _ in range(2))
     for _ in range(N_ROUNDS):
-        begin = time.process_time(), time.monotonic()
-        call()
-        cpu.append(time.process_time() - begin[0])
-        wall.append(time.monotonic() - begin[1])
-    return min(cpu), min(wall)
+        for name, call in calls.items():
+            begin = time.process_time(), time.monotonic()
+            call()
+            cpu[name] = min(cpu[name], time.process_time() - begin[0])
+            wall[name] = min(wall[name], time.monotonic() - begin[1])
+    return {name: (cpu[name], wall[name]) for name in calls}
 
 
 def speed_rows(folder: Path) -> list[Row]:
     """Measure in `folder`, and return rows of what, measured, goal. Seconds are those of the processor."""
-    import gsply
-
     gaussians = random_gaussians(COUNT)
     ply, glb, spz, usd = (folder / f"a.{suffix}" for suffix in ("ply", "glb", "spz", "usdc"))
     rows: list[Row] = []
 
-    def add(what: str, goal: str, call: Callable[[], object]) -> float:
-        cpu, wall = timed(call)
-        rows.append((what, f"{cpu:.2f} s ({wall:.2f} s)", goal))
-        return cpu
+    def add(what: str, goal: str, call: Callable[[], object]) -> None:
+        rows.append((what, _seconds(timed({what: call})[what]), goal))
 
-    add("PLY written, turned", "1.5 s", lambda: write_ply(ply, gaussians, up="-y"))
-    plain = add("PLY written without a turn", "", lambda: write_ply(ply, gaussians))
-    read = add("PLY read", "1.5 s", lambda: read_ply(ply))
-    # As its users make them: from arrays of their own.
-    others = gsply.GSData.from_arrays(
-        gaussians.means, gaussians.log_scales, gaussians.quats, gaussians.opacity_logits, gaussians.sh[:, 0],
-        gaussians.sh[:, 1:],
-    )  # fmt: skip
-    gsply_write = add("gsply writes PLY", "", lambda: gsply.plywrite(str(folder / "g.ply"), others))
-    gsply_read = add("gsply reads PLY, as arrays", "", lambda: _arrays_of(gsply.plyread(str(ply))))
-    plyfile_read, plyfile_write = _plyfile_seconds(folder, gaussians)
-    rows.append(("plyfile reads PLY, as arrays; writes it", f"{plyfile_read:.2f} s, {plyfile_write:.2f} s", ""))
-    rows.append(("speed beside gsply, reading and writing", f"{gsply_read / read:.1f}, {gsply_write / plain:.1f}", "1"))
-    rows.append(
-        ("speed beside plyfile, reading and writing", f"{plyfile_read / read:.1f}, {plyfile_write / plain:.1f}", "3")
-    )
+    rows += _ply_rows(folder, gaussians)
     add("GLB written", "2 s", lambda: write_glb(glb, gaussians))
     add("GLB read", "", lambda: read_glb(glb))
     add("SPZ written", "10 s", lambda: write_spz(spz, gaussians))
@@ -98,34 +91,38 @@ def speed_rows(folder: Path) -> list[Row]:
     return rows
 
 
-def _arrays_of(data: Any) -> list[Any]:
-    """Return contiguous arrays of what gsply read, which are views of its table until they are used."""
-    return [
-        np.ascontiguousarray(getattr(data, name)) for name in ("means", "scales", "quats", "opacities", "sh0", "shN")
-    ]
+def _ply_rows(folder: Path, gaussians: Gaussians) -> list[Row]:
+    """Measure PLY beside other programs: all begin and end with the same arrays."""
+    ply, of_gsply, of_plyfile = (folder / f"{name}.ply" for name in "agp")
+    seconds = timed(
+        {
+            "PLY written, turned": lambda: write_ply(ply, gaussians, up="-y"),
+            "PLY written without a turn": lambda: write_ply(ply, gaussians),
+            "gsply writes PLY": lambda: gsply_writes(of_gsply, gaussians),
+            "plyfile writes PLY, column by column": lambda: plyfile_writes(of_plyfile, gaussians),
+            "plyfile writes PLY, a table made by NumPy": lambda: plyfile_writes_table(of_plyfile, gaussians),
+            "PLY read": lambda: read_ply(ply),
+            "gsply reads PLY": lambda: gsply_reads(ply),
+            "plyfile reads PLY": lambda: plyfile_reads(ply),
+        }
+    )
+    goals = {"PLY written, turned": "1.5 s", "PLY read": "1.5 s"}
+    rows = [(what, _seconds(measured), goals.get(what, "")) for what, measured in seconds.items()]
+    (write, read), beside = (seconds[f"PLY {what}"][0] for what in ("written without a turn", "read")), "speed beside"
+    for name, how, goal in (
+        ("gsply", "", "1"),
+        ("plyfile", ", column by column", "3"),
+        ("plyfile", ", a table made by NumPy", ""),
+    ):
+        ratio = seconds[f"{name} writes PLY{how}"][0] / write
+        rows.append((f"{beside} {name}, writing{how}", f"{ratio:.1f}", goal))
+    for name, goal in (("gsply", "1"), ("plyfile", "3")):
+        rows.append((f"{beside} {name}, reading", f"{seconds[f'{name} reads PLY'][0] / read:.1f}", goal))
+    return rows
 
 
-def _plyfile_seconds(folder: Path, gaussians: Gaussians) -> tuple[float, float]:
-    """Return the CPU seconds in which plyfile turns a file into arrays and arrays into a file, from fewer Gaussians."""
-    from plyfile import PlyData, PlyElement
-
-    write_ply(folder / "p.ply", gaussians[slice(0, N_PLYFILE)])
-    table = PlyData.read(str(folder / "p.ply"))["vertex"]
-    names = [one.name for one in table.properties]
-    columns = [np.array(table[name]) for name in names]
-
-    def read() -> Any:
-        vertex = PlyData.read(str(folder / "p.ply"))["vertex"]
-        return np.stack([np.asarray(vertex[name]) for name in names], axis=1)
-
-    def write() -> None:
-        rows = np.empty(N_PLYFILE, [(name, "f4") for name in names])
-        for name, column in zip(names, columns, strict=True):
-            rows[name] = column
-        PlyData([PlyElement.describe(rows, "vertex")]).write(str(folder / "q.ply"))
-
-    factor = COUNT / N_PLYFILE
-    return timed(read)[0] * factor, timed(write)[0] * factor
+def _seconds(measured: tuple[float, float]) -> str:
+    return f"{measured[0]:.2f} s ({measured[1]:.2f} s)"
 
 
 def _splat_transform(source: Path, target: Path) -> int:
@@ -155,7 +152,7 @@ def rotation_error() -> float:
 
 
 _MEMORY = """
-import json, sys
+import json, sys, time
 from pathlib import Path
 import numpy as np
 import engine.formats as formats
@@ -170,18 +167,36 @@ gaussians = random_gaussians(count if verb == "write" else 1)
 size = bytes_of(gaussians) * (1 if verb == "write" else count)
 before = now() - (bytes_of(gaussians) if verb == "write" else 0)
 open("/proc/self/clear_refs", "w").write("5")
+begin = time.process_time(), time.monotonic()
 file = folder / f"memory.{kind}"
 options = {"up": "-y"} if what == "write ply" else {}
 kept = getattr(formats, f"{verb}_{kind}")(file, *((gaussians,) if verb == "write" else ()), **options)
-print(json.dumps((peak() - before) / size))
+seconds = time.process_time() - begin[0], time.monotonic() - begin[1]
+print(json.dumps({"times": (peak() - before) / size, "bytes": peak() - before, "seconds": seconds}))
 """
 
 
 def memory_rows(folder: Path) -> list[Row]:
-    """Return the peak memory of each writer and reader, in sizes of the Gaussians, which are counted once."""
+    """Return the peak memory of each writer and reader, in sizes of the Gaussians, which are counted once.
+
+    Of a large scene, also the time of one call.
+    """
     rows = []
     for what in ("write ply", "read ply", "write glb", "read glb", "write spz", "read spz"):
-        command = [sys.executable, "-c", _MEMORY, what, str(folder), str(N_MEMORY)]
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
-        rows.append((f"peak memory: {what}, times the data", f"{json.loads(done.stdout):.2f}", "2.2"))
+        measured = _in_own_process(what, folder, N_MEMORY)
+        rows.append((f"peak memory: {what}, times the data", f"{measured['times']:.2f}", "2.2"))
+    for what in ("write ply", "read ply", "write glb", "read glb"):
+        measured = _in_own_process(what, folder, N_MANY)
+        text = (
+            f"{_seconds(measured['seconds'])}, {measured['bytes'] / 1e9:.1f} GB, {measured['times']:.2f} times the data"
+        )
+        rows.append((f"{N_MANY:,} Gaussians: {what}", text, "2.2 times"))
     return rows
+
+
+def _in_own_process(what: str, folder: Path, count: int) -> dict[str, Any]:
+    """Return the peak memory, relative to the Gaussians and in bytes, and the CPU and wall seconds, of one call."""
+    command = [sys.executable, "-c", _MEMORY, what, str(folder), str(count)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    measured: dict[str, Any] = json.loads(done.stdout)
+    return measured

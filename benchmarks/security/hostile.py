@@ -25,8 +25,8 @@ from engine.models import models_folder
 from engine.planning.benchmark import calibrate
 
 from .hostile_blends import BLENDS
-from .hostile_cases import CASES, HONEST, Case, Sandbox
-from .hostile_engine import ALLOWED, COMMANDS, Outcome
+from .hostile_cases import HONEST, Case, Sandbox
+from .hostile_engine import ALL_CASES, ALLOWED, COMMANDS, Outcome
 from .kills_process import ROOT
 
 __all__ = ["main"]
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="heritage-hostile-") as name:
         folder = Path(name).resolve()
-        numbers = [number for number, case in enumerate(CASES) if options.only in case.name]
+        numbers = [number for number, case in enumerate(ALL_CASES) if options.only in case.name]
         tasks: list[Callable[[], list[Outcome]]] = []
         environment = _environment(folder)
         embeddings = folder / "embeddings"
@@ -106,7 +106,7 @@ def _engine(root: Path, embeddings: Path, numbers: Sequence[int], environment: d
     command = [sys.executable, "-m", module, str(root), str(embeddings), *map(str, numbers)]
     answer = _run(command, {**environment, "PYTHONPATH": str(ROOT)})
     outcomes = [Outcome(**json.loads(line)) for line in answer.stdout.splitlines()]
-    return outcomes + _failure("the engine", answer, [CASES[n].name for n in numbers] or [HONEST.name], outcomes)
+    return outcomes + _failure("the engine", answer, [ALL_CASES[n].name for n in numbers] or [HONEST.name], outcomes)
 
 
 def run_blender(folder: Path, embeddings: Path, numbers: Sequence[int], environment: dict[str, str]) -> list[Outcome]:
@@ -121,7 +121,8 @@ def run_blender(folder: Path, embeddings: Path, numbers: Sequence[int], environm
         sandbox.make(case)
         return str(sandbox.root)
 
-    projects = [(CASES[n].name, made(f"project-{n}", CASES[n]), CASES[n].photo) for n in numbers]
+    cases = {n: ALL_CASES[n] for n in numbers if not ALL_CASES[n].is_package}
+    projects = [(case.name, made(f"project-{n}", case), case.photo) for n, case in cases.items()]
     work = {
         "resources": str(resources),
         "zip": str(zip_file),
@@ -177,6 +178,7 @@ Made by `make hostile` in {minutes:.0f} minutes: {n_cases} cases, {n_steps} comm
 Each case is a finished project of the first release that was changed with bad intent, or a `.blend` file. It lies in a
 folder tree with a curator's own files beside it. Each command of the engine gets a fresh copy of the project:
 {commands}.
+A hostile package is put through `verify`.
 In Blender, with the installed extension: Open Project, a title is typed, the sliders are moved, Look Through Photo,
 both exports, Close List; for `.blend` files also Background and Isolate Candidate, which start the engine.
 
@@ -197,7 +199,7 @@ def table(outcomes: Sequence[Outcome], minutes: float) -> str:
     by_case: dict[str, list[Outcome]] = collections.defaultdict(list)
     for outcome in outcomes:
         by_case[outcome.case].append(outcome)
-    order = [name for name in (*(case.name for case in CASES), *(name for name, _ in BLENDS)) if name in by_case]
+    order = [name for name in (*(case.name for case in ALL_CASES), *(name for name, _ in BLENDS)) if name in by_case]
     text = _HEAD.format(
         minutes=minutes, n_cases=len(by_case), n_steps=len(outcomes), commands=", ".join(f"`{one}`" for one in COMMANDS)
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -138,13 +139,16 @@ class Case:
     photo : str
         Name of the photo that is clicked on and rendered.
     commands : tuple of str
-        Further commands, beside those that every case goes through.
+        Further commands, beside those that every project goes through.
+    is_package : bool
+        Whether a package is hostile (`hostile_packages`); it goes through `verify` alone.
     """
 
     name: str
     change: Callable[[Sandbox], object]
     photo: str = PHOTO
     commands: tuple[str, ...] = ()
+    is_package: bool = False
 
 
 def _object_id(value: object) -> Case:
@@ -257,6 +261,24 @@ def _leftovers(sandbox: Sandbox) -> None:
     (sandbox.project / "objects" / ".writing-objects").symlink_to(sandbox.project / "objects")
 
 
+def _no_gaussians(sandbox: Sandbox) -> None:
+    """A scene whose list is empty."""
+    file = sandbox.project / "gaussians" / "scene.ply"
+    head, end, _ = file.read_bytes().partition(b"end_header\n")
+    file.write_bytes(re.sub(rb"element vertex \d+", b"element vertex 0", head) + end)
+
+
+def _truncated_scene(sandbox: Sandbox) -> None:
+    file = sandbox.project / "gaussians" / "scene.ply"
+    file.write_bytes(file.read_bytes()[:-1000])
+
+
+def _empty_object(sandbox: Sandbox) -> None:
+    """An object to which no Gaussian belongs."""
+    file = sandbox.project / "objects" / "box" / "membership.npy"
+    np.save(file, np.zeros_like(np.load(file)))
+
+
 def _same_but_case(sandbox: Sandbox) -> None:
     objects = sandbox.project / "objects"
     shutil.copytree(objects / "box", objects / "BOX")
@@ -343,6 +365,9 @@ CASES: tuple[Case, ...] = (
     Case("mask of a photo: an absolute path", _photo_mask),
     Case("members of points.npz that lead out", _zip_member),
     Case("objects whose ids differ in case only", _same_but_case),
+    Case("scene without Gaussians", _no_gaussians),
+    Case("truncated scene", _truncated_scene),
+    Case("object without Gaussians", _empty_object),
     _trash(id="../../../precious/objects/vase", name="../../precious/x", deleted="0001-01-01T00:00:00+00:00"),
     _trash(id="/", name="", deleted="9999-12-31T23:59:59-12:00", scene="../x"),
     Case("links in the trash", _trash_links),

@@ -17,10 +17,13 @@ from engine.objects.settings import DEFAULT_PRESET, PRESETS
 
 from .hostile_audit import watch
 from .hostile_cases import CASES, HONEST, Case, Sandbox
+from .hostile_packages import PACKAGES, package_of
 from .kills_engine import shorten_stages
 from .tree import changed_bytes, differences, snapshot
 
-__all__ = ["ALLOWED", "COMMANDS", "Outcome", "main", "run_case"]
+__all__ = ["ALLOWED", "ALL_CASES", "COMMANDS", "Outcome", "main", "run_case"]
+
+ALL_CASES = (*CASES, *PACKAGES)
 
 ALLOWED = "GAUSSIAN_HERITAGE_HOSTILE_ALLOWED"
 """Environment variable: the user's folders of temporary files, compiled kernels and models, which may be written."""
@@ -92,6 +95,7 @@ def arguments(command: str, case: Case, sandbox: Sandbox) -> list[str]:
         "export, PLY": ["export", project, "--format", "ply", "--object", "box", "--out", str(out / "a.ply")],
         "export, GLB": ["export", project, "--format", "glb", "--out", str(out / "a.glb")],
         "package": ["package", project, "--object", "box", "--with-photos", "--out", str(out / "packages")],
+        "verify": ["verify", str(package_of(sandbox))],
         "render": ["render", project, "--view", case.photo, "--object", "box", "--out", str(out / "a.png")],
         "report": ["report", project],
         "trash list": ["trash", "list", project],
@@ -168,8 +172,9 @@ def main() -> int:
     sandbox = Sandbox(Path(root), Path(embeddings))
     caches = [Path(folder) for folder in os.environ[ALLOWED].split(os.pathsep)]
     watch(lambda: (*sandbox.writable, *caches), audited.append)
-    for case in (CASES[int(number)] for number in numbers):
-        for outcome in run_case(case, (*COMMANDS, *case.commands), sandbox, audited):
+    for case in (ALL_CASES[int(number)] for number in numbers):
+        commands = ("verify",) if case.is_package else (*COMMANDS, *case.commands)
+        for outcome in run_case(case, commands, sandbox, audited):
             print(json.dumps(asdict(outcome)), flush=True)
     return 0
 

@@ -237,6 +237,8 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     # Counts and sizes of 8 bytes between numbers: changing bytes finds them.
     "bin": (_with_another_number,),
     "spz": (_with_other_content,),
+    "usda": _TEXT,
+    "usdc": (_with_another_number, _with_zeros),
     "mp4": (_with_another_number, _with_zeros),
     "db": (_with_another_number, _with_zeros),
 }

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import shutil
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -289,6 +291,18 @@ def _read_spz(folder: Path) -> object:
     return read_spz(folder / "scene.spz")
 
 
+def _write_usd(suffix: str, folder: Path) -> None:
+    from engine.formats import write_usd
+
+    write_usd(folder / f"scene.{suffix}", _gaussians())
+
+
+def _read_usd(suffix: str, folder: Path) -> object:
+    from engine.formats import read_usd
+
+    return read_usd(folder / f"scene.{suffix}")
+
+
 def _write_glb(folder: Path) -> None:
     from engine.formats import write_glb
 
@@ -358,5 +372,11 @@ SCENE: tuple[Reader, ...] = (
     Reader("ply-compressed", _write_compressed_ply, _read_ply, ("scene.ply",)),
     Reader("spz", _write_spz, _read_spz, ("scene.spz",)),
     Reader("glb", _write_glb, _read_glb, ("scene.glb",), share=2.0),
+    # OpenUSD is optional.
+    *(
+        Reader(f"usd-{suffix[3:]}", partial(_write_usd, suffix), partial(_read_usd, suffix), (f"scene.{suffix}",))
+        for suffix in ("usda", "usdc")
+        if importlib.util.find_spec("pxr")
+    ),
     Reader("checkpoint", _write_checkpoint, _read_checkpoint, ("run/training.npz",), share=2.0),
 )

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--far",
         choices=FAR,
         default=FAR[0],
-        help="Gaussians of a scene that lie a quarter farther out than the cameras and 99 %% of the sparse points, "
+        help="Gaussians of a scene that lie a quarter, or reach half, farther out than cameras and sparse points, "
         "which make viewers show the scene as a dot: left out, kept, or written to a second file, NAME_far "
         "(default: %(default)s)",
     )

@@ -9,6 +9,7 @@ from .spherical_harmonics import SH_C0
 from .spz import read_spz, write_spz
 from .transform import logits_of, rotations_from_quats, transform_gaussians
 from .usd import write_usd
+from .usd_reading import read_usd
 
 __all__ = [
     "SH_C0",
@@ -20,6 +21,7 @@ __all__ = [
     "read_ply",
     "read_ply_file",
     "read_spz",
+    "read_usd",
     "rotations_from_quats",
     "transform_gaussians",
     "write_glb",

@@ -14,6 +14,8 @@ from ..scene import Gaussians
 __all__ = ["require_memory", "usable_rows"]
 
 _ALWAYS_FREE = 128 << 20
+_ROWS_PER_CHUNK = 1 << 14
+"""Gaussians checked at once."""
 _MAX_VALUE = 1e18
 """Largest absolute value, whose square is finite in float32."""
 _MAX_LOG_SCALE = 41.0
@@ -33,11 +35,13 @@ def require_memory(path: Path, n_bytes: int) -> None:
 def usable_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
     """Return for each Gaussian whether all its values are finite, and small enough to compute with."""
     usable = np.ones(len(gaussians), dtype=bool)
-    parts = (gaussians.means, gaussians.log_scales, gaussians.quats, gaussians.opacity_logits, gaussians.sh)
-    for values in parts:
-        # NaN compares as False.
-        within = np.abs(values) <= _MAX_VALUE
-        if not within.all():
-            usable &= within.reshape(len(values), -1).all(axis=1)
-    usable &= (gaussians.log_scales <= _MAX_LOG_SCALE).all(axis=1)
+    for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
+        rows = slice(start, start + _ROWS_PER_CHUNK)
+        part = gaussians[rows]
+        for values in (part.means, part.log_scales, part.quats, part.opacity_logits, part.sh):
+            # NaN compares as False.
+            within = np.abs(values) <= _MAX_VALUE
+            if not within.all():
+                usable[rows] &= within.reshape(len(values), -1).all(axis=1)
+        usable[rows] &= (part.log_scales <= _MAX_LOG_SCALE).all(axis=1)
     return usable

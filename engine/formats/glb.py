@@ -29,7 +29,7 @@ from .axes import y_up_from_z_up, z_up_from_y_up
 from .bounds import require_memory, usable_rows
 from .ply import check_finite
 from .spherical_harmonics import SH_C0
-from .transform import logits_of, transform_gaussians
+from .transform import AffineMap, logits_of, transform_gaussians
 
 __all__ = ["EXTENSION", "read_glb", "write_glb"]
 
@@ -274,14 +274,14 @@ def read_glb(path: Path) -> Gaussians:
         if any("uri" in buffer for buffer in document["buffers"]):
             raise FormatError(f"{path} takes its values from another file. Export it as one binary file.")
         gaussians = _gaussians(document, binary, primitive["attributes"], path)
-        del binary  # The Gaussians are copied once more, when they are turned.
     except (KeyError, IndexError, ValueError) as error:
         raise FormatError(
             f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."
         ) from error
     if not usable_rows(gaussians).all():
         raise FormatError(f"{path} has Gaussians with values that are not finite or too large. Export it again.")
-    return transform_gaussians(gaussians, z_up_from_y_up())
+    AffineMap.of(z_up_from_y_up(), gaussians.sh_degree).apply(gaussians, into=gaussians)
+    return gaussians
 
 
 def _gaussians(
@@ -337,8 +337,8 @@ def _read_chunks(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8]]:
         length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
         if kind != _BIN_CHUNK or length > size - stream.tell():
             raise FormatError(f"{path} is not a readable GLB: its binary part is damaged. Copy or export it again.")
-        # The bytes, the arrays that are made of them, and their transformed copies.
-        require_memory(path, 3 * length)
+        # The bytes, and the arrays that are made of them.
+        require_memory(path, 2 * length + length // 4)
         return document, np.frombuffer(stream.read(length), np.uint8)
 
 

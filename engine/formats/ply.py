@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, cast, get_args
@@ -27,20 +27,14 @@ from .axes import Up, file_from_z_up
 from .bounds import require_memory, usable_rows
 from .compressed_ply import read_compressed
 from .ply_header import Header, read_header, require_rows, skip_to
-from .transform import logits_of, transform_gaussians
+from .ply_rows import COLOR, NORMAL, POSITION, ROTATION, SCALE, RowsToWrite, columns_of, rest_names
+from .transform import AffineMap, logits_of
 
 __all__ = ["PlyFile", "check_finite", "read_ply", "read_ply_file", "write_ply"]
 
-Columns = Callable[..., NDArray[np.float32]]
-
-_POSITION = ("x", "y", "z")
-_NORMAL = ("nx", "ny", "nz")
-_COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
-_SCALE = ("scale_0", "scale_1", "scale_2")
-_ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _REST_COUNTS = (0, 9, 24, 45)
-_ROWS_PER_CHUNK = 1 << 14
+_ROWS_PER_CHUNK = 1 << 12
 """Gaussians read or written at once: their table stays in the processor's cache."""
 _UNTURNED = 1e-6  # by definition
 """Difference from the identity up to which a transform changes nothing; Blender's matrices are float32."""
@@ -124,7 +118,7 @@ def write_ply(
         dtype = next(element for element in kept.elements if element.name == "vertex").dtype
         lines = [f"element vertex {len(gaussians)}" if line.startswith("element vertex") else line for line in header]
     else:
-        names = [*_POSITION, *_NORMAL, *_COLOR, *(f"f_rest_{i}" for i in range(rest)), "opacity", *_SCALE, *_ROTATION]
+        names = [*POSITION, *NORMAL, *COLOR, *rest_names(rest), "opacity", *SCALE, *ROTATION]
         names += [name for name in extra if name not in names]
         dtype = np.dtype([(name, "<f4") for name in names])
         stated = [*([] if up is None else [f"{_UP_AXIS} {up}"]), *comments]
@@ -132,64 +126,29 @@ def write_ply(
         lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in stated]
         lines += [f"element vertex {len(gaussians)}", *(f"property float {name}" for name in names)]
     turn = file_from_z_up(up) if matrix is None else file_from_z_up(up) @ matrix
-    is_turned = not np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED)
-    with atomic_write(path) as stream:
+    # Blender's matrices are float32.
+    turned = None if np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED) else AffineMap.of(turn, gaussians.sh_degree)
+    # Values that are not finite are looked for after they were turned; sums that show them may overflow.
+    with atomic_write(path) as stream, np.errstate(over="ignore", invalid="ignore"):
         stream.write("\n".join(["ply", *lines, "end_header", ""]).encode())
-        rows = np.zeros(min(len(gaussians), _ROWS_PER_CHUNK), dtype)
+        rows = RowsToWrite(dtype, min(len(gaussians), _ROWS_PER_CHUNK), gaussians.sh.shape[1], tuple(extra))
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
             chunk = slice(start, start + _ROWS_PER_CHUNK)
-            part = gaussians[chunk]
-            if not all(np.isfinite(getattr(part, name)).all() for name in _ARRAYS):
+            part = gaussians[chunk] if turned is None else turned(gaussians[chunk])
+            content = rows.put(part, {name: values[chunk] for name, values in extra.items()})
+            if not rows.are_finite(len(part)) and not _are_finite(part):
                 check_finite(gaussians)
-            if is_turned:
-                part = transform_gaussians(part, turn)
-            rows = rows[: len(part)]
-            _fill(rows, part, {name: values[chunk] for name, values in extra.items()})
-            stream.write(rows.view(np.uint8).data)
-
-
-def _fill(rows: NDArray[np.void], part: Gaussians, extra: dict[str, NDArray[Any]]) -> None:
-    """Put some Gaussians into their rows; other properties keep their values."""
-    bands = part.sh.shape[1] - 1
-    groups: dict[tuple[str, ...], NDArray[Any]] = {
-        _POSITION: part.means,
-        _COLOR: part.sh[:, 0],
-        tuple(f"f_rest_{i}" for i in range(3 * bands)): part.sh[:, 1:].transpose(0, 2, 1),
-        ("opacity",): part.opacity_logits[:, None],
-        _SCALE: part.log_scales,
-        _ROTATION: part.quats,
-        **{(name,): values[:, None] for name, values in extra.items()},
-    }
-    table = _table(rows)
-    position = {name: index for index, name in enumerate(rows.dtype.names or ())}
-    for names, values in groups.items():
-        columns = _index([position[name] for name in names]) if table is not None and names else None
-        if table is not None and isinstance(columns, slice):
-            # Splitting the last axis needs no copy.
-            table[:, columns].reshape(values.shape)[...] = values
-        else:
-            flat = values.reshape(len(rows), len(names))
-            for column, name in enumerate(names):
-                rows[name] = flat[:, column]
-
-
-def _table(rows: NDArray[Any]) -> NDArray[np.float32] | None:
-    """Return `rows` as a table [N, n_properties] of the same memory; None unless all are little-endian float32."""
-    names = rows.dtype.names or ()
-    if any(rows.dtype[name] != np.dtype("<f4") for name in names):
-        return None
-    return rows.view("<f4").reshape(len(rows), len(names))
-
-
-def _index(columns: list[int]) -> slice | list[int]:
-    """Return what selects `columns`: a slice, which needs no copy, where they are neighbours."""
-    first = columns[0]
-    return slice(first, first + len(columns)) if columns == list(range(first, first + len(columns))) else columns
+                check_finite(part)
+            stream.write(content.data)
 
 
 def _ascii(text: str) -> str:
     """Return `text` with JSON escapes for all but printable ASCII; quotes stay as they are."""
     return json.dumps(text)[1:-1].replace('\\"', '"')
+
+
+def _are_finite(gaussians: Gaussians) -> bool:
+    return all(np.isfinite(getattr(gaussians, name)).all() for name in _ARRAYS)
 
 
 def check_finite(gaussians: Gaussians) -> None:
@@ -212,7 +171,9 @@ def read_ply(path: Path, *, skip_broken: bool = False, advice: str = "Copy or ex
     """
     file = read_ply_file(path, skip_broken=skip_broken, advice=advice, with_extra=False)
     turn = file_from_z_up(file.up).T
-    return file.gaussians if np.array_equal(turn, np.eye(4)) else transform_gaussians(file.gaussians, turn)
+    if not np.array_equal(turn, np.eye(4)):
+        AffineMap.of(turn, file.gaussians.sh_degree).apply(file.gaussians, into=file.gaussians)
+    return file.gaussians
 
 
 def read_ply_file(
@@ -249,7 +210,7 @@ def read_ply_file(
         require_rows(stream, vertex, path, size, advice)
         if vertex.count == 0:
             raise FormatError(f"{path} has no Gaussians: its list is empty. Choose another file.")
-        # The Gaussians, and a copy of them that is turned or without broken ones.
+        # The Gaussians, and a copy of them without broken ones.
         require_memory(path, 2 * vertex.count * vertex.dtype.itemsize)
         gaussians, extra, usable = _read_rows(stream, vertex.count, vertex.dtype, path, advice, with_extra=with_extra)
     is_whole = len(header.elements) == 1 and usable.all()
@@ -264,8 +225,8 @@ def _read_rows(
 ) -> tuple[Gaussians, dict[str, NDArray[Any]], NDArray[np.bool_]]:
     """Return the Gaussians, their further properties, and which of them are usable."""
     names = dtype.names or ()
-    rest = tuple(f"f_rest_{i}" for i in range(sum(name.startswith("f_rest_") for name in names)))
-    known = {*_POSITION, *_COLOR, *rest, "opacity", *_SCALE, *_ROTATION}
+    rest = rest_names(sum(name.startswith("f_rest_") for name in names))
+    known = {*POSITION, *COLOR, *rest, "opacity", *SCALE, *ROTATION}
     extra = {name: np.empty(count, dtype[name].newbyteorder("=")) for name in names if with_extra and name not in known}
     whole = Gaussians(
         means=np.empty((count, 3), np.float32),
@@ -281,45 +242,30 @@ def _read_rows(
         chunk = rows[: part.stop - start]
         if cast(Any, stream).readinto(chunk.view(np.uint8)) < chunk.nbytes:
             raise FormatError(f"{path} became shorter while it was read. {advice}")
-        columns = _columns_of(chunk)
-        whole.means[part] = columns(*_POSITION)
-        whole.log_scales[part] = columns(*_SCALE)
-        whole.quats[part] = columns(*_ROTATION)
+        columns = columns_of(chunk)
+        whole.means[part] = columns(*POSITION)
+        whole.log_scales[part] = columns(*SCALE)
+        whole.quats[part] = columns(*ROTATION)
         whole.opacity_logits[part] = _finite_logits(columns("opacity")[:, 0])
-        whole.sh[part, 0] = columns(*_COLOR)
+        whole.sh[part, 0] = columns(*COLOR)
         if rest:
             channel_major = columns(*rest).reshape(len(chunk), 3, len(rest) // 3)
             whole.sh[part, 1:] = channel_major.transpose(0, 2, 1)
         for name, values in extra.items():
             values[part] = chunk[name]
         usable[part] = usable_rows(whole[part])
-    if all(name in extra and not extra[name].any() for name in _NORMAL):
-        extra = {name: values for name, values in extra.items() if name not in _NORMAL}
+    if all(name in extra and not extra[name].any() for name in NORMAL):
+        extra = {name: values for name, values in extra.items() if name not in NORMAL}
     return whole, extra, usable
-
-
-def _columns_of(rows: NDArray[np.void]) -> Columns:
-    """Return a function that gives the values of named properties of some rows, [n, properties], float32."""
-    names = list(rows.dtype.names or ())
-    table = _table(rows)
-
-    def columns(*wanted: str) -> NDArray[np.float32]:
-        if table is not None:
-            return table[:, _index([names.index(name) for name in wanted])]
-        # What float32 cannot hold becomes infinite, and is refused or skipped as such.
-        with np.errstate(over="ignore"):
-            return np.stack([rows[name].astype(np.float32) for name in wanted], axis=1)
-
-    return columns
 
 
 def _check_properties(dtype: np.dtype[np.void], path: Path) -> None:
     names = set(dtype.names or ())
-    missing = [name for name in (*_POSITION, *_COLOR, "opacity", *_SCALE, *_ROTATION) if name not in names]
+    missing = [name for name in (*POSITION, *COLOR, "opacity", *SCALE, *ROTATION) if name not in names]
     if missing:
         kind = (
             "It looks like an ordinary point cloud or mesh"
-            if names.issuperset(_POSITION)
+            if names.issuperset(POSITION)
             else "It has no positions either"
         )
         raise FormatError(

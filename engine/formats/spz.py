@@ -22,7 +22,7 @@ from ..scene import Gaussians
 from .axes import y_up_from_z_up, z_up_from_y_up
 from .bounds import require_memory, usable_rows
 from .ply import check_finite
-from .transform import logits_of, transform_gaussians
+from .transform import AffineMap, logits_of, transform_gaussians
 
 __all__ = ["read_spz", "write_spz"]
 
@@ -167,12 +167,14 @@ def read_spz(path: Path) -> Gaussians:
                 "are supported. Export it again."
             )
         n_rest = (degree + 1) ** 2 - 1
-        require_memory(path, count * (2 * 4 * (14 + 3 * n_rest) + 20 + 3 * n_rest))
+        # The Gaussians, and the bytes of one field.
+        require_memory(path, count * (4 * (14 + 3 * n_rest) + 60 + 3 * n_rest))
         gaussians = _unpack(unpacked, count, n_rest, version, fraction_bits)
         unpacked.require_end()
     if not usable_rows(gaussians).all():
         raise FormatError(f"{path} has Gaussians with values that are too large. {advice}")
-    return transform_gaussians(gaussians, z_up_from_y_up())
+    AffineMap.of(z_up_from_y_up(), degree).apply(gaussians, into=gaussians)
+    return gaussians
 
 
 def _unpack(unpacked: _Unpacked, count: int, n_rest: int, version: int, fraction_bits: int) -> Gaussians:

@@ -5,7 +5,7 @@ Quaternions are wxyz; a rotation matrix R maps own axes to world axes (column ve
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,78 +14,124 @@ from ..errors import NumericalError
 from ..scene import Gaussians
 from .spherical_harmonics import orthogonal_sh_matrix
 
-__all__ = ["logits_of", "quats_from_rotations", "rotations_from_quats", "transform_gaussians"]
+__all__ = ["AffineMap", "logits_of", "quats_from_rotations", "rotations_from_quats", "transform_gaussians"]
 
 Float64 = NDArray[np.float64]
 
-_ROWS_PER_CHUNK = 1 << 14
-"""Gaussians transformed at once, so that intermediate values in float64 take little memory."""
+_ROWS_PER_CHUNK = 1 << 9
+"""Gaussians transformed at once: intermediate values stay in the processor's cache, and products of matrices are so
+small that BLAS does not share them with a second core, on which it would wait while other programs use it."""
 _SIMILARITY_TOLERANCE = 1e-5
 """Relative difference of scales up to which a map counts as a similarity; Blender's matrices are float32."""
 
 
 def transform_gaussians(gaussians: Gaussians, matrix: Float64) -> Gaussians:
-    """Return the Gaussians transformed by an affine map.
+    """Return the Gaussians transformed by an affine map; see `AffineMap`, which raises `NumericalError`."""
+    return AffineMap.of(matrix, gaussians.sh_degree)(gaussians)
 
-    Parameters
+
+@dataclass(frozen=True)
+class AffineMap:
+    """An affine map of Gaussians, prepared once for many of them.
+
+    Usually a similarity (rotation, uniform scale, translation). Other affine maps transform the ellipsoids exactly;
+    view-dependent colours are then transformed by the nearest orthogonal map, because spherical harmonics cannot
+    represent a stretch exactly.
+
+    Attributes
     ----------
-    gaussians : Gaussians
-        Not modified.
-    matrix : array of shape [4, 4], float64
-        Usually a similarity (rotation, uniform scale, translation). Other affine maps transform the ellipsoids
-        exactly; view-dependent colours are then transformed by the nearest orthogonal map, because spherical harmonics
-        cannot represent a stretch exactly.
-
-    Returns
-    -------
-    Gaussians
-        With unchanged features.
-
-    Raises
-    ------
-    NumericalError
-        When `matrix` is not finite or is singular.
+    linear : array of shape [3, 3], float64
+    translation : array of shape [3], float64
+    rotation : array of shape [4], float64
+        Quaternion of the nearest rotation.
+    growth : float
+        Logarithm of the scale of a similarity.
+    is_similarity : bool
+    bands : tuple of array of shape [3 m, 3 m], float32
+        For each degree from 1 on, what a row of the coefficients of this degree, m of three channels, is multiplied
+        with; empty where they do not change.
     """
-    matrix = np.asarray(matrix, dtype=np.float64)
-    linear = matrix[:3, :3]
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise NumericalError(
-            "The transform `matrix` must be 4x4 and finite. Reset the object's transform and try again."
+
+    linear: Float64
+    translation: Float64
+    rotation: Float64
+    growth: np.float32
+    is_similarity: bool
+    bands: tuple[NDArray[np.float32], ...]
+
+    @classmethod
+    def of(cls, matrix: Float64, sh_degree: int) -> AffineMap:
+        """Return the map with `matrix` [4, 4] of Gaussians with harmonics of `sh_degree`.
+
+        Raises
+        ------
+        NumericalError
+            When `matrix` is not finite or is singular.
+        """
+        matrix = np.asarray(matrix, dtype=np.float64)
+        linear = matrix[:3, :3]
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise NumericalError(
+                "The transform `matrix` must be 4x4 and finite. Reset the object's transform and try again."
+            )
+        left, singular, right = np.linalg.svd(linear)
+        if singular[2] <= 1e-12 * singular[0]:
+            raise NumericalError(
+                "The transform `matrix` flattens space. Give the object a scale other than 0 and try again."
+            )
+        orthogonal = left @ right
+        spread = singular[0] - singular[2]
+        return cls(
+            linear=linear,
+            translation=matrix[:3, 3],
+            rotation=quats_from_rotations(orthogonal[None])[0],
+            growth=np.float32(np.log(singular).mean()),
+            is_similarity=bool(spread <= _SIMILARITY_TOLERANCE * singular[0] and np.linalg.det(linear) > 0),
+            bands=_bands(orthogonal, sh_degree),
         )
-    singular = np.linalg.svd(linear, compute_uv=False)
-    if singular[2] <= 1e-12 * singular[0]:
-        raise NumericalError(
-            "The transform `matrix` flattens space. Give the object a scale other than 0 and try again."
+
+    def __call__(self, gaussians: Gaussians) -> Gaussians:
+        """Return the transformed `gaussians`; features, and what the map does not change, are shared with them."""
+        turned = replace(
+            gaussians,
+            means=np.empty(gaussians.means.shape, np.float32),
+            log_scales=np.empty(gaussians.log_scales.shape, np.float32),
+            quats=np.empty(gaussians.quats.shape, np.float32),
+            sh=np.empty(gaussians.sh.shape, np.float32) if self.bands else gaussians.sh,
         )
-    left, _, right = np.linalg.svd(linear)
-    orthogonal = left @ right
-    is_similarity = singular[0] - singular[2] <= _SIMILARITY_TOLERANCE * singular[0] and np.linalg.det(linear) > 0
-    rotation, growth = quats_from_rotations(orthogonal[None])[0], np.float32(np.log(singular).mean())
-    sh_matrix = _sh_matrix(gaussians, orthogonal)
-    arrays = (gaussians.means, gaussians.log_scales, gaussians.quats)
-    means, log_scales, quats = (np.empty(array.shape, np.float32) for array in arrays)
-    sh = gaussians.sh if sh_matrix is None else np.empty(gaussians.sh.shape, np.float32)
-    for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
-        rows = slice(start, start + _ROWS_PER_CHUNK)
-        part = gaussians[rows]
-        means[rows] = part.means.astype(np.float64) @ linear.T + matrix[:3, 3]
-        if is_similarity:
-            quats[rows] = _multiply_quats(rotation, part.quats)
-            log_scales[rows] = part.log_scales + growth
-        else:
-            quats[rows], log_scales[rows] = _map_ellipsoids(part, linear)
-        if sh_matrix is not None:
-            np.matmul(part.sh.reshape(len(part), -1), sh_matrix, out=sh[rows].reshape(len(part), -1))
-    return replace(gaussians, means=means, quats=quats, log_scales=log_scales, sh=sh)
+        self.apply(gaussians, into=turned)
+        return turned
+
+    def apply(self, gaussians: Gaussians, *, into: Gaussians) -> None:
+        """Put the transformed `gaussians` into the contiguous arrays of `into`, which may be `gaussians` itself."""
+        for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
+            rows = slice(start, start + _ROWS_PER_CHUNK)
+            into.means[rows] = gaussians.means[rows].astype(np.float64) @ self.linear.T + self.translation
+            if self.is_similarity:
+                into.quats[rows] = _multiply_quats(self.rotation, gaussians.quats[rows])
+                np.add(gaussians.log_scales[rows], self.growth, out=into.log_scales[rows])
+            else:
+                into.quats[rows], into.log_scales[rows] = _map_ellipsoids(gaussians[rows], self.linear)
+            if self.bands:
+                self._turn_colors(gaussians.sh[rows], into.sh[rows])
+
+    def _turn_colors(self, sh: NDArray[np.float32], turned: NDArray[np.float32]) -> None:
+        """Put the coefficients `sh` [n, n_sh, 3], turned, into `turned`, which is contiguous."""
+        count, n_sh, _ = sh.shape
+        before, after = sh.reshape(count, 3 * n_sh), turned.reshape(count, 3 * n_sh)
+        after[:, :3] = before[:, :3]
+        for degree, band in enumerate(self.bands, start=1):
+            columns = slice(3 * degree * degree, 3 * (degree + 1) * (degree + 1))
+            np.matmul(before[:, columns], band, out=after[:, columns])
 
 
-def _sh_matrix(gaussians: Gaussians, orthogonal: Float64) -> NDArray[np.float32] | None:
-    """Return what a row of all coefficients is multiplied with, [3 n_sh, 3 n_sh]; None: they do not change."""
-    if gaussians.sh.shape[1] == 1 or np.array_equal(orthogonal, np.eye(3)):
-        return None
-    matrix = orthogonal_sh_matrix(orthogonal, gaussians.sh_degree).astype(np.float32)
+def _bands(orthogonal: Float64, sh_degree: int) -> tuple[NDArray[np.float32], ...]:
+    if sh_degree == 0 or np.array_equal(orthogonal, np.eye(3)):
+        return ()
+    matrix = orthogonal_sh_matrix(orthogonal, sh_degree).astype(np.float32)
+    parts = [slice(degree * degree, (degree + 1) * (degree + 1)) for degree in range(1, sh_degree + 1)]
     # The Kronecker product with the identity applies the matrix to the interleaved colour channels in one product.
-    return np.kron(matrix, np.eye(3, dtype=np.float32)).T
+    return tuple(np.kron(matrix[part, part], np.eye(3, dtype=np.float32)).T for part in parts)
 
 
 def _map_ellipsoids(gaussians: Gaussians, linear: Float64) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

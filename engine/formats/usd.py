@@ -25,7 +25,7 @@ from ..scene import Gaussians
 from .ply import check_finite
 from .transform import transform_gaussians
 
-__all__ = ["PRIM_TYPE", "write_usd"]
+__all__ = ["PRIM_TYPE", "require_openusd", "write_usd"]
 
 PRIM_TYPE = "ParticleField3DGaussianSplat"
 _MAX_COUNT = 20_000_000
@@ -71,19 +71,9 @@ def write_usd(
     DiskError
         When the file cannot be written.
     """
-    try:
-        from pxr import Sdf, Usd, UsdGeom, Vt
-    except ImportError as error:
-        raise EnvironmentProblem(
-            "USD files need the package usd-core, which is not installed. Install requirements/formats.txt with pip, "
-            "or export PLY, GLB or SPZ."
-        ) from error
-    if Usd.SchemaRegistry().FindConcretePrimDefinition(PRIM_TYPE) is None:
-        version = ".".join(str(number) for number in Usd.GetVersion()[1:])
-        raise EnvironmentProblem(
-            f"OpenUSD {version} does not know {PRIM_TYPE}, which 26.03 and newer do. Update usd-core, or export PLY, "
-            "GLB or SPZ."
-        )
+    require_openusd("or export PLY, GLB or SPZ")
+    from pxr import Sdf, Usd, UsdGeom, Vt
+
     check_finite(gaussians)
     if len(gaussians) > _MAX_COUNT:
         raise FormatError(f"{path} would have {len(gaussians)} Gaussians; USD is limited to {_MAX_COUNT}. Export PLY.")
@@ -121,6 +111,22 @@ def write_usd(
         primvar = UsdGeom.PrimvarsAPI(prim).CreatePrimvar("photosSeen", Sdf.ValueTypeNames.IntArray, "vertex")
         primvar.Set(Vt.IntArray.FromNumpy(seen.astype(np.int32)))
     _save(layer, path)
+
+
+def require_openusd(otherwise: str) -> None:
+    """Raise `EnvironmentProblem` when OpenUSD is missing or too old; `otherwise` says what else to do."""
+    try:
+        from pxr import Usd
+    except ImportError as error:
+        raise EnvironmentProblem(
+            "USD files need the package usd-core, which is not installed. Install requirements/formats.txt with pip, "
+            f"{otherwise}."
+        ) from error
+    if Usd.SchemaRegistry().FindConcretePrimDefinition(PRIM_TYPE) is None:
+        version = ".".join(str(number) for number in Usd.GetVersion()[1:])
+        raise EnvironmentProblem(
+            f"OpenUSD {version} does not know {PRIM_TYPE}, which 26.03 and newer do. Update usd-core, {otherwise}."
+        )
 
 
 def _unit(quats: NDArray[np.float32]) -> NDArray[np.float32]:

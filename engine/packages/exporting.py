@@ -119,7 +119,7 @@ def divided(export: Export) -> tuple[Export, Export | None]:
     """
     if export.members is not None:
         return export, None
-    far = far_gaussians(export.gaussians.means, export.camera_set)
+    far = far_gaussians(export.gaussians, export.camera_set)
     if not far.any() or far.all():
         return export, None
     n_far = int(far.sum())

@@ -13,6 +13,7 @@ import pytest
 from benchmarks.security.hostile_audit import watch
 from benchmarks.security.hostile_cases import CASES, HONEST, Case, Sandbox
 from benchmarks.security.hostile_engine import run_case
+from benchmarks.security.hostile_packages import PACKAGES
 from benchmarks.security.tree import changed_bytes, differences, snapshot
 from engine.models import models_folder
 
@@ -29,6 +30,9 @@ QUICK = (
     "complete sets of files that replace others",
     "recorded files of an object that lead out",
     "numbers out of all bounds",
+    "scene without Gaussians",
+    "truncated scene",
+    "object without Gaussians",
 )
 COMMANDS = ("segment --complement", "export, PLY", "trash list", "trash restore", "trash empty")
 """Those that load no model and train nothing."""
@@ -71,6 +75,16 @@ def test_hostile_project_changes_nothing_outside_of_itself(case: Case, audited: 
         assert outcome.changed == [], outcome.command
         assert outcome.audited == [], outcome.command
         assert not outcome.is_traceback, outcome.sentence
+
+
+@pytest.mark.parametrize("case", PACKAGES, ids=lambda case: case.name)
+def test_hostile_package_is_refused_and_touches_nothing(case: Case, audited: tuple[Sandbox, list[str]]) -> None:
+    sandbox, found = audited
+    (outcome,) = run_case(case, ("verify",), sandbox, found)
+    assert outcome.code != 0
+    assert outcome.changed == []
+    assert outcome.audited == []
+    assert not outcome.is_traceback, outcome.sentence
 
 
 def test_every_quick_case_exists() -> None:

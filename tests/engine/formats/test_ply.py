@@ -17,7 +17,7 @@ RandomGaussians = Callable[..., Gaussians]
 
 
 # Sizes around the chunk size are tested with one degree.
-@pytest.mark.parametrize(("count", "degree"), [(1, 0), (1, 1), (1, 2), (1, 3), (65_535, 1), (65_536, 1), (65_537, 1)])
+@pytest.mark.parametrize(("count", "degree"), [(1, 0), (1, 1), (1, 2), (1, 3), (4095, 1), (4096, 1), (4097, 1)])
 def test_written_gaussians_are_read_back_bit_for_bit(
     tmp_path: Path,
     count: int,
@@ -28,6 +28,12 @@ def test_written_gaussians_are_read_back_bit_for_bit(
     gaussians = random_gaussians(count, degree=degree)
     write_ply(tmp_path / "scene.ply", gaussians)
     assert_same_gaussians(read_ply(tmp_path / "scene.ply"), gaussians)
+
+
+def test_no_gaussians_are_an_empty_list(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    write_ply(tmp_path / "none.ply", random_gaussians(0, degree=2), up="-y")
+    content = (tmp_path / "none.ply").read_bytes()
+    assert b"element vertex 0\n" in content and content.endswith(b"end_header\n")
 
 
 def test_layout_is_the_standard_one(tmp_path: Path) -> None:
@@ -190,6 +196,29 @@ def test_values_that_are_not_finite_are_never_written(tmp_path: Path, random_gau
     with pytest.raises(NumericalError, match="1 of 15 values of `log_scales`"):
         write_ply(tmp_path / "scene.ply", gaussians)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_values_that_are_not_finite_are_not_written_turned_either(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    gaussians = random_gaussians(5, degree=1)
+    gaussians.sh[3, 2, 1] = np.nan
+    with pytest.raises(NumericalError, match="1 of 60 values of `sh`"):
+        write_ply(tmp_path / "scene.ply", gaussians, up="-y")
+    # Finite, but not after they are made a hundred times larger.
+    gaussians = random_gaussians(5, degree=1)
+    gaussians.means[0, 0] = 1e37
+    with pytest.raises(NumericalError, match="1 of 15 values of `means`"):
+        write_ply(tmp_path / "scene.ply", gaussians, matrix=np.diag([100.0, 100.0, 100.0, 1.0]))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_values_whose_sum_overflows_are_written(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    gaussians = random_gaussians(4, degree=1)
+    gaussians.opacity_logits[...] = 3e38
+    write_ply(tmp_path / "scene.ply", gaussians)
+    stored = np.fromfile(tmp_path / "scene.ply", "<f4", offset=(tmp_path / "scene.ply").stat().st_size - 4 * 26 * 4)
+    np.testing.assert_array_equal(stored.reshape(4, 26)[:, 18], gaussians.opacity_logits)
 
 
 def test_infinite_opacity_logits_mean_opaque_and_transparent(tmp_path: Path, random_gaussians: RandomGaussians) -> None:

@@ -10,6 +10,7 @@ import pytest
 from engine.errors import NumericalError
 from engine.formats.spherical_harmonics import orthogonal_sh_matrix, sh_basis
 from engine.formats.transform import (
+    AffineMap,
     logits_of,
     quats_from_rotations,
     rotations_from_quats,
@@ -76,6 +77,15 @@ def test_similarity_moves_centres_ellipsoids_and_colours(degree: int, random_gau
     before = np.einsum("dk,nkc->ndc", sh_basis(d, degree), gaussians.sh)
     after = np.einsum("dk,nkc->ndc", sh_basis(d @ turn.T, degree), moved.sh)
     np.testing.assert_allclose(after, before, atol=2e-6)
+
+
+@pytest.mark.parametrize("linear", [2.5 * rotation(3), np.diag([3.0, 0.2, 1.0])])
+def test_gaussians_are_turned_in_place_as_in_a_copy(linear: np.ndarray, random_gaussians: RandomGaussians) -> None:
+    gaussians = random_gaussians(1500)  # more than are turned at once
+    expected = transform_gaussians(gaussians, affine(linear, (1.0, -2.0, 3.0)))
+    AffineMap.of(affine(linear, (1.0, -2.0, 3.0)), 3).apply(gaussians, into=gaussians)
+    for name in ("means", "log_scales", "quats", "sh"):
+        np.testing.assert_array_equal(getattr(gaussians, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import DiskError, EnvironmentProblem, NumericalError
+from engine.errors import DiskError, EnvironmentProblem, FormatError, NumericalError
 from engine.formats.transform import rotations_from_quats
 from engine.formats.usd import PRIM_TYPE, write_usd
+from engine.formats.usd_reading import read_usd
 from engine.scene.gaussians import Gaussians
 
 pxr_usd = pytest.importorskip("pxr.Usd", reason="usd-core is optional: requirements/formats.txt")
@@ -54,6 +55,59 @@ def test_an_unknown_unit_is_said_and_the_photos_that_saw_each_gaussian_are_kept(
     assert not stage.HasAuthoredMetadata("metersPerUnit")
     assert stage.GetRootLayer().customLayerData["unit"] == "unknown"
     assert list(stage.GetDefaultPrim().GetAttribute("primvars:photosSeen").Get()) == [0, 7, 2]
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+def test_written_gaussians_are_read_back(tmp_path: Path, suffix: str, random_gaussians: RandomGaussians) -> None:
+    gaussians = random_gaussians(6, degree=3)
+    write_usd(tmp_path / f"a{suffix}", gaussians)
+    back = read_usd(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(back.means, gaussians.means)
+    np.testing.assert_array_equal(back.sh, gaussians.sh)
+    # The file has scales and opacities: one rounding of float32 each.
+    np.testing.assert_allclose(back.log_scales, gaussians.log_scales, atol=1e-6)
+    np.testing.assert_allclose(back.opacities, gaussians.opacities, atol=1e-6)
+    np.testing.assert_allclose(rotations_from_quats(back.quats), rotations_from_quats(gaussians.quats), atol=1e-6)
+
+
+def test_a_file_with_y_up_and_a_moved_parent_is_read_where_it_is_shown(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    gaussians = random_gaussians(6, degree=1)
+    write_usd(tmp_path / "a.usda", gaussians)
+    text = (tmp_path / "a.usda").read_text()
+    text = text.replace('upAxis = "Z"', 'upAxis = "Y"').replace(
+        "    uniform token projectionModeHint",
+        '    double3 xformOp:translate = (1, 2, 3)\n    uniform token[] xformOpOrder = ["xformOp:translate"]\n'
+        "    uniform token projectionModeHint",
+    )
+    (tmp_path / "a.usda").write_text(text)
+    x, y, z = (gaussians.means + (1, 2, 3)).T
+    np.testing.assert_allclose(read_usd(tmp_path / "a.usda").means, np.stack([x, -z, y], axis=1), atol=1e-6)
+
+
+def test_other_usd_files_are_refused_with_a_reason(tmp_path: Path, random_gaussians: RandomGaussians) -> None:
+    write_usd(tmp_path / "good.usda", random_gaussians(3, degree=0))
+    good = (tmp_path / "good.usda").read_text()
+    head, _, body = good.partition("def ")
+    for content, sentence in (
+        ("not USD", "is not a USD file with Gaussians that can be read"),
+        ("#usda 1.0\n", "has 0 prims of the type ParticleField3DGaussianSplat"),
+        (good + body.join(["\ndef ", ""]).replace('"Gaussians"', '"More"', 1), "has 2 prims"),
+        ("#usda 1.0\n(\n    subLayers = [@/etc/passwd@]\n)\n", "takes parts from other files"),
+        (good.replace("point3f[] positions", "point3f[] others"), "it has no positions"),
+        (good.replace("sphericalHarmonicsDegree = 0", "sphericalHarmonicsDegree = 3"), "cannot reshape"),
+    ):
+        (tmp_path / "a.usda").write_text(content)
+        with pytest.raises(FormatError, match=sentence):
+            read_usd(tmp_path / "a.usda")
+    data = bytearray(good.encode())
+    data[len(head) + 2] = 0xFF
+    (tmp_path / "a.usda").write_bytes(data)
+    with pytest.raises(FormatError, match="can be read"):
+        read_usd(tmp_path / "a.usda")
+    with pytest.raises(FormatError, match="cannot be read"):
+        read_usd(tmp_path / "none.usda")
 
 
 def test_a_file_is_replaced_whole_or_not_at_all(
