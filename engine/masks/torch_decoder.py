@@ -33,9 +33,9 @@ _CELL_PIXELS = 16  # by definition
 _NOT_A_POINT = -1  # by definition
 _CERTAIN_LOGIT = 4.0  # chosen on room_1, room_4, room_6
 """The mask's border is not near where a cell and its neighbours have higher logits, or lower than the negative."""
-_STABILITY_MARGIN = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_UNSTABLE_BY = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, museum_room, store_room
 """How far the stability of one pixel per cell must be below the smallest allowed one that a mask is given up."""
-_MIN_SAMPLES = 32  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_MIN_SAMPLES = 32  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, museum_room, store_room
 """Smallest number of cells with a logit above -1 from which the stability is estimated."""
 _PIECE_CELLS = 512  # by definition
 """Cells that are computed together: at most 1 MB of values, which stays in the cache of a core."""
@@ -220,7 +220,7 @@ class TorchDecoder:
         """
         sample = self._sampled(cells, mask_head)
         certain, possible = (int((sample > threshold).sum()) for threshold in (1.0, -1.0))
-        if possible >= _MIN_SAMPLES and certain < (min_stability - _STABILITY_MARGIN) * possible:
+        if possible >= _MIN_SAMPLES and certain < (min_stability - _UNSTABLE_BY) * possible:
             return sample[:, None].repeat(1, _CELL_PIXELS)
         grid = sample.reshape(1, 1, rows, columns)
         highest, lowest = (sign * functional.max_pool2d(sign * grid, 3, stride=1, padding=1) for sign in (1.0, -1.0))
