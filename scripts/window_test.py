@@ -10,23 +10,20 @@ example: python scripts/window_test.py --work /tmp/window --bundle dist/gaussian
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shutil
 import subprocess
 import sys
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
 from places import ROOT, python_of
 from window_by_hand import PACKAGE, SCREEN_HEIGHT, edit_by_hand, measure_scene
 from window_drops import drop_files
+from window_report import report
 
 SCRIPT = ROOT / "scripts" / "window" / "window.sh"
-MAX_WHILE_WORKING, MAX_WHILE_ARRIVING = 0.1, 0.3
-"""CPU seconds that a call of the add-on may take while a job runs, and while its result arrives."""
 PICTURES = ROOT / "docs" / "pictures" / "window"
 PARTS = {
     "set_up": "184x112+768+78",
@@ -58,8 +55,6 @@ VIEW_LOCATION = (
     "next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'VIEW_3D')"
     ".spaces.active.region_3d.view_location"
 )
-IMPORTERS = ("_poll_job", "HERITAGE_OT_open_project.execute")
-"""Functions that import results."""
 
 
 class Failed(Exception):
@@ -422,49 +417,6 @@ def compare_pictures(window: Window, *, keep: bool) -> None:
         shutil.copy(new, PICTURES / new.name)
 
 
-# ---- what was measured
-
-
-def read_log(work: Path, kind: str) -> list[dict[str, float]]:
-    """Return the entries of a log of the harness."""
-    file = work / f"{kind}.jsonl"
-    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-
-
-def longest_calls(work: Path) -> dict[str, tuple[float, float]]:
-    """Return the CPU and wall seconds of the longest calls of each function of the add-on, the longest first."""
-    longest: dict[str, tuple[float, float]] = defaultdict(lambda: (0.0, 0.0))
-    for entry in read_log(work, "calls"):
-        cpu, wall = longest[str(entry["name"])]
-        longest[str(entry["name"])] = max(cpu, entry["cpu"]), max(wall, entry["seconds"])
-    return dict(sorted(longest.items(), key=lambda item: item[1], reverse=True))
-
-
-def report(work: Path, set_up_seconds: float) -> str:
-    """Return the measurements as a section of docs/window.md."""
-    gaps = sorted((entry["seconds"] for entry in read_log(work, "gaps")), reverse=True)
-    lines = [
-        "```\nmake window-test\n```", "",
-        f"Set-up from the offline bundle: {set_up_seconds:.0f} s, by three presses: install, set up, confirm.", "",
-        "| longest calls of the add-on | CPU seconds | seconds |", "| --- | ---: | ---: |",
-    ]  # fmt: skip
-    lines += [f"| `{name}` | {cpu:.3f} | {wall:.3f} |" for name, (cpu, wall) in list(longest_calls(work).items())[:8]]
-    lines += [
-        "",
-        f"Gaps of the event loop above 0.3 s: {len(gaps)}, the longest {max(gaps, default=0.0):.1f} s. They are "
-        "Blender's own redraws of the scene in software OpenGL, and the compilation of its shaders.",
-    ]  # fmt: skip
-    return "\n".join(lines) + "\n"
-
-
-def check_calls(work: Path) -> None:
-    """Raise `Failed` when a call of the add-on held up the window."""
-    for name, (cpu, _) in longest_calls(work).items():
-        limit = MAX_WHILE_ARRIVING if name in IMPORTERS else MAX_WHILE_WORKING
-        if cpu > limit:
-            raise Failed(f"{name} took {cpu:.2f} CPU s, more than {limit} s")
-
-
 def main() -> int:
     """Run all steps and return 0, or print what failed and return 1."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -515,7 +467,6 @@ def main() -> int:
         ("drop files", lambda: drop_files(window, work / "photos_heritage" / "gaussians" / "scene.ply", *dropped)),
         ("export", lambda: export(window)),
         ("survive a crash", lambda: survive_a_crash(window)),
-        ("check the calls", lambda: check_calls(work)),
         ("compare the pictures", lambda: compare_pictures(window, keep=options.keep)),
     ]
     try:
