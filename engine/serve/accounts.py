@@ -79,7 +79,9 @@ class Accounts:
         """Return the user with this token, or None."""
         digest = _hash(token)
         # All are compared, so that the time does not tell which ones came close.
-        matches = [name for name, known in self._hashes().items() if hmac.compare_digest(known, digest)]
+        matches = [
+            name for name, known in self._hashes().items() if hmac.compare_digest(known.encode(), digest.encode())
+        ]
         return matches[0] if matches else None
 
     def new_session(self, user: str, days: float) -> str:
