@@ -49,6 +49,8 @@ COUNT_KEY = "heritage_count"
 """Custom property of a splat object: the number of Gaussians in the project's scene.
 
 It can differ from the number of vertices, since the mesh may have been edited."""
+_MAX_SCENE_COUNT = 1 << 26
+"""Largest number of Gaussians of a scene: tables of this length are made before its files are read."""
 
 
 def heritage_objects(scene: bpy.types.Scene, role: str | None = None) -> list[bpy.types.Object]:
@@ -115,10 +117,10 @@ def scene_count(obj: bpy.types.Object) -> int:
     Raises
     ------
     ObjectError
-        When it is missing: the object was copied or changed by another program.
+        When it is missing or impossible: the object was copied or changed by another program.
     """
     count = obj.get(COUNT_KEY)
-    if not isinstance(count, int) or count < 0:
+    if not isinstance(count, int) or not 0 <= count <= _MAX_SCENE_COUNT:
         raise ObjectError(f"{obj.name} does not say how many Gaussians its scene has. Open the project in a new file.")
     return count
 

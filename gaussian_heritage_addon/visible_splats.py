@@ -160,7 +160,7 @@ def _layer(obj: bpy.types.Object, isolated: Sequence[bpy.types.Object], names: S
     splats = SplatScene.of(obj)
     gaussians = splats.local_gaussians()
     shown = gaussians.opacities > ALPHA_MIN
-    labels = np.full(len(gaussians), -1)
+    labels = np.full(len(gaussians), -1, np.int32)
     if obj.heritage.role == "OBJECT":
         membership = splats.membership
         labels[:] = names.index(obj.name)
@@ -174,10 +174,10 @@ def _layer(obj: bpy.types.Object, isolated: Sequence[bpy.types.Object], names: S
 
 def _labels_of_scene(
     whole: bpy.types.Object, splats: SplatScene, isolated: Sequence[bpy.types.Object], names: Sequence[str]
-) -> NDArray[np.int64]:
+) -> NDArray[np.int32]:
     """Return for each Gaussian of the whole scene the isolated object that it belongs to most; -1 for none."""
     count = scene_count(whole)
-    best, owner = np.zeros(count, np.float32), np.full(count, -1)
+    best, owner = np.zeros(count, np.float32), np.full(count, -1, np.int32)
     for obj in isolated:
         if obj.heritage.project != whole.heritage.project or obj.heritage.kind == "background":
             continue
