@@ -20,10 +20,9 @@ def show_new_objects(scene: bpy.types.Scene, ids: list[str]) -> None:
     present = {obj.heritage.object_id: obj for obj in heritage_objects(scene, "OBJECT")}
     new = [present[one] for one in ids if one in present]
     objects = [obj for obj in new if obj.heritage.kind != "background"]
-    if objects:
-        for obj in new:
-            obj.heritage.hidden = obj.heritage.kind == "background"
-        apply_visibility(scene)
+    for obj in new:
+        obj.heritage.hidden = bool(objects) and obj.heritage.kind == "background"
+    apply_visibility(scene)
     shown = objects or new
     if not shown:
         return

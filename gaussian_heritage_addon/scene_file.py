@@ -146,7 +146,8 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
     Returns
     -------
     list of SplatScene
-        Sorted by name. An updated object keeps its name, collection, placement, threshold and record.
+        Sorted by name. An updated object keeps its name, collection, placement, threshold and record. A background that
+        is added beside other objects is hidden, because it surrounds them.
 
     Raises
     ------
@@ -175,6 +176,11 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
         else add_object(scene, project, item, whole)
         for item in items
     ]
+    if any(obj.heritage.kind != "background" for obj in heritage_objects(scene, "OBJECT")):
+        for one in splats:
+            obj = one.object
+            if obj.heritage.kind == "background" and obj.heritage.object_id not in present:
+                obj.heritage.hidden = True
     apply_blending(scene)
     apply_visibility(scene)
     apply_display(scene)

@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from conftest import isolated
+from conftest import isolated, write_object
 from mathutils import Matrix
 
 Part = Callable[[str], ModuleType]
@@ -109,6 +109,15 @@ def test_background_that_was_asked_for_is_shown(opened: Any, fake_engine: StandI
     fake_engine(FOUND.replace('["envelope", "nail", "background"]', '["background"]'))
     bpy.ops.heritage.isolate_background()
     assert not isolated()["background"].hide_viewport
+
+
+def test_background_of_a_project_that_is_opened_is_hidden_until_the_user_shows_it(project: Any) -> None:
+    write_object(project.folder, "rest", "rest", np.ones(100, np.float32), prompt={"kind": "background"})
+    bpy.ops.heritage.open_project(directory=str(project.folder))
+    assert {name for name, obj in isolated().items() if obj.heritage.hidden} == {"rest"}
+    isolated()["rest"].heritage.hidden = False
+    bpy.ops.heritage.open_project(directory=str(project.folder))
+    assert not isolated()["rest"].heritage.hidden
 
 
 def test_solo_hides_the_others_and_again_shows_them(opened: Any, fake_engine: StandIn) -> None:
