@@ -16,7 +16,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -260,33 +260,38 @@ def read_glb(path: Path) -> Gaussians:
         When the file cannot be read, is not a GLB, has no KHR_gaussian_splatting primitive, has another layout, takes
         values from another file, or has values that are not finite or too large.
     """
-    document, binary = _read_chunks(path)
-    try:
-        if not any("mesh" in node for node in document["nodes"]) and _is_ours(document):
-            return _no_gaussians()
-        primitive = document["meshes"][0]["primitives"][0]
-        if EXTENSION not in primitive.get("extensions", {}):
-            raise FormatError(f"{path} contains no Gaussians: its mesh does not use {EXTENSION}. Choose another file.")
-        if any(key in node for node in document["nodes"] for key in ("matrix", "rotation", "scale", "translation")):
+    with opened(path, advice="Check the path and its permissions.") as stream:
+        document, binary = _read_head(stream, path)
+        try:
+            if not any("mesh" in node for node in document["nodes"]) and _is_ours(document):
+                return _no_gaussians()
+            gaussians = _gaussians(document, binary, _accessors_of_splats(document, path), path)
+        except (KeyError, IndexError, ValueError) as error:
             raise FormatError(
-                f"{path} moves its Gaussians with a node transform, which is not supported. Export them untransformed."
-            )
-        if any("uri" in buffer for buffer in document["buffers"]):
-            raise FormatError(f"{path} takes its values from another file. Export it as one binary file.")
-        gaussians = _gaussians(document, binary, primitive["attributes"], path)
-    except (KeyError, IndexError, ValueError) as error:
-        raise FormatError(
-            f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."
-        ) from error
+                f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."
+            ) from error
     if not usable_rows(gaussians).all():
         raise FormatError(f"{path} has Gaussians with values that are not finite or too large. Export it again.")
     AffineMap.of(z_up_from_y_up(), gaussians.sh_degree).apply(gaussians, into=gaussians)
     return gaussians
 
 
-def _gaussians(
-    document: dict[str, Any], binary: NDArray[np.uint8], attributes: dict[str, int], path: Path
-) -> Gaussians:
+def _accessors_of_splats(document: dict[str, Any], path: Path) -> dict[str, int]:
+    """Return the accessors of the Gaussians by name; raises `KeyError` or `IndexError` for a missing part."""
+    primitive = document["meshes"][0]["primitives"][0]
+    if EXTENSION not in primitive.get("extensions", {}):
+        raise FormatError(f"{path} contains no Gaussians: its mesh does not use {EXTENSION}. Choose another file.")
+    if any(key in node for node in document["nodes"] for key in ("matrix", "rotation", "scale", "translation")):
+        raise FormatError(
+            f"{path} moves its Gaussians with a node transform, which is not supported. Export them untransformed."
+        )
+    if any("uri" in buffer for buffer in document["buffers"]):
+        raise FormatError(f"{path} takes its values from another file. Export it as one binary file.")
+    attributes: dict[str, int] = primitive["attributes"]
+    return attributes
+
+
+def _gaussians(document: dict[str, Any], binary: _BinaryPart, attributes: dict[str, int], path: Path) -> Gaussians:
     """Return the Gaussians in glTF's world; raises `KeyError`, `IndexError` or `ValueError` for a missing part."""
     count = document["accessors"][_index(attributes["POSITION"])]["count"]
 
@@ -314,36 +319,52 @@ def _no_gaussians() -> Gaussians:
     return Gaussians(empty[:, :3], empty[:, :3], empty, empty[:, 0], np.zeros((0, 1, 3), dtype=np.float32))
 
 
-def _read_chunks(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8]]:
-    """Return the JSON part, checked, and the bytes of the binary part."""
-    with opened(path, advice="Check the path and its permissions.") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(0)
-        head = stream.read(20)
-        if len(head) >= 12 and struct.unpack_from("<II", head) != (_MAGIC, 2):
-            raise FormatError(f"{path} is not a glTF 2.0 binary (.glb). Choose another file.")
-        if len(head) < 20:
-            raise FormatError(f"{path} is not a readable GLB: it has {len(head)} bytes. Copy or export it again.")
-        _, _, total, length, kind = struct.unpack("<IIIII", head)
-        if total != size:
-            raise FormatError(f"{path} is truncated: it has {size} of {total} bytes. Copy or export it again.")
-        if kind != _JSON_CHUNK or length > min(size - 20, _MAX_JSON_BYTES):
-            raise FormatError(f"{path} is not a readable GLB: it does not begin with its JSON part. Export it again.")
-        text = stream.read(length).decode("utf-8", "replace")
-        document = parse_json(text, _SCHEMA, source=str(path), advice="Copy or export it again.")
-        head = stream.read(8)
-        if not head:
-            return document, np.zeros(0, np.uint8)
-        length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
-        if kind != _BIN_CHUNK or length > size - stream.tell():
-            raise FormatError(f"{path} is not a readable GLB: its binary part is damaged. Copy or export it again.")
-        # The bytes, and the arrays that are made of them.
-        require_memory(path, 2 * length + length // 4)
-        return document, np.frombuffer(stream.read(length), np.uint8)
+@dataclass(frozen=True)
+class _BinaryPart:
+    """The binary part of an open GLB: `length` bytes from `begin` on, which are read piece by piece."""
+
+    stream: IO[bytes]
+    begin: int
+    length: int
+
+    def floats(self, start: int, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return the numbers from byte `start` on; raises `ValueError` when the file became shorter."""
+        values = np.empty(shape, "<f4")
+        self.stream.seek(self.begin + start)
+        if cast(Any, self.stream).readinto(values.view(np.uint8)) < values.nbytes:
+            raise ValueError("the file became shorter while it was read")
+        return values.astype(np.float32, copy=False)
+
+
+def _read_head(stream: IO[bytes], path: Path) -> tuple[dict[str, Any], _BinaryPart]:
+    """Return the JSON part, checked, and the binary part of an open file."""
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(0)
+    head = stream.read(20)
+    if len(head) >= 12 and struct.unpack_from("<II", head) != (_MAGIC, 2):
+        raise FormatError(f"{path} is not a glTF 2.0 binary (.glb). Choose another file.")
+    if len(head) < 20:
+        raise FormatError(f"{path} is not a readable GLB: it has {len(head)} bytes. Copy or export it again.")
+    _, _, total, length, kind = struct.unpack("<IIIII", head)
+    if total != size:
+        raise FormatError(f"{path} is truncated: it has {size} of {total} bytes. Copy or export it again.")
+    if kind != _JSON_CHUNK or length > min(size - 20, _MAX_JSON_BYTES):
+        raise FormatError(f"{path} is not a readable GLB: it does not begin with its JSON part. Export it again.")
+    text = stream.read(length).decode("utf-8", "replace")
+    document = parse_json(text, _SCHEMA, source=str(path), advice="Copy or export it again.")
+    head = stream.read(8)
+    if not head:
+        return document, _BinaryPart(stream, size, 0)
+    length, kind = struct.unpack("<II", head) if len(head) == 8 else (0, 0)
+    if kind != _BIN_CHUNK or length > size - stream.tell():
+        raise FormatError(f"{path} is not a readable GLB: its binary part is damaged. Copy or export it again.")
+    # The arrays, and one attribute beside them.
+    require_memory(path, length + length // 2)
+    return document, _BinaryPart(stream, stream.tell(), length)
 
 
 def _read_accessor(
-    document: dict[str, Any], binary: NDArray[np.uint8], index: int, shape: tuple[int, int], path: Path
+    document: dict[str, Any], binary: _BinaryPart, index: int, shape: tuple[int, int], path: Path
 ) -> NDArray[np.float32]:
     accessor = document["accessors"][_index(index)]
     view = document["bufferViews"][_index(accessor["bufferView"])]
@@ -354,11 +375,11 @@ def _read_accessor(
     if view["buffer"] != 0 or (accessor["count"], accessor["type"]) != (shape[0], _TYPES[shape[1]]):
         raise ValueError("an attribute has another length or width")
     start, offset = _index(view.get("byteOffset", 0)), _index(accessor.get("byteOffset", 0))
-    end = start + min(_index(view["byteLength"]), len(binary) - start)
+    end = start + min(_index(view["byteLength"]), binary.length - start)
     n_bytes = 4 * _index(shape[0]) * shape[1]
     if n_bytes == 0 or start + offset + n_bytes > end:
         raise ValueError("an attribute is empty or is not inside of the file")
-    return binary[start + offset : start + offset + n_bytes].view("<f4").reshape(shape).astype(np.float32)
+    return binary.floats(start + offset, shape)
 
 
 def _index(number: int) -> int:
