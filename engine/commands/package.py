@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--address",
         metavar="https://.../",
-        help="where the package's folder `data` will be published, for the IIIF manifest; several objects: the folder "
+        help="where the package's folder `data` will be published, for IIIF and LIDO; several objects: the folder "
         "above, in which each has a folder of its own (default: an example that has to be replaced)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace packages that exist")

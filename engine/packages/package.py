@@ -18,7 +18,7 @@ from ..files import TEMPORARY_PREFIX, atomic_write, delete_derived, finite_or_nu
 from ..pictures import Backend
 from ..project_content import report_file
 from ..project_folder import ProjectFolder
-from ..records import Picture, crm_json_ld, dublin_core_xml, iiif_manifest, lido_xml, new_id
+from ..records import EXAMPLE_ADDRESS, Picture, crm_json_ld, dublin_core_xml, iiif_manifest, lido_xml, new_id
 from .bag import PAYLOAD, write_bag
 from .captures import add_exif, photo_file
 from .crate import media_type, write_crate
@@ -30,6 +30,8 @@ __all__ = ["package_name", "write_package"]
 
 _PICTURES = "pictures"
 _RECORDS = "records"
+_FROM_RECORDS = "../"
+"""The way from a record to the files of the package, which links name until they have an address."""
 _IIIF = "iiif/manifest.json"
 _IIIF_EVERY = 2  # by definition
 """Every so many pictures of a turn are stored as files, which a IIIF viewer turns."""
@@ -76,7 +78,7 @@ def write_package(
     project : ProjectFolder
     name : str or None
     address : str
-        Where the content of the package's ``data`` is, or will be, published, for the IIIF manifest: ``https://.../``.
+        Where the content of the package's ``data`` is, or will be, published, for IIIF and LIDO: ``https://.../``.
     title : str, optional
         Title of the scene; by default its photos' folder names it.
     overwrite : bool
@@ -229,7 +231,8 @@ def _write_records(data: Path, stem: str, described: dict[str, Any], pictures: l
     write_json(folder / "paradata.json", finite_or_null(described))
     write_json(folder / "provenance.jsonld", finite_or_null(crm_json_ld(described)))
     _write_text(folder / "dublin_core.xml", dublin_core_xml(described))
-    _write_text(folder / "lido.xml", lido_xml(described, files))
+    links = _FROM_RECORDS if address.startswith(EXAMPLE_ADDRESS) else address
+    _write_text(folder / "lido.xml", lido_xml(described, files, address=links))
     manifest = iiif_manifest(described, pictures, address=address, name=_IIIF)
     (data / _IIIF).parent.mkdir()
     _write_text(data / _IIIF, json.dumps(manifest, indent=1, ensure_ascii=False))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from typing import Any
+from urllib.parse import quote
 
 from .xml_text import add, xml_text
 
@@ -14,13 +15,27 @@ _LIDO = "http://www.lido-schema.org"
 _XML_LANG = "{http://www.w3.org/XML/1998/namespace}lang"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _SCHEMA = "http://www.lido-schema.org http://www.lido-schema.org/schema/v1.1/lido-v1.1.xsd"
-_LOCAL = {f"{{{_LIDO}}}type": "http://terminology.lido-schema.org/lido00100"}
-"""Type of an identifier: "local identifier" in the terminology of LIDO."""
+_TERMS = "http://terminology.lido-schema.org/"
+_TYPE = f"{{{_LIDO}}}type"
+_LOCAL, _URI = {_TYPE: f"{_TERMS}lido00100"}, {_TYPE: f"{_TERMS}lido00099"}
+"""Types of an identifier: "local identifier" and "URI" in the terminology of LIDO."""
+_THIS_RECORD, _CREATED = {_TYPE: f"{_TERMS}lido00470"}, {_TYPE: f"{_TERMS}lido00472"}
+"""What a set of facts is about, the LIDO record itself, and what its date says: when it was created."""
+_PREFERRED = f"{_TERMS}lido00169"
+_ITEM_LEVEL = f"{_TERMS}lido00141"
+"""That a record describes a single object."""
+_RESOURCES = {
+    "image": ("digital image", "Views of {}"),
+    "video": ("video recording", "Film of {}"),
+    "text": ("web page", "Page that shows {}"),
+}
+_MODEL = ("3D model", "{} as 3D Gaussian splats")
+"""Kind and description of a file by the first part of its media type; other files hold Gaussians."""
 _LANGUAGE = "en"
 """Language of what this program writes. In which language a curator writes is not known."""
 
 
-def lido_xml(described: dict[str, Any], files: Sequence[tuple[str, str]] = ()) -> str:
+def lido_xml(described: dict[str, Any], files: Sequence[tuple[str, str]] = (), *, address: str = "") -> str:
     """Return the LIDO record of an object or scene as an XML document.
 
     Parameters
@@ -28,7 +43,9 @@ def lido_xml(described: dict[str, Any], files: Sequence[tuple[str, str]] = ()) -
     described : dict
         As returned by `describe_scene` or `describe_object`.
     files : sequence of (str, str)
-        Path in the package and media type of the files that show it.
+        Path in the package and media type of the files that show it: pictures, films, pages, and files of Gaussians.
+    address : str
+        What links to these files begin with: where they are published, or the way to them from the record.
 
     Returns
     -------
@@ -43,7 +60,9 @@ def lido_xml(described: dict[str, Any], files: Sequence[tuple[str, str]] = ()) -
     _add(record, "lidoRecID", f"gaussian-heritage/{number}", _LOCAL)
     _describe(_add(record, "descriptiveMetadata", attributes={_XML_LANG: _LANGUAGE}), described)
     administrative = _add(record, "administrativeMetadata", attributes={_XML_LANG: _LANGUAGE})
-    _administrate(administrative, described, number, files)
+    _administrate(administrative, described, number)
+    if files:
+        _show(_add(administrative, "resourceWrap"), described, files, address)
     return xml_text(root)
 
 
@@ -54,10 +73,11 @@ def _describe(parent: ET.Element, described: dict[str, Any]) -> None:
     _add(work_type, "term", "museum object" if item else "scene with museum objects")
     identification = _add(parent, "objectIdentificationWrap")
     titles = _add(_add(identification, "titleWrap"), "titleSet")
-    _add(titles, "appellationValue", described["title"], {_tag("pref"): "preferred"})
+    _add(titles, "appellationValue", described["title"], {_tag("pref"): _PREFERRED})
     if item.get("catalogue_number"):
         repository = _add(_add(identification, "repositoryWrap"), "repositorySet")
-        _add(repository, "workID", item["catalogue_number"], _LOCAL)
+        # Without a type: whether it is an accession or an inventory number is not known.
+        _add(repository, "workID", item["catalogue_number"])
     if item.get("notes"):
         note = _add(_add(identification, "objectDescriptionWrap"), "objectDescriptionSet")
         _add(note, "descriptiveNoteValue", item["notes"])
@@ -71,7 +91,7 @@ def _measure(parent: ET.Element, size: dict[str, Any]) -> None:
     _add(parent, "displayObjectMeasurements", size["text"])
     measurements = _add(parent, "objectMeasurements")
     for name in ("width", "depth", "height"):
-        one = _add(measurements, "measurementSet")
+        one = _add(measurements, "measurementsSet")
         _add(one, "measurementType", name)
         _add(one, "measurementUnit", "m")
         _add(one, "measurementValue", f"{size[f'{name}_metres']:.4f}")
@@ -106,28 +126,35 @@ def _step_text(step: dict[str, Any]) -> str:
     return ", ".join(parts)
 
 
-def _administrate(parent: ET.Element, described: dict[str, Any], number: str, files: Sequence[tuple[str, str]]) -> None:
+def _administrate(parent: ET.Element, described: dict[str, Any], number: str) -> None:
     item, exported = described.get("object") or {}, described["exported"]
     if item.get("rights"):
         rights = _add(_add(parent, "rightsWorkWrap"), "rightsWorkSet")
         _add(rights, "creditLine", item["rights"])
     record = _add(parent, "recordWrap")
     _add(record, "recordID", number, _LOCAL)
-    _add(_add(record, "recordType"), "term", "item" if item else "collection")
+    record_type = _add(record, "recordType")
+    if item:
+        _add(record_type, "conceptID", _ITEM_LEVEL, _URI)
+    _add(record_type, "term", "Item-level record" if item else "Group-level record")
     source = _add(_add(record, "recordSource"), "legalBodyName")
     _add(source, "appellationValue", f"Gaussian Heritage {exported['software']['gaussian heritage']} (software)")
-    info = _add(record, "recordInfoSet")
-    _add(info, "recordMetadataDate", exported["finished"])
-    if not files:
-        return
-    resources = _add(parent, "resourceWrap")
+    info = _add(record, "recordInfoSet", attributes=_THIS_RECORD)
+    _add(info, "recordMetadataDate", exported["finished"], _CREATED)
+
+
+def _show(parent: ET.Element, described: dict[str, Any], files: Sequence[tuple[str, str]], address: str) -> None:
     for name, media_type in files:
-        resource = _add(resources, "resourceSet")
+        kind, text = _RESOURCES.get(media_type.split("/")[0], _MODEL)
+        text = text.format(described["title"])
+        if kind == _MODEL[0]:
+            text = f"{text}. {described['unit']['text']}"
+        resource = _add(parent, "resourceSet")
         _add(resource, "resourceID", name, _LOCAL)
         representation = _add(resource, "resourceRepresentation")
-        _add(representation, "linkResource", name, {_tag("formatResource"): media_type})
-        _add(_add(resource, "resourceType"), "term", media_type.split("/")[0])
-        _add(resource, "resourceDescription", described["unit"]["text"] if media_type.startswith("model") else name)
+        _add(representation, "linkResource", address + quote(name), {_tag("formatResource"): media_type})
+        _add(_add(resource, "resourceType"), "term", kind)
+        _add(resource, "resourceDescription", text)
 
 
 def _add(parent: ET.Element, name: str, text: object = None, attributes: dict[str, str] | None = None) -> ET.Element:

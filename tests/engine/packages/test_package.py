@@ -116,6 +116,8 @@ def test_records_in_the_package_can_be_read(package: Path) -> None:
     records = package / "data" / "records"
     for name in ("lido.xml", "dublin_core.xml"):
         ET.parse(records / name)
+    links = [one.text or "" for one in ET.parse(records / "lido.xml").iter("{http://www.lido-schema.org}linkResource")]
+    assert len(links) >= 4 and all((records / link).is_file() for link in links)
     for name in ("paradata.json", "provenance.jsonld"):
         json.loads((records / name).read_text())
     assert json.loads((records / "paradata.json").read_text())["captures"][0]["exif"]["camera_model"] == "Phone 3"
@@ -151,12 +153,13 @@ def test_untouched_package_is_accepted_and_every_change_is_named(package: Path, 
 def test_zip_is_verified_without_unpacking(project: ProjectFolder, tmp_path: Path) -> None:
     from engine.packages.package import write_package
 
-    path = write_package(tmp_path, project, "kanne", address="https://example.org/", as_zip=True)
+    path = write_package(tmp_path, project, "kanne", address="https://example.org/kanne/", as_zip=True)
     assert path == tmp_path / "kanne.zip"
     assert verify_package(path).is_intact
     assert sorted(one.name for one in tmp_path.iterdir()) == ["kanne.zip"]
     changed = tmp_path / "changed.zip"
     with zipfile.ZipFile(path) as before, zipfile.ZipFile(changed, "w") as after:
+        assert b">../kanne.ply<" in before.read("kanne/data/records/lido.xml")
         for name in before.namelist():
             data = before.read(name)
             after.writestr(name, data + b" " if name.endswith("README.txt") else data)

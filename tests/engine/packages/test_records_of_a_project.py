@@ -35,7 +35,14 @@ from .conftest import TITLE, make_project
 LIDO = "{http://www.lido-schema.org}"
 ORDER = {
     "lidoWrap": ("lido",),
-    "lido": ("lidoRecID", "objectPublishedID", "category", "descriptiveMetadata", "administrativeMetadata"),
+    "lido": (
+        "lidoRecID",
+        "objectPublishedID",
+        "category",
+        "applicationProfile",
+        "descriptiveMetadata",
+        "administrativeMetadata",
+    ),
     "descriptiveMetadata": (
         *("objectClassificationWrap", "objectIdentificationWrap", "eventWrap", "objectRelationWrap"),
     ),
@@ -49,7 +56,7 @@ ORDER = {
     "titleWrap": ("titleSet",),
     "titleSet": ("appellationValue", "sourceAppellation"),
     "repositoryWrap": ("repositorySet",),
-    "repositorySet": ("displayRepository", "repositoryName", "workID", "repositoryLocation"),
+    "repositorySet": ("displayRepository", "repositoryName", "workID", "repositoryLocation", "sourceRepositorySet"),
     "objectDescriptionWrap": ("objectDescriptionSet",),
     "objectDescriptionSet": ("descriptiveNoteID", "descriptiveNoteValue", "sourceDescriptiveNote"),
     "eventWrap": ("eventSet",),
@@ -66,15 +73,15 @@ ORDER = {
     "administrativeMetadata": ("rightsWorkWrap", "recordWrap", "resourceWrap"),
     "rightsWorkWrap": ("rightsWorkSet",),
     "rightsWorkSet": ("rightsType", "rightsDate", "rightsHolder", "creditLine"),
-    "recordWrap": ("recordID", "recordType", "recordSource", "recordRights", "recordInfoSet"),
+    "recordWrap": ("recordID", "recordType", "recordSource", "recordRights", "recordInfoSet", "collection"),
     "recordType": ("conceptID", "term"),
     "recordSource": ("legalBodyID", "legalBodyName", "legalBodyWeblink"),
     "legalBodyName": ("appellationValue", "sourceAppellation"),
     "recordInfoSet": ("recordInfoID", "recordInfoLink", "recordMetadataDate"),
     "objectMeasurementsWrap": ("objectMeasurementsSet",),
     "objectMeasurementsSet": ("displayObjectMeasurements", "objectMeasurements"),
-    "objectMeasurements": ("measurementSet", "extentMeasurements", "qualifierMeasurements"),
-    "measurementSet": ("measurementType", "measurementUnit", "measurementValue"),
+    "objectMeasurements": ("measurementsSet", "extentMeasurements", "qualifierMeasurements"),
+    "measurementsSet": ("measurementType", "measurementUnit", "measurementValue"),
     "resourceWrap": ("resourceSet",),
     "resourceSet": (
         *("resourceID", "resourceRepresentation", "resourceType", "resourceRelType", "resourcePerspective"),
@@ -85,16 +92,29 @@ ORDER = {
 }
 """Children of each element in the order that the schema of LIDO 1.1 demands."""
 REQUIRED = {
+    "lidoWrap": ("lido",),
     "lido": ("lidoRecID", "descriptiveMetadata", "administrativeMetadata"),
     "descriptiveMetadata": ("objectClassificationWrap", "objectIdentificationWrap"),
     "objectClassificationWrap": ("objectWorkTypeWrap",),
+    "objectWorkTypeWrap": ("objectWorkType",),
     "objectIdentificationWrap": ("titleWrap",),
+    "titleWrap": ("titleSet",),
+    "titleSet": ("appellationValue",),
+    "legalBodyName": ("appellationValue",),
+    "measurementsSet": ("measurementType", "measurementUnit", "measurementValue"),
     "administrativeMetadata": ("recordWrap",),
     "recordWrap": ("recordID", "recordType", "recordSource"),
     "event": ("eventType",),
     "resourceRepresentation": ("linkResource",),
 }
 """Children that the schema demands."""
+IDENTIFIERS = ("lidoRecID", "conceptID", "recordID", "resourceID")
+"""Elements of which the schema demands a type."""
+ONCE = (
+    *("objectClassificationWrap", "objectIdentificationWrap", "eventWrap", "eventType", "eventDate", "date"),
+    *("recordWrap", "recordType", "resourceWrap", "resourceType", "linkResource", "measurementValue"),
+)
+"""Elements that may not be repeated within the element around them."""
 
 
 @pytest.fixture
@@ -174,6 +194,7 @@ def check_order(element: ET.Element) -> None:
     places = [ORDER[name].index(child) for child in children]
     assert places == sorted(places), f"{name}: {children}"
     assert set(REQUIRED.get(name, ())) <= set(children), f"{name}: {children}"
+    assert all(children.count(child) <= 1 for child in ONCE), f"{name}: {children}"
     for child in element:
         check_order(child)
 
@@ -186,7 +207,7 @@ def test_lido_has_the_elements_of_its_schema_in_their_order(
     root = ET.fromstring(text)
     check_order(root)
     for element in root.iter():
-        if element.tag.removeprefix(LIDO) in ("lidoRecID", "recordID", "workID", "resourceID"):
+        if element.tag.removeprefix(LIDO) in IDENTIFIERS:
             assert element.get(f"{LIDO}type"), "identifiers have a type"
     lang = "{http://www.w3.org/XML/1998/namespace}lang"
     assert all(root.find(f".//{LIDO}{name}").get(lang) for name in ("descriptiveMetadata", "administrativeMetadata"))  # type: ignore[union-attr]
@@ -196,6 +217,34 @@ def test_lido_has_the_museums_fields(described: dict[str, Any]) -> None:
     root = ET.fromstring(lido_xml(described))
     texts = {name: root.findtext(f".//{LIDO}{name}") for name in ("appellationValue", "workID", "creditLine")}
     assert texts == {"appellationValue": TITLE, "workID": "1906.12", "creditLine": "CC BY 4.0, Musée"}
+
+
+def test_lido_says_what_each_file_is_and_where_it_is_published(described: dict[str, Any]) -> None:
+    files = [("kanne.ply", "application/x-ply"), ("kanne.html", "text/html"), ("pictures/a b.png", "image/png")]
+    root = ET.fromstring(lido_xml(described, files, address="https://museum.example/kanne/"))
+    check_order(root)
+    found = {
+        name: [one.text or "" for one in root.iter(f"{LIDO}{name}")]
+        for name in ("resourceID", "linkResource", "resourceDescription")
+    }
+    assert found["resourceID"] == [name for name, _ in files]
+    assert found["linkResource"] == [
+        f"https://museum.example/kanne/{name}" for name in ("kanne.ply", "kanne.html", "pictures/a%20b.png")
+    ]
+    kinds = [one.findtext(f"{LIDO}term") for one in root.iter(f"{LIDO}resourceType")]
+    assert kinds == ["3D model", "web page", "digital image"]
+    assert all(TITLE in text for text in found["resourceDescription"])
+    assert ["is not known" in text for text in found["resourceDescription"]] == [True, False, False]
+
+
+@pytest.mark.parametrize(("is_object", "level"), [(True, "Item-level record"), (False, "Group-level record")])
+def test_lido_says_what_the_record_describes_and_when_it_was_made(
+    project: ProjectFolder, described: dict[str, Any], is_object: bool, level: str
+) -> None:
+    one = described if is_object else describe_scene(project)
+    root = ET.fromstring(lido_xml(one))
+    assert root.findtext(f".//{LIDO}recordType/{LIDO}term") == level
+    assert root.findtext(f".//{LIDO}recordMetadataDate") == one["exported"]["finished"]
 
 
 def test_characters_that_xml_cannot_hold_do_not_break_it(described: dict[str, Any]) -> None:
