@@ -211,9 +211,12 @@ for area in bpy.context.screen.areas if bpy.context.screen else bpy.context.wind
     window.python("""
 for area in bpy.context.window_manager.windows[0].screen.areas:
     for region in area.regions:
-        if (area.type, region.type) == ("VIEW_3D", "UI"): region.active_panel_category = "Heritage"
+        if (area.type, region.type) == ("VIEW_3D", "UI"):
+            region.active_panel_category = "Heritage"
+            region.tag_redraw()
 """)
     time.sleep(1)
+    window.settle()
     window.shot("set_up")
     window.press(0.4, 138)
     window.shot("licences")
