@@ -48,7 +48,7 @@ def test_photos_become_an_object_that_is_downloaded(open_page: OpenPage, scene_p
     header = json.loads(glb[20 : 20 + length])
     assert "KHR_gaussian_splatting" in header["extensionsUsed"]
     card.get_by_role("button", name="Show alone").click()
-    expect(page.get_by_role("button", name="Show the whole scene")).to_be_visible()
+    expect(page.get_by_role("button", name="Show the whole scene")).to_be_visible(timeout=RUN_MS)
     expect(page.locator(".loading")).to_be_hidden()
     keep_picture(page, "object")
 
