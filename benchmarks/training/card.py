@@ -1,8 +1,9 @@
 """Quality of training on a graphics card against seconds: ``python -m benchmarks.training.card COMMAND``.
 
 `prepare` writes photos, cameras and segments of sets on a machine with the whole engine. `train` needs these files, a
-graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator. A training that was measured
-before is not repeated. `document` puts the table into a document.
+graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-evaluator; with ``--backend gsplat``, gsplat
+1.5 trains the same views by its own rates and without features. A training that was measured before is not repeated.
+`document` puts the table into a document.
 
 example: python -m benchmarks.training.card prepare --sets museum_room --sides 640 --out out/card
          python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
@@ -32,6 +33,7 @@ from ..documents import put_into
 from .photo_sets import photo_set
 from .screening.views_file import read_views, write_views
 
+_GSPLAT = "gsplat"
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
 
@@ -49,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS[:NAME=VALUE ...], separated by commas")
     one.add_argument("--only", default="", help="files whose names begin like this")
     one.add_argument("--seeds", default="0", help="(default: %(default)s)")
-    one.add_argument("--backend", default="gpu", choices=("gpu", "cpu"))
+    one.add_argument("--backend", default="gpu", choices=("gpu", "cpu", _GSPLAT))
     one.set_defaults(run=_train)
     one = commands.add_parser("document", help="put the table of all results into a document")
     one.add_argument("results", type=Path)
@@ -83,19 +85,21 @@ def _train(options: argparse.Namespace) -> None:
     for file in sorted(options.views.glob(f"{options.only}*.npz")):
         cameras, views = read_views(file)
         for run in options.runs.split(","):
+            run_with = _run_gsplat if options.backend == _GSPLAT else _run
+            name = f"{_GSPLAT}:{run}" if options.backend == _GSPLAT else run
             for seed in map(int, options.seeds.split(",")):
-                out = results / f"{file.stem}-{run.replace(':', '_').replace('=', '_')}-{seed}.json"
+                out = results / f"{file.stem}-{name.replace(':', '_').replace('=', '_')}-{seed}.json"
                 if out.exists():
                     continue
-                settings = _settings(run, seed, views, options.backend)
+                settings = _settings(run, seed, views, "cpu" if options.backend == _GSPLAT else options.backend)
                 if not first:
                     # The first run of a process compiles kernels: steps of the same kind do it before the clock runs.
                     few = settings.changed(steps=12, sh_interval=4, regularisation_interval=5, coarse_levels=0)
                     begun = time.perf_counter()
-                    _run(cameras, views, few)
+                    run_with(cameras, views, few)
                     first = time.perf_counter() - begun
-                figures = _run(cameras, views, settings)
-                write_json(out, {"set": file.stem, "run": run, "seed": seed, "first": first, "figures": figures})
+                figures = run_with(cameras, views, settings)
+                write_json(out, {"set": file.stem, "run": name, "seed": seed, "first": first, "figures": figures})
                 sys.stderr.write(
                     f"{out.stem}: {figures['psnr']:.2f} dB, fitted {figures['fitted_psnr']:.2f}, "
                     f"{figures['wall_seconds']:.1f} s, {figures['n_gaussians']} Gaussians, first {first:.1f} s, "
@@ -131,6 +135,22 @@ def _run(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings
         )  # fmt: skip
     curve = [asdict(point) for point in result.curve]
     return {**result.figures, "curve": curve, "total": time.perf_counter() - begun}
+
+
+def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
+    import torch
+
+    from .screening.gsplat_training import train_gsplat
+    from .screening.jobs import measured_figures
+
+    n = settings.growth.max_gaussians
+    begun = time.perf_counter()
+    gaussians = train_gsplat(cameras, views, steps=settings.schedule.steps, max_gaussians=n, seed=settings.seed)
+    torch.cuda.synchronize()
+    seconds = time.perf_counter() - begun
+    figures: dict[str, Any] = dict(measured_figures(gaussians, views, settings))
+    total = time.perf_counter() - begun
+    return {**figures, "wall_seconds": seconds, "n_gaussians": len(gaussians), "curve": [], "total": total}
 
 
 def table(results: Path) -> str:

@@ -6,9 +6,11 @@ of all vendors, which the package `onnxruntime-ep-webgpu` adds to any build.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import importlib.util
+import io
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -120,6 +122,9 @@ def _cuda(options: onnxruntime.SessionOptions) -> _Provider | str:
     """Return CUDA's provider, or why it cannot be used; nothing if it is not installed."""
     if _CUDA not in _imported().get_available_providers():
         return ""
+    # Finds CUDA's libraries where pip installed them beside onnxruntime. It prints what it does not find.
+    with contextlib.redirect_stdout(io.StringIO()):
+        _imported().preload_dlls()
     # Without TF32, which rounds factors to 10 bits and fails the caller's self-test.
     return _CUDA, "CUDA", [(_CUDA, {"use_tf32": "0"}), "CPUExecutionProvider"]
 

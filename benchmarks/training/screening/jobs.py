@@ -27,7 +27,7 @@ from .gsplat_raster import gsplat_in_training
 from .gsplat_training import train_gsplat
 from .views_file import read_views
 
-__all__ = ["FIGURES", "GSPLAT", "Job", "run_jobs"]
+__all__ = ["FIGURES", "GSPLAT", "Job", "measured_figures", "run_jobs"]
 
 FIGURES = {"psnr": float, "fitted_psnr": float, "ssim": float, "dark_share": float}
 """Figures of a training on test photos, and their types."""
@@ -93,12 +93,14 @@ def _run(job: Job) -> Job:
                 start, views, settings, checkpoints=Path(folder), emit=ignore_events, should_stop=never_stop,
                 background=background,
             ).gaussians  # fmt: skip
-    write_json(job.out, _measured(gaussians, views, settings))
+    write_json(job.out, measured_figures(gaussians, views, settings))
     return job
 
 
-def _measured(gaussians: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, float]:
-    """Return the figures of `FIGURES`, with our rasterizer."""
+def measured_figures(
+    gaussians: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings
+) -> dict[str, float]:
+    """Return the figures of `FIGURES` on the held-out views, with our rasterizer."""
     values = Parameters.from_gaussians(gaussians, sh_degree=gaussians.sh_degree, features=False).values
     coverage = Coverage(values, [view.pinhole for view in views if not view.held_out])
     pyramid = ViewPyramid([view for view in views if view.held_out], settings.features)

@@ -21,6 +21,7 @@ TOLERANCE = 1e-3
 """Largest relative difference (Euclidean norms) from the CPU. Rounding causes 1e-6, one flipped pixel at most 1e-3."""
 
 
+@torch.enable_grad()
 def check_gpu(gpu: Gpu) -> None:
     """Raise `EnvironmentProblem` if a picture or a gradient of `gpu` differs from that of the CPU."""
     rng = np.random.default_rng(0)
