@@ -231,7 +231,7 @@ def plan_work(
     """
     count = len(photo_set.photos)
     n_held_out = n_test_photos(count, settings.preset)
-    preset = settings_with_sizes(settings.preset, choice.sizes).for_photos(count - n_held_out)
+    preset = settings_with_sizes(settings.preset, choice.sizes, count - n_held_out)
     largest = largest_photo(photo_set)
     scale = min(1.0, preset.schedule.max_side / max(largest.width, largest.height))
     left_out: list[LeftOut] = []
@@ -431,7 +431,7 @@ def _notes(photo_set: PhotoSet, texture: float, poses_given: bool) -> tuple[str,
 
 def training_settings(work: WorkPlan) -> TrainingSettings:
     """Return the settings of the plan's preset, changed by the plan's decisions."""
-    preset = settings_with_sizes(work.preset, work.sizes).for_photos(work.n_training)
+    preset = settings_with_sizes(work.preset, work.sizes, work.n_training)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
     return preset.changed(

@@ -81,7 +81,7 @@ def choose_sizes(
     features = settings.wants_objects or not settings.leave_out
 
     def on_card(sizes: Mapping[str, int]) -> tuple[TrainingSettings, dict[str, Any]]:
-        training = settings_with_sizes(preset, sizes).for_photos(n_training)
+        training = settings_with_sizes(preset, sizes, n_training)
         scale = min(1.0, training.schedule.max_side / max(largest.width, largest.height))
         width, height = round(largest.width * scale), round(largest.height * scale)
         values = {"sh_degree": training.appearance.sh_degree, "width": width, "height": height}

@@ -44,7 +44,7 @@ def _presets_that_fit(work: WorkPlan, cores: int, calibration: Calibration, free
     fitting = []
     for name in reversed([preset.name for preset in PRESET_LIST if preset.offered]):
         on_card = sizes_on_card(name, 0) if work.device.backend == "gpu" else {}
-        preset = settings_with_sizes(name, on_card).for_photos(work.n_training)
+        preset = settings_with_sizes(name, on_card, work.n_training)
         scale = min(1.0, preset.schedule.max_side / max(work.photo_width, work.photo_height))
         smaller = replace(
             work, preset=name, max_gaussians=preset.growth.max_gaussians, sh_degree=preset.appearance.sh_degree,

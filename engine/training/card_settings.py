@@ -1,4 +1,4 @@
-"""What a graphics card changes in the settings: it affords more Gaussians and pixels. Standard library only.
+"""What a graphics card changes in the settings: it affords more Gaussians, pixels and bands. Standard library only.
 
 More Gaussians than these were measured to be worse on photo sets that do not determine them, see docs/error_vs_time.md.
 """
@@ -19,6 +19,10 @@ _ROUNDED_TO = 10_000  # by definition
 
 _GROWTHS, _GROW_FACTOR = 40, 1.25  # chosen on museum_room, sakharov_statue32
 """Intervals of growth in a run, and the factor of each. The processor decides where to grow, while the card waits."""
+
+_SH_DEGREE, _DROPOUT = 3, 0.05  # chosen on museum_room, store_room, skull66, sakharov_statue32
+"""``sh_degree`` and ``dropout`` in place of trials of bands. A card has the time for all bands, and with many Gaussians
+an early trial refuses bands that gain later."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +69,31 @@ def sizes_on_card(preset: str, room: int) -> dict[str, int]:
     return {"steps": sizes.steps, "rounds": sizes.rounds, "max_side": sizes.max_side, "max_gaussians": n}
 
 
-def settings_with_sizes(preset: str, sizes: Mapping[str, int]) -> TrainingSettings:
-    """Return the settings of a preset with other `sizes`; bands of colour begin after the same share of the steps."""
+def settings_with_sizes(preset: str, sizes: Mapping[str, int], n_training: int) -> TrainingSettings:
+    """Return the settings of a preset for `n_training` training photos, with the `sizes` of a card.
+
+    On a card, all bands of colour are used where a preset would try bands: one more after each fifth of the steps.
+
+    Parameters
+    ----------
+    preset : str
+    sizes : mapping of str to int
+        From `sizes_on_card`; empty on the processor.
+    n_training : int
+        Decides as `TrainingSettings.for_photos` does.
+    """
     base = PRESETS[preset]
     if not sizes:
-        return base
+        return base.for_photos(n_training)
     steps = sizes.get("steps", base.schedule.steps)
     interval = base.appearance.sh_interval * steps // base.schedule.steps
     growth = {"grow_interval": max(1, steps // _GROWTHS), "grow_factor": _GROW_FACTOR}
-    return base.changed(**sizes, **growth, sh_interval=max(1, interval))
+    settings = base.changed(**sizes, **growth, sh_interval=max(1, interval)).for_photos(n_training)
+    if not (settings.appearance.sh_degree and settings.trial_steps(n_training)):
+        return settings
+    return settings.changed(
+        sh_degree=_SH_DEGREE, sh_interval=max(1, steps // (_SH_DEGREE + 2)), trial_fraction=0.0, dropout=_DROPOUT
+    )
 
 
 def key_values(settings: TrainingSettings) -> dict[str, Any]:

@@ -76,6 +76,15 @@ def test_presets_are_larger_on_a_card_and_as_ever_on_the_processor(tmp_path: Pat
     assert "2 otherwise idle cores and Card (Vulkan)" in said
 
 
+def test_all_bands_of_colour_are_used_on_a_card_where_the_processor_would_try_one() -> None:
+    on_card, on_processor = training_settings(plan(card(None))), training_settings(plan(Device("cpu", "cpu")))
+    assert (on_processor.appearance.sh_degree, on_processor.loss.dropout) == (1, 0.0)
+    assert on_processor.appearance.trial_fraction > 0
+    assert (on_card.appearance.sh_degree, on_card.appearance.trial_fraction) == (3, 0.0)
+    assert on_card.appearance.sh_interval == 600 and on_card.loss.dropout == 0.05
+    assert training_settings(plan(card(None), "preview")).appearance.sh_degree == 0
+
+
 def test_plan_says_why_no_card_is_used(tmp_path: Path) -> None:
     said = text(plan(Device("cpu", "cpu", "this computer has no graphics card")), tmp_path)
     assert "training on the processor, because this computer has no graphics card" in said
