@@ -59,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     results = []
     try:
+        load_default_sam()
+        load_default_detector()  # A missing model is told before the trainings.
         for room in options.rooms.split(","):
             results.append(_result(room, options.out / room, options.device))
     except HeritageError as error:
