@@ -79,7 +79,7 @@ def _result(room: str, folder: Path, device: str) -> dict[str, Any]:
         return read_json(file, _SCHEMA, advice="Delete it.")
     if not (folder / "kept").exists():
         unpack_room(ROOT / KEPT_FOLDER / f"{room}.tar.xz", folder / "kept")
-    kept, truth, trained = (folder / "kept" / "project", folder / "kept" / "truth", folder / "paper")
+    kept, truth, trained = folder / "kept" / "project", folder / "kept" / "truth", folder / "paper"
     if not trained.exists():
         shutil.copytree(kept, trained)
     training = _train(kept, trained, device)
@@ -106,9 +106,7 @@ def _train(kept: Path, trained: Path, device: str) -> dict[str, Any]:
         choice=choose_sizes(settings, prepared.photo_set, chosen, None, free=describe_machine().free_bytes),
     )  # fmt: skip
     training = training_settings(work).changed(max_gaussians=_N_GAUSSIANS)
-    project = train_prepared(
-        prepared, trained, work, training, emit=ignore_events, should_stop=never_stop
-    )  # fmt: skip
+    project = train_prepared(prepared, trained, work, training, emit=ignore_events, should_stop=never_stop)
     record = project.stage_record("training") or {}
     names = ("steps", "n_gaussians", "psnr", "wall_seconds", "device")
     return {name: record["figures"].get(name) for name in names}

@@ -23,6 +23,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from engine.errors import HeritageError
 from engine.events import ignore_events, never_stop
 from engine.files import read_json, write_json
@@ -31,9 +33,10 @@ from engine.training.settings import PRESETS, TrainingSettings
 
 from ..documents import put_into
 from .photo_sets import photo_set
+from .screening.gsplat_training import train_gsplat
+from .screening.jobs import GSPLAT, measured_figures
 from .screening.views_file import read_views, write_views
 
-_GSPLAT = "gsplat"
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
 
@@ -51,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS[:NAME=VALUE ...], separated by commas")
     one.add_argument("--only", default="", help="files whose names begin like this")
     one.add_argument("--seeds", default="0", help="(default: %(default)s)")
-    one.add_argument("--backend", default="gpu", choices=("gpu", "cpu", _GSPLAT))
+    one.add_argument("--backend", default="gpu", choices=("gpu", "cpu", GSPLAT))
     one.set_defaults(run=_train)
     one = commands.add_parser("document", help="put the table of all results into a document")
     one.add_argument("results", type=Path)
@@ -85,13 +88,15 @@ def _train(options: argparse.Namespace) -> None:
     for file in sorted(options.views.glob(f"{options.only}*.npz")):
         cameras, views = read_views(file)
         for run in options.runs.split(","):
-            run_with = _run_gsplat if options.backend == _GSPLAT else _run
-            name = f"{_GSPLAT}:{run}" if options.backend == _GSPLAT else run
+            # What gsplat trains is measured on the processor.
+            run_with, name, backend = (
+                (_run_gsplat, f"{GSPLAT}:{run}", "cpu") if options.backend == GSPLAT else (_run, run, options.backend)
+            )
             for seed in map(int, options.seeds.split(",")):
                 out = results / f"{file.stem}-{name.replace(':', '_').replace('=', '_')}-{seed}.json"
                 if out.exists():
                     continue
-                settings = _settings(run, seed, views, "cpu" if options.backend == _GSPLAT else options.backend)
+                settings = _settings(run, seed, views, backend)
                 if not first:
                     # The first run of a process compiles kernels: steps of the same kind do it before the clock runs.
                     few = settings.changed(steps=12, sh_interval=4, regularisation_interval=5, coarse_levels=0)
@@ -138,11 +143,6 @@ def _run(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings
 
 
 def _run_gsplat(cameras: Any, views: Sequence[TrainingView], settings: TrainingSettings) -> dict[str, Any]:
-    import torch
-
-    from .screening.gsplat_training import train_gsplat
-    from .screening.jobs import measured_figures
-
     n = settings.growth.max_gaussians
     begun = time.perf_counter()
     gaussians = train_gsplat(cameras, views, steps=settings.schedule.steps, max_gaussians=n, seed=settings.seed)
