@@ -14,7 +14,7 @@ from .model_files import states_of
 from .new_objects import show_new_objects
 from .preferences import store_check_result, store_model_states
 from .properties import heritage_objects, project_of
-from .scene_file import add_objects, open_project
+from .scene_file import add_objects, open_project, scene_name
 from .solid_mode import update_shapes
 
 __all__ = ["PROJECT_KINDS", "destination", "import_results", "is_editing", "scene_for"]
@@ -38,7 +38,7 @@ def destination(project: Path, *, only_if_shown: bool = False) -> bpy.types.Scen
 
 def scene_for(project: Path) -> bpy.types.Scene:
     """Return `destination`, or else a new scene of this file with the name of the project."""
-    return destination(project) or bpy.data.scenes.new(project.name.removesuffix("_heritage") or project.name)
+    return destination(project) or bpy.data.scenes.new(scene_name(project))
 
 
 def is_editing() -> bool:

@@ -11,6 +11,8 @@ from mathutils import Matrix
 from ..engine.files import path_within
 from ..engine.formats import Up, file_from_z_up, read_ply, read_ply_file
 from ..engine.project_content import list_objects, scene_file
+from ..engine.project_folder import ProjectFolder
+from ..engine.records import scene_title
 from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
@@ -21,7 +23,15 @@ from .splat_view import is_software
 from .splats import SplatScene
 from .stored_file import keep_file
 
-__all__ = ["add_objects", "add_other_file", "add_splat_file", "open_project", "prepare_cycles", "whole_scene"]
+__all__ = [
+    "add_objects",
+    "add_other_file",
+    "add_splat_file",
+    "open_project",
+    "prepare_cycles",
+    "scene_name",
+    "whole_scene",
+]
 
 
 def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
@@ -104,7 +114,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     if not heritage_objects(scene):
         # With splats in the scene, the setting is the user's choice.
         scene.heritage.blending = "TRAINED"
-    splats = add_splat_file(scene, file, _title(project))
+    splats = add_splat_file(scene, file, scene_name(project))
     splats.object.heritage.project = str(project)
     if placement is not None:
         splats.object.matrix_world = placement
@@ -112,7 +122,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
             splats.object[key] = value
     scene.heritage.project = str(project)
     if camera_set is not None:
-        collection = new_collection(scene.collection, f"{_title(project)} Cameras")
+        collection = new_collection(scene.collection, f"{scene_name(project)} Cameras")
         add_cameras(camera_set.cameras, collection)
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", INITIAL_RENDER_SIDE)
@@ -136,8 +146,10 @@ def _remove_cameras(scene: bpy.types.Scene, camera_set: CameraSet | None) -> Non
                 bpy.data.collections.remove(collection)
 
 
-def _title(project: Path) -> str:
-    return project.name.removesuffix("_heritage") or project.name
+def scene_name(project: Path) -> str:
+    """Return the name of a project's photo folder, or of a folder around it where that is generic."""
+    name = scene_title(ProjectFolder.open_existing(project))
+    return name.removesuffix("_heritage") or name
 
 
 def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> list[SplatScene]:
@@ -168,7 +180,7 @@ def add_objects(scene: bpy.types.Scene, project: Path, ids: Iterable[str]) -> li
         return []
     whole = whole_scene(scene, project)
     if whole is None:
-        whole = add_splat_file(scene, scene_file(project), _title(project)).object
+        whole = add_splat_file(scene, scene_file(project), scene_name(project)).object
         whole.heritage.project = str(project)
     splats = [
         update_object(present[item.id], project, item, whole)

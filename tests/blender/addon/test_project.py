@@ -26,6 +26,16 @@ def drawn(obj: bpy.types.Object) -> int:
     return sum(1 for instance in depsgraph.object_instances if instance.parent and instance.parent.original == obj)
 
 
+def test_a_scene_is_named_after_the_folder_of_its_photos(project: Any, part: Part, tmp_path: Path) -> None:
+    folder = project.folder.rename(tmp_path / "project")
+    photos = tmp_path / "Römische Gläser" / "photos"
+    part("engine.project_folder").ProjectFolder.open_existing(folder).put("photo_folder", str(photos))
+    assert bpy.ops.heritage.open_project(directory=str(folder)) == {"FINISHED"}
+    (scene,) = [obj for obj in bpy.data.objects if obj.heritage.role == "SCENE"]
+    assert scene.name == "Römische Gläser"
+    assert "Römische Gläser Cameras" in bpy.data.collections
+
+
 def test_objects_become_collections_with_their_properties(project: Any) -> None:
     scene = open_project(project)
     vase = bpy.data.collections["Vase"]
