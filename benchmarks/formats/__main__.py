@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.documents import put_into
 from engine.errors import HeritageError
@@ -18,6 +19,9 @@ from engine.machine import describe_machine
 
 from .readers import reader_rows, require_node_modules
 from .speed import COUNT, N_MEMORY, N_ROUNDS, memory_rows, speed_rows
+
+if TYPE_CHECKING:
+    from .viewers import Framed
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_PSNR = 28.0
@@ -32,6 +36,7 @@ def main() -> int:
         command.add_argument("--doc", type=Path, required=True)
         if name == "readers":
             command.add_argument("--project", type=Path, required=True, help="a project folder with a scene")
+            command.add_argument("--object", default="vase", help="an object of it (default: %(default)s)")
             command.add_argument("--pictures", type=Path, help="folder for screenshots")
     options = parser.parse_args()
     try:
@@ -57,40 +62,54 @@ def speed(options: argparse.Namespace, folder: Path) -> int:
 
 def readers(options: argparse.Namespace, folder: Path) -> int:
     """Compare with other programs, and look at files in viewers."""
-    from .viewers import shown_in_viewers
+    from .viewers import framed_by_viewers, shown_in_viewers
 
     scene = read_ply(options.project / "gaussians" / "scene.ply")
     rows = reader_rows(scene, folder)
-    files = []
-    for kind in ("ply", "glb"):
-        file = folder / f"scene.{kind}"
-        words = ["export", str(options.project), "--format", kind, "--frame", "upright", "--out", str(file)]
-        subprocess.run([sys.executable, "-m", "engine", *words], cwd=ROOT, check=True, capture_output=True)
-        files.append(file)
+    files = [_exported(options.project, folder / f"scene.{kind}") for kind in ("ply", "glb")]
     shown = shown_in_viewers(options.project, files, options.pictures)
+    files = [_exported(options.project, folder / f"object.{kind}", options.object) for kind in ("ply", "glb")]
+    framed = framed_by_viewers(files, options.pictures)
     pictures = [
         (
             one.viewer,
             one.file,
             ", ".join(f"{value:.1f}" for value in one.psnr),
             f"{one.psnr_upside_down:.1f}",
-            f"{100 * one.covered:.0f} %",
+            *_shares(one.framed),
         )
         for one in shown
     ]
-    head = ("viewer", "file", "PSNR beside our pictures, dB", "beside them upside down", "covered when opened")
+    head = (
+        "viewer", "file", "PSNR beside our pictures, dB", "beside them upside down", "covered when opened",
+        "largest side when opened",
+    )  # fmt: skip
     text = (
         f"{len(scene):,} Gaussians of the museum room. Differences are the largest of positions, log-scales, "
         "opacities, covariances relative to the largest size, and coefficients.\n\n"
         + _table(("file", "read by", "largest difference"), rows)
         + "\n\n"
         + _table(head, pictures)
+        + f"\n\nThe object `{options.object}` as viewers open it:\n\n"
+        + _table(("viewer", "file", *head[-2:]), [(viewer, kind, *_shares(one)) for viewer, kind, one in framed])
     )
     _publish(options.doc, "readers", text)
     bad = [one for one in shown if min(one.psnr) < LEAST_PSNR]
     for one in bad:
         print(f"{one.viewer} shows {one.file} otherwise than the engine: {min(one.psnr):.1f} dB.", file=sys.stderr)
     return 1 if bad or any("other" in row[2] or " of " in row[2] for row in rows) else 0
+
+
+def _exported(project: Path, file: Path, name: str | None = None) -> Path:
+    """Export the scene, or the object of that name, in the format of the suffix of `file`."""
+    words = ["export", str(project), "--format", file.suffix[1:], "--frame", "upright", "--out", str(file)]
+    words += [] if name is None else ["--object", name]
+    subprocess.run([sys.executable, "-m", "engine", *words], cwd=ROOT, check=True, capture_output=True)
+    return file
+
+
+def _shares(framed: Framed) -> tuple[str, str]:
+    return f"{100 * framed.covered:.0f} %", f"{100 * framed.extent:.0f} %"
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

@@ -24,7 +24,7 @@ from engine.formats import read_glb, read_ply
 from engine.pictures import Scene
 from engine.scene import PinholeCamera, read_camera_set
 
-__all__ = ["Shown", "shown_in_viewers"]
+__all__ = ["Framed", "Shown", "framed_by_viewers", "shown_in_viewers"]
 
 HERE = Path(__file__).resolve().parent
 WIDTH, HEIGHT = 640, 480
@@ -56,27 +56,49 @@ class Shown:
         Beside the engine's pictures from the same cameras, dB.
     psnr_upside_down : float
         The mean beside the engine's pictures turned by 180 degrees: far lower when the file is upright.
-    covered : float
-        Share of the picture that shows something in the viewer's own framing.
+    framed : Framed
+        In the viewer's own framing.
     """
 
     viewer: str
     file: str
     psnr: tuple[float, ...]
     psnr_upside_down: float
+    framed: Framed
+
+
+@dataclass(frozen=True)
+class Framed:
+    """How a viewer frames a file by itself.
+
+    Attributes
+    ----------
+    covered : float
+        Share of the picture that shows something.
+    extent : float
+        Largest side of what is shown, as a share of that side of the picture; 1 where it reaches two opposite edges.
+    """
+
     covered: float
+    extent: float
+
+    @classmethod
+    def of(cls, picture: NDArray[np.float64]) -> Framed:
+        """Return how much of a picture, [H, W, 3] with a black background, is shown."""
+        lit = picture.max(axis=2) > 0.05
+        sides = [np.flatnonzero(lit.any(axis=axis)) for axis in (0, 1)]
+        extents = [
+            (found[-1] - found[0] + 1) / n for found, n in zip(sides, lit.shape[::-1], strict=True) if found.size
+        ]
+        return cls(float(lit.mean()), float(max(extents, default=0.0)))
 
 
 def shown_in_viewers(project: Path, files: list[Path], pictures: Path | None) -> list[Shown]:
     """Show each of `files`, exported from `project`, in each viewer that reads it; keep screenshots in `pictures`."""
-    program = shutil.which("chromium") or shutil.which("google-chrome")
-    if program is None:
-        raise EnvironmentProblem("Chromium is missing. Install it (Debian: apt-get install chromium).")
     cameras = read_camera_set(project / "cameras").cameras
     chosen = [cameras[index] for index in np.linspace(0, len(cameras) - 1, N_VIEWS).astype(int)]
     looks = [(np.asarray(one.center), np.asarray(one.center + one.viewmat[2, :3])) for one in chosen]
-    with sync_playwright() as playwright, _served(files) as (address, folder):
-        browser = playwright.chromium.launch(executable_path=program, args=WEBGL)
+    with _browser() as browser, _served(files) as (address, folder):
         found = []
         for file in files:
             gaussians = (read_glb if file.suffix == ".glb" else read_ply)(file)
@@ -99,11 +121,44 @@ def shown_in_viewers(project: Path, files: list[Path], pictures: Path | None) ->
                         file.suffix[1:].upper(),
                         tuple(_psnr(shot, wanted) for shot, wanted in pairs),
                         float(np.mean([_psnr(shot, wanted[::-1, ::-1]) for shot, wanted in pairs])),
-                        float((shots[-1].max(axis=2) > 0.05).mean()),
+                        Framed.of(shots[-1]),
                     )
                 )
-        browser.close()
     return found
+
+
+def framed_by_viewers(files: list[Path], pictures: Path | None) -> list[tuple[str, str, Framed]]:
+    """Return the viewer, the kind of file and how it is framed for each of `files` that a viewer reads.
+
+    `pictures` is the folder of screenshots, one for each kind of file, with the viewers side by side.
+    """
+    found = []
+    with _browser() as browser, _served(files) as (address, folder):
+        for file in files:
+            shots = []
+            for viewer in VIEWERS:
+                if file.suffix in viewer.suffixes:
+                    page = viewer.address(file.name, None, folder)
+                    shots.append(_screenshot(browser, f"{address}/{page}", folder))
+                    found.append((viewer.name, file.suffix[1:].upper(), Framed.of(shots[-1])))
+            if pictures is not None:
+                pictures.mkdir(parents=True, exist_ok=True)
+                _keep(pictures / f"object_{file.suffix[1:]}.jpg", shots)
+    return found
+
+
+@contextmanager
+def _browser() -> Iterator[Browser]:
+    """Start Chromium without a window, with WebGL in software."""
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        raise EnvironmentProblem("Chromium is missing. Install it (Debian: apt-get install chromium).")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=WEBGL)
+        try:
+            yield browser
+        finally:
+            browser.close()
 
 
 def _psnr(shown: NDArray[np.float64], wanted: NDArray[np.float64]) -> float:
@@ -126,7 +181,8 @@ def _engine_picture(scene: Scene, eye: Point, target: Point) -> NDArray[np.float
 
 def _keep(file: Path, pictures: list[NDArray[np.float64]]) -> None:
     row = np.concatenate(pictures, axis=1)
-    Image.fromarray(np.round(row * 255).astype(np.uint8)).resize((3 * WIDTH // 2, HEIGHT // 2)).save(file, quality=85)
+    size = (len(pictures) * WIDTH // 2, HEIGHT // 2)
+    Image.fromarray(np.round(row * 255).astype(np.uint8)).resize(size).save(file, quality=85)
 
 
 def _screenshot(browser: Browser, address: str, folder: Path) -> NDArray[np.float64]:

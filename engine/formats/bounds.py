@@ -18,6 +18,8 @@ _ROWS_PER_CHUNK = 1 << 14
 """Gaussians checked at once."""
 _MAX_VALUE = 1e18
 """Largest absolute value, whose square is finite in float32."""
+_SURELY_WITHIN = 1e35
+"""Sum of squares, rounded as float32, below which no value is beyond `_MAX_VALUE`."""
 _MAX_LOG_SCALE = 41.0
 """Logarithm of about `_MAX_VALUE`."""
 
@@ -39,7 +41,10 @@ def usable_rows(gaussians: Gaussians) -> NDArray[np.bool_]:
         rows = slice(start, start + _ROWS_PER_CHUNK)
         part = gaussians[rows]
         for values in (part.means, part.log_scales, part.quats, part.opacity_logits, part.sh):
-            # NaN compares as False.
+            flat = values.reshape(-1)
+            # NaN compares as False. The sum needs no second array.
+            if np.einsum("i,i->", flat, flat) < _SURELY_WITHIN:
+                continue
             within = np.abs(values) <= _MAX_VALUE
             if not within.all():
                 usable[rows] &= within.reshape(len(values), -1).all(axis=1)
