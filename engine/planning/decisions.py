@@ -434,12 +434,17 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
     preset = settings_with_sizes(work.preset, work.sizes, work.n_training)
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
+
+    def scaled(interval: int) -> int:
+        return max(1, interval * work.steps // preset.schedule.steps)
+
     return preset.changed(
         steps=work.steps,
         clustering_interval=work.clustering_interval,
         lambda_clustering=preset.features.lambda_clustering * share,
         lambda_ray=preset.features.lambda_ray * share,
-        sh_interval=max(1, preset.appearance.sh_interval * work.steps // preset.schedule.steps),
+        sh_interval=scaled(preset.appearance.sh_interval),
+        grow_interval=scaled(preset.growth.grow_interval),
         train_features=work.features,
         transients=work.exclude_transients,
         trial_fraction=work.trial,

@@ -62,7 +62,7 @@ class CpuSteps:
         state = self._state
         state.parameters.step(self._schedule.learning_rates(state.step))
         if state.exposure.grad is not None:
-            exposure, rate = state.exposure.detach(), self._inputs.settings.optimiser.lr_exposure
+            exposure, rate = state.exposure.detach(), self._schedule.exposure_rate(state.step)
             adam_step([(exposure, state.exposure.grad, rate)], [state.exposure_moments])
             # The brightness common to all photos is part of the colours of the Gaussians.
             views = self._schedule.trained_on(state.step)

@@ -87,7 +87,7 @@ def plan_of_step(
         -1,
         rates,
         schedule.sh_degree(step, state.sh_limit),
-        exposure_rate=settings.optimiser.lr_exposure if appearance.exposure else None,
+        exposure_rate=schedule.exposure_rate(step) if appearance.exposure else None,
         centred=schedule.trained_on(step) if appearance.exposure else (),
         lambda_ray=lambda_ray,
         clustering=clustering,

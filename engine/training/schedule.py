@@ -158,9 +158,7 @@ class Schedule:
 
     def learning_rates(self, step: int) -> dict[str, float]:
         """Return the learning rate of every parameter at the step."""
-        optimiser = self._settings.optimiser
-        t = step / max(self._settings.schedule.steps - 1, 1)
-        decay = optimiser.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step)
+        optimiser, decay = self._settings.optimiser, self._decay(step)
         return {
             "means": self.means_rate(step) * self._extent,
             "log_scales": optimiser.lr_scales * decay,
@@ -170,6 +168,15 @@ class Schedule:
             "sh_rest": optimiser.lr_sh_rest * decay,
             "features": optimiser.lr_features * decay,
         }
+
+    def exposure_rate(self, step: int) -> float:
+        """Return the learning rate of the brightness factors at the step."""
+        return self._settings.optimiser.lr_exposure * self._decay(step)
+
+    def _decay(self, step: int) -> float:
+        """Return the factor of all learning rates but that of the positions."""
+        t = step / max(self._settings.schedule.steps - 1, 1)
+        return self._settings.optimiser.lr_end ** max(0.0, 2.0 * t - 1.0) * self._cooled(step)
 
     def means_rate(self, step: int) -> float:
         """Return the learning rate of the positions at the step, per extent."""

@@ -139,5 +139,7 @@ def test_few_photos_get_fewer_steps_of_the_longest_preset_and_the_plan_says_why(
     assert reason.what == "7,968 of 12,000 training steps" and "56 photos" in reason.why and "72 times" in reason.why
     assert training_settings(few).schedule.steps == few.steps
     assert training_settings(few).appearance.sh_interval == best.appearance.sh_interval * few.steps // 12_000
+    # Fewer steps must not end with fewer Gaussians.
+    assert training_settings(few).growth.grow_interval == best.growth.grow_interval * few.steps // 12_000
     # The lower limit holds for any number of photos, and is what the preset standard has.
     assert work(3, PlanSettings(preset="best")).steps == work(3).steps == work(80).steps == MIN_STEPS

@@ -25,6 +25,7 @@ from engine.planning.training_device import TrainingDevice
 from engine.project_folder import ProjectFolder
 from engine.rasterizer import Card, Device
 from engine.training.card_settings import CARD_SIZES
+from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS
 
 from .scenes import photos, statistics
@@ -70,7 +71,8 @@ def test_presets_are_larger_on_a_card_and_as_ever_on_the_processor(tmp_path: Pat
         assert work.device.backend == "gpu" and training.growth.max_gaussians == sizes.max_gaussians
         assert (work.width, work.height) == (1600, 1200)
         assert plan(Device("cpu", "cpu"), preset).sizes == {}
-        assert training_settings(plan(Device("cpu", "cpu"), preset)).growth == PRESETS[preset].growth
+        on_processor = training_settings(plan(Device("cpu", "cpu"), preset)).growth
+        assert on_processor.max_gaussians == PRESETS[preset].growth.max_gaussians
     said = text(plan(card()), tmp_path)
     assert "training on Card (Vulkan), about" in said and "of its 26 GB memory" in said
     assert "2 otherwise idle cores and Card (Vulkan)" in said
@@ -83,6 +85,16 @@ def test_all_bands_of_colour_are_used_on_a_card_where_the_processor_would_try_on
     assert (on_card.appearance.sh_degree, on_card.appearance.trial_fraction) == (3, 0.0)
     assert on_card.appearance.sh_interval == 600 and on_card.loss.dropout == 0.05
     assert training_settings(plan(card(None), "preview")).appearance.sh_degree == 0
+
+
+@pytest.mark.parametrize("preset", ["standard", "best"])
+def test_training_on_a_card_reaches_the_number_of_gaussians_also_with_few_photos(preset: str) -> None:
+    work = plan(card(None), preset)
+    training = training_settings(work)
+    schedule, n = Schedule(training, work.n_training, 1.0), 10_000
+    for step in range(training.schedule.steps):
+        n = schedule.gaussians_after_growth(step, n) if schedule.grows(step) else n
+    assert training.schedule.steps == work.steps < 4000 and n == training.growth.max_gaussians
 
 
 def test_plan_says_why_no_card_is_used(tmp_path: Path) -> None:

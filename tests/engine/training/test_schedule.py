@@ -118,6 +118,10 @@ def test_rates_fall_to_the_end_and_further_in_the_cooldown() -> None:
     assert last["sh_dc"] == pytest.approx(
         STANDARD.optimiser.lr_sh * STANDARD.optimiser.lr_end * STANDARD.schedule.cooldown_end, rel=0.01
     )
+    assert schedule.exposure_rate(0) == STANDARD.optimiser.lr_exposure
+    assert schedule.exposure_rate(STANDARD.schedule.steps) == pytest.approx(
+        STANDARD.optimiser.lr_exposure * STANDARD.optimiser.lr_end * STANDARD.schedule.cooldown_end, rel=0.01
+    )
     without = Schedule(STANDARD.changed(cooldown=0.0), 3, extent=2.0)
     assert without.learning_rates(STANDARD.schedule.steps - 1)["means"] == pytest.approx(
         2 * STANDARD.optimiser.lr_means_end

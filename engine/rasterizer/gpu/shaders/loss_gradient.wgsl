@@ -27,6 +27,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     let own = corner + vec2<i32>(vec2<u32>(lane & 15u, lane >> 4u));
     let factors = brightness();
     var by_exposure = vec4<f32>(0.0);
+    var slopes = vec3<f32>(0.0);
     for (var c = 0u; c < 3u; c++) {
         for (var i = lane; i < SIDE * SIDE; i += 256u) {
             pixels[i] = map_at(with_margin(corner, i), c);
@@ -52,12 +53,18 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
                 slope = fma(slope, -loss.by_similarity, side * loss.weight);
                 by_exposure[c] = slope * x;
             }
-            gradient[at * (CHANNELS + 1u) + c] = slope * factors[c];
-            if (CHANNELS == 3u && c == 0u) {  // ray_gradient writes the others where there are channels
-                gradient[at * (CHANNELS + 1u) + 3u] = 0.0;
-            }
+            slopes[c] = slope * factors[c];
         }
         workgroupBarrier();
+    }
+    if (is_inside(own)) {
+        let at = index_of(own) * (CHANNELS + 1u);
+        gradient[at] = slopes.x;  // one after the other, so that memory is written once
+        gradient[at + 1u] = slopes.y;
+        gradient[at + 2u] = slopes.z;
+        if (CHANNELS == 3u) {  // ray_gradient writes the others where there are channels
+            gradient[at + 3u] = 0.0;
+        }
     }
     rows[lane] = by_exposure;  // no longer read as rows
     workgroupBarrier();
