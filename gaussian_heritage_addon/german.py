@@ -104,7 +104,7 @@ TEXTS: dict[str, str] = {
     "Gaussian Heritage Project": "Gaussian-Heritage-Projekt",
     "Gaussian Objects (.ply/.glb/.spz/.usd)": "Gauß-Objekte (.ply/.glb/.spz/.usd)",
     "Gaussian Scene": "Gauß-Szene",
-    "Gaussian Scene (.ply)": "Gauß-Szene (.ply)",
+    "Gaussian Scene (.ply, .spz, .glb)": "Gauß-Szene (.ply, .spz, .glb)",
     "Gaussian Splats": "Gaussian Splats",
     "Gaussian Splats, One File (.ply/.glb/.spz/.usd)": "Gaussian Splats, eine Datei (.ply/.glb/.spz/.usd)",
     "Gaussians: {:,.0f}": "Gauß-Glocken: {:.0f}",

@@ -28,7 +28,9 @@ TEXTS: dict[str, str] = {
     "Also all that is behind it": "Auch alles, was dahinter liegt",
     "An isolated object": "Ein freigestelltes Objekt",
     "As trained, in all viewport modes": "Wie trainiert, in allen Ansichten",
-    "Axis of the file that points up": "Achse der Datei, die nach oben zeigt",
+    "Axis of a PLY that points up; SPZ and GLB define it": (
+        "Achse einer PLY-Datei, die nach oben zeigt; SPZ und GLB legen sie fest"
+    ),
     "Binary glTF with KHR_gaussian_splatting, Y up": "Binäres glTF mit KHR_gaussian_splatting, Y zeigt nach oben",
     "Blend light, like other objects in Blender; uses the view transform Standard": (
         "Licht mischen wie andere Objekte in Blender; nutzt die Ansichtstransformation „Standard“"
@@ -165,8 +167,8 @@ TEXTS: dict[str, str] = {
     "Ids of objects that were deleted in this file, one a line, until stored": (
         "Kennungen der in dieser Datei gelöschten Objekte, eine je Zeile, bis gespeichert wird"
     ),
-    "Import a Gaussian scene from a PLY file, as written by any Gaussian splatting program": (
-        "Eine Gauß-Szene aus einer PLY-Datei importieren, wie sie Gaussian-Splatting-Programme schreiben"
+    "Import a Gaussian scene from a PLY, SPZ or GLB file, as written by any Gaussian splatting program": (
+        "Eine Gauß-Szene aus PLY, SPZ oder GLB importieren, wie sie Gaussian-Splatting-Programme schreiben"
     ),
     (
         "Include the Gaussians of a whole scene that lie far outside of what the photos show, which make "
@@ -296,8 +298,8 @@ TEXTS: dict[str, str] = {
     "Show what floats around the object, isolated or faint Gaussians, as a selection in Edit Mode; or remove it": (
         "Was um das Objekt schwebt, einzelne oder blasse Gauß-Glocken, im Bearbeitungsmodus auswählen; oder entfernen"
     ),
-    "Skip Gaussians with invalid values instead of rejecting the file": (
-        "Gauß-Glocken mit ungültigen Werten auslassen, statt die Datei abzulehnen"
+    "Skip Gaussians of a PLY with invalid values instead of rejecting the file": (
+        "Gauß-Glocken einer PLY-Datei mit ungültigen Werten auslassen, statt die Datei abzulehnen"
     ),
     "Smaller; includes Apple's graphics processors on a Mac": (
         "Kleiner; auf einem Mac mit den Grafikprozessoren von Apple"

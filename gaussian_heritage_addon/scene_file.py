@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import bpy
 from mathutils import Matrix
 
+from ..engine.errors import FormatError
 from ..engine.files import path_within
-from ..engine.formats import Up, file_from_z_up, read_ply, read_ply_file
+from ..engine.formats import Up, file_from_z_up, read_glb, read_ply, read_ply_file, read_spz
 from ..engine.project_content import list_objects, scene_file
 from ..engine.project_folder import ProjectFolder
 from ..engine.records import scene_title
-from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
+from ..engine.scene import CameraSet, Gaussians, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
 from .object_import import add_object, new_collection, update_object
@@ -33,6 +34,9 @@ __all__ = [
     "whole_scene",
 ]
 
+_OTHER_READERS: dict[str, Callable[[Path], Gaussians]] = {".glb": read_glb, ".spz": read_spz}
+"""Readers of formats whose axes are defined and whose numbers are not kept, by suffix."""
+
 
 def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
     """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`."""
@@ -45,9 +49,9 @@ def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
 def add_other_file(
     scene: bpy.types.Scene, file: Path, name: str, *, up: Up | None = None, skip_broken: bool = False
 ) -> SplatScene:
-    """Import the Gaussian PLY `file`, of any program, into `scene` as an object called `name` that stands upright.
+    """Import the Gaussians of a PLY, SPZ or GLB of any program as an object called `name` that stands upright.
 
-    The numbers of the file stay as they are, also those that mean nothing here; the object is turned.
+    The numbers of a PLY stay as they are, also those that mean nothing here; the object is turned.
 
     Parameters
     ----------
@@ -55,10 +59,26 @@ def add_other_file(
     file : Path
     name : str
     up : {"z", "-y", "y"}, optional
-        Axis of the file that points up. None: what the file states, otherwise -Y, as in the files of most programs.
+        Axis of a PLY that points up. None: what the file states, otherwise -Y, as in the files of most programs. The
+        other formats define it.
     skip_broken : bool
-        See `read_ply_file`.
+        See `read_ply_file`; of a PLY alone.
+
+    Raises
+    ------
+    FormatError
+        When the file has none of these formats, has no Gaussians, or cannot be read.
     """
+    suffix = file.suffix.lower()
+    if suffix in _OTHER_READERS:
+        gaussians = _OTHER_READERS[suffix](file)
+        if not len(gaussians):
+            raise FormatError(f"{file} has no Gaussians. Choose another file.")
+        splats = SplatScene.create(name, gaussians, scene.collection)
+        _show(scene, splats, len(gaussians))
+        return splats
+    if suffix != ".ply":
+        raise FormatError(f"{file} is none of PLY, SPZ and GLB. Export it as one of these.")
     content = read_ply_file(file, skip_broken=skip_broken)
     up = up or content.up or ("z" if content.is_ours else "-y")
     splats = SplatScene.create(name, content.gaussians, scene.collection)

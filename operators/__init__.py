@@ -74,7 +74,7 @@ CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 
 def _import_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     menu.layout.operator("heritage.import_photo_folder", text="Photo Folder as Gaussian Scene")
-    menu.layout.operator("heritage.import_gaussian_ply", text="Gaussian Scene (.ply)")
+    menu.layout.operator("heritage.import_gaussian_ply", text="Gaussian Scene (.ply, .spz, .glb)")
     menu.layout.operator("heritage.open_project", text="Gaussian Heritage Project")
 
 

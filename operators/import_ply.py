@@ -1,4 +1,4 @@
-"""File > Import > Gaussian Scene (.ply)."""
+"""File > Import > Gaussian Scene (.ply, .spz, .glb)."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _DIALOG_WIDTH = 450
 
 @blender_properties
 class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
-    """Import a Gaussian scene from a PLY file, as written by any Gaussian splatting program"""
+    """Import a Gaussian scene from a PLY, SPZ or GLB file, as written by any Gaussian splatting program"""
 
     bl_idname = "heritage.import_gaussian_ply"
     bl_label = "Import Gaussian Scene"
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".ply"
-    filter_glob: Annotated[str, StringProperty(default="*.ply", options={"HIDDEN"})]
+    filter_glob: Annotated[str, StringProperty(default="*.ply;*.spz;*.glb", options={"HIDDEN"})]
     up: Annotated[
         str,
         EnumProperty(
             name="Up Axis",
-            description="Axis of the file that points up",
+            description="Axis of a PLY that points up; SPZ and GLB define it",
             items=[
                 ("AUTO", "As Stated", "What the file states; otherwise -Y, as in the files of most programs"),
                 ("z", "Z", "Z points up, as in Blender"),
@@ -46,7 +46,7 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         bool,
         BoolProperty(
             name="Skip Broken",
-            description="Skip Gaussians with invalid values instead of rejecting the file",
+            description="Skip Gaussians of a PLY with invalid values instead of rejecting the file",
         ),
     ]
     use_cycles: Annotated[
@@ -80,12 +80,12 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
 
 
 class HERITAGE_FH_gaussian_ply(DroppedIntoView, bpy.types.FileHandler):
-    """Imports a Gaussian PLY file that is dropped into the viewport."""
+    """Imports a Gaussian PLY or SPZ file that is dropped into the viewport. Blender itself takes a dropped GLB."""
 
     bl_idname = "HERITAGE_FH_gaussian_ply"
     bl_label = "Gaussian Scene"
     bl_import_operator = "heritage.import_gaussian_ply"
-    bl_file_extensions = ".ply"
+    bl_file_extensions = ".ply;.spz"
 
 
 CLASSES = [HERITAGE_OT_import_gaussian_ply, HERITAGE_FH_gaussian_ply]

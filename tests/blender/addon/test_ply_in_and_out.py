@@ -52,6 +52,34 @@ def test_attributes_have_the_names_and_types_of_blenders_own_splats(
     np.testing.assert_allclose(tuple(attributes["radiance:sh_2"].data[4].vector), gaussians.sh[4, 3], rtol=1e-6)
 
 
+@pytest.mark.parametrize(("suffix", "exact"), [("glb", 1e-6), ("spz", 0.05)])
+def test_spz_and_glb_are_imported_upright(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, suffix: str, exact: float
+) -> None:
+    formats, gaussians = part("engine.formats"), random_gaussians(20, degree=1)
+    getattr(formats, f"write_{suffix}")(tmp_path / f"scene.{suffix}", gaussians)
+    obj = import_ply(tmp_path / f"scene.{suffix}")
+    assert obj.name == "scene" and len(obj.data.vertices) == 20
+    export(tmp_path / "out", scope="SCENE")
+    back = formats.read_ply(tmp_path / "out" / "scene.ply")
+    np.testing.assert_allclose(back.means, gaussians.means, atol=exact)
+    np.testing.assert_allclose(back.log_scales, gaussians.log_scales, atol=exact)
+
+
+@pytest.mark.parametrize(("name", "said"), [("empty.glb", "no Gaussians"), ("scene.splat", "none of PLY, SPZ and GLB")])
+def test_a_file_without_gaussians_or_of_another_format_is_refused(
+    part: Part, random_gaussians: RandomGaussians, tmp_path: Path, name: str, said: str
+) -> None:
+    nothing = random_gaussians(3)[:0] if name.endswith(".glb") else None
+    if nothing is None:
+        (tmp_path / name).write_bytes(b"abc")
+    else:
+        part("engine.formats").write_glb(tmp_path / name, nothing)
+    with pytest.raises(RuntimeError, match=said):
+        bpy.ops.heritage.import_gaussian_ply(filepath=str(tmp_path / name))
+    assert not [obj for obj in bpy.data.objects if obj.heritage.role == "SCENE"]
+
+
 @pytest.mark.parametrize("file_format", ["PLY", "GLB"])
 def test_placement_in_blender_is_in_the_file(
     part: Part, random_gaussians: RandomGaussians, tmp_path: Path, file_format: str
