@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -189,9 +190,10 @@ def _write_film(path: Path, codec: str, frames: Sequence[Pixels]) -> None:
     height, width = height - height % 2, width - width % 2
     temporary = path.with_name(f".writing-{path.name}")
     try:
-        film = cv2.VideoWriter(
-            str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), _FRAMES_PER_SECOND, (width, height)
-        )
+        with _quiet_codec():
+            film = cv2.VideoWriter(
+                str(temporary), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), _FRAMES_PER_SECOND, (width, height)
+            )
         if not film.isOpened():
             raise EnvironmentProblem(
                 f"OpenCV of this environment cannot write {path.name}, so no film was made. Set up the engine again."
@@ -206,3 +208,16 @@ def _write_film(path: Path, codec: str, frames: Sequence[Pixels]) -> None:
         raise DiskError(f"Could not write {path}: {error.strerror or error}. Free some space.") from error
     finally:
         delete_derived(path.parent, temporary.name)
+
+
+@contextmanager
+def _quiet_codec() -> Iterator[None]:
+    """Discard what FFMPEG writes to file descriptor 2: WebM has no tag for VP8, which is written all the same."""
+    stderr = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
