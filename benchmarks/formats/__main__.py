@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 LEAST_PSNR = 28.0
+LEAST_EXTENT = 0.25
+"""Share of the picture's width or height that a viewer's own framing fills. With its far Gaussians, a room is a dot."""
 
 
 def main() -> int:
@@ -97,7 +99,11 @@ def readers(options: argparse.Namespace, folder: Path) -> int:
     bad = [one for one in shown if min(one.psnr) < LEAST_PSNR]
     for one in bad:
         print(f"{one.viewer} shows {one.file} otherwise than the engine: {min(one.psnr):.1f} dB.", file=sys.stderr)
-    return 1 if bad or any("other" in row[2] or " of " in row[2] for row in rows) else 0
+    framings = [(one.viewer, one.file, one.framed) for one in shown] + framed
+    small = [one for one in framings if one[2].extent < LEAST_EXTENT]
+    for viewer, kind, found in small:
+        print(f"{viewer} opens {kind} too small: {100 * found.extent:.0f} % of the picture.", file=sys.stderr)
+    return 1 if bad or small or any("other" in row[2] or " of " in row[2] for row in rows) else 0
 
 
 def _exported(project: Path, file: Path, name: str | None = None) -> Path:
