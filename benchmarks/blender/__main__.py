@@ -227,8 +227,8 @@ sample*: the sizes while turning were chosen on it. The statue (15,000 Gaussians
 {f"Missed: {'; '.join(missed)}." if missed else "No goal was missed."}
 
 The goal of the threshold is that Blender has evaluated it: with software OpenGL, a redraw of the window takes longer
-than 0.2 s, also without splats. While a threshold is dragged, the view is drawn as while it turns: with half the side and
-at most 100,000 Gaussians.
+than 0.2 s, also without splats. While a threshold is dragged, the view is drawn as while it turns: with half the side,
+and at most 100,000 Gaussians.
 
 ## Likeness of the viewports
 
