@@ -12,6 +12,8 @@ TEXTS: dict[str, str] = {
     "A job on {} ended while you were away.": "Eine Arbeit an {} endete, während Sie fort waren.",
     "About {} left in all": "Noch etwa {} insgesamt",
     "Action": "Aktion",
+    "Id of the Active Object": "Kennung des aktiven Objekts",
+    "Name of the Active Object": "Name des aktiven Objekts",
     "Active Object": "Aktives Objekt",
     "Add": "Hinzufügen",
     "Add by Box": "Hinzufügen: Rechteck",

@@ -61,9 +61,12 @@ def heritage_objects(scene: bpy.types.Scene, role: str | None = None) -> list[bp
 
 def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the isolated object selected in the panel's list, or None."""
-    number = scene.heritage.active
-    obj = bpy.data.objects[number] if 0 <= number < len(bpy.data.objects) else None
-    return obj if obj is not None and obj in heritage_objects(scene, "OBJECT") else None
+    wanted: HeritageScene = scene.heritage
+    if not wanted.active_name:
+        return None
+    found = [obj for obj in heritage_objects(scene, "OBJECT") if obj.heritage.object_id == wanted.active_id]
+    # A copy has the same id; an object that was renamed has another name.
+    return next((obj for obj in found if obj.name == wanted.active_name), found[0] if found else None)
 
 
 def select_object(scene: bpy.types.Scene, object_id: str) -> None:
@@ -224,6 +227,18 @@ def _show_changed(properties: HeritageScene, context: bpy.types.Context) -> None
     apply_visibility(properties.id_data)
 
 
+def _get_active(properties: HeritageScene) -> int:
+    obj = active_object(properties.id_data)
+    return -1 if obj is None else int(bpy.data.objects.find(obj.name))
+
+
+def _set_active(properties: HeritageScene, number: int) -> None:
+    obj = bpy.data.objects[number] if 0 <= number < len(bpy.data.objects) else None
+    known = obj is not None and obj in heritage_objects(properties.id_data, "OBJECT")
+    properties.active_name = obj.name if known else ""
+    properties.active_id = obj.heritage.object_id if known else ""
+
+
 def _blending_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
     apply_blending(properties.id_data)
 
@@ -263,7 +278,10 @@ class HeritageScene(bpy.types.PropertyGroup):
             update=_photo_opacity_changed,
         ),
     ]
-    active: Annotated[int, IntProperty(name="Active Object")]
+    # The list has a number in all objects of the file, which another object changes that is made, renamed or deleted.
+    active: Annotated[int, IntProperty(name="Active Object", get=_get_active, set=_set_active)]
+    active_name: Annotated[str, StringProperty(name="Name of the Active Object")]
+    active_id: Annotated[str, StringProperty(name="Id of the Active Object")]
     deleted: Annotated[
         str,
         StringProperty(

@@ -19,7 +19,16 @@ from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
 from .object_import import add_object, new_collection, update_object
 from .placement import apply_measurement, placement_properties
-from .properties import COUNT_KEY, apply_blending, apply_visibility, heritage_objects, photo_of, project_of
+from .properties import (
+    COUNT_KEY,
+    active_object,
+    apply_blending,
+    apply_visibility,
+    heritage_objects,
+    photo_of,
+    project_of,
+    select_object,
+)
 from .splat_view import is_software
 from .splats import SplatScene
 from .stored_file import keep_file
@@ -150,7 +159,9 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     # What was changed by hand and is not stored yet stays as it is in this file.
     kept = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT") if obj.heritage.is_edited}
     kept.update(scene.heritage.deleted.split("\n"))
-    add_objects(scene, project, [item.id for item in objects if item.id not in kept])
+    added = add_objects(scene, project, [item.id for item in objects if item.id not in kept])
+    if added and active_object(scene) is None:
+        select_object(scene, added[0].object.heritage.object_id)
     apply_measurement(scene, measurement)
     return splats
 

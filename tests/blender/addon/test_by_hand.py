@@ -89,6 +89,25 @@ def test_click_selects_the_object_that_is_seen_also_after_it_was_moved(balls: An
         assert current() == "Vase", "the wall behind is seen where the ball was"
 
 
+def test_the_listed_object_stays_when_another_is_made_renamed_or_deleted(balls: Any) -> None:
+    obj = listed("Right")
+    for name in ("1 cm", "Z"):
+        bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, None))
+        assert current() == "Right"
+    bpy.data.objects["Left"].name = "Zeus"
+    assert current() == "Right"
+    bpy.data.objects.remove(bpy.data.objects["1 cm"])
+    assert current() == "Right"
+    obj.name = "Aphrodite"
+    assert current() == "Aphrodite"
+    copy = obj.copy()
+    bpy.context.scene.collection.objects.link(copy)
+    assert listed(copy.name) == copy and current() == copy.name != "Aphrodite"
+    bpy.data.objects.remove(copy)
+    bpy.data.objects.remove(obj)
+    assert bpy.context.scene.heritage.active == -1
+
+
 def test_click_in_a_measured_scene_hits_the_same(balls: Any, camera: Any, part: Part) -> None:
     scene = part("engine.scene")
     distance = scene.MeasuredDistance((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 4.0)
