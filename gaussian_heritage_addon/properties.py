@@ -234,9 +234,10 @@ def _get_active(properties: HeritageScene) -> int:
 
 def _set_active(properties: HeritageScene, number: int) -> None:
     obj = bpy.data.objects[number] if 0 <= number < len(bpy.data.objects) else None
-    known = obj is not None and obj in heritage_objects(properties.id_data, "OBJECT")
-    properties.active_name = obj.name if known else ""
-    properties.active_id = obj.heritage.object_id if known else ""
+    if obj not in heritage_objects(properties.id_data, "OBJECT"):
+        obj = None
+    properties.active_name = "" if obj is None else obj.name
+    properties.active_id = "" if obj is None else obj.heritage.object_id
 
 
 def _blending_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
