@@ -38,6 +38,7 @@ __all__ = [
     "register",
     "scene_count",
     "select_object",
+    "set_active_object",
     "unregister",
 ]
 
@@ -69,11 +70,18 @@ def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return next((obj for obj in found if obj.name == wanted.active_name), found[0] if found else None)
 
 
+def set_active_object(scene: bpy.types.Scene, obj: bpy.types.Object | None) -> None:
+    """Select `obj` in the panel's list; nothing is selected when it is no isolated object of `scene`."""
+    known = obj if obj in heritage_objects(scene, "OBJECT") else None
+    scene.heritage.active_name = "" if known is None else known.name
+    scene.heritage.active_id = "" if known is None else known.heritage.object_id
+
+
 def select_object(scene: bpy.types.Scene, object_id: str) -> None:
     """Select the isolated object `object_id` in the panel's list."""
     for obj in heritage_objects(scene, "OBJECT"):
         if obj.heritage.object_id == object_id:
-            scene.heritage.active = bpy.data.objects.find(obj.name)
+            set_active_object(scene, obj)
 
 
 def project_of(properties: HeritageScene | HeritageObject) -> Path:
@@ -234,10 +242,7 @@ def _get_active(properties: HeritageScene) -> int:
 
 def _set_active(properties: HeritageScene, number: int) -> None:
     obj = bpy.data.objects[number] if 0 <= number < len(bpy.data.objects) else None
-    if obj not in heritage_objects(properties.id_data, "OBJECT"):
-        obj = None
-    properties.active_name = "" if obj is None else obj.name
-    properties.active_id = "" if obj is None else obj.heritage.object_id
+    set_active_object(properties.id_data, obj)
 
 
 def _blending_changed(properties: HeritageScene, context: bpy.types.Context) -> None:
@@ -279,7 +284,8 @@ class HeritageScene(bpy.types.PropertyGroup):
             update=_photo_opacity_changed,
         ),
     ]
-    # The list has a number in all objects of the file, which another object changes that is made, renamed or deleted.
+    # The list needs an index of bpy.data.objects. It shifts when any object is made, renamed or deleted, so the name
+    # and the id are stored instead.
     active: Annotated[int, IntProperty(name="Active Object", get=_get_active, set=_set_active)]
     active_name: Annotated[str, StringProperty(name="Name of the Active Object")]
     active_id: Annotated[str, StringProperty(name="Id of the Active Object")]

@@ -27,7 +27,7 @@ from .properties import (
     heritage_objects,
     photo_of,
     project_of,
-    select_object,
+    set_active_object,
 )
 from .splat_view import is_software
 from .splats import SplatScene
@@ -143,7 +143,8 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     if not heritage_objects(scene):
         # With splats in the scene, the setting is the user's choice.
         scene.heritage.blending = "TRAINED"
-    splats = add_splat_file(scene, file, scene_name(project))
+    name = scene_name(project)
+    splats = add_splat_file(scene, file, name)
     splats.object.heritage.project = str(project)
     if placement is not None:
         splats.object.matrix_world = placement
@@ -151,7 +152,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
             splats.object[key] = value
     scene.heritage.project = str(project)
     if camera_set is not None:
-        collection = new_collection(scene.collection, f"{scene_name(project)} Cameras")
+        collection = new_collection(scene.collection, f"{name} Cameras")
         add_cameras(camera_set.cameras, collection)
         if scene.camera is None and camera_set.cameras:
             look_through(scene, "", INITIAL_RENDER_SIDE)
@@ -161,7 +162,7 @@ def open_project(scene: bpy.types.Scene, project: Path, *, with_cameras: bool = 
     kept.update(scene.heritage.deleted.split("\n"))
     added = add_objects(scene, project, [item.id for item in objects if item.id not in kept])
     if added and active_object(scene) is None:
-        select_object(scene, added[0].object.heritage.object_id)
+        set_active_object(scene, added[0].object)
     apply_measurement(scene, measurement)
     return splats
 

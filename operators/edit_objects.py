@@ -30,6 +30,7 @@ from ..gaussian_heritage_addon.properties import (
     heritage_objects,
     project_of,
     scene_count,
+    set_active_object,
 )
 from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -152,7 +153,7 @@ class HERITAGE_OT_split_object(_ObjectOperator):
 def _finish_new(context: bpy.types.Context, splats: SplatScene) -> None:
     apply_blending(context.scene)
     apply_visibility(context.scene)
-    context.scene.heritage.active = bpy.data.objects.find(splats.name)
+    set_active_object(context.scene, splats)
 
 
 @blender_properties
@@ -180,7 +181,7 @@ class HERITAGE_OT_merge_objects(_ObjectOperator):
         names = ", ".join(obj.name for obj in others)
         with object_mode():
             merge_objects(target, others, context.scene)
-        context.scene.heritage.active = bpy.data.objects.find(target.name)
+        set_active_object(context.scene, target)
         self.report({"INFO"}, f"{names} became part of {target.name}.")
         return {"FINISHED"}
 

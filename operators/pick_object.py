@@ -11,6 +11,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 from numpy.typing import NDArray
 
 from ..engine.errors import ObjectError
+from ..gaussian_heritage_addon.properties import set_active_object
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from ..gaussian_heritage_addon.visible_splats import (
     SplatsInView,
@@ -108,7 +109,7 @@ class HERITAGE_OT_pick_object(ViewClickOperator):
 
 def _select(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Select an isolated object in the list and, where it is shown, in the view."""
-    context.scene.heritage.active = bpy.data.objects.find(obj.name)
+    set_active_object(context.scene, obj)
     if obj.visible_get():
         for other in context.view_layer.objects:
             other.select_set(other == obj)
