@@ -153,7 +153,7 @@ class HERITAGE_OT_split_object(_ObjectOperator):
 def _finish_new(context: bpy.types.Context, splats: SplatScene) -> None:
     apply_blending(context.scene)
     apply_visibility(context.scene)
-    set_active_object(context.scene, splats)
+    set_active_object(context.scene, splats.object)
 
 
 @blender_properties
