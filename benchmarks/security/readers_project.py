@@ -348,9 +348,9 @@ def _write_embedding(folder: Path) -> None:
     np.savez_compressed(file, **arrays)
 
 
-def _make_proposals(folder: Path) -> object:
-    """Read the proposals of a scene. Making them is the answer to a damaged file."""
-    from engine.objects import proposals
+def _make_looks(folder: Path) -> object:
+    """Read the looks of proposals. Making them is the answer to a damaged file."""
+    from engine.objects import looks
     from engine.objects.graph import SceneGraph
     from engine.objects.settings import BETTER
 
@@ -360,15 +360,15 @@ def _make_proposals(folder: Path) -> object:
         numbers, ones = np.array([0, 1], np.int32), np.ones(2, np.float32)
         members = np.array([[True, False, True], [False, True, False]])
         sightings = (numbers, ("a.jpg",) * 2, np.ones((2, 4), np.float32), np.ones((2, 4), np.float32))
-        return proposals.Proposals(members, ones, numbers, *sightings)
+        return looks.Looks(members, ones, *sightings)
 
     links, segments = csr_matrix(np.zeros((3, 3), np.float32)), csr_matrix(np.ones((3, 2), np.float32))
     graph = SceneGraph(links, segments, np.zeros(2, np.int32), np.arange(2, dtype=np.int32), ("a.jpg",))
     views: Any = SimpleNamespace(scene=range(3))
     others: Any = SimpleNamespace(name="detector")
-    with mock.patch.object(proposals, "build_proposals", build):
+    with mock.patch.object(looks, "build_looks", build):
         try:
-            return proposals.load_or_build_proposals(
+            return looks.load_or_build_looks(
                 folder / "groups.npz", views, graph, others, others, BETTER,
                 emit=lambda event: None, should_stop=lambda: False,
             )  # fmt: skip
@@ -464,7 +464,7 @@ PROJECT = (
     Reader("candidates-in-blender", _write_candidates, _show_candidates, ("objects/candidates.json",)),
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),
     Reader("embedding", _write_embedding, _encode, ("a.jpg.sam.npz",)),
-    Reader("groups", _make_proposals, _make_proposals, ("groups.npz",)),
+    Reader("groups", _make_looks, _make_looks, ("groups.npz",)),
     Reader("graph", _link_gaussians, _link_gaussians, ("graph.npz",)),
     Reader("calibration", lambda folder: _calibration(folder, again=False), _calibration, ("calibration.json",)),
 )

@@ -146,7 +146,7 @@ class TrainedScene:
         self._label_maps = label_maps_of(project.path, self._visible_cameras(None))
         self._embeddings = EmbeddingFolder(project.path / "masks").copied(folder / "embeddings", self.looked_at)
         # Both are computed once, as in a project; the project itself is only read here.
-        self._proposals_file = folder / "looks.npz"
+        self._looks_file = folder / "looks.npz"
         self._graphs: dict[int, SceneGraph] = {}
         self._prompt_file = folder / "prompt.png"
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
@@ -211,7 +211,7 @@ class TrainedScene:
             ),
             self.photos(method.settings),
             self._label_maps,
-            self._proposals_file,
+            self._looks_file,
             graphs=self._graphs,
         )
         if not method.without:

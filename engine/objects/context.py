@@ -17,8 +17,8 @@ from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
 from .graph import SceneGraph, load_or_build_graph
+from .looks import Looks, build_looks, load_or_build_looks
 from .photos import Photos, SamFactory
-from .proposals import Proposals, build_proposals, load_or_build_proposals
 from .settings import SegmentSettings
 from .views import Views
 
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
 
-_PROPOSALS_FILE = Path("groups") / "looks.npz"
-"""Path of the stored proposals, relative to the project folder."""
+_LOOKS_FILE = Path("groups") / "looks.npz"
+"""Path of the stored looks of the proposals, relative to the project folder."""
 
 _GRAPH_FILE = Path("groups") / "graph.npz"
 """Path of the stored graph of the scene, relative to the project folder."""
@@ -44,8 +44,8 @@ class SegmentationContext:
     photos : Photos
     label_maps : mapping of str to int32 array of shape [h, w]
         SAM label maps by photo; may be empty.
-    proposals_file : Path or None
-        File that stores the proposals (`engine.objects.proposals`). None keeps them in memory only.
+    looks_file : Path or None
+        File that stores the looks of the proposals (`engine.objects.looks`). None keeps them in memory only.
     graph_file : Path or None
         File that stores the graph of the scene (`engine.objects.graph`). None keeps it in memory only.
     graphs : dict of int to SceneGraph
@@ -55,10 +55,10 @@ class SegmentationContext:
     views: Views
     photos: Photos
     label_maps: Mapping[str, NDArray[np.int32]]
-    proposals_file: Path | None = None
+    looks_file: Path | None = None
     graph_file: Path | None = None
     graphs: dict[int, SceneGraph] = field(default_factory=dict, compare=False, repr=False)
-    _proposals: dict[str, Proposals] = field(default_factory=dict, compare=False, repr=False)
+    _looks: dict[str, Looks] = field(default_factory=dict, compare=False, repr=False)
 
     def graph(self, settings: SegmentSettings, should_stop: StopCheck) -> SceneGraph:
         """Return the graph of the scene, made at the first call with these `n_vote_views`.
@@ -75,9 +75,7 @@ class SegmentationContext:
             )
         return self.graphs[n_views]
 
-    def proposals(
-        self, detector: Detector, settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck
-    ) -> Proposals:
+    def looks(self, detector: Detector, settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck) -> Looks:
         """Return what may be an object, as `detector` describes it, made at the first call.
 
         Raises
@@ -85,14 +83,14 @@ class SegmentationContext:
         Cancelled
             When `should_stop` returns True.
         """
-        if detector.name not in self._proposals:
+        if detector.name not in self._looks:
             given = (self.views, self.graph(settings, should_stop), self.photos, detector, settings)
-            self._proposals[detector.name] = (
-                build_proposals(*given, emit=emit, should_stop=should_stop)
-                if self.proposals_file is None
-                else load_or_build_proposals(self.proposals_file, *given, emit=emit, should_stop=should_stop)
+            self._looks[detector.name] = (
+                build_looks(*given, emit=emit, should_stop=should_stop)
+                if self.looks_file is None
+                else load_or_build_looks(self.looks_file, *given, emit=emit, should_stop=should_stop)
             )
-        return self._proposals[detector.name]
+        return self._looks[detector.name]
 
 
 def load_context(
@@ -133,7 +131,7 @@ def load_context(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
-        project.path / _PROPOSALS_FILE,
+        project.path / _LOOKS_FILE,
         project.path / _GRAPH_FILE,
     )
 

@@ -18,28 +18,18 @@ from .curation import memberships_of, store_background
 from .evidence import DetectorFactory
 from .found import ObjectRequest, new_record, overlap
 from .graph import bounded
-from .hierarchy import build_hierarchy
 from .lifting import Levels
 from .photos import SamFactory
 from .polishing import polish_each
-from .proposals import GaussianSets, describe
+from .proposals import LEAST_PROBABILITY, apart
 from .settings import SegmentSettings
 from .storage import save_object
-from .votes import THRESHOLD, Votes
+from .votes import THRESHOLD, votes_of_known
 
 __all__ = ["DetectedObject", "find_everything", "segment_everything_in"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-_MAX_EXTENT = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Largest extent (`Views.extent`) of an object that is found without a prompt. Longer groups are walls and floors."""
-
-_SIZE_POWER = 0.7  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Power of a group's pixels in its score. Below 1, two parts win against a whole that is covered as well."""
-
-_MIN_COVERING = 0.4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Covering (`SceneGraph.covering`) from which on a group is an object."""
 
 _MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""
@@ -98,34 +88,24 @@ def find_everything(
 
     Notes
     -----
-    The groups of the scene (`engine.objects.hierarchy`) are cut so that the segments of the photos cover them best.
+    Of the proposals (`engine.objects.proposals`), those are chosen that do not overlap and have the largest sum of
+    probabilities of being an object, each less the least one.
     """
-    views, graph = context.views, context.graph(settings, should_stop)
-    emit(Progress("objects", 0.0, message="Grouping the Gaussians"))
-    hierarchy = build_hierarchy(views)
-    groups = hierarchy.members
-    covering, shown = graph.covering(groups)
-    cut = [
-        group
-        for group in hierarchy.cut(covering * shown.sum(axis=1) ** _SIZE_POWER)
-        if covering[group] >= _MIN_COVERING and views.extent(groups[group]) <= _MAX_EXTENT
-    ]
-    chosen = groups[cut].T
-    votes = Votes(chosen * graph.pixels[:, None], ~chosen * graph.pixels[:, None])
-    memberships: list[Float32] = []
+    views, graph, detector = context.views, context.graph(settings, should_stop), detector_factory()
+    looks = context.looks(detector, settings, emit=emit, should_stop=should_stop)
+    chosen = apart(looks.members, looks.probability - LEAST_PROBABILITY)
+    members = looks.members[chosen].T
+    solved = graph.solve_each(votes_of_known(members, graph.pixels[:, None]), settings.strictness).T
+    names = looks.names(detector)
+    objects: list[DetectedObject] = []
     taken = np.zeros(len(views.scene), bool)
-    for solved in graph.solve_each(votes, settings.strictness).T:
-        memberships.append(bounded(np.where(taken, np.float32(0), solved), views.scene.gaussians.means))
-        taken |= memberships[-1] >= THRESHOLD
-    members = np.array(memberships).reshape(groups[cut].shape) >= THRESHOLD
-    detector = detector_factory()
-    sets = GaussianSets(members, covering[cut], shown[cut], np.full(len(cut), -1, np.int32))
-    proposals = describe(sets, views, graph, context.photos, detector, settings, emit=emit, should_stop=should_stop)
-    objects = [
-        DetectedObject(membership, name if score >= _MIN_NAME_SCORE else "", score)
-        for membership, (name, score) in zip(memberships, proposals.names(detector), strict=True)
-        if (membership >= THRESHOLD).any()
-    ]
+    # What stands on something larger keeps its Gaussians.
+    for k in np.argsort(members.sum(axis=0), kind="stable"):
+        membership = bounded(np.where(taken, np.float32(0), solved[k]), views.scene.gaussians.means)
+        taken |= membership >= THRESHOLD
+        name, score = names[chosen[k]]
+        if (membership >= THRESHOLD).any():
+            objects.append(DetectedObject(membership, name if score >= _MIN_NAME_SCORE else "", score))
     return sorted(objects, key=lambda item: -item.score)
 
 

@@ -48,7 +48,7 @@ _MIN_PIXELS = 0.05  # by definition
 """Smallest contribution of a Gaussian to a segment that is kept, in pixels."""
 
 _TOLERANCE = 1e-4  # by definition
-"""Largest residual of the solution, relative to the right-hand side."""
+"""Residual of a solution that the user sees."""
 
 _SMALLEST = np.float32(np.finfo(np.float32).tiny)
 """Smallest divisor: a solved object has no residual."""
@@ -123,8 +123,10 @@ class SceneGraph:
         """
         return self.solve_each(Votes(votes.inside[:, None], votes.outside[:, None]), strictness)[:, 0]
 
-    def solve_each(self, votes: Votes, strictness: float | Float32) -> Float32:
+    def solve_each(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
         """Return the memberships in K objects, [N, K], of votes of the same shape; `strictness` may be that of each.
+
+        `tolerance` is the largest residual relative to the right-hand side.
 
         Conjugate gradients with the diagonal as preconditioner. SciPy's solve one system at a time, so that each step
         reads all links for one object alone.
@@ -138,7 +140,7 @@ class SceneGraph:
         residual: Float32 = inside
         scaled = residual / diagonal
         direction, size = scaled, _dot(residual, scaled)
-        enough = _TOLERANCE**2 * _dot(inside, inside)
+        enough = tolerance**2 * _dot(inside, inside)
         for _ in range(_MAX_STEPS):
             if (_dot(residual, residual) <= enough).all():
                 break
@@ -165,7 +167,10 @@ class SceneGraph:
     @cached_property
     def _by_photo(self) -> Float32:
         """Pixels that each Gaussian contributes to each photo, [N, P]."""
-        photos = csr_matrix((np.ones(len(self.photo), np.float32), (np.arange(len(self.photo)), self.photo)))
+        count = len(self.photo)
+        photos = csr_matrix(
+            (np.ones(count, np.float32), (np.arange(count), self.photo)), shape=(count, len(self.photos))
+        )
         return np.asarray((self.segments @ photos).todense(), np.float32)
 
     def votes_of(self, segment: int) -> Votes:
@@ -173,30 +178,9 @@ class SceneGraph:
         inside = self._by_segment[:, segment].toarray().ravel().astype(np.float32)
         return Votes(inside, self._by_photo[:, self.photo[segment]] - inside)
 
-    def covering(self, members: Mask) -> tuple[Float32, Float32]:
-        """Return how well the segments of the photos outline sets of Gaussians.
-
-        Parameters
-        ----------
-        members : bool array of shape [K, N]
-
-        Returns
-        -------
-        array of shape [K], float32
-            IoU of the set with the segment that fits it best, averaged over the photos by the pixels that show it.
-        array of shape [K, P], float32
-            Those pixels in each photo.
-        """
-        if len(members) == 0 or len(self.photo) == 0:
-            return np.zeros(len(members), np.float32), np.zeros((len(members), len(self.photos)), np.float32)
-        common = np.asarray((csr_matrix(members).astype(np.float32) @ self.segments).todense(), np.float32)
-        first = self._first
-        shown = np.add.reduceat(common, first, axis=1)
-        sizes = np.asarray(self.segments.sum(axis=0), np.float32)
-        iou = common / np.maximum(sizes + shown[:, self.photo] - common, 1e-6)
-        iou[:, first] = 0
-        best = np.maximum.reduceat(iou, first, axis=1)
-        return (best * shown).sum(axis=1) / np.maximum(shown.sum(axis=1), 1e-6), shown
+    def shown(self, sets: csr_matrix) -> Float32:
+        """Return the pixels that show each of K sets of Gaussians, [K, N], in each of the P photos, [K, P]."""
+        return np.asarray(sets @ self._by_photo, np.float32)
 
 
 def _dot(first: Float32, second: Float32) -> Float32:

@@ -7,7 +7,7 @@ may reach into a wall that hides it. Without the scene, the first is a hole and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from ..events import Emit, Progress, StopCheck
 from ..masks import mask_box
 from ..pictures import Backend, Scene
 from ..scene import Gaussians, PinholeCamera, Polished
-from ..training import Parameters, render
+from ..training import AloneTarget, train_alone
 from .settings import SegmentSettings
 from .views import View, Views, erode_mask, spread_cameras
 
@@ -49,46 +49,8 @@ _MIN_ALPHA = 0.02  # chosen on museum_room
 _MARGIN_PIXELS = 8  # by definition
 """Margin around the object in the part of a view that is rendered."""
 
-_COVERAGE_WEIGHT = 0.5  # chosen on museum_room
-"""Weight of the coverage's L1 distance relative to that of the colours."""
-
-_LEARNING_RATES = {
-    "means": 0.03,  # in units of the object's median scale
-    "log_scales": 0.02,
-    "quats": 0.0006,
-    "opacity_logits": 0.1,
-    "sh_dc": 0.005,
-    "sh_rest": 0.0005,
-}  # chosen on museum_room
-"""Learning rates of the first step."""
-
-_FINAL_RATE_FACTOR = 0.1  # chosen on museum_room
-"""Learning rate at the end, relative to the first step. The rates fall exponentially."""
-
 _BLACK_SH = -0.5 / 0.28209479177387814  # by definition
 """Lowest band of the spherical harmonics of a black Gaussian: colour = 0.5 + 0.282 sh."""
-
-
-@dataclass(frozen=True)
-class _Target:
-    """Target image of the object without the scene in a part of one view.
-
-    Attributes
-    ----------
-    camera : PinholeCamera
-        Camera of the part, [h, w].
-    image : tensor of shape [h, w, 3]
-        Colours over black.
-    alpha : tensor of shape [h, w]
-        Coverage.
-    known : tensor of shape [h, w]
-        1 for pixels that count, 0 where something hides the object.
-    """
-
-    camera: PinholeCamera
-    image: torch.Tensor
-    alpha: torch.Tensor
-    known: torch.Tensor
 
 
 def polish_each(
@@ -128,9 +90,8 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
     -----
     Let s be the share of a pixel that the members contribute in the whole scene. The target coverage is
     (s - 0.2) / 0.5, clipped to [0, 1], and the target colour is the members' own blended colour, divided by s and
-    multiplied by the coverage. The loss of a step is the L1 distance of one view's colours over black to their target,
-    plus one half of that of the coverage. No photo is needed, and no colour of the background is mixed in. Pixels in
-    which other Gaussians are clearly in front of the object do not count. Figures: docs/polished_objects.md.
+    multiplied by the coverage. No photo is needed, and no colour of the background is mixed in. Pixels in which other
+    Gaussians are clearly in front of the object do not count. Figures: docs/polished_objects.md.
     """
     rows = np.flatnonzero(members)
     if settings.polish_steps == 0 or len(rows) == 0:
@@ -139,31 +100,15 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
     targets = _targets(views, members, trained, settings, should_stop)
     if not targets:
         return None
-    parameters = Parameters.from_gaussians(trained, sh_degree=trained.sh_degree, features=False)
-    rates = {**_LEARNING_RATES, "means": _LEARNING_RATES["means"] * float(np.exp(np.median(trained.log_scales)))}
     # Few Gaussians in small parts of views: a card would wait for copies in each step.
     backend: Backend = "cpu" if views.scene.backend == "gpu" else views.scene.backend
-    random = np.random.default_rng(0)
-    order: list[int] = []
-    for step in range(settings.polish_steps):
-        if should_stop():
-            raise Cancelled("Stopped while polishing; no object was stored.")
-        order = order or random.permutation(len(targets)).tolist()
-        target = targets[order.pop()]
-        parameters.track()
-        raster = render(parameters.values, target.camera, backend=backend, sh_degree=trained.sh_degree)
-        color = (raster.image - target.image).abs() * target.known[..., None]
-        coverage = (1 - raster.transmittance - target.alpha).abs() * target.known
-        (color.mean() + _COVERAGE_WEIGHT * coverage.mean()).backward()  # type: ignore[no-untyped-call]
-        factor = _FINAL_RATE_FACTOR ** (step / settings.polish_steps)
-        parameters.step({name: factor * rate for name, rate in rates.items()})
-    polished = parameters.to_gaussians(unit_features=False)
+    polished = train_alone(trained, targets, steps=settings.polish_steps, backend=backend, should_stop=should_stop)
     return Polished(rows.astype(np.int32), trained.means, polished)
 
 
 def _targets(
     views: Views, members: Mask, trained: Gaussians, settings: SegmentSettings, should_stop: StopCheck
-) -> list[_Target]:
+) -> list[AloneTarget]:
     low, high = np.percentile(trained.means, [2, 98], axis=0)
     occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
     scene = views.scene.with_gaussians(_others_black(views.scene.gaussians, members))
@@ -178,7 +123,7 @@ def _targets(
     return targets
 
 
-def _target(view: View, scene: Scene, alone: Scene, members: Mask, occluder_distance: float) -> _Target | None:
+def _target(view: View, scene: Scene, alone: Scene, members: Mask, occluder_distance: float) -> AloneTarget | None:
     frame = view.frame
     channels = np.column_stack([members.astype(np.float32), scene.depth_of(frame)])
     in_scene = scene.render(frame, color=True, channels=channels)
@@ -195,7 +140,7 @@ def _target(view: View, scene: Scene, alone: Scene, members: Mask, occluder_dist
     part, camera = _cropped((isolated.alpha > _MIN_ALPHA) | (share > _MIN_SHARE), frame)
     known = (view.within & ~hidden)[part].astype(np.float32)
     tensors = (torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in (image[part], alpha[part], known))
-    return _Target(camera, *tensors)
+    return AloneTarget(camera, *tensors)
 
 
 def _others_black(gaussians: Gaussians, members: Mask) -> Gaussians:

@@ -1,197 +1,89 @@
-"""Proposals: the objects that the segments of the photos suggest, what they look like, and which of them a text names.
+"""Proposals: sets of Gaussians that may be objects, from the segments of the photos and from groups of the scene.
 
-They are made once after training and kept; then a word only compares descriptions. See docs/objects.md.
+How likely a set is an object is told by three measurements; see docs/objects.md.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, vstack
+from scipy.special import expit
 
 from ..errors import Cancelled
-from ..events import Emit, Progress, StopCheck, part_of
-from ..files import ArraySpec, keep_arrays, read_kept_arrays
-from ..masks import box_ious, mask_box
-from ..project_folder import stage_key
-from ..scene import Camera
+from ..events import Emit, Progress, StopCheck
 from .graph import SceneGraph, bounded
-from .photos import Photos
-from .settings import SegmentSettings
-from .views import MAX_OBJECT_EXTENT, Views, spread_cameras
-from .votes import THRESHOLD, MaskEvidence, Votes
+from .groups import build_groups
+from .views import Views
+from .votes import THRESHOLD, Votes, votes_of_known
 
-if TYPE_CHECKING:
-    from ..grounding import Detector
-
-__all__ = ["GaussianSets", "Proposals", "build_proposals", "describe", "load_or_build_proposals"]
+__all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
 
 Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 5  # by definition
-
 _MIN_SEGMENT_SHARE = 0.001  # chosen on museum_room
-"""Smallest segment that is a proposal, as a share of its photo."""
-
-_MIN_COVERING = 0.35  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Covering (`SceneGraph.covering`) from which on a set of Gaussians is a proposal."""
-
-_SAME_IOU = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""IoU of the Gaussians above which two proposals are one: the one with the larger covering."""
+"""Smallest segment that is solved, as a share of its photo."""
 
 _SOLVED_TOGETHER = 32  # by definition
-"""Segments that are solved together. More need more memory and are hardly faster."""
+"""Sets that are solved together. More need more memory and are hardly faster."""
 
-_MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
-"""Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""
+_TOLERANCE = 0.01  # by definition
+"""Residual of their solutions (`SceneGraph.solve_each`): only where they cross one half is asked."""
 
-_CONTRAST = 0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
+_SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""IoU above which two proposals are one: the one that agrees better with the segments."""
 
-_LEAST_ODDS = 1.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Log-odds, less the contrast, that give a score of 0.5. Of 80 absent words, 3 % score more."""
+_WELL_SEEN = 0.25  # by definition
+"""Share of its largest area from which on a photo shows a set well enough to be asked."""
 
-_MIN_SCORE = 1e-3  # by definition
-"""Scores are clipped to this and to one minus this, so that their log-odds are finite."""
+_WEIGHTS = (1.4, -0.9, 1.7)  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weights of isolation, unusual size and agreement in the log-odds that a set is an object."""
+
+_CONSTANT = -4.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""What is added to the log-odds."""
+
+_USUAL_EXTENT = 0.15  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Extent (`Views.extent`) of a usual object."""
+
+LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Probability from which on a set may be an object."""
 
 
 @dataclass(frozen=True)
-class GaussianSets:
+class Proposals:
     """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
 
     Attributes
     ----------
     members : bool array of shape [K, N]
-    covering : array of shape [K], float32
-        See `SceneGraph.covering`.
+        They may overlap: a part and its whole are two proposals.
+    probability : array of shape [K], float32
+        Of being an object, at least `LEAST_PROBABILITY`.
     shown : array of shape [K, P], float32
         Pixels that show each set in each photo.
-    segment : int32 array of shape [K]
-        Segment of the graph that the set was solved from; -1 for none.
     """
 
     members: Mask
-    covering: Float32
+    probability: Float32
     shown: Float32
-    segment: Int32
 
 
-@dataclass(frozen=True)
-class Proposals:
-    """K sets of Gaussians that may be objects, and how a detector describes them in photos: S sightings.
-
-    Attributes
-    ----------
-    members : bool array of shape [K, N]
-        In descending order of covering. They may overlap: a part and its whole are two proposals.
-    covering : array of shape [K], float32
-        See `SceneGraph.covering`.
-    segment : int32 array of shape [K]
-        Segment of the graph that the set was solved from; -1 for none.
-    proposal : int32 array of shape [S]
-        The proposal of each sighting.
-    photo : tuple of S str
-        The photo of each sighting.
-    box : array of shape [S, 4], float32
-        x0, y0, x1, y1 of the set in the pixels of `Photos.pixels`.
-    described : array of shape [S, D], float32
-        By `Detector.describe_crops`; D is 0 for a detector that describes no crops.
-    """
-
-    members: Mask
-    covering: Float32
-    segment: Int32
-    proposal: Int32
-    photo: tuple[str, ...]
-    box: Float32
-    described: Float32
-
-    def scores(self, text: str, detector: Detector, views: Views, photos: Photos, n_photos: int) -> Float64:
-        """Return how much each proposal looks like `text`, 0 to 1, shape [K].
-
-        A detector that describes crops is calibrated: 0.5 is the score that 3 % of the absent words of the choosing
-        rooms reach. Any other one is asked for boxes in `n_photos` photos. A proposal then scores 0 in a photo without
-        a box that fits it, and more than 0.5 in others: the detector's own thresholds decide.
-
-        Raises
-        ------
-        PromptError
-            When the detector does not know the text.
-        """
-        known = np.ones(len(self.proposal), bool)
-        if self.described.shape[1]:
-            rows = np.asarray(detector.score_descriptions(self.described, text), np.float64)
-        else:
-            rows, known = self._boxed(text, detector, views, photos, n_photos)
-        count = np.bincount(self.proposal[known], minlength=len(self.members))
-        total = np.bincount(self.proposal[known], weights=rows[known], minlength=len(self.members))
-        mean = total / np.maximum(count, 1)
-        if not self.described.shape[1] or not mean.any():
-            return np.asarray(mean, np.float64)
-        clipped = np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE)
-        odds = np.log(clipped / (1 - clipped))
-        odds -= _CONTRAST * odds[count > 0].mean() + _LEAST_ODDS
-        return np.where(count > 0, 1 / (1 + np.exp(-odds)), 0.0)
-
-    def _boxed(
-        self, text: str, detector: Detector, views: Views, photos: Photos, n_photos: int
-    ) -> tuple[Float64, Mask]:
-        """Return the score of each sighting by the detector's boxes, and which sightings are in searched photos."""
-        searched = spread_cameras([one for one in views.cameras.cameras if one.photo in set(self.photo)], n_photos)
-        rows, known = np.zeros(len(self.proposal)), np.zeros(len(self.proposal), bool)
-        for camera in searched:
-            numbers = np.flatnonzero(np.array(self.photo) == camera.photo)
-            known[numbers] = True
-            for found in detector.detect(photos.pixels(camera), text):
-                overlaps = box_ious(self.box[numbers], np.asarray(found.box, np.float32))
-                fitting = numbers[overlaps >= THRESHOLD]
-                rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
-        return rows, known
-
-    def names(self, detector: Detector) -> list[tuple[str, float]]:
-        """Return the detector's word for each proposal, with its confidence 0 to 1; ("", 1) for one without words."""
-        words = [detector.name_descriptions(self.described[self.proposal == k]) for k in range(len(self.members))]
-        return [found[0] if found else ("", 1.0 if not self.described.shape[1] else 0.0) for found in words]
-
-    def evidence(
-        self, number: int, score: float, graph: SceneGraph, views: Views, label_maps: Mapping[str, Int32]
-    ) -> MaskEvidence:
-        """Return the segment that a proposal was solved from."""
-        segment = self.segment[number]
-        photo = graph.photos[graph.photo[segment]]
-        view = views.of(views.cameras.by_photo[photo])
-        return MaskEvidence(view, view.labels_from_photo(label_maps[photo]) == graph.label[segment], score)
-
-
-def build_proposals(
-    views: Views,
-    graph: SceneGraph,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    *,
-    emit: Emit,
-    should_stop: StopCheck,
+def find_proposals(
+    views: Views, graph: SceneGraph, strictness: float, *, emit: Emit, should_stop: StopCheck
 ) -> Proposals:
-    """Return the proposals of a scene: solved segments of several photos that the segments of all photos outline.
+    """Return the proposals of a scene: each segment of each photo, and each group, solved like a mask.
 
     Parameters
     ----------
     views : Views
     graph : SceneGraph
-    photos : Photos
-    detector : Detector
-    settings : SegmentSettings
-        `n_text_views`, `n_crop_views` and `strictness`.
+    strictness : float
+        As in `SceneGraph.solve`.
     emit, should_stop
         See `engine.events`.
 
@@ -199,178 +91,153 @@ def build_proposals(
     ------
     Cancelled
         When `should_stop` returns True.
+
+    Notes
+    -----
+    With the links between Gaussians that leave a set and all of its links, its extent, and for each photo that shows it
+    well the IoU of the set with the solved segment of the photo that fits it best, the log-odds of being an object are
+
+        1.4 ln(links / leaving) - 0.9 ln(extent / 0.15)^2 + 1.7 mean IoU - 4.2
     """
-    segments, members = _solved(views, graph, settings, part_of(emit, 0, 2), should_stop)
-    covering, shown = graph.covering(members)
+    segments, groups = _large_segments(graph), build_groups(views)
+    solved, kept = _solved(views, graph, segments, groups, strictness, emit, should_stop)
+    of_segments = kept < len(segments)
+    agreement_of = _Agreement(graph, solved[of_segments], graph.photo[segments[kept[of_segments]]])
+    shown = graph.shown(solved)
+    agreement = agreement_of(solved, shown)
+    extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
+    unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
+    odds = np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement] + _CONSTANT
+    probability = expit(odds)
+    likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
+    likely = likely[np.argsort(-agreement[likely], kind="stable")]
+    iou = agreement_of.iou(solved[likely], solved[likely])
+    unique: list[int] = []
+    for k in range(len(likely)):
+        if not (iou[k, unique] > _SAME_IOU).any():
+            unique.append(k)
+    chosen = likely[unique]
+    chosen = chosen[np.argsort(-probability[chosen], kind="stable")]
+    return Proposals(solved[chosen].toarray() > 0, probability[chosen].astype(np.float32), shown[chosen])
+
+
+def apart(members: Mask, gains: NDArray[np.floating]) -> list[int]:
+    """Return sets that do not overlap by more than half of the smaller one, with a large sum of `gains`, best first.
+
+    Parameters
+    ----------
+    members : bool array of shape [K, N]
+    gains : array of shape [K]
+        What choosing a set gains. Sets without gain are not chosen.
+
+    Notes
+    -----
+    The largest gains first; then a chosen set is exchanged for several others, or several for one, for as long as that
+    makes the sum larger.
+    """
+    sets = csr_matrix(members, dtype=np.float32)
+    sizes = np.asarray(sets.sum(axis=1)).ravel()
+    conflict = (sets @ sets.T).toarray() > THRESHOLD * np.minimum(sizes[:, None], sizes)
+    order = [int(number) for number in np.argsort(-gains, kind="stable") if gains[number] > 0]
+
+    def filled(chosen: list[int], without: Sequence[int] = ()) -> list[int]:
+        for number in order:
+            if number not in without and number not in chosen and not conflict[number, chosen].any():
+                chosen = [*chosen, number]
+        return chosen
+
+    def exchanged(chosen: list[int]) -> Iterator[list[int]]:
+        for number in chosen:
+            yield filled([other for other in chosen if other != number], without=[number])
+        for number in order:
+            yield [number, *(other for other in chosen if not conflict[number, other])]
+
     chosen: list[int] = []
-    for k in np.argsort(-covering, kind="stable"):
-        if covering[k] < _MIN_COVERING:
-            break
-        common = (members[chosen] & members[k]).sum(axis=1)
-        union = members[chosen].sum(axis=1) + members[k].sum() - common
-        if not (common > _SAME_IOU * union).any():
-            chosen.append(int(k))
-    sets = GaussianSets(members[chosen], covering[chosen], shown[chosen], np.array(segments, np.int32)[chosen])
-    return describe(sets, views, graph, photos, detector, settings, emit=part_of(emit, 1, 2), should_stop=should_stop)
+    better = filled([])
+    while gains[better].sum() > gains[chosen].sum():
+        chosen = better
+        better = next((one for one in exchanged(chosen) if gains[one].sum() > gains[chosen].sum()), chosen)
+    return sorted(chosen, key=lambda number: -gains[number])
 
 
-def describe(
-    sets: GaussianSets,
-    views: Views,
-    graph: SceneGraph,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    *,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> Proposals:
-    """Return sets of Gaussians as a detector describes them in photos that show them large and whole.
-
-    The parameters and errors are those of `build_proposals`.
-    """
-    sightings = _sightings(views, sets, graph, settings.n_crop_views)
-    by_photo = views.cameras.by_photo
-    found: list[tuple[int, str, bool, Sequence[float]]] = []
-    described: list[Float32] = []
-    for done, (photo, numbers) in enumerate(sightings.items()):
-        _check_stop(should_stop)
-        view, pixels = views.of(by_photo[photo]), photos.pixels(by_photo[photo])
-        size = (pixels.shape[1], pixels.shape[0])
-        crops = []
-        for number, mask in zip(numbers, views.visible_masks(view, sets.members[numbers]), strict=True):
-            inside = cv2.resize(view.to_photo(mask).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-            box = mask_box(inside)
-            if mask.sum() >= _MIN_VISIBLE_PIXELS and box is not None:
-                crops.append((number, inside, [float(side) for side in box]))
-        if crops:
-            rows = detector.describe_crops(pixels, [box for *_, box in crops], [inside for _, inside, _ in crops])
-            described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
-            found += [(number, photo, _is_whole(inside), box) for number, inside, box in crops]
-        emit(Progress("objects", (done + 1) / len(sightings), message="Describing what may be objects"))
-    rows = np.concatenate(described).astype(np.float32) if described else np.zeros((0, 1), np.float32)
-    seen_whole = {number for number, _, whole, _ in found if whole}
-    kept = [k for k, (number, _, whole, _) in enumerate(found) if whole or number not in seen_whole]
-    return Proposals(
-        sets.members,
-        sets.covering,
-        sets.segment,
-        np.array([found[k][0] for k in kept], np.int32),
-        tuple(found[k][1] for k in kept),
-        np.array([found[k][3] for k in kept], np.float32).reshape(-1, 4),
-        rows[kept],
-    )
-
-
-def _is_whole(mask: Mask) -> bool:
-    """Return whether a mask of a photo does not touch its border."""
-    return not (mask[[0, -1]].any() or mask[:, [0, -1]].any())
-
-
-def _check_stop(should_stop: StopCheck) -> None:
-    if should_stop():
-        raise Cancelled("Stopped while looking for what may be an object; no object was stored.")
+def _large_segments(graph: SceneGraph) -> NDArray[np.intp]:
+    """Return the columns of the segments that are large enough, in the order of the photos."""
+    pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
+    photos = np.bincount(graph.photo, weights=pixels, minlength=len(graph.photos))
+    return np.flatnonzero((pixels >= _MIN_SEGMENT_SHARE * photos[graph.photo]) & (graph.label > 0))
 
 
 def _solved(
-    views: Views, graph: SceneGraph, settings: SegmentSettings, emit: Emit, should_stop: StopCheck
-) -> tuple[list[int], Mask]:
-    """Return segments of `n_text_views` photos, and the Gaussians that each of them leads to, bool [K, N]."""
-    seeds = {camera.photo for camera in spread_cameras(_cameras_of(graph, views), settings.n_text_views)}
-    columns = [k for k, photo in enumerate(graph.photo) if graph.photos[photo] in seeds and graph.label[k] > 0]
-    segments: list[int] = []
-    members: list[Mask] = []
-    for start in range(0, len(columns), _SOLVED_TOGETHER):
-        _check_stop(should_stop)
-        part = columns[start : start + _SOLVED_TOGETHER]
-        votes = [graph.votes_of(column) for column in part]
-        together = Votes(np.stack([one.inside for one in votes], 1), np.stack([one.outside for one in votes], 1))
-        for column, one, solved in zip(part, votes, graph.solve_each(together, settings.strictness).T, strict=True):
-            shown = bounded(solved, views.scene.gaussians.means) >= THRESHOLD
-            large = one.inside.sum() >= _MIN_SEGMENT_SHARE * (one.inside + one.outside).sum()
-            if large and shown.any() and views.extent(shown) <= MAX_OBJECT_EXTENT:
-                segments.append(column)
-                members.append(shown)
-        emit(Progress("objects", (start + len(part)) / len(columns), message="Looking for objects"))
-    return segments, np.array(members, bool).reshape(len(members), len(views.scene))
-
-
-def _cameras_of(graph: SceneGraph, views: Views) -> list[Camera]:
-    """Return the cameras of the photos of the graph, in its order."""
-    by_photo = views.cameras.by_photo
-    return [by_photo[photo] for photo in graph.photos]
-
-
-def _sightings(views: Views, sets: GaussianSets, graph: SceneGraph, count: int) -> dict[str, list[int]]:
-    """Return the sets to look at by photo: each in at most `count` photos that show it large, from all sides."""
-    cameras = _cameras_of(graph, views)
-    found: dict[str, list[int]] = defaultdict(list)
-    for number, (members, pixels) in enumerate(zip(sets.members, sets.shown, strict=True)):
-        if not members.any():
-            continue
-        center = np.median(views.scene.gaussians.means[members], axis=0)
-        facing = {camera.photo for camera in views.facing(center)}
-        large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= THRESHOLD * pixels.max()]
-        for camera in spread_cameras([one for one in large if one.photo in facing] or large, count):
-            found[camera.photo].append(number)
-    return found
-
-
-_SPECS = {
-    "covering": ArraySpec("float32", ("k",), finite=True),
-    "segment": ArraySpec("int32", ("k",)),
-    "proposal": ArraySpec("int32", ("s",)),
-    "photo": ArraySpec("str", ("s",)),
-    "box": ArraySpec("float32", ("s", 4), finite=True),
-    "described": ArraySpec("float16", ("s", "d"), finite=True),
-}  # by definition
-
-
-def load_or_build_proposals(
-    file: Path,
     views: Views,
     graph: SceneGraph,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    *,
+    segments: NDArray[np.intp],
+    groups: Mask,
+    strictness: float,
     emit: Emit,
     should_stop: StopCheck,
-) -> Proposals:
-    """Return the proposals stored in `file`, or make and store them; parameters and errors as of `build_proposals`.
+) -> tuple[csr_matrix, NDArray[np.intp]]:
+    """Return the Gaussians that segments and groups lead to, [K, N], without empty sets, and the number of each."""
+    count = len(segments) + len(groups)
+    rows = [csr_matrix((0, len(views.scene)), dtype=np.float32)]
+    for start in range(0, count, _SOLVED_TOGETHER):
+        if should_stop():
+            raise Cancelled("Stopped while looking for what may be an object; no object was stored.")
+        numbers = range(start, min(start + _SOLVED_TOGETHER, count))
+        votes = [
+            graph.votes_of(segments[k])
+            if k < len(segments)
+            else votes_of_known(groups[k - len(segments)], graph.pixels)
+            for k in numbers
+        ]
+        together = Votes(np.stack([one.inside for one in votes], 1), np.stack([one.outside for one in votes], 1))
+        solved = [
+            bounded(one, views.scene.gaussians.means)
+            for one in graph.solve_each(together, strictness, tolerance=_TOLERANCE).T
+        ]
+        rows.append(csr_matrix(np.stack(solved) >= THRESHOLD, dtype=np.float32))
+        emit(Progress("objects", numbers.stop / count, message="Looking for objects"))
+    sets = csr_matrix(vstack(rows))
+    kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
+    return sets[kept], kept
 
-    A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
+
+def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
+    """Return ln(links / leaving links) of each set, [K], both with the links of one more Gaussian."""
+    links = graph.neighbours.sign()
+    degrees = np.asarray(links.sum(axis=1)).ravel()
+    usual = degrees.mean()
+    every = sets @ degrees
+    inner = np.asarray((sets @ links).multiply(sets).sum(axis=1)).ravel()
+    return np.asarray(np.log((every + usual) / (every - inner + usual)), np.float64)
+
+
+class _Agreement:
+    """How well sets agree with what the segments of each photo lead to.
+
+    Parameters
+    ----------
+    graph : SceneGraph
+    solved : sparse matrix of shape [S, N]
+        What S segments lead to.
+    photo : int32 array of shape [S]
+        The photo of each, ascending.
     """
-    chosen = (settings.n_text_views, settings.n_crop_views, settings.strictness, settings.photo_side)
-    recipe = stage_key(_VERSION, detector.name, graph.key, *chosen)
-    specs = {"members": ArraySpec("uint8", ("k", (len(views.scene) + 7) // 8)), **_SPECS}
-    stored = read_kept_arrays(file, recipe, specs)
-    known = None if stored is None else _from_arrays(stored, views, graph)
-    if known is not None:
-        return known
-    proposals = build_proposals(views, graph, photos, detector, settings, emit=emit, should_stop=should_stop)
-    arrays: dict[str, NDArray[Any]] = {name: np.asarray(getattr(proposals, name)) for name in _SPECS}
-    arrays |= {
-        "members": np.packbits(proposals.members, axis=1),
-        "photo": np.array(proposals.photo, dtype=np.str_),
-        "described": proposals.described.astype(np.float16),
-    }
-    keep_arrays(file, recipe, arrays)
-    return proposals
 
+    def __init__(self, graph: SceneGraph, solved: csr_matrix, photo: Int32) -> None:
+        self._pixels = np.asarray(graph.segments.sum(axis=1), np.float32).ravel()
+        self._solved, self._photo = solved, photo
 
-def _from_arrays(arrays: dict[str, NDArray[Any]], views: Views, graph: SceneGraph) -> Proposals | None:
-    """Return the proposals; None when an array names what does not exist."""
-    in_range = (
-        ((arrays["proposal"] >= 0) & (arrays["proposal"] < len(arrays["members"]))).all()
-        and ((arrays["segment"] >= 0) & (arrays["segment"] < len(graph.photo))).all()
-        and set(arrays["photo"].tolist()) <= set(graph.photos)
-    )
-    if not in_range:
-        return None
-    return Proposals(
-        members=np.unpackbits(arrays["members"], axis=1, count=len(views.scene)).astype(bool),
-        photo=tuple(str(name) for name in arrays["photo"]),
-        described=arrays["described"].astype(np.float32),
-        **{name: arrays[name] for name in ("covering", "segment", "proposal", "box")},
-    )
+    def iou(self, sets: csr_matrix, others: csr_matrix) -> Float32:
+        """Return the IoU in pixels of K sets with M others, [K, M]."""
+        common = (sets.multiply(self._pixels) @ others.T).toarray()
+        union = (sets @ self._pixels)[:, None] + others @ self._pixels - common
+        return np.asarray(common / np.maximum(union, np.finfo(np.float32).tiny), np.float32)
+
+    def __call__(self, sets: csr_matrix, shown: Float32) -> NDArray[np.float64]:
+        """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best."""
+        best = np.zeros(shown.shape)
+        first = np.flatnonzero(np.diff(self._photo, prepend=-1))
+        if len(first):
+            best[:, self._photo[first]] = np.maximum.reduceat(self.iou(sets, self._solved), first, axis=1)
+        seen = shown >= _WELL_SEEN * shown.max(axis=1, initial=0, keepdims=True)
+        return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)

@@ -196,17 +196,16 @@ def _find_named(
 ) -> list[FoundObject]:
     """Return the objects that a text names; errors as in `find_objects`."""
     require_known(text, detector)
-    proposals = context.proposals(detector, settings, emit=part_of(emit, 0, 2), should_stop=should_stop)
+    looks = context.looks(detector, settings, emit=part_of(emit, 0, 2), should_stop=should_stop)
     emit(Progress("objects", 0.5, message=f"Looking for {text!r} ({detector.name})"))
-    scores = proposals.scores(text, detector, context.views, context.photos, settings.n_text_views)
+    scores = looks.scores(text, detector, context.views, context.photos, settings.n_text_views)
     if not scores.any():
         raise nothing_found(text, context, settings)
-    graph = context.graph(settings, should_stop)
     # The best first, without versions of better ones.
     different: list[int] = []
     for number in np.argsort(-scores, kind="stable"):
-        members = proposals.members[number].astype(np.float32)
-        same = (overlap(members, proposals.members[k].astype(np.float32)) for k in different)
+        members = looks.members[number].astype(np.float32)
+        same = (overlap(members, looks.members[k].astype(np.float32)) for k in different)
         if len(different) < settings.max_objects and not any(share > settings.same_object for share in same):
             different.append(int(number))
     least = max(settings.least_score, settings.relative_score * float(scores.max()))
@@ -214,7 +213,7 @@ def _find_named(
     nearest = [number for number in different if scores[number] >= THRESHOLD * scores.max()]
     found = []
     for done, number in enumerate(wanted or nearest):
-        item = proposals.evidence(number, float(scores[number]), graph, context.views, context.label_maps)
+        item = looks.evidence(number, float(scores[number]), context.views)
         found.append(isolate_object(context, [item], settings, should_stop))
         emit(Progress("objects", 0.5 + 0.5 * (done + 1) / len(wanted or nearest), message="Isolating"))
     if not wanted:

@@ -18,15 +18,14 @@ class SegmentSettings:
     Attributes
     ----------
     n_text_views : int
-        Number of photos, spread over the poses, whose segments are proposals (`engine.objects.proposals`). In the
-        published method: in which the detector searches for a text.
+        Number of photos, spread over the poses, in which a detector that describes no crops searches for a text.
     photo_side : int
         Longer side in pixels to which photos are reduced for the detector and SAM.
     render_side : int
         Longer side in pixels of the views that are rendered to read features and count votes.
     n_vote_views : int
-        Largest number of photos whose segments take part in the graph of the scene (`engine.objects.graph`), and of
-        views in which an object is polished.
+        Largest number of photos whose segments take part in the graph of the scene (`engine.objects.graph`) and are
+        proposals, and of views in which an object is polished.
     strictness : float
         Weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0. Smaller values
         give larger objects.
@@ -51,7 +50,7 @@ class SegmentSettings:
     n_vote_views: int = 24  # chosen on museum_room
     strictness: float = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     same_object: float = 0.4  # chosen on museum_room
-    n_crop_views: int = 6  # chosen on museum_room
+    n_crop_views: int = 4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     least_score: float = 0.5  # by definition
     relative_score: float = 0.85  # chosen on museum_room
     max_objects: int = 8  # by definition

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .views import View, Views
 
-__all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes"]
+__all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes", "votes_of_known"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -72,4 +72,12 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
     inside, outside = views.scene.votes(item.view.frame, masks).T
     if item.members is None:
         return Votes(inside, outside)
-    return Votes(item.members * pixels, ~(item.members | (inside > outside)) * pixels)
+    return votes_of_known(item.members, pixels, undecided=inside > outside)
+
+
+def votes_of_known(members: Mask, pixels: Float32, *, undecided: Mask | bool = False) -> Votes:
+    """Return the votes of known members, bool [N]: against the object are all others but those `undecided`.
+
+    `pixels` are as in `count_votes`.
+    """
+    return Votes(members * pixels, ~(members | undecided) * pixels)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .earlier_releases import former_settings
     from .loop import train
     from .parameters import Parameters, render
+    from .polishing import AloneTarget, train_alone
     from .quality import gaussians_so_far, measure_quality
     from .result import TrainingResult
     from .schedule import Schedule
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CHECKPOINT_FILE",
     "WELL_SEEN",
+    "AloneTarget",
     "Coverage",
     "Parameters",
     "Schedule",
@@ -43,6 +45,7 @@ __all__ = [
     "sizes_on_card",
     "start_gaussians",
     "train",
+    "train_alone",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_matrix
 
 from engine.errors import Cancelled
 from engine.events import never_stop
@@ -57,13 +58,13 @@ def test_without_votes_for_an_object_nothing_belongs(graph: SceneGraph) -> None:
     assert graph.solve(Votes(nothing, nothing), 0.6).max() == 0
 
 
-def test_an_object_is_covered_by_its_segments_and_its_half_or_it_with_another_is_not(
-    blobs: BlobScene, graph: SceneGraph
-) -> None:
-    ball = blobs.part == BLUE
-    half = ball & (blobs.gaussians.means[:, 0] < 0)
-    covering, pixels = graph.covering(np.stack([ball, half, ball | (blobs.part == RED)]))
-    assert covering[0] > 0.8 > 0.7 > covering[1:].max() and (pixels.sum(axis=1) > 0).all()
+def test_pixels_that_show_a_set_are_those_of_its_gaussians_in_each_photo(blobs: BlobScene, graph: SceneGraph) -> None:
+    sets = csr_matrix(np.stack([blobs.part == BLUE, blobs.part == RED, blobs.part > 0]), dtype=np.float32)
+    shown = graph.shown(sets)
+    assert shown.shape == (3, len(graph.photos)) and (shown > 0).all()
+    for number in range(len(graph.photos)):
+        columns = graph.segments[:, graph.photo == number]
+        np.testing.assert_allclose(shown[:, number], (sets @ columns).sum(axis=1).A1, rtol=1e-5)
 
 
 def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
@@ -107,4 +108,4 @@ def test_a_handful_of_gaussians_has_a_graph(count: int, blobs: BlobScene) -> Non
     graph = build_graph(few, {}, n_views=8, should_stop=never_stop)
     ones = np.ones(count, np.float32)
     assert graph.solve(Votes(ones, 0 * ones), 0.6).min() > 0.5
-    assert graph.covering(ones[None] > 0)[0].tolist() == [0.0]
+    assert graph.shown(csr_matrix(ones[None])).shape == (1, 0)

@@ -1,127 +1,97 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from engine.errors import Cancelled
 from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.graph import SceneGraph, load_or_build_graph
-from engine.objects.photos import Photos
-from engine.objects.proposals import Proposals, build_proposals, load_or_build_proposals
-from engine.objects.settings import BETTER
+from engine.objects.graph import SceneGraph, build_graph
+from engine.objects.proposals import LEAST_PROBABILITY, Proposals, apart, find_proposals
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
-from tests.engine.objects.fakes import FakeDetector, FakeSam
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
-
-SETTINGS = replace(BETTER, photo_side=160, render_side=160)
-GIVEN = {"emit": ignore_events, "should_stop": never_stop}
-
-
-class CountingDetector(FakeDetector):
-    """Counts the crops that it was shown."""
-
-    n_shown = 0
-
-    def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
-        self.n_shown += len(masks)
-        return super().describe_crops(pixels, boxes, masks)
-
-
-class BoxDetector(FakeDetector):
-    """Describes no crops, but finds boxes, like Grounding DINO."""
-
-    def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
-        return None
-
-    def name_descriptions(self, described):  # type: ignore[no-untyped-def]
-        return []
 
 
 def scene_of(scene: BlobScene) -> tuple[Views, SceneGraph]:
     views = Views(Scene(scene.gaussians), scene.cameras, render_side=160)
-    return views, load_or_build_graph(None, views, scene.labels, n_views=24, should_stop=never_stop)
+    return views, build_graph(views, scene.labels, n_views=24, should_stop=never_stop)
 
 
-@pytest.fixture
-def photos(blobs: BlobScene, tmp_path: Path) -> Photos:
-    return Photos(blobs.write_photos(tmp_path / "photos"), 160, lambda: FakeSam(blobs))
-
-
-def made(blobs: BlobScene, photos: Photos, detector: FakeDetector) -> tuple[Proposals, Views]:
-    views, graph = scene_of(blobs)
-    return build_proposals(views, graph, photos, detector, SETTINGS, **GIVEN), views  # type: ignore[arg-type]
+def proposals_of(scene: BlobScene) -> Proposals:
+    return find_proposals(*scene_of(scene), 0.6, emit=ignore_events, should_stop=never_stop)
 
 
 def iou(one: np.ndarray, other: np.ndarray) -> float:
     return float((one & other).sum() / (one | other).sum())
 
 
-@pytest.mark.parametrize("kind", [FakeDetector, BoxDetector], ids=["describes crops", "finds boxes"])
-def test_each_object_is_a_proposal_and_a_text_chooses_those_that_look_like_it(
-    kind: type[FakeDetector], blobs: BlobScene, photos: Photos
-) -> None:
-    detector = kind(blobs)
-    proposals, views = made(blobs, photos, detector)
-    best = {
-        part: int(np.argmax([iou(one, blobs.part == part) for one in proposals.members])) for part in (RED, TWIN, BLUE)
-    }
-    assert all(iou(proposals.members[k], blobs.part == part) > 0.9 for part, k in best.items())
-    assert len(set(best.values())) == 3
-    for text, parts in (("blue ball", {BLUE}), ("red ball", {RED, TWIN})):
-        scores = proposals.scores(text, detector, views, photos, 8)
-        assert {part for part, k in best.items() if scores[k] >= 0.5} == parts
-    assert proposals.scores("ghost", detector, views, photos, 8).max() < 0.5
+def test_each_object_is_a_likely_proposal(blobs: BlobScene) -> None:
+    found = proposals_of(blobs)
+    assert (found.probability >= LEAST_PROBABILITY).all() and (np.diff(found.probability) <= 0).all()
+    assert found.shown.shape == (len(found.members), len(blobs.labels)) and found.shown.any(axis=1).all()
+    for part in (RED, TWIN, BLUE):
+        best = int(np.argmax([iou(one, blobs.part == part) for one in found.members]))
+        assert iou(found.members[best], blobs.part == part) > 0.9
+        assert found.probability[best] > 0.5
 
 
-def test_evidence_of_a_proposal_is_the_segment_in_its_photo(blobs: BlobScene, photos: Photos) -> None:
-    proposals, views = made(blobs, photos, FakeDetector(blobs))
-    _, graph = scene_of(blobs)
-    number = int(np.argmax([iou(one, blobs.part == BLUE) for one in proposals.members]))
-    item = proposals.evidence(number, 0.7, graph, views, blobs.labels)
-    assert item.score == 0.7
-    assert iou(item.view.to_photo(item.mask), blobs.labels[item.view.camera.photo] == BLUE) > 0.8
+def test_a_set_that_many_segments_lead_to_is_one_proposal(blobs: BlobScene) -> None:
+    members = proposals_of(blobs).members
+    overlaps = [iou(one, other) for k, one in enumerate(members) for other in members[:k]]
+    assert max(overlaps, default=0.0) <= 0.95
 
 
-def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photos, tmp_path: Path) -> None:
-    file, detector = tmp_path / "groups" / "looks.npz", CountingDetector(blobs)
-    first, again = (
-        load_or_build_proposals(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
-        for _ in range(2)
-    )
-    assert detector.n_shown == len(first.proposal) > 0
-    assert again.photo == first.photo
-    for name in ("members", "covering", "segment", "proposal", "box"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
-    # Stored with 16 bits.
-    np.testing.assert_allclose(again.described, first.described, atol=1e-3)
+def test_an_object_without_segments_is_a_proposal_by_its_group_but_nothing_is_without_any(blobs: BlobScene) -> None:
+    labels = {photo: np.where(label == BLUE, 0, label) for photo, label in blobs.labels.items()}
+    found = proposals_of(replace(blobs, labels=labels))
+    assert max(iou(one, blobs.part == BLUE) for one in found.members) > 0.9
+    assert len(proposals_of(replace(blobs, labels={})).members) == 0
 
 
-@pytest.mark.parametrize("damage", ["cut short", "another training"])
-def test_damaged_or_outdated_proposals_are_made_again(
-    damage: str, blobs: BlobScene, photos: Photos, tmp_path: Path
-) -> None:
-    file, detector = tmp_path / "looks.npz", CountingDetector(blobs)
-    load_or_build_proposals(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
-    shown, scene = detector.n_shown, blobs
-    if damage == "cut short":
-        file.write_bytes(file.read_bytes()[:-200])
-    else:
-        moved = replace(blobs.gaussians, means=blobs.gaussians.means + np.float32(1e-3))
-        scene = replace(blobs, gaussians=moved)
-    load_or_build_proposals(file, *scene_of(scene), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
-    assert detector.n_shown > shown
-
-
-def test_making_proposals_can_be_stopped_and_reports_progress(blobs: BlobScene, photos: Photos) -> None:
+@pytest.mark.parametrize("factor", [0.002, 50.0])
+def test_what_is_far_smaller_or_larger_than_a_usual_object_is_no_proposal(factor: float, blobs: BlobScene) -> None:
     views, graph = scene_of(blobs)
-    detector = FakeDetector(blobs)
+
+    class FarOrNear(Views):
+        def extent(self, members: np.ndarray) -> float:
+            return factor * super().extent(members)
+
+    scaled = FarOrNear(views.scene, views.cameras, render_side=160)
+    found = find_proposals(scaled, graph, 0.6, emit=ignore_events, should_stop=never_stop)
+    assert len(found.members) == 0
+
+
+def test_looking_for_proposals_can_be_stopped_and_reports_progress(blobs: BlobScene) -> None:
     with pytest.raises(Cancelled, match="no object was stored"):
-        build_proposals(views, graph, photos, detector, SETTINGS, emit=ignore_events, should_stop=lambda: True)
+        find_proposals(*scene_of(blobs), 0.6, emit=ignore_events, should_stop=lambda: True)
     events: list[Event] = []
-    build_proposals(views, graph, photos, detector, SETTINGS, emit=events.append, should_stop=never_stop)
+    find_proposals(*scene_of(blobs), 0.6, emit=events.append, should_stop=never_stop)
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+WHOLE, LEFT, RIGHT, OTHER = np.array(
+    [[1, 1, 1, 1, 1, 1, 0, 0], [1, 1, 1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 1, 1, 0, 0], [0, 0, 0, 0, 0, 1, 1, 1]], bool
+)
+
+
+@pytest.mark.parametrize(
+    ("gains", "chosen"),
+    [
+        ((0.5, 0.2, 0.2, 0.0), [0]),
+        ((0.5, 0.4, 0.3, 0.0), [1, 2]),  # two parts gain more than their whole
+        ((0.5, 0.2, 0.2, 0.1), [0, 3]),  # a third of the smaller one is no conflict
+        ((0.0, -0.1, 0.2, 0.3), [3, 2]),
+        ((0.0, -0.1, -0.2, 0.0), []),
+    ],
+)
+def test_sets_apart_gain_most_together(gains: tuple[float, ...], chosen: list[int]) -> None:
+    assert apart(np.array([WHOLE, LEFT, RIGHT, OTHER]), np.array(gains)) == chosen
+
+
+def test_several_sets_take_the_place_of_the_first_one_and_one_that_of_several() -> None:
+    sets = np.array([[1, 1, 1, 1, 0, 0], [0, 0, 1, 1, 1, 1], [0, 1, 1, 1, 1, 0], [1, 1, 1, 1, 1, 1]], bool)
+    assert apart(sets, np.array([0.4, 0.35, 0.5, 0.1])) == [0, 1]
+    assert apart(sets, np.array([0.4, 0.35, 0.5, 0.9])) == [3]

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from engine.errors import Cancelled
+from engine.events import Event, Progress, ignore_events, never_stop
+from engine.objects.graph import SceneGraph, load_or_build_graph
+from engine.objects.looks import Looks, build_looks, load_or_build_looks
+from engine.objects.photos import Photos
+from engine.objects.settings import BETTER
+from engine.objects.views import Views
+from engine.pictures.scene import Scene
+from tests.engine.objects.fakes import FakeDetector, FakeSam
+from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
+
+SETTINGS = replace(BETTER, photo_side=160, render_side=160)
+GIVEN = {"emit": ignore_events, "should_stop": never_stop}
+
+
+class CountingDetector(FakeDetector):
+    """Counts the crops that it was shown."""
+
+    n_shown = 0
+
+    def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
+        self.n_shown += len(masks)
+        return super().describe_crops(pixels, boxes, masks)
+
+
+class BoxDetector(FakeDetector):
+    """Describes no crops, but finds boxes, like Grounding DINO."""
+
+    def describe_crops(self, pixels, boxes, masks):  # type: ignore[no-untyped-def]
+        return None
+
+    def name_descriptions(self, described):  # type: ignore[no-untyped-def]
+        return []
+
+
+def scene_of(scene: BlobScene) -> tuple[Views, SceneGraph]:
+    views = Views(Scene(scene.gaussians), scene.cameras, render_side=160)
+    return views, load_or_build_graph(None, views, scene.labels, n_views=24, should_stop=never_stop)
+
+
+@pytest.fixture
+def photos(blobs: BlobScene, tmp_path: Path) -> Photos:
+    return Photos(blobs.write_photos(tmp_path / "photos"), 160, lambda: FakeSam(blobs))
+
+
+def made(blobs: BlobScene, photos: Photos, detector: FakeDetector) -> tuple[Looks, Views]:
+    views, graph = scene_of(blobs)
+    return build_looks(views, graph, photos, detector, SETTINGS, **GIVEN), views  # type: ignore[arg-type]
+
+
+def iou(one: np.ndarray, other: np.ndarray) -> float:
+    return float((one & other).sum() / (one | other).sum())
+
+
+@pytest.mark.parametrize("kind", [FakeDetector, BoxDetector], ids=["describes crops", "finds boxes"])
+def test_each_object_is_a_proposal_and_a_text_chooses_those_that_look_like_it(
+    kind: type[FakeDetector], blobs: BlobScene, photos: Photos
+) -> None:
+    detector = kind(blobs)
+    looks, views = made(blobs, photos, detector)
+    best = {part: int(np.argmax([iou(one, blobs.part == part) for one in looks.members])) for part in (RED, TWIN, BLUE)}
+    assert all(iou(looks.members[k], blobs.part == part) > 0.9 for part, k in best.items())
+    assert len(set(best.values())) == 3
+    for text, parts in (("blue ball", {BLUE}), ("red ball", {RED, TWIN})):
+        scores = looks.scores(text, detector, views, photos, 8)
+        assert {part for part, k in best.items() if scores[k] >= 0.5} == parts
+    assert looks.scores("ghost", detector, views, photos, 8).max() < 0.5
+
+
+def test_evidence_of_a_proposal_is_what_it_consists_of_and_where_a_photo_shows_it(
+    blobs: BlobScene, photos: Photos
+) -> None:
+    looks, views = made(blobs, photos, FakeDetector(blobs))
+    number = int(np.argmax([iou(one, blobs.part == BLUE) for one in looks.members]))
+    item = looks.evidence(number, 0.7, views)
+    assert item.score == 0.7 and item.members is not None
+    np.testing.assert_array_equal(item.members, looks.members[number])
+    assert iou(item.view.to_photo(item.mask), blobs.labels[item.view.camera.photo] == BLUE) > 0.8
+
+
+def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photos, tmp_path: Path) -> None:
+    file, detector = tmp_path / "groups" / "looks.npz", CountingDetector(blobs)
+    first, again = (
+        load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+        for _ in range(2)
+    )
+    assert detector.n_shown == len(first.proposal) > 0
+    assert again.photo == first.photo
+    for name in ("members", "probability", "proposal", "box"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
+    # Stored with 16 bits.
+    np.testing.assert_allclose(again.described, first.described, atol=1e-3)
+
+
+@pytest.mark.parametrize("damage", ["cut short", "another training"])
+def test_damaged_or_outdated_looks_are_made_again(
+    damage: str, blobs: BlobScene, photos: Photos, tmp_path: Path
+) -> None:
+    file, detector = tmp_path / "looks.npz", CountingDetector(blobs)
+    load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    shown, scene = detector.n_shown, blobs
+    if damage == "cut short":
+        file.write_bytes(file.read_bytes()[:-200])
+    else:
+        moved = replace(blobs.gaussians, means=blobs.gaussians.means + np.float32(1e-3))
+        scene = replace(blobs, gaussians=moved)
+    load_or_build_looks(file, *scene_of(scene), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    assert detector.n_shown > shown
+
+
+def test_making_looks_can_be_stopped_and_reports_progress(blobs: BlobScene, photos: Photos) -> None:
+    views, graph = scene_of(blobs)
+    detector = FakeDetector(blobs)
+    with pytest.raises(Cancelled, match="no object was stored"):
+        build_looks(views, graph, photos, detector, SETTINGS, emit=ignore_events, should_stop=lambda: True)
+    events: list[Event] = []
+    build_looks(views, graph, photos, detector, SETTINGS, emit=events.append, should_stop=never_stop)
+    fractions = [event.fraction for event in events if isinstance(event, Progress)]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
