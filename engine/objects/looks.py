@@ -38,7 +38,7 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 6  # by definition
+_VERSION = 7  # by definition
 
 _MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 """Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""
@@ -46,10 +46,10 @@ _MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
 
-_LIKELY = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_LIKELY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
-_LEAST_ODDS = 2.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_LEAST_ODDS = 2.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Log-odds, less the contrast, that give a score of 0.5. Of 80 absent words, 5 % score more."""
 
 _MIN_SCORE = 1e-3  # by definition
@@ -66,6 +66,8 @@ class Looks:
         In descending order of `probability`. They may overlap: a part and its whole are two proposals.
     probability : array of shape [K], float32
         Of being an object (`engine.objects.proposals`).
+    like : int32 array of shape [K]
+        The proposal whose sightings describe each one: itself, or a likelier one that looks the same.
     proposal : int32 array of shape [S]
         The proposal of each sighting.
     photo : tuple of S str
@@ -78,6 +80,7 @@ class Looks:
 
     members: Mask
     probability: Float32
+    like: Int32
     proposal: Int32
     photo: tuple[str, ...]
     box: Float32
@@ -100,8 +103,8 @@ class Looks:
             rows = np.asarray(detector.score_descriptions(self.described, text), np.float64)
         else:
             rows, known = self._boxed(text, detector, views, photos, n_photos)
-        count = np.bincount(self.proposal[known], minlength=len(self.members))
-        total = np.bincount(self.proposal[known], weights=rows[known], minlength=len(self.members))
+        count = np.bincount(self.proposal[known], minlength=len(self.members))[self.like]
+        total = np.bincount(self.proposal[known], weights=rows[known], minlength=len(self.members))[self.like]
         mean = total / np.maximum(count, 1)
         if not self.described.shape[1] or not mean.any():
             return np.asarray(mean, np.float64)
@@ -127,13 +130,13 @@ class Looks:
 
     def names(self, detector: Detector) -> list[tuple[str, float]]:
         """Return the detector's word for each proposal, with its confidence 0 to 1; ("", 1) for one without words."""
-        words = [detector.name_descriptions(self.described[self.proposal == k]) for k in range(len(self.members))]
+        words = [detector.name_descriptions(self.described[self.proposal == k]) for k in self.like]
         return [found[0] if found else ("", 1.0 if not self.described.shape[1] else 0.0) for found in words]
 
     def evidence(self, number: int, score: float, views: Views) -> MaskEvidence:
         """Return the members of a proposal as evidence, with where the photo that shows them largest shows them."""
         members = self.members[number]
-        sizes = np.where(self.proposal == number, np.prod(self.box[:, 2:] - self.box[:, :2], axis=1), 0)
+        sizes = np.where(self.proposal == self.like[number], np.prod(self.box[:, 2:] - self.box[:, :2], axis=1), 0)
         view = views.of(views.cameras.by_photo[self.photo[int(sizes.argmax())]])
         return MaskEvidence(view, next(views.visible_masks(view, members[None])), score, members=members)
 
@@ -193,6 +196,7 @@ def build_looks(
     return Looks(
         sets.members,
         sets.probability,
+        sets.like,
         np.array([found[k][0] for k in kept], np.int32),
         tuple(found[k][1] for k in kept),
         np.array([found[k][3] for k in kept], np.float32).reshape(-1, 4),
@@ -211,20 +215,22 @@ def _check_stop(should_stop: StopCheck) -> None:
 
 
 def _sightings(views: Views, sets: Proposals, graph: SceneGraph, count: int) -> dict[str, list[int]]:
-    """Return the sets to look at by photo: each in at most `count` photos that show it large, from all sides."""
+    """Return what to look at by photo: each that looks its own in at most `count` photos that show it large."""
     cameras = [views.cameras.by_photo[photo] for photo in graph.photos]
     found: dict[str, list[int]] = defaultdict(list)
-    for number, (members, pixels) in enumerate(zip(sets.members, sets.shown, strict=True)):
+    for number in np.unique(sets.like):
+        members, pixels = sets.members[number], sets.shown[number]
         center = np.median(views.scene.gaussians.means[members], axis=0)
         facing = {camera.photo for camera in views.facing(center)}
         large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= THRESHOLD * pixels.max()]
         for camera in spread_cameras([one for one in large if one.photo in facing] or large, count):
-            found[camera.photo].append(number)
+            found[camera.photo].append(int(number))
     return found
 
 
 _SPECS = {
     "probability": ArraySpec("float32", ("k",), finite=True),
+    "like": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
     "box": ArraySpec("float32", ("s", 4), finite=True),
@@ -267,14 +273,13 @@ def load_or_build_looks(
 
 def _from_arrays(arrays: dict[str, NDArray[Any]], views: Views, graph: SceneGraph) -> Looks | None:
     """Return the looks; None when an array names what does not exist."""
-    in_range = ((arrays["proposal"] >= 0) & (arrays["proposal"] < len(arrays["members"]))).all() and set(
-        arrays["photo"].tolist()
-    ) <= set(graph.photos)
-    if not in_range:
+    numbers = np.concatenate([arrays["proposal"], arrays["like"]])
+    in_range = ((numbers >= 0) & (numbers < len(arrays["members"]))).all()
+    if not in_range or not set(arrays["photo"].tolist()) <= set(graph.photos):
         return None
     return Looks(
         members=np.unpackbits(arrays["members"], axis=1, count=len(views.scene)).astype(bool),
         photo=tuple(str(name) for name in arrays["photo"]),
         described=arrays["described"].astype(np.float32),
-        **{name: arrays[name] for name in ("probability", "proposal", "box")},
+        **{name: arrays[name] for name in ("probability", "like", "proposal", "box")},
     )

@@ -38,6 +38,9 @@ _TOLERANCE = 0.01  # by definition
 _SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two proposals are one: the one that agrees better with the segments."""
 
+_ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""IoU above which two proposals look alike."""
+
 _WELL_SEEN = 0.25  # by definition
 """Share of its largest area from which on a photo shows a set well enough to be asked."""
 
@@ -64,12 +67,15 @@ class Proposals:
         They may overlap: a part and its whole are two proposals.
     probability : array of shape [K], float32
         Of being an object, at least `LEAST_PROBABILITY`.
+    like : int32 array of shape [K]
+        A likelier proposal that looks the same, or the proposal itself.
     shown : array of shape [K, P], float32
         Pixels that show each set in each photo.
     """
 
     members: Mask
     probability: Float32
+    like: Int32
     shown: Float32
 
 
@@ -111,14 +117,12 @@ def find_proposals(
     probability = expit(odds)
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
-    iou = agreement_of.iou(solved[likely], solved[likely])
-    unique: list[int] = []
-    for k in range(len(likely)):
-        if not (iou[k, unique] > _SAME_IOU).any():
-            unique.append(k)
-    chosen = likely[unique]
+    first = _first_alike(agreement_of.iou(solved[likely], solved[likely]), _SAME_IOU)
+    chosen = likely[first == np.arange(len(likely))]
     chosen = chosen[np.argsort(-probability[chosen], kind="stable")]
-    return Proposals(solved[chosen].toarray() > 0, probability[chosen].astype(np.float32), shown[chosen])
+    sets = solved[chosen]
+    like = _first_alike(agreement_of.iou(sets, sets), _ALIKE_IOU)
+    return Proposals(sets.toarray() > 0, probability[chosen].astype(np.float32), like, shown[chosen])
 
 
 def apart(members: Mask, gains: NDArray[np.floating]) -> list[int]:
@@ -158,6 +162,15 @@ def apart(members: Mask, gains: NDArray[np.floating]) -> list[int]:
         chosen = better
         better = next((one for one in exchanged(chosen) if gains[one].sum() > gains[chosen].sum()), chosen)
     return sorted(chosen, key=lambda number: -gains[number])
+
+
+def _first_alike(iou: Float32, least: float) -> Int32:
+    """Return for each of K sets the first one before it that stands for itself and is like it, or itself, [K]."""
+    first = np.arange(len(iou), dtype=np.int32)
+    for k in range(len(iou)):
+        alike = np.flatnonzero((iou[k, :k] > least) & (first[:k] == np.arange(k)))
+        first[k] = alike[0] if len(alike) else k
+    return first
 
 
 def _large_segments(graph: SceneGraph) -> NDArray[np.intp]:

@@ -94,10 +94,25 @@ def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photo
     )
     assert detector.n_shown == len(first.proposal) > 0
     assert again.photo == first.photo
-    for name in ("members", "probability", "proposal", "box"):
+    for name in ("members", "probability", "like", "proposal", "box"):
         np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
     # Stored with 16 bits.
     np.testing.assert_allclose(again.described, first.described, atol=1e-3)
+
+
+@pytest.mark.parametrize(("name", "value"), [("like", 1000), ("like", -1), ("proposal", 1000), ("photo", "no.jpg")])
+def test_looks_that_name_what_does_not_exist_are_made_again(
+    name: str, value: object, blobs: BlobScene, photos: Photos, tmp_path: Path
+) -> None:
+    file, detector = tmp_path / "looks.npz", CountingDetector(blobs)
+    load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    shown = detector.n_shown
+    with np.load(file) as stored:
+        arrays = dict(stored)
+    arrays[name] = np.concatenate([np.array([value], arrays[name].dtype), arrays[name][1:]])
+    np.savez_compressed(file, **arrays)
+    load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    assert detector.n_shown == 2 * shown
 
 
 @pytest.mark.parametrize("damage", ["cut short", "another training"])

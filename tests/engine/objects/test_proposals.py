@@ -43,6 +43,14 @@ def test_a_set_that_many_segments_lead_to_is_one_proposal(blobs: BlobScene) -> N
     assert max(overlaps, default=0.0) <= 0.95
 
 
+def test_what_looks_alike_is_told_by_its_likeliest_version(blobs: BlobScene) -> None:
+    found = proposals_of(blobs)
+    numbers = np.arange(len(found.members))
+    assert (found.like <= numbers).all() and (found.like[found.like] == found.like).all()
+    own = found.members[found.like == numbers]
+    assert max((iou(one, other) for k, one in enumerate(own) for other in own[:k]), default=0.0) <= 0.9
+
+
 def test_an_object_without_segments_is_a_proposal_by_its_group_but_nothing_is_without_any(blobs: BlobScene) -> None:
     labels = {photo: np.where(label == BLUE, 0, label) for photo, label in blobs.labels.items()}
     found = proposals_of(replace(blobs, labels=labels))
