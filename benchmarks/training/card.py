@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import hashlib
 import statistics
 import sys
 import tempfile
@@ -37,6 +38,7 @@ from .screening.gsplat_training import train_gsplat
 from .screening.jobs import GSPLAT, measured_figures
 from .screening.views_file import read_views, write_views
 
+_MAX_NAME = 160
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
 
@@ -93,7 +95,7 @@ def _train(options: argparse.Namespace) -> None:
                 (_run_gsplat, f"{GSPLAT}:{run}", "cpu") if options.backend == GSPLAT else (_run, run, options.backend)
             )
             for seed in map(int, options.seeds.split(",")):
-                out = results / f"{file.stem}-{name.replace(':', '_').replace('=', '_')}-{seed}.json"
+                out = results / f"{file.stem}-{_file_name(name)}-{seed}.json"
                 if out.exists():
                     continue
                 settings = _settings(run, seed, views, backend)
@@ -110,6 +112,12 @@ def _train(options: argparse.Namespace) -> None:
                     f"{figures['wall_seconds']:.1f} s, {figures['n_gaussians']} Gaussians, first {first:.1f} s, "
                     f"{figures['total']:.1f} s in all\n"
                 )
+
+
+def _file_name(run: str) -> str:
+    """Return a run as a part of a file name, which file systems limit to 255 bytes."""
+    name = run.replace(":", "_").replace("=", "_")
+    return name if len(name) <= _MAX_NAME else f"{name[:_MAX_NAME]}-{hashlib.sha256(run.encode()).hexdigest()[:8]}"
 
 
 def _settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) -> TrainingSettings:
