@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ..errors import Cancelled, PromptError
-from ..events import Emit, Progress, StopCheck
+from ..events import Emit, Progress, StopCheck, part_of
 from ..masks import mask_box
 from ..pictures import normalized
 from ..scene import Camera
@@ -101,7 +101,7 @@ def find_objects_of_paper(
         if not same and (membership >= THRESHOLD).any():
             evidence_of = tuple(candidate.evidence)
             found.append(FoundObject(membership, score, candidate.fit, evidence_of, Levels((membership,))))
-        emit(Progress("objects", 0.7 + 0.3 * (number + 1) / len(scored), message="Isolating"))
+        part_of(emit, 1, 2)(Progress("objects", (number + 1) / len(scored), message="Isolating"))
     if not found:
         raise PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
     return found
@@ -189,11 +189,8 @@ def _from_text(
             mask = view.from_photo(photo_mask)
             if mask.any():
                 evidence.append(MaskEvidence(view, mask, score))
-        emit(
-            Progress(
-                "objects", 0.7 * (number + 1) / len(cameras), message=f"Looking for {prompt.text!r} ({detector.name})"
-            )
-        )
+        text = f"Looking for {prompt.text!r} ({detector.name})"
+        part_of(emit, 0, 2)(Progress("objects", (number + 1) / len(cameras), message=text))
     return evidence
 
 

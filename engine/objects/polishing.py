@@ -20,7 +20,7 @@ from ..pictures import Backend, Scene
 from ..scene import Gaussians, PinholeCamera, Polished
 from ..training import AloneTarget, train_alone
 from .settings import SegmentSettings
-from .views import View, Views, erode_mask, spread_cameras
+from .views import THRESHOLD, View, Views, erode_mask, spread_cameras
 
 __all__ = ["polish", "polish_each"]
 
@@ -128,14 +128,14 @@ def _target(view: View, scene: Scene, alone: Scene, members: Mask, occluder_dist
     channels = np.column_stack([members.astype(np.float32), scene.depth_of(frame)])
     in_scene = scene.render(frame, color=True, channels=channels)
     share = in_scene.channels[..., 3]
-    if (share > 0.5).sum() < _MIN_VISIBLE_PIXELS:
+    if (share > THRESHOLD).sum() < _MIN_VISIBLE_PIXELS:
         return None
     depth = in_scene.channels[..., 4] / np.maximum(in_scene.alpha, 1e-3)
     isolated = alone.render(frame, channels=alone.depth_of(frame)[:, None])
     own_depth = isolated.channels[..., 0] / np.maximum(isolated.alpha, 1e-3)
-    hidden = (share < 0.5) & (depth < own_depth - occluder_distance)
+    hidden = (share < THRESHOLD) & (depth < own_depth - occluder_distance)
     alpha = np.clip((share - _MIN_SHARE) / (_FULL_SHARE - _MIN_SHARE), 0, 1)
-    alpha[erode_mask(share > 0.5, _RIM_PIXELS)] = 1
+    alpha[erode_mask(share > THRESHOLD, _RIM_PIXELS)] = 1
     image = in_scene.channels[..., :3] * (alpha / np.maximum(share, _MIN_SHARE))[..., None]
     part, camera = _cropped((isolated.alpha > _MIN_ALPHA) | (share > _MIN_SHARE), frame)
     known = (view.within & ~hidden)[part].astype(np.float32)

@@ -197,7 +197,8 @@ def _find_named(
     """Return the objects that a text names; errors as in `find_objects`."""
     require_known(text, detector)
     looks = context.looks(detector, settings, emit=part_of(emit, 0, 2), should_stop=should_stop)
-    emit(Progress("objects", 0.5, message=f"Looking for {text!r} ({detector.name})"))
+    isolating = part_of(emit, 1, 2)
+    isolating(Progress("objects", 0.0, message=f"Looking for {text!r} ({detector.name})"))
     scores = looks.scores(text, detector, context.views, context.photos, settings.n_text_views)
     if not scores.any():
         raise nothing_found(text, context, settings)
@@ -215,7 +216,7 @@ def _find_named(
     for done, number in enumerate(wanted or nearest):
         item = looks.evidence(number, float(scores[number]), context.views)
         found.append(isolate_object(context, [item], settings, should_stop))
-        emit(Progress("objects", 0.5 + 0.5 * (done + 1) / len(wanted or nearest), message="Isolating"))
+        isolating(Progress("objects", (done + 1) / len(wanted or nearest), message="Isolating"))
     if not wanted:
         raise NoMatchError(
             f"Nothing in the photos looks enough like {text!r} (best match {found[0].score:.2f}, needed "
@@ -266,12 +267,11 @@ def segment_project(
     HeritageError
         When a part of the project is missing or damaged.
     """
-    started = time.perf_counter()
     context = load_context(project, settings, sam_factory, device=device, emit=emit)
-    request = ObjectRequest(describe_prompt(prompt), name, settings, started)
-    return _find_and_store(
-        project, context, prompt, request, detector_factory=detector_factory, emit=emit, should_stop=should_stop
-    )
+    return segment_prompt(
+        project, context, prompt, name, settings,
+        detector_factory=detector_factory, emit=emit, should_stop=should_stop,
+    )  # fmt: skip
 
 
 def segment_prompt(
@@ -291,24 +291,9 @@ def segment_prompt(
     `again` is that of `ObjectRequest`.
     """
     request = ObjectRequest(describe_prompt(prompt), name, settings, time.perf_counter(), again)
-    return _find_and_store(
-        project, context, prompt, request, detector_factory=detector_factory, emit=emit, should_stop=should_stop
-    )
-
-
-def _find_and_store(
-    project: ProjectFolder,
-    context: SegmentationContext,
-    prompt: Prompt,
-    request: ObjectRequest,
-    *,
-    detector_factory: DetectorFactory,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> list[ObjectRecord]:
     try:
         found = find_objects(
-            context, prompt, request.settings,
+            context, prompt, settings,
             detector_factory=detector_factory, emit=part_of(emit, 0, 2), should_stop=should_stop,
         )  # fmt: skip
     except PromptError as error:

@@ -14,10 +14,14 @@ from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = ["MAX_OBJECT_EXTENT", "View", "Views", "erode_mask", "spread_cameras"]
+__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "spread_cameras"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+THRESHOLD = 0.5  # by definition
+"""Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
+which on the pixel does."""
 
 MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 """Largest extent of an object, relative to `Views.cameras_spread`. Anything longer is a wall, a floor or a table."""
@@ -62,7 +66,7 @@ class View:
     def to_photo(self, mask: Mask) -> Mask:
         """Return a mask of the frame in the photo at full resolution."""
         distorted = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
-        return np.asarray(distorted > 0.5)
+        return np.asarray(distorted > THRESHOLD)
 
 
 class Views:
@@ -111,7 +115,7 @@ class Views:
             rendered = self.scene.render(frame, channels=self.scene.gaussians.features)
             small = np.ones((max(1, camera.height // 8), max(1, camera.width // 8)), np.uint8)
             within = np.asarray(undistort(small, camera, frame, interpolation="nearest")) > 0
-            covered = (rendered.alpha > 0.5) & within
+            covered = (rendered.alpha > THRESHOLD) & within
             self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
         return self._views[camera.photo]
 
@@ -133,7 +137,7 @@ class Views:
         for start in range(0, len(members), _SETS_PER_PASS):
             weights = members[start : start + _SETS_PER_PASS].T.astype(np.float32)
             shares = self.scene.render(view.frame, channels=weights).channels
-            yield from np.moveaxis((shares > 0.5) & view.within[..., None], -1, 0)
+            yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
 
     def extent(self, members: Mask) -> float:
         """Return the longest side of a box around the members, bool [N], relative to `cameras_spread`; 0 for none.

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .views import View, Views
+from .views import THRESHOLD, View, Views
 
 __all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes", "votes_of_known"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-THRESHOLD = 0.5  # by definition
-"""Membership from which on a Gaussian belongs to an object, until the user moves the slider."""
 
 BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
 """Largest membership of a Gaussian that does not belong."""
