@@ -64,7 +64,7 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     votes = count_votes(context.views, evidence, graph.pixels)
     share = votes.inside / np.maximum(votes.inside + votes.outside, 1e-6)
     seen = (votes.inside + votes.outside > 0.5).astype(np.float32)
-    membership = lift(context, [evidence], BETTER, should_stop=never_stop).membership
+    membership = lift(context, [evidence], BETTER, should_stop=never_stop)
     levels = lift_levels(context, [evidence], BETTER, never_stop)
     found = find_everything(
         context, BETTER, detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop
