@@ -5,7 +5,9 @@ How likely a set is an object is told by three measurements; see docs/objects.md
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -190,25 +192,29 @@ def _solved(
     should_stop: StopCheck,
 ) -> tuple[csr_matrix, NDArray[np.intp]]:
     """Return the Gaussians that segments and groups lead to, [K, N], without empty sets, and the number of each."""
-    count = len(segments) + len(groups)
-    rows = [csr_matrix((0, len(views.scene)), dtype=np.float32)]
-    for start in range(0, count, _SOLVED_TOGETHER):
+    count, means = len(segments) + len(groups), views.scene.gaussians.means
+
+    def solved(start: int) -> csr_matrix:
         if should_stop():
             raise Cancelled("Stopped while looking for what may be an object; no object was stored.")
-        numbers = range(start, min(start + _SOLVED_TOGETHER, count))
         votes = [
             graph.votes_of(segments[k])
             if k < len(segments)
             else votes_of_known(groups[k - len(segments)], graph.pixels)
-            for k in numbers
+            for k in range(start, min(start + _SOLVED_TOGETHER, count))
         ]
         together = Votes(np.stack([one.inside for one in votes], 1), np.stack([one.outside for one in votes], 1))
-        solved = [
-            bounded(one, views.scene.gaussians.means)
-            for one in graph.solve_each(together, strictness, tolerance=_TOLERANCE).T
-        ]
-        rows.append(csr_matrix(np.stack(solved) >= THRESHOLD, dtype=np.float32))
-        emit(Progress("objects", numbers.stop / count, message="Looking for objects"))
+        memberships = graph.solve_each(together, strictness, tolerance=_TOLERANCE).T
+        members = np.stack([bounded(membership, means) for membership in memberships]) >= THRESHOLD
+        return csr_matrix(members, dtype=np.float32)
+
+    rows = [csr_matrix((0, len(means)), dtype=np.float32)]
+    # NumPy and SciPy leave the interpreter to the other threads while they compute.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for part in pool.map(solved, range(0, count, _SOLVED_TOGETHER)):
+            rows.append(part)
+            done = min((len(rows) - 1) * _SOLVED_TOGETHER, count)
+            emit(Progress("objects", done / count, message="Looking for objects"))
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept
