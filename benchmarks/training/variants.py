@@ -40,6 +40,18 @@ VARIANTS = {
         Variant("half-steps", {"steps": 1500}, features=False),
         Variant("full-size-pictures", {"coarse_levels": 0}, features=False),
         Variant("low-rates", {"lr_means": 1.6e-4, "lr_means_end": 1.6e-6}, features=False),
+        Variant(
+            "half-rates",
+            {
+                "lr_means": 8e-4,
+                "lr_means_end": 8e-6,
+                "lr_scales": 0.01,
+                "lr_quats": 0.0025,
+                "lr_sh": 0.006,
+                "lr_sh_rest": 0.0003,
+            },
+            features=False,
+        ),  # fmt: skip
         Variant("bands-0", {"sh_degree": 0}, features=False),
         Variant("bands-1", {"sh_degree": 1, "sh_interval": 1500}, features=False),
         Variant("bands-3", {"sh_degree": 3, "sh_interval": 750, "trial_fraction": 0.0}, features=False),

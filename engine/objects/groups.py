@@ -29,13 +29,13 @@ _MIN_GROUP_SHARE = 1 / 240  # chosen on museum_room, store_room
 """Smallest group as a share of the sample. Of 40,000 Gaussians of a room the smallest exhibit has 240."""
 
 _POSITION_WEIGHT = 0.3  # chosen on museum_room, store_room
-"""Weight of a position, in units of the cameras' spread, relative to a feature of unit length."""
+"""Weight of a position, in units of `Views.length_unit`, relative to a feature of unit length."""
 
 _N_NEIGHBOURS = 8  # chosen on museum_room, store_room
 """Nearest neighbours that a Gaussian is linked to."""
 
 _MAX_DISTANCE = 3.0  # chosen on museum_room, store_room
-"""Largest distance from the scene's median along an axis, in units of the cameras' spread. Objects are not farther."""
+"""Largest distance from the scene's median along an axis, in units of `Views.length_unit`. Objects are not farther."""
 
 
 def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
@@ -55,7 +55,7 @@ def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
     have the minimum size; a smaller sibling is a fragment that the larger one absorbs.
     """
     means = views.scene.gaussians.means
-    positions = ((means - np.median(means, axis=0)) / views.cameras_spread).astype(np.float32)
+    positions = ((means - np.median(means, axis=0)) / views.length_unit).astype(np.float32)
     points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
     inside = np.abs(positions).max(axis=1) < _MAX_DISTANCE
     near = np.flatnonzero(inside & (views.scene.gaussians.opacities > _MIN_OPACITY))

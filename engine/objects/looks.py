@@ -46,6 +46,13 @@ _MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
 
+_USUAL_ODDS = -4.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Mean log-odds of a word and the proposals of a scene."""
+
+_N_USUAL = 10  # by definition
+"""Proposals with the usual log-odds that the mean of a scene counts in addition: few proposals, which may all show the
+object, say little about what all of the scene resembles."""
+
 _LIKELY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
@@ -110,7 +117,9 @@ class Looks:
             return np.asarray(mean, np.float64)
         clipped = np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE)
         odds = logit(clipped)
-        odds += _LIKELY * logit(self.probability) - _CONTRAST * odds[count > 0].mean() - _LEAST_ODDS
+        described = odds[count > 0]
+        resembled = (described.sum() + _N_USUAL * _USUAL_ODDS) / (len(described) + _N_USUAL)
+        odds += _LIKELY * logit(self.probability) - _CONTRAST * resembled - _LEAST_ODDS
         return np.where(count > 0, expit(odds), 0.0)
 
     def _boxed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -24,7 +25,10 @@ THRESHOLD = 0.5  # by definition
 which on the pixel does."""
 
 MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
-"""Largest extent of an object, relative to `Views.cameras_spread`. Anything longer is a wall, a floor or a table."""
+"""Largest extent of an object, relative to `Views.length_unit`. Anything longer is a wall, a floor or a table."""
+
+_LEAST_UNIT = 0.4  # by definition
+"""Smallest unit of lengths, relative to the distance of the cameras from the scene."""
 
 _SETS_PER_PASS = 60  # by definition
 """Sets of Gaussians rendered in one pass. More need more memory and give the same masks."""
@@ -102,11 +106,17 @@ class Views:
         assert self.scene.gaussians.features is not None
         return normalized(self.scene.gaussians.features)
 
-    @property
-    def cameras_spread(self) -> float:
-        """Mean distance of the cameras from their centre in world units, the unit of lengths in the scene."""
+    @cached_property
+    def length_unit(self) -> float:
+        """The unit of lengths in the scene, world units: the mean distance of the cameras from their centre.
+
+        It is at least 0.4 of their median distance from the middle of the Gaussians, since a few neighbouring photos
+        say nothing about the size of what they show.
+        """
         centers = np.stack([camera.center for camera in self.cameras.cameras])
-        return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()) or 1.0
+        spread = np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()
+        middle = np.median(self.scene.gaussians.means, axis=0)
+        return float(max(spread, _LEAST_UNIT * np.median(np.linalg.norm(centers - middle, axis=1)))) or 1.0
 
     def of(self, camera: Camera) -> View:
         """Return the view of a photo."""
@@ -140,14 +150,14 @@ class Views:
             yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
 
     def extent(self, members: Mask) -> float:
-        """Return the longest side of a box around the members, bool [N], relative to `cameras_spread`; 0 for none.
+        """Return the longest side of a box around the members, bool [N], relative to `length_unit`; 0 for none.
 
         The box leaves out a twentieth of them at each end.
         """
         if not members.any():
             return 0.0
         low, high = np.percentile(self.scene.gaussians.means[members], [5, 95], axis=0)
-        return float((high - low).max() / self.cameras_spread)
+        return float((high - low).max() / self.length_unit)
 
     def facing(self, point: NDArray[np.floating]) -> list[Camera]:
         """Return the cameras whose photo contains the world point [3]."""

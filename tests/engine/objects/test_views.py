@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from engine.errors import SettingsError
 from engine.objects.settings import DEFAULT_PRESET, PAPER, PRESETS, PaperSettings, SegmentSettings
-from engine.objects.views import erode_mask, spread_cameras
+from engine.objects.views import Views, erode_mask, spread_cameras
+from engine.pictures.scene import Scene
 from tests.engine.pictures.blob_scene import BlobScene
 
 
@@ -31,3 +34,13 @@ def test_settings_out_of_bounds_are_refused() -> None:
     for field, value in (("cosine", 1.0), ("outlier_iqr", 0.0), ("photo_side", 2)):
         with pytest.raises(SettingsError, match=f"PaperSettings.{field}"):
             PaperSettings(**{field: value})  # type: ignore[arg-type]
+
+
+def test_unit_of_lengths_is_that_of_the_cameras_unless_all_stand_close_together(blobs: BlobScene) -> None:
+    views = Views(Scene(blobs.gaussians), blobs.cameras, render_side=160)
+    centers = np.stack([camera.center for camera in blobs.cameras.cameras])
+    assert views.length_unit == pytest.approx(np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean())
+    one = replace(blobs.cameras, cameras=blobs.cameras.cameras[:1])
+    middle = np.median(blobs.gaussians.means, axis=0)
+    alone = Views(Scene(blobs.gaussians), one, render_side=160)
+    assert alone.length_unit == pytest.approx(0.4 * np.linalg.norm(centers[0] - middle), rel=1e-5)
