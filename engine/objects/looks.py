@@ -38,7 +38,7 @@ Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 7  # by definition
+_VERSION = 8  # by definition
 
 _MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 """Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""

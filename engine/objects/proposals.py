@@ -102,8 +102,9 @@ def find_proposals(
 
     Notes
     -----
-    With the links between Gaussians that leave a set and all of its links, its extent, and for each photo that shows it
-    well the IoU of the set with the solved segment of the photo that fits it best, the log-odds of being an object are
+    With the links between Gaussians that leave a set, all links of the set (or of the rest, if they are fewer), its
+    extent, and for each photo that shows it well the IoU of the set with the solved segment of the photo that fits it
+    best, the log-odds of being an object are
 
         1.4 ln(links / leaving) - 0.9 ln(extent / 0.15)^2 + 1.7 mean IoU - 4.2
     """
@@ -221,13 +222,17 @@ def _solved(
 
 
 def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
-    """Return ln(links / leaving links) of each set, [K], both with the links of one more Gaussian."""
+    """Return ln(links / leaving links) of each set, [K], both with the links of one more Gaussian.
+
+    This is the negative logarithm of the conductance: links are those of the set or of the rest, whichever are fewer.
+    """
     links = graph.neighbours.sign()
     degrees = np.asarray(links.sum(axis=1)).ravel()
     usual = degrees.mean()
     every = sets @ degrees
     inner = np.asarray((sets @ links).multiply(sets).sum(axis=1)).ravel()
-    return np.asarray(np.log((every + usual) / (every - inner + usual)), np.float64)
+    fewer = np.minimum(every, degrees.sum() - every)
+    return np.asarray(np.log((fewer + usual) / (every - inner + usual)), np.float64)
 
 
 class _Agreement:

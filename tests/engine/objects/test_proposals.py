@@ -58,6 +58,13 @@ def test_an_object_without_segments_is_a_proposal_by_its_group_but_nothing_is_wi
     assert len(proposals_of(replace(blobs, labels={})).members) == 0
 
 
+def test_the_whole_scene_is_no_proposal(blobs: BlobScene) -> None:
+    labels = {photo: np.where(label == BLUE, 2, 1) for photo, label in blobs.labels.items()}
+    found = proposals_of(replace(blobs, labels=labels))
+    assert len(found.members) > 0
+    assert found.members.mean(axis=1).max() < 0.9
+
+
 @pytest.mark.parametrize("factor", [0.002, 50.0])
 def test_what_is_far_smaller_or_larger_than_a_usual_object_is_no_proposal(factor: float, blobs: BlobScene) -> None:
     views, graph = scene_of(blobs)
