@@ -96,14 +96,14 @@ def find_everything(
     chosen = apart(looks.members, looks.probability - LEAST_PROBABILITY)
     members = looks.members[chosen].T
     solved = graph.solve_each(votes_of_known(members, graph.pixels[:, None]), settings.strictness).T
-    names = looks.names(detector)
+    names = looks.names(detector, chosen)
     objects: list[DetectedObject] = []
     taken = np.zeros(len(views.scene), bool)
     # What stands on something larger keeps its Gaussians.
     for k in np.argsort(members.sum(axis=0), kind="stable"):
         membership = bounded(np.where(taken, np.float32(0), solved[k]), views.scene.gaussians.means)
         taken |= membership >= THRESHOLD
-        name, score = names[chosen[k]]
+        name, score = names[k]
         if (membership >= THRESHOLD).any():
             objects.append(DetectedObject(membership, name if score >= _MIN_NAME_SCORE else "", score))
     return sorted(objects, key=lambda item: -item.score)

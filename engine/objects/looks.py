@@ -137,9 +137,9 @@ class Looks:
                 rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
         return rows, known
 
-    def names(self, detector: Detector) -> list[tuple[str, float]]:
-        """Return the detector's word for each proposal, with its confidence 0 to 1; ("", 1) for one without words."""
-        words = [detector.name_descriptions(self.described[self.proposal == k]) for k in self.like]
+    def names(self, detector: Detector, numbers: Sequence[int]) -> list[tuple[str, float]]:
+        """Return the detector's word for some proposals, with its confidence 0 to 1; ("", 1) for one without words."""
+        words = [detector.name_descriptions(self.described[self.proposal == k]) for k in self.like[list(numbers)]]
         return [found[0] if found else ("", 1.0 if not self.described.shape[1] else 0.0) for found in words]
 
     def evidence(self, number: int, score: float, views: Views) -> MaskEvidence:
