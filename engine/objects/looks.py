@@ -115,11 +115,12 @@ class Looks:
         mean = total / np.maximum(count, 1)
         if not self.described.shape[1] or not mean.any():
             return np.asarray(mean, np.float64)
-        clipped = np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE)
-        odds = logit(clipped)
+        odds = logit(np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE))
         described = odds[count > 0]
         resembled = (described.sum() + _N_USUAL * _USUAL_ODDS) / (len(described) + _N_USUAL)
-        odds += _LIKELY * logit(self.probability) - _CONTRAST * resembled - _LEAST_ODDS
+        # Of a large, isolated object the probability is rounded to 1.
+        smallest = np.finfo(np.float32).eps
+        odds += _LIKELY * logit(np.clip(self.probability, smallest, 1 - smallest)) - _CONTRAST * resembled - _LEAST_ODDS
         return np.where(count > 0, expit(odds), 0.0)
 
     def _boxed(

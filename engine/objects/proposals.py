@@ -116,8 +116,7 @@ def find_proposals(
     agreement = agreement_of(solved, shown)
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
-    odds = np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement] + _CONSTANT
-    probability = expit(odds)
+    probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement] + _CONSTANT)
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(agreement_of.iou(solved[likely], solved[likely]), _SAME_IOU)

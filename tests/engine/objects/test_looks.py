@@ -75,6 +75,13 @@ def test_each_object_is_a_proposal_and_a_text_chooses_those_that_look_like_it(
     assert looks.scores("ghost", detector, views, photos, 8).max() < 0.5
 
 
+def test_a_certain_object_is_not_every_word(blobs: BlobScene, photos: Photos) -> None:
+    detector = FakeDetector(blobs)
+    looks, views = made(blobs, photos, detector)
+    certain = replace(looks, probability=np.ones_like(looks.probability))
+    assert certain.scores("ghost", detector, views, photos, 8).max() < 0.5
+
+
 def test_evidence_of_a_proposal_is_what_it_consists_of_and_where_a_photo_shows_it(
     blobs: BlobScene, photos: Photos
 ) -> None:
