@@ -56,9 +56,11 @@ class _Convolution:
     groups: int
 
     def __call__(self, x: Tensor) -> Tensor:
-        return functional.conv2d(
-            _pad_same(x, self.weight.shape[-1], self.stride), self.weight, self.bias, self.stride, groups=self.groups
-        )
+        kernel = self.weight.shape[-1]
+        if self.stride == 1:  # equal on all sides: no padded copy is needed
+            return functional.conv2d(x, self.weight, self.bias, padding=kernel // 2, groups=self.groups)
+        padded = _pad_same(x, kernel, self.stride)
+        return functional.conv2d(padded, self.weight, self.bias, self.stride, groups=self.groups)
 
 
 class EfficientNetLite2:
@@ -96,12 +98,14 @@ class EfficientNetLite2:
         pictures : Tensor of shape [B, 3, H, W], float32
             sRGB, 0 to 255.
         """
-        x = functional.relu6(self._stem((pictures - _MEAN) / _DEVIATION))
+        # The colours of a pixel side by side, in all layers: convolutions are more than twice as fast.
+        pictures = pictures.contiguous(memory_format=torch.channels_last)
+        x = functional.relu6(self._stem((pictures - _MEAN) / _DEVIATION), inplace=True)
         for expand, depthwise, project, residual in self._blocks:
-            y = x if expand is None else functional.relu6(expand(x))
-            y = project(functional.relu6(depthwise(y)))
-            x = x + y if residual else y
-        return functional.relu6(self._head(x))
+            y = x if expand is None else functional.relu6(expand(x), inplace=True)
+            y = project(functional.relu6(depthwise(y), inplace=True))
+            x = y.add_(x) if residual else y
+        return functional.relu6(self._head(x), inplace=True)
 
     @torch.inference_mode()
     def logits(self, pictures: Tensor) -> Tensor:
@@ -126,7 +130,8 @@ def _load_convolution(
     factor = state[f"{norm}.weight"] / torch.sqrt(state[f"{norm}.running_var"] + _BATCH_NORM_EPSILON)
     groups = weight.shape[0] if weight.shape[1] == 1 and weight.shape[0] > 1 else 1
     bias = state[f"{norm}.bias"] - state[f"{norm}.running_mean"] * factor
-    return _Convolution(weight * factor[:, None, None, None], bias, stride, groups)
+    weight = (weight * factor[:, None, None, None]).contiguous(memory_format=torch.channels_last)
+    return _Convolution(weight, bias, stride, groups)
 
 
 _Block = tuple[_Convolution | None, _Convolution, _Convolution, bool]
