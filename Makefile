@@ -93,13 +93,14 @@ bench-formats: setup ## time, size and memory of exported files beside other pro
 readers-test: setup ## exported files in other programs and viewers; needs npm, Chromium and the project of `make demo`; 5 minutes
 	$(ENGINE) -m benchmarks.formats readers --project out/museum_room/project --doc docs/formats.md --pictures docs/pictures/formats
 
-bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; needs a graphics card; 5 minutes
+bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; FUSED_SSIM=folder of its sources; needs a graphics card; 5 minutes
 	$(ENGINE) -m benchmarks.gpu start
 	$(ENGINE) -m benchmarks.gpu ceilings
 	$(ENGINE) -m benchmarks.gpu scene 200000
 	$(ENGINE) -m benchmarks.gpu scene 1000000
 	$(ENGINE) -m benchmarks.gpu scene 3000000
 	$(ENGINE) -m benchmarks.gpu_step 1000000
+	-$(ENGINE) -m benchmarks.gpu_gsplat_step 1000000 $(if $(FUSED_SSIM),--fused-ssim $(FUSED_SSIM))
 	$(ENGINE) -m benchmarks.gpu document --doc docs/gpu.md
 
 bench-blender: setup ## import, redraw, sliders and pictures in Blender, into docs/blender_speed.md; needs `make demo` and what window-test needs; 15 minutes

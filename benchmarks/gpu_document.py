@@ -58,18 +58,22 @@ def _stage_table(scenes: dict[int, dict[str, Any]]) -> list[str]:
 def _step_tables(results: Path) -> list[str]:
     lines = []
     for path in sorted(results.glob("step_*.json")):
-        part = _read(path)
+        part, theirs = _read(path), _read(path.with_name(f"gsplat_{path.name}"))
         names = list(dict.fromkeys(name for row in part["cases"].values() for name in row))
+        beside = ["gsplat", "gsplat / ours"] if theirs else []
         lines += [
             f"Whole steps with {int(path.stem.removeprefix('step_')):,} Gaussians on {part['card']}: milliseconds "
-            "of wall time, medians, and megabytes of all buffers.",
+            "of wall time, medians, and megabytes of all buffers."
+            + (f" gsplat's on {theirs['card']}, with {theirs['ssim']} SSIM." if theirs else ""),
             "",
-            f"| step | {' | '.join(names)} |",
-            "| --- |" + " --- |" * len(names),
+            f"| step | {' | '.join([*names[:1], *beside, *names[1:]])} |",
+            "| --- |" + " --- |" * (len(names) + len(beside)),
         ]
         for case, row in part["cases"].items():
             cells = [f"{row[name]:,.1f}" if name in row else "-" for name in names]
-            lines.append(f"| {case} | {' | '.join(cells)} |")
+            other = theirs.get("cases", {}).get(case)
+            of_gsplat = [f"{other['step']:.1f}", f"{other['step'] / row['step']:.2f}"] if other else ["-", "-"]
+            lines.append(f"| {case} | {' | '.join([*cells[:1], *of_gsplat[: len(beside)], *cells[1:]])} |")
         lines.append("")
     return lines
 

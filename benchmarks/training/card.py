@@ -5,8 +5,11 @@ graphics card, and a Python with torch, wgpu, numba, scipy, OpenCV and flip-eval
 1.5 trains the same views by its own rates and without features. A training that was measured before is not repeated.
 `document` puts the table into a document.
 
+A run is STEPS:GAUSSIANS with settings of `standard`, or the name of a preset as the plan uses it on a card.
+
 example: python -m benchmarks.training.card prepare --sets museum_room --sides 640 --out out/card
          python -m benchmarks.training.card train out/card --runs 3000:300000,7000:300000 --seeds 0,1,2
+         python -m benchmarks.training.card train out/card --runs standard,best,best:lr_means=8e-4
          python -m benchmarks.training.card document out/card/results --doc docs/error_vs_time.md
 """
 
@@ -29,7 +32,16 @@ import torch
 from engine.errors import HeritageError
 from engine.events import ignore_events, never_stop
 from engine.files import read_json, write_json
-from engine.training import TrainingView, background_gaussians, load_views, start_gaussians, train
+from engine.planning.decisions import MIN_STEPS
+from engine.training import (
+    TrainingView,
+    background_gaussians,
+    load_views,
+    settings_with_sizes,
+    sizes_on_card,
+    start_gaussians,
+    train,
+)
 from engine.training.settings import PRESETS, TrainingSettings
 
 from ..documents import put_into
@@ -39,6 +51,7 @@ from .screening.jobs import GSPLAT, measured_figures
 from .screening.views_file import read_views, write_views
 
 _MAX_NAME = 160
+_UNBOUNDED = 1 << 62
 _SCHEMA = {"set": str, "run": str, "seed": int, "first": float, "figures": dict}
 
 
@@ -53,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one.set_defaults(run=_prepare)
     one = commands.add_parser("train", help="train and measure")
     one.add_argument("views", type=Path, help="folder written by `prepare`")
-    one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS[:NAME=VALUE ...], separated by commas")
+    one.add_argument("--runs", required=True, help="STEPS:GAUSSIANS or PRESET[:NAME=VALUE ...], with commas between")
     one.add_argument("--only", default="", help="files whose names begin like this")
     one.add_argument("--seeds", default="0", help="(default: %(default)s)")
     one.add_argument("--backend", default="gpu", choices=("gpu", "cpu", GSPLAT))
@@ -121,13 +134,32 @@ def _file_name(run: str) -> str:
 
 
 def _settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) -> TrainingSettings:
-    steps, gaussians, *others = run.split(":")
+    first, *others = run.split(":")
     n_training = sum(not view.held_out for view in views)
-    settings = PRESETS["standard"].for_photos(n_training)
-    settings = settings.changed(
-        seed=seed, steps=int(steps), max_gaussians=int(gaussians), backend=backend, max_side=4096
+    if first in PRESETS:
+        settings = settings_with_sizes(first, sizes_on_card(first, _UNBOUNDED), n_training)
+        settings = _shortened(settings.changed(**_values(others)), n_training)
+    else:
+        settings = PRESETS["standard"].for_photos(n_training).changed(steps=int(first), max_gaussians=int(others[0]))
+        settings = settings.changed(**_values(others[1:]))
+    return settings.changed(seed=seed, backend=backend, max_side=4096)
+
+
+def _shortened(settings: TrainingSettings, n_training: int) -> TrainingSettings:
+    """Return the settings of a preset with the steps and intervals that a plan for so many photos has."""
+    schedule = settings.schedule
+    if not schedule.rounds:
+        return settings
+    steps = min(schedule.steps, max(MIN_STEPS, schedule.rounds * n_training))
+    sh_interval, grow_interval = (
+        max(1, interval * steps // schedule.steps)
+        for interval in (settings.appearance.sh_interval, settings.growth.grow_interval)
     )
-    return settings.changed(**{name: _value(text) for name, text in (other.split("=") for other in others)})
+    return settings.changed(steps=steps, sh_interval=sh_interval, grow_interval=grow_interval)
+
+
+def _values(others: Sequence[str]) -> dict[str, Any]:
+    return {name: _value(text) for name, text in (other.split("=") for other in others)}
 
 
 def _value(text: str) -> Any:

@@ -17,7 +17,13 @@ from ..planning import (
     require_enough_memory,
     work_plan_as_dict,
 )
-from .scene_options import add_camera_options, add_device_option, add_no_objects_option, add_preset_option
+from .scene_options import (
+    add_camera_options,
+    add_device_option,
+    add_no_objects_option,
+    add_preset_option,
+    add_size_options,
+)
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -31,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photos", type=Path, help="folder with the photos")
     add_preset_option(parser)
     add_device_option(parser)
+    add_size_options(parser)
     add_no_objects_option(parser)
     add_camera_options(parser)
     parser.add_argument("--json", action="store_true", help="print the plan as JSON instead of text")
@@ -44,7 +51,13 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Print the plan, and refuse work for which there is too little memory."""
     work, forecast, calibration = plan_photos(
         options.photos,
-        PlanSettings(preset=options.preset, device=options.device, wants_objects=not options.no_objects),
+        PlanSettings(
+            preset=options.preset,
+            device=options.device,
+            max_gaussians=options.max_gaussians,
+            max_side=options.max_side,
+            wants_objects=not options.no_objects,
+        ),
         photos=PhotoSettings(),
         cameras=CameraSettings(),
         model=options.cameras,

@@ -16,7 +16,13 @@ from ..rasterizer import device_words
 from ..stages import STAGES
 from .chosen_models import add_sam_argument
 from .deprecated import add_deprecated_option
-from .scene_options import add_camera_options, add_device_option, add_no_objects_option, add_preset_option
+from .scene_options import (
+    add_camera_options,
+    add_device_option,
+    add_no_objects_option,
+    add_preset_option,
+    add_size_options,
+)
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
@@ -33,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--prompts", default="", help='objects to isolate at the end, e.g. "vase;bust"')
     add_preset_option(parser)
     add_device_option(parser)
+    add_size_options(parser)
     add_camera_options(parser)
     transients = parser.add_argument(
         "--transients",
@@ -72,6 +79,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         plan=PlanSettings(
             preset=options.preset,
             device=options.device,
+            max_gaussians=options.max_gaussians,
+            max_side=options.max_side,
             wants_objects=not options.no_objects,
             exclude_transients=options.transients,
         ),

@@ -13,6 +13,7 @@ __all__ = [
     "add_device_option",
     "add_no_objects_option",
     "add_preset_option",
+    "add_size_options",
     "describe_presets",
 ]
 
@@ -39,6 +40,22 @@ def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, d
         choices=("auto", "cpu", "gpu"),
         default=default,
         help=f"what to {what} on; auto: the graphics card if there is one that passes its self-test (see `doctor`)",
+    )
+
+
+def add_size_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--max-gaussians`` and ``--max-side``."""
+    parser.add_argument(
+        "--max-gaussians",
+        type=int,
+        metavar="N",
+        help="largest number of Gaussians on a graphics card, in place of the preset's; fewer if it does not hold them",
+    )
+    parser.add_argument(
+        "--max-side",
+        type=int,
+        metavar="PIXELS",
+        help="longest side of the pictures in training on a graphics card, in place of the preset's 1,600 pixels",
     )
 
 

@@ -60,6 +60,8 @@ class PlanSettings:
         Name of a training preset.
     device : {"auto", "cpu", "gpu"}
         What to train on. ``auto``: the graphics card if there is one that passes its self-test.
+    max_gaussians, max_side : int or None
+        Settings of training on a card in place of those of the preset; None for the preset's.
     wants_objects : bool
         Whether objects are to be isolated. Without objects, no masks are made and no features are trained.
     n_mask_photos : int
@@ -73,6 +75,8 @@ class PlanSettings:
 
     preset: str = "standard"  # by definition
     device: Wanted = "auto"  # by definition
+    max_gaussians: int | None = None  # by definition
+    max_side: int | None = None  # by definition
     wants_objects: bool = True  # by definition
     n_mask_photos: int = 28  # chosen on museum_room
     exclude_transients: bool = False  # chosen on museum_room
@@ -81,6 +85,15 @@ class PlanSettings:
     def __post_init__(self) -> None:
         require(self, "preset", self.preset in PRESETS, f"one of {', '.join(PRESETS)}")
         require(self, "n_mask_photos", self.n_mask_photos >= 1, "at least 1")
+        for name, least in (("max_gaussians", 1_000), ("max_side", 64)):
+            value = getattr(self, name)
+            require(self, name, value is None or value >= least, f"at least {least:,}")
+
+    @property
+    def wanted_sizes(self) -> dict[str, int]:
+        """Sizes on a card that the user asked for, by the name of the setting."""
+        wanted = {"max_gaussians": self.max_gaussians, "max_side": self.max_side}
+        return {name: value for name, value in wanted.items() if value is not None}
 
 
 @dataclass(frozen=True)

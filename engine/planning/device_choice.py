@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import EnvironmentProblem
+from ..errors import EnvironmentProblem, SettingsError
 from ..files import check
 from ..project_folder import ProjectFolder
 from ..rasterizer import Device
@@ -69,10 +69,18 @@ def choose_sizes(
     ------
     EnvironmentProblem
         If ``gpu`` is wanted and the card does not hold the scene.
+    SettingsError
+        If sizes are wanted that the device or the preset cannot have, or that the project was not begun with.
     """
+    wanted = settings.wanted_sizes
     if isinstance(device, TrainingDevice):
+        _require_kept(wanted, kept or {})
         return DeviceChoice(device, kept or {})
     if device.card is None:
+        if wanted and kept is None:
+            reason = f": {device.reason}" if device.reason else ""
+            raise SettingsError(f"{_options(wanted)} needs training on a graphics card, and none is used{reason}.")
+        _require_kept(wanted, kept or {})
         return DeviceChoice(TrainingDevice("cpu", "cpu", device.reason, kept=bool(kept)), kept or {})
     card, preset = device.card, settings.preset
     n_photos = len(photo_set.photos)
@@ -87,7 +95,9 @@ def choose_sizes(
         values = {"sh_degree": training.appearance.sh_degree, "width": width, "height": height}
         return training, {**values, "features": features, "n_photos": n_photos}
 
-    unbounded = sizes_on_card(preset, _UNBOUNDED)
+    unbounded = sizes_on_card(preset, _UNBOUNDED, wanted)
+    if wanted and not unbounded:
+        raise SettingsError(f"{_options(wanted)} cannot be used with the preset {preset}, whose sizes are fixed.")
     _, scene = on_card(unbounded if kept is None else kept)
     room = gaussians_that_fit(
         own_memory=card.memory,
@@ -95,8 +105,10 @@ def choose_sizes(
         max_buffer_bytes=card.max_buffer_bytes,
         **scene,
     )
-    chosen = sizes_on_card(preset, room)
+    chosen = sizes_on_card(preset, room, wanted)
     sizes = chosen if kept is None else kept
+    if dict(sizes) != chosen:
+        _require_kept(wanted, sizes)
     needed = PRESETS[preset].growth.max_gaussians if kept is None else on_card(kept)[0].growth.max_gaussians
     if room < needed:
         reason = (
@@ -117,6 +129,20 @@ def choose_sizes(
         kept=kept is not None and dict(kept) != chosen,
     )
     return DeviceChoice(planned, dict(sizes))
+
+
+def _require_kept(wanted: Mapping[str, int], kept: Mapping[str, int]) -> None:
+    """Raise an error if a project was begun with other sizes than are wanted."""
+    other = {name: value for name, value in wanted.items() if kept.get(name) != value}
+    if other:
+        raise SettingsError(
+            f"The training of this project was begun without {_options(other)} and keeps its sizes. Leave that out to "
+            "go on with them, or use a new folder."
+        )
+
+
+def _options(sizes: Mapping[str, int]) -> str:
+    return " ".join(f"--{name.replace('_', '-')} {value}" for name, value in sizes.items())
 
 
 def training_is_to_come(project: ProjectFolder, preset: str, *, photos_changed: bool) -> bool:

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 from ..settings import to_dict
 from .settings import PRESETS, TrainingSettings
 
 __all__ = ["CARD_SIZES", "CardSizes", "key_values", "settings_with_sizes", "sizes_on_card"]
+
+_NOTHING: Mapping[str, int] = MappingProxyType({})
 
 _ROUNDED_TO = 10_000  # by definition
 """Numbers of Gaussians that memory decides are multiples of this."""
@@ -52,7 +55,7 @@ CARD_SIZES: dict[str, CardSizes] = {
 """By the name of the preset. Presets that are not named here have their own sizes on a card too."""
 
 
-def sizes_on_card(preset: str, room: int) -> dict[str, int]:
+def sizes_on_card(preset: str, room: int, wanted: Mapping[str, int] = _NOTHING) -> dict[str, int]:
     """Return the settings that a preset has on a card in place of its own, by name; empty for none.
 
     Parameters
@@ -60,14 +63,17 @@ def sizes_on_card(preset: str, room: int) -> dict[str, int]:
     preset : str
     room : int
         Number of Gaussians that the card holds beside the photos.
+    wanted : mapping of str to int
+        ``max_gaussians`` and ``max_side`` that the user asked for.
     """
     sizes = CARD_SIZES.get(preset)
     if sizes is None:
         return {}
-    n = sizes.max_gaussians
+    n = wanted.get("max_gaussians", sizes.max_gaussians)
     if room < n:
         n = max(PRESETS[preset].growth.max_gaussians, room // _ROUNDED_TO * _ROUNDED_TO)
-    return {"steps": sizes.steps, "rounds": sizes.rounds, "max_side": sizes.max_side, "max_gaussians": n}
+    max_side = wanted.get("max_side", sizes.max_side)
+    return {"steps": sizes.steps, "rounds": sizes.rounds, "max_side": max_side, "max_gaussians": n}
 
 
 def settings_with_sizes(preset: str, sizes: Mapping[str, int], n_training: int) -> TrainingSettings:
@@ -88,13 +94,21 @@ def settings_with_sizes(preset: str, sizes: Mapping[str, int], n_training: int) 
         return base.for_photos(n_training)
     steps = sizes.get("steps", base.schedule.steps)
     interval = base.appearance.sh_interval * steps // base.schedule.steps
-    growth = {"grow_interval": max(1, steps // _GROWTHS), "grow_factor": _GROW_FACTOR}
+    growth = {"grow_interval": max(1, steps // _GROWTHS), "grow_factor": _grow_factor(preset, base, sizes)}
     settings = base.changed(**sizes, **growth, sh_interval=max(1, interval)).for_photos(n_training)
     if not (settings.appearance.sh_degree and settings.trial_steps(n_training)):
         return settings
     return settings.changed(
         sh_degree=_SH_DEGREE, sh_interval=max(1, steps // (_SH_DEGREE + 2)), trial_fraction=0.0, dropout=_DROPOUT
     )
+
+
+def _grow_factor(preset: str, base: TrainingSettings, sizes: Mapping[str, int]) -> float:
+    """Return the factor of a growth: `_GROW_FACTOR`, and so much more that more Gaussians are reached as early."""
+    own = CARD_SIZES[preset].max_gaussians if preset in CARD_SIZES else base.growth.max_gaussians
+    more = max(1.0, sizes.get("max_gaussians", own) / own)
+    n_growths = _GROWTHS * (base.growth.grow_until - base.growth.grow_from)
+    return min(2.0, _GROW_FACTOR * more ** (1.0 / n_growths))
 
 
 def key_values(settings: TrainingSettings) -> dict[str, Any]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from benchmarks.training.card import _file_name
+from types import SimpleNamespace
+from typing import Any
+
+from benchmarks.training.card import _file_name, _settings
 
 
 def test_long_runs_have_file_names_of_their_own_that_file_systems_take() -> None:
@@ -10,3 +13,18 @@ def test_long_runs_have_file_names_of_their_own_that_file_systems_take() -> None
     names = {_file_name(run) for run in runs}
     assert len(names) == 2 and all(len(name.encode()) < 200 for name in names)
     assert _file_name("3000:100000:dropout=0.1") == "3000_100000_dropout_0.1"
+
+
+def test_preset_is_trained_as_a_plan_for_so_many_photos_has_it_on_a_card() -> None:
+    views: Any = [SimpleNamespace(held_out=i % 8 == 4) for i in range(48)]
+    standard = _settings("standard:lr_means=8e-4", 3, views, "gpu")
+    assert (standard.schedule.steps, standard.growth.max_gaussians, standard.growth.grow_interval) == (
+        3_000,
+        100_000,
+        60,
+    )
+    assert (standard.optimiser.lr_means, standard.seed, standard.backend) == (8e-4, 3, "gpu")
+    best = _settings("best:rounds=100", 0, views, "gpu")
+    assert (best.schedule.steps, best.growth.grow_interval, best.appearance.sh_interval) == (4_200, 84, 840)
+    own = _settings("2000:50000:dropout=0.1", 0, views, "cpu")
+    assert (own.schedule.steps, own.growth.max_gaussians, own.loss.dropout) == (2_000, 50_000, 0.1)

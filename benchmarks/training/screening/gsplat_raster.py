@@ -18,7 +18,7 @@ from engine.rasterizer import cpu
 from engine.rasterizer.raster import RasterInputs
 from engine.training import loop, step, views
 
-__all__ = ["GpuTarget", "gsplat_in_training", "photometric_loss", "rasterize"]
+__all__ = ["GpuTarget", "gsplat_in_training", "photometric_loss", "rasterize", "ssim"]
 
 DEVICE = "cuda"
 
@@ -76,7 +76,12 @@ def rasterize(inputs: RasterInputs) -> SimpleNamespace:
 def photometric_loss(image: torch.Tensor, target: GpuTarget, *, lambda_dssim: float) -> torch.Tensor:
     """Return the loss of `engine.rasterizer.photometric_loss`, computed on the GPU."""
     x, y = (picture.permute(2, 0, 1)[None] for picture in (image.to(DEVICE), target.colors))
-    offsets = torch.arange(_WINDOW, device=DEVICE) - _WINDOW // 2
+    return ((1.0 - lambda_dssim) * (x - y).abs().mean() + lambda_dssim * (1.0 - ssim(x, y))).cpu()
+
+
+def ssim(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+    """Return the mean SSIM of two pictures [1, 3, H, W] on the same device."""
+    offsets = torch.arange(_WINDOW, device=x.device) - _WINDOW // 2
     weights = torch.exp(-(offsets**2) / (2 * _SIGMA**2))
     window = torch.outer(weights, weights) / weights.sum() ** 2
     maps = torch.cat([x, y, x * x, y * y, x * y], dim=1)
@@ -84,8 +89,7 @@ def photometric_loss(image: torch.Tensor, target: GpuTarget, *, lambda_dssim: fl
     mean_x, mean_y, xx, yy, xy = blurred.split(3, dim=1)
     covariance, variances = xy - mean_x * mean_y, xx + yy - mean_x**2 - mean_y**2
     similar = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
-    ssim = (similar / ((mean_x**2 + mean_y**2 + _C1) * (variances + _C2))).mean()
-    return ((1.0 - lambda_dssim) * (x - y).abs().mean() + lambda_dssim * (1.0 - ssim)).cpu()
+    return (similar / ((mean_x**2 + mean_y**2 + _C1) * (variances + _C2))).mean()
 
 
 @contextlib.contextmanager

@@ -66,3 +66,13 @@ def test_missing_photos_and_camera_models_are_one_sentence(
 ) -> None:
     assert "does not exist" in call(capsys, "plan", tmp_path / "nowhere").error
     assert "does not exist" in call(capsys, "plan", photos, "--cameras", tmp_path / "none.json").error
+
+
+def test_more_gaussians_are_for_graphics_cards(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sizes = ("--max-gaussians", "3000000", "--max-side", "1600", "--device", "cpu")
+    for command in (["plan", photos], ["reconstruct", photos, "--out", tmp_path / "scene"]):
+        refused = call(capsys, *command, *sizes)
+        assert refused.code == 2
+        assert "--max-gaussians 3000000 --max-side 1600 needs training on a graphics card" in refused.error

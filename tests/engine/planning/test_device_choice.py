@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from engine.cameras.settings import CameraSettings
-from engine.errors import EnvironmentProblem
+from engine.errors import EnvironmentProblem, SettingsError
 from engine.machine import Machine
 from engine.planning.calibration import REFERENCE, Calibration
 from engine.planning.decisions import PlanSettings, WorkPlan, plan_work, training_settings
@@ -47,8 +47,9 @@ def plan(
     wanted: str = "auto",
     n: int = 48,
     free: int | None = 16 * GIB,
+    **sizes: int,
 ) -> WorkPlan:
-    settings = PlanSettings(preset=preset, device=wanted)  # type: ignore[arg-type]
+    settings = PlanSettings(preset=preset, device=wanted, **sizes)  # type: ignore[arg-type]
     photo_set = photos(n, width=4000, height=3000)
     choice = choose_sizes(settings, photo_set, device, kept, free=free)
     return plan_work(photo_set, statistics(n), settings, cameras=CameraSettings(), poses_given=False, choice=choice)
@@ -95,7 +96,46 @@ def test_training_on_a_card_reaches_the_number_of_gaussians_also_with_few_photos
     schedule, n = Schedule(training, work.n_training, 1.0), 10_000
     for step in range(training.schedule.steps):
         n = schedule.gaussians_after_growth(step, n) if schedule.grows(step) else n
-    assert training.schedule.steps == work.steps < 4000 and n == training.growth.max_gaussians
+    assert training.schedule.steps == work.steps < PRESETS["best"].schedule.steps
+    assert n == training.growth.max_gaussians
+
+
+def test_user_may_ask_for_more_gaussians_and_larger_pictures_on_a_card() -> None:
+    work = plan(card(None, buffers=8 * GIB), "best", max_gaussians=3_000_000, max_side=3_000)
+    training = training_settings(work)
+    assert (work.max_gaussians, work.width, training.schedule.max_side) == (3_000_000, 3_000, 3_000)
+    schedule, n = Schedule(training, work.n_training, 1.0), 30_000
+    for step in range(training.schedule.steps):
+        n = schedule.gaussians_after_growth(step, n) if schedule.grows(step) else n
+    assert n == 3_000_000, "growth is fast enough"
+    small = plan(card(4 * GIB), "best", max_gaussians=3_000_000)
+    assert 300_000 < small.max_gaussians < 3_000_000 and small.device.limited
+    assert plan(card(None), "best", max_gaussians=50_000).max_gaussians == 50_000
+
+
+def test_sizes_that_cannot_be_had_are_refused_with_a_sentence() -> None:
+    with pytest.raises(
+        SettingsError, match=r"--max-gaussians 3000000 needs training on a graphics card.*there is none"
+    ):
+        plan(Device("cpu", "cpu", "there is none"), max_gaussians=3_000_000)
+    with pytest.raises(SettingsError, match="--max-side 900 cannot be used with the preset paper"):
+        plan(card(None), "paper", max_side=900)
+    with pytest.raises(SettingsError, match="at least 1,000, got 5"):
+        plan(card(None), max_gaussians=5)
+
+
+def test_wanted_sizes_of_a_begun_training_must_be_those_that_it_has() -> None:
+    begun = plan(card(None), max_gaussians=500_000)
+    kept = dict(begun.sizes)
+    assert plan(card(None), kept=kept, max_gaussians=500_000) == begun
+    elsewhere = plan(Device("cpu", "cpu", "there is none"), kept=kept, max_gaussians=500_000)
+    assert training_settings(elsewhere) == training_settings(begun)
+    for device in (card(None), Device("cpu", "cpu", "there is none"), begun.device):
+        with pytest.raises(SettingsError, match="begun without --max-gaussians 900000 and keeps its sizes"):
+            plan(device, kept=kept, max_gaussians=900_000)
+    # What a card's memory allowed is asked for again.
+    small = plan(card(4 * GIB), "best", max_gaussians=3_000_000)
+    assert plan(card(4 * GIB), "best", kept=dict(small.sizes), max_gaussians=3_000_000).sizes == small.sizes
 
 
 def test_plan_says_why_no_card_is_used(tmp_path: Path) -> None:
