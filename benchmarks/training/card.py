@@ -74,7 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one = commands.add_parser("document", help="put the table of all results into a document")
     one.add_argument("results", type=Path)
     one.add_argument("--doc", type=Path, required=True)
-    one.set_defaults(run=lambda options: put_into(options.doc, "on a card", table(options.results)))
+    one.add_argument("--table", default="on a card", help="name of the table in the document (default: %(default)s)")
+    one.set_defaults(run=lambda options: put_into(options.doc, options.table, table(options.results)))
     options = parser.parse_args(arguments)
     try:
         options.run(options)
