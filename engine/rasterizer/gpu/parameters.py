@@ -158,6 +158,8 @@ class GpuParameters:
                     encoder = device.create_command_encoder()
                     encoder.copy_buffer_to_buffer(old, 0, self.buffers[name], 0, old.size)
                     device.queue.submit([encoder.finish()])
+                    # Wait for the copy, so that the old buffer is freed before the next new one is made.
+                    device.queue.read_buffer(self.buffers[name], 0, 4)
 
     def geometry(self) -> dict[str, Float32]:
         """Return copies of means, quats, log_scales and opacity_logits."""

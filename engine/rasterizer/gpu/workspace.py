@@ -95,8 +95,11 @@ class Workspace:
             places[place] = max(16, n_bytes, places.get(place, 0))
         held = {name: one for name, one in {**self._pool, **self._shared}.items() if one.size >= places.get(name, 0)}
         new = {place: n_bytes for place, n_bytes in places.items() if place not in held}
-        for place in new:  # smaller ones are freed first
-            self._pool.pop(place, None)
+        smaller = [self._pool.pop(place) for place in new if place in self._pool]
+        if smaller:
+            # Freed before larger ones are made, which the driver does when the work that uses them is done: wait for it.
+            self.gpu.device.queue.read_buffer(smaller[0], 0, 4)
+            smaller.clear()
         self._check_memory(sum(new.values()))
         with translate_card_errors(self.gpu, SMALLER):
             for place, n_bytes in new.items():

@@ -129,6 +129,31 @@ def test_growth_makes_room_for_more_than_is_needed(opened_gpu: Gpu) -> None:
     assert trainer.parameters.room == 500
 
 
+def test_larger_buffers_are_made_when_the_card_is_done_with_the_smaller_ones(
+    opened_gpu: Gpu, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    create, read = opened_gpu.device.create_buffer, opened_gpu.device.queue.read_buffer
+    monkeypatch.setattr(opened_gpu.device, "create_buffer", lambda **given: (done.append("new"), create(**given))[1])
+    monkeypatch.setattr(opened_gpu.device.queue, "read_buffer", lambda *given: (done.append("wait"), read(*given))[1])
+    pool: dict[str, Any] = {}
+    for sizes, expected in (
+        ({"a": 64, "b": 64}, ["new", "new"]),
+        ({"a": 32, "b": 64}, []),
+        ({"a": 128, "b": 256, "c": 64}, ["wait", "new", "new", "new"]),
+    ):
+        done.clear()
+        Workspace(opened_gpu, "test", pool=pool).allocate(sizes)
+        assert done == expected
+    parameters = new_trainer(opened_gpu).parameters
+    before = parameters.geometry()
+    done.clear()
+    parameters.reserve(1_000)
+    assert done and done == ["new", "wait"] * (len(done) // 2)
+    after = parameters.geometry()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+
+
 @pytest.mark.parametrize("n_features", [0, 4])
 def test_what_earlier_steps_and_gaussians_left_in_buffers_changes_nothing(n_features: int, opened_gpu: Gpu) -> None:
     trainers = []
