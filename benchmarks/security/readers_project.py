@@ -350,7 +350,7 @@ def _write_embedding(folder: Path) -> None:
 
 def _make_looks(folder: Path) -> object:
     """Read the looks of proposals. Making them is the answer to a damaged file."""
-    from engine.objects import looks
+    from engine.objects import SegmentationContext, looks
     from engine.objects.graph import SceneGraph
     from engine.objects.settings import BETTER
 
@@ -364,14 +364,11 @@ def _make_looks(folder: Path) -> object:
 
     links, segments = csr_matrix(np.zeros((3, 3), np.float32)), csr_matrix(np.ones((3, 2), np.float32))
     graph = SceneGraph(links, segments, np.zeros(2, np.int32), np.arange(2, dtype=np.int32), ("a.jpg",))
-    views: Any = SimpleNamespace(scene=range(3))
-    others: Any = SimpleNamespace(name="detector")
+    others: Any = SimpleNamespace(name="detector", scene=SimpleNamespace(gaussians=SimpleNamespace(means=range(3))))
+    context = SegmentationContext(others, others, {}, BETTER, lambda: others, folder=folder, kept={"graph": graph})
     with mock.patch.object(looks, "build_looks", build):
         try:
-            return looks.load_or_build_looks(
-                folder / "groups.npz", views, graph, others, others, BETTER,
-                emit=lambda event: None, should_stop=lambda: False,
-            )  # fmt: skip
+            return looks.load_or_build_looks(context)
         except _NotStored:
             return None
 
@@ -464,7 +461,7 @@ PROJECT = (
     Reader("candidates-in-blender", _write_candidates, _show_candidates, ("objects/candidates.json",)),
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),
     Reader("embedding", _write_embedding, _encode, ("a.jpg.sam.npz",)),
-    Reader("groups", _make_looks, _make_looks, ("groups.npz",)),
+    Reader("groups", _make_looks, _make_looks, ("looks.npz",)),
     Reader("graph", _link_gaussians, _link_gaussians, ("graph.npz",)),
     Reader("calibration", lambda folder: _calibration(folder, again=False), _calibration, ("calibration.json",)),
 )

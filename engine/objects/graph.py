@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,34 +106,28 @@ class SceneGraph:
     def _degrees(self) -> Float32:
         return np.asarray(self._links.sum(axis=1), np.float32).ravel()
 
-    def solve(self, votes: Votes, strictness: float) -> Float32:
-        """Return the membership of each Gaussian in the object that `votes` show, in [0, 1], shape [N].
+    def solve(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
+        """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
 
         Parameters
         ----------
         votes : Votes
-        strictness : float
+            Of shape [N, K], or [N, 1] for one object at K values of `strictness`.
+        strictness : float or array of shape [K]
             Weight of a pixel beside the object relative to one inside of it, above 0. The membership of every Gaussian
             falls as it rises.
+        tolerance : float
+            Largest residual relative to the right-hand side.
 
         Notes
         -----
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
-        votes S for the object and B against it, and lambda the strictness.
-        """
-        return self.solve_each(Votes(votes.inside[:, None], votes.outside[:, None]), strictness)[:, 0]
-
-    def solve_each(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
-        """Return the memberships in K objects, [N, K], of votes of the same shape; `strictness` may be that of each.
-
-        `tolerance` is the largest residual relative to the right-hand side.
-
-        Conjugate gradients with the diagonal as preconditioner. SciPy's solve one system at a time, so that each step
-        reads all links for one object alone.
+        votes S for the object and B against it, and lambda the strictness, by conjugate gradients with the diagonal as
+        preconditioner. SciPy's solve one system at a time, so that each step reads all links for one object alone.
         """
         padding = ((0, len(self.photo)), (0, 0))
-        inside = np.pad(votes.inside.astype(np.float32), padding)
         against = np.pad((_BACKGROUND_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
+        inside = np.broadcast_to(np.pad(votes.inside.astype(np.float32), padding), against.shape)
         diagonal = self._degrees[:, None] + inside + against
         diagonal[diagonal <= 0] = 1
         solution: Float32 = np.zeros_like(inside)
@@ -173,10 +167,10 @@ class SceneGraph:
         )
         return np.asarray((self.segments @ photos).todense(), np.float32)
 
-    def votes_of(self, segment: int) -> Votes:
-        """Return the votes of a segment, a column of `segments`, for the Gaussians that it shows."""
-        inside = self._by_segment[:, segment].toarray().ravel().astype(np.float32)
-        return Votes(inside, self._by_photo[:, self.photo[segment]] - inside)
+    def votes_of(self, segments: NDArray[np.intp]) -> Votes:
+        """Return the votes, [N, K], of K segments, columns of `segments`, each for the Gaussians that it shows."""
+        inside = self._by_segment[:, segments].toarray().astype(np.float32)
+        return Votes(inside, self._by_photo[:, self.photo[segments]] - inside)
 
     def shown(self, sets: csr_matrix) -> Float32:
         """Return the pixels that show each of K sets of Gaussians, [K, N], in each of the P photos, [K, P]."""
@@ -202,7 +196,7 @@ def bounded(membership: Float32, means: Float32) -> Float32:
 
 
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
-    """Return the graph of a scene.
+    """Return the graph of a scene; raises `Cancelled` when `should_stop` returns True.
 
     Parameters
     ----------
@@ -212,11 +206,6 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
     n_views : int
         Largest number of photos whose segments take part.
     should_stop : callable
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
     """
     cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
@@ -294,24 +283,16 @@ _SPECS = {
 
 
 def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
-    arrays: dict[str, NDArray[np.generic]] = {
-        "photo": graph.photo,
-        "label": graph.label,
-        "photos": np.array(graph.photos, np.str_),
-    }
+    arrays = {"photo": graph.photo, "label": graph.label, "photos": np.array(graph.photos, np.str_)}
     for name in _MATRICES:
         matrix = getattr(graph, name)
-        arrays |= {
-            f"{name} values": matrix.data.astype(np.float32),
-            f"{name} columns": matrix.indices.astype(np.int32),
-            f"{name} rows": matrix.indptr.astype(np.int32),
-        }
-    return arrays
+        arrays |= {f"{name} values": matrix.data, f"{name} columns": matrix.indices, f"{name} rows": matrix.indptr}
+    return {name: array.astype(_SPECS[name].dtype, copy=False) for name, array in arrays.items()}
 
 
-def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGraph | None:
+def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | None:
     """Return the graph; None when the arrays are not its matrices."""
-    photo, photos = np.asarray(arrays["photo"], np.int32), tuple(str(name) for name in arrays["photos"])
+    photo, photos = arrays["photo"], tuple(arrays["photos"].tolist())
     matrices: dict[str, csr_matrix] = {}
     for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
         parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
@@ -320,9 +301,7 @@ def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGra
             matrices[name].check_format(full_check=True)
         except ValueError:
             return None
-    consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all()
-    usable = (
-        consecutive and photo.max(initial=-1) < len(photos) and all((one.data >= 0).all() for one in matrices.values())
-    )
-    label = np.asarray(arrays["label"], np.int32)
-    return SceneGraph(photo=photo, label=label, photos=photos, **matrices) if usable else None
+    consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
+    if not consecutive or any((one.data < 0).any() for one in matrices.values()):
+        return None
+    return SceneGraph(photo=photo, label=arrays["label"], photos=photos, **matrices)

@@ -41,12 +41,7 @@ _MAX_DISTANCE = 3.0  # chosen on museum_room, store_room
 def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
     """Return K nested groups of the Gaussians of a scene, bool [K, N]: two of them are nested or disjoint.
 
-    Parameters
-    ----------
-    views : Views
-        Views of a scene with features.
-    seed : int
-        Random seed of the sample.
+    `seed` is that of the sample.
 
     Notes
     -----

@@ -8,21 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..events import StopCheck
+from ..errors import PromptError
 from ..masks import mask_iou
 from .context import SegmentationContext
 from .graph import bounded
-from .settings import SegmentSettings
-from .views import MAX_OBJECT_EXTENT
+from .views import MAX_OBJECT_EXTENT, View, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
-__all__ = ["Levels", "lift", "lift_levels"]
+__all__ = ["FoundObject", "Levels", "fit_of", "isolate_object", "lift", "lift_levels", "overlap"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_LEVELS = (16.0, 4.0, 1.0, 0.25, 0.0625)  # by definition
+_STEP = 4.0  # by definition
+"""Ratio of the strictness of a level to that of the next larger one."""
+
+_LEVELS = _STEP ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
+
+_CHOSEN = 2  # by definition
+_OBJECT = _LEVELS[[_CHOSEN]]
+"""Which of these becomes the object."""
 
 _SAME_LEVEL_IOU = 0.9  # by definition
 """IoU above which two levels are the same."""
@@ -30,15 +36,7 @@ _SAME_LEVEL_IOU = 0.9  # by definition
 
 @dataclass(frozen=True)
 class Levels:
-    """Memberships from part to whole, each contained in the next.
-
-    Attributes
-    ----------
-    memberships : tuple of arrays of shape [N], float32
-        At least one.
-    chosen : int
-        Index of the level that becomes the object unless the user chooses another one.
-    """
+    """Memberships from part to whole, [N], float32, each contained in the next; `chosen` is the object for now."""
 
     memberships: tuple[Float32, ...]
     chosen: int = 0  # by definition
@@ -49,90 +47,124 @@ class Levels:
         return self.memberships[self.chosen]
 
 
-def lift(
-    context: SegmentationContext,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    *,
-    before: Float32 | None = None,
-    should_stop: StopCheck,
-) -> Float32:
+@dataclass(frozen=True)
+class FoundObject:
+    """An object before it is stored.
+
+    Attributes
+    ----------
+    levels : Levels
+        The object, and smaller and larger versions of it.
+    score : float
+        See `ObjectRecord.score`.
+    fit : float
+        IoU with the best mask of `evidence` in its view.
+    evidence : tuple of MaskEvidence
+        Masks that show the object, the best first.
+    name : str
+        Name suggested by the detector; may be empty.
+    """
+
+    levels: Levels
+    score: float = 1.0  # by definition
+    fit: float = 1.0  # by definition
+    evidence: tuple[MaskEvidence, ...] = ()
+    name: str = ""
+
+    @property
+    def membership(self) -> Float32:
+        """Membership of each Gaussian, in [0, 1], shape [N]."""
+        return self.levels.membership
+
+    @property
+    def members(self) -> Mask:
+        """Gaussians that belong to the object, bool [N]."""
+        return self.membership >= THRESHOLD
+
+
+def fit_of(views: Views, view: View, mask: Mask, members: Mask) -> float:
+    """Return the IoU of a mask with the members, bool [N], rendered in the same view."""
+    return mask_iou(views.visible_share(view, members) > THRESHOLD, mask)
+
+
+def overlap(first: Mask, second: Mask) -> float:
+    """Return the number of common Gaussians of two objects, bool [N], as a share of the smaller one."""
+    smaller = min(int(first.sum()), int(second.sum()))
+    return int((first & second).sum()) / smaller if smaller else 0.0
+
+
+def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> FoundObject:
+    """Return the object that all of `evidence` shows, in which at least one mask is not excluded.
+
+    Raises `PromptError` when no Gaussian lies behind the masks, or the excluded ones leave none, and `Cancelled` when
+    the user stops.
+    """
+    context.check_stop()
+    shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
+    # A mask drawn by the user is the whole object.
+    levels = Levels((lift(context, evidence),)) if shown[0].given else lift_levels(context, evidence)
+    members = levels.membership >= THRESHOLD
+    if not members.any():
+        raise nothing_left() if any(item.excluded for item in evidence) else nothing_behind()
+    fit = fit_of(context.views, shown[0].view, shown[0].mask, members)
+    return FoundObject(levels, shown[0].score, fit, tuple(shown))
+
+
+def nothing_behind() -> PromptError:
+    """Return the error for evidence that shows no Gaussian."""
+    return PromptError(
+        "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
+    )
+
+
+def nothing_left() -> PromptError:
+    """Return the error for excluded evidence that leaves no Gaussian."""
+    return PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
+
+
+def lift(context: SegmentationContext, evidence: Sequence[MaskEvidence], *, before: Float32 | None = None) -> Float32:
     """Return the membership, [N], in the object that `evidence` shows; there may be no members.
 
-    Several masks show one object together, even where no mask shows all of it.
-
-    Parameters
-    ----------
-    context : SegmentationContext
-    evidence : sequence of MaskEvidence
-    settings : SegmentSettings
-        `strictness` and `n_vote_views`.
-    before : array of shape [N], optional
-        Membership that the evidence corrects.
-    should_stop : callable
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
+    Several masks show one object together, even where no mask shows all of it. With `before`, the evidence adds to this
+    membership and removes from it. Raises `Cancelled` when the user stops.
     """
     if before is None:
-        return _solve(context, evidence, settings, (1.0,), should_stop)[0]
+        return _solve(context, evidence, _OBJECT)[0]
     added, removed = (
-        _union(context, [item for item in evidence if item.excluded == kind], settings, (1.0,), should_stop)[0]
-        for kind in (False, True)
+        _union(context, [item for item in evidence if item.excluded == kind], _OBJECT)[0] for kind in (False, True)
     )
     return np.minimum(np.maximum(before, added), 1 - removed)
 
 
-def lift_levels(
-    context: SegmentationContext, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
-) -> Levels:
-    """Return the object of `lift` with clearly smaller and larger versions; parameters and errors as there.
+def lift_levels(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> Levels:
+    """Return the object of `lift` with clearly smaller and larger versions.
 
     The membership falls as the strictness rises, so that each level contains those of higher strictness.
     """
-    solved = _solve(context, evidence, settings, _LEVELS, should_stop)
     # Rounding must not let a level leave the next one.
-    solved = list(np.maximum.accumulate(solved))
-    chosen = _LEVELS.index(1.0)
-    kept = [chosen]
-    for number in sorted(range(len(_LEVELS)), key=lambda number: abs(number - chosen)):
+    solved = list(np.maximum.accumulate(_solve(context, evidence, _LEVELS)))
+    kept = [_CHOSEN]
+    for number in sorted(range(len(solved)), key=lambda number: abs(number - _CHOSEN)):
         members = solved[number] >= THRESHOLD
         same = any(mask_iou(members, solved[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
         if members.any() and not same and context.views.extent(members) <= MAX_OBJECT_EXTENT:
             kept.append(number)
-    return Levels(tuple(solved[number] for number in sorted(kept)), sorted(kept).index(chosen))
+    return Levels(tuple(solved[number] for number in sorted(kept)), sorted(kept).index(_CHOSEN))
 
 
-def _solve(
-    context: SegmentationContext,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    factors: Sequence[float],
-    should_stop: StopCheck,
-) -> list[Float32]:
+def _solve(context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32) -> list[Float32]:
     """Return the membership for each factor of the strictness: in what any mask shows, without what is excluded."""
-    shown = [item for item in evidence if not item.excluded]
-    removed = _union(context, [item for item in evidence if item.excluded], settings, (1.0,), should_stop)[0]
-    solved = _union(context, shown, settings, factors, should_stop)
-    means = context.views.scene.gaussians.means
-    return [bounded(np.minimum(membership, 1 - removed), means) for membership in solved]
+    removed = _union(context, [item for item in evidence if item.excluded], _OBJECT)[0]
+    solved = _union(context, [item for item in evidence if not item.excluded], factors)
+    return [bounded(np.minimum(membership, 1 - removed), context.means) for membership in solved]
 
 
-def _union(
-    context: SegmentationContext,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    factors: Sequence[float],
-    should_stop: StopCheck,
-) -> list[Float32]:
-    """Return the largest membership over the masks for each factor of the strictness."""
-    graph = context.graph(settings, should_stop)
-    strictness = settings.strictness * np.array(factors, np.float32)
+def _union(context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32) -> Float32:
+    """Return the largest membership over the masks for each factor of the strictness, [K, N]."""
+    graph = context.graph
     highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
     for item in evidence:
         votes = count_votes(context.views, item, graph.pixels)
-        repeated = (np.repeat(each[:, None], len(factors), axis=1) for each in (votes.inside, votes.outside))
-        highest = np.maximum(highest, graph.solve_each(Votes(*repeated), strictness).T)
-    return list(highest)
+        column = Votes(votes.inside[:, None], votes.outside[:, None])
+        highest = np.maximum(highest, graph.solve(column, context.settings.strictness * factors).T)
+    return highest

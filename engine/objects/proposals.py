@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 from scipy.special import expit
 
-from ..errors import Cancelled
-from ..events import Emit, Progress, StopCheck
+from .context import SegmentationContext
 from .graph import SceneGraph, bounded
 from .groups import build_groups
-from .views import Views
 from .votes import THRESHOLD, Votes, votes_of_known
 
 __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
@@ -68,7 +66,7 @@ class Proposals:
     members : bool array of shape [K, N]
         They may overlap: a part and its whole are two proposals.
     probability : array of shape [K], float32
-        Of being an object, at least `LEAST_PROBABILITY`.
+        Of being an object, at least `LEAST_PROBABILITY`, in descending order.
     like : int32 array of shape [K]
         A likelier proposal that looks the same, or the proposal itself.
     shown : array of shape [K, P], float32
@@ -81,24 +79,10 @@ class Proposals:
     shown: Float32
 
 
-def find_proposals(
-    views: Views, graph: SceneGraph, strictness: float, *, emit: Emit, should_stop: StopCheck
-) -> Proposals:
+def find_proposals(context: SegmentationContext) -> Proposals:
     """Return the proposals of a scene: each segment of each photo, and each group, solved like a mask.
 
-    Parameters
-    ----------
-    views : Views
-    graph : SceneGraph
-    strictness : float
-        As in `SceneGraph.solve`.
-    emit, should_stop
-        See `engine.events`.
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
+    Raises `Cancelled` when the user stops.
 
     Notes
     -----
@@ -108,8 +92,9 @@ def find_proposals(
 
         1.4 ln(links / leaving) - 0.9 ln(extent / 0.15)^2 + 1.7 mean IoU - 4.2
     """
-    segments, groups = _large_segments(graph), build_groups(views)
-    solved, kept = _solved(views, graph, segments, groups, strictness, emit, should_stop)
+    views, graph = context.views, context.graph
+    segments = _large_segments(graph)
+    solved, kept = _solved(context, segments, build_groups(views))
     of_segments = kept < len(segments)
     agreement_of = _Agreement(graph, solved[of_segments], graph.photo[segments[kept[of_segments]]])
     shown = graph.shown(solved)
@@ -183,38 +168,27 @@ def _large_segments(graph: SceneGraph) -> NDArray[np.intp]:
 
 
 def _solved(
-    views: Views,
-    graph: SceneGraph,
-    segments: NDArray[np.intp],
-    groups: Mask,
-    strictness: float,
-    emit: Emit,
-    should_stop: StopCheck,
+    context: SegmentationContext, segments: NDArray[np.intp], groups: Mask
 ) -> tuple[csr_matrix, NDArray[np.intp]]:
     """Return the Gaussians that segments and groups lead to, [K, N], without empty sets, and the number of each."""
-    count, means = len(segments) + len(groups), views.scene.gaussians.means
+    graph, count = context.graph, len(segments) + len(groups)
 
     def solved(start: int) -> csr_matrix:
-        if should_stop():
-            raise Cancelled("Stopped while looking for what may be an object; no object was stored.")
-        votes = [
-            graph.votes_of(segments[k])
-            if k < len(segments)
-            else votes_of_known(groups[k - len(segments)], graph.pixels)
-            for k in range(start, min(start + _SOLVED_TOGETHER, count))
-        ]
-        together = Votes(np.stack([one.inside for one in votes], 1), np.stack([one.outside for one in votes], 1))
-        memberships = graph.solve_each(together, strictness, tolerance=_TOLERANCE).T
-        members = np.stack([bounded(membership, means) for membership in memberships]) >= THRESHOLD
+        context.check_stop()
+        stop, passed = start + _SOLVED_TOGETHER, len(segments)
+        together = groups[max(0, start - passed) : max(0, stop - passed)].T
+        votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
+        both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
+        memberships = graph.solve(both, context.settings.strictness, tolerance=_TOLERANCE).T
+        members = np.stack([bounded(membership, context.means) for membership in memberships]) >= THRESHOLD
         return csr_matrix(members, dtype=np.float32)
 
-    rows = [csr_matrix((0, len(means)), dtype=np.float32)]
+    rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for part in pool.map(solved, range(0, count, _SOLVED_TOGETHER)):
             rows.append(part)
-            done = min((len(rows) - 1) * _SOLVED_TOGETHER, count)
-            emit(Progress("objects", done / count, message="Looking for objects"))
+            context.tell(min((len(rows) - 1) * _SOLVED_TOGETHER / count, 1), "Looking for objects")
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept

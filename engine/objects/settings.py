@@ -8,6 +8,9 @@ from ..settings import require
 
 __all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "PaperSettings", "SegmentSettings"]
 
+_LEAST_SIDE = 16  # by definition
+"""Smallest side of a picture in pixels."""
+
 
 @dataclass(frozen=True)
 class SegmentSettings:
@@ -57,16 +60,14 @@ class SegmentSettings:
     polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        require(self, "n_text_views", self.n_text_views >= 1, "at least 1")
-        require(self, "photo_side", self.photo_side >= 64, "at least 64")
-        require(self, "render_side", self.render_side >= 16, "at least 16")
-        require(self, "n_vote_views", self.n_vote_views >= 1, "at least 1")
+        for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):
+            require(self, name, getattr(self, name) >= 1, "at least 1")
+        for name in ("photo_side", "render_side"):
+            require(self, name, getattr(self, name) >= _LEAST_SIDE, f"at least {_LEAST_SIDE}")
+        for name in ("least_score", "relative_score"):
+            require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")
         require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
-        require(self, "n_crop_views", self.n_crop_views >= 1, "at least 1")
-        require(self, "least_score", 0 <= self.least_score <= 1, "between 0 and 1")
-        require(self, "relative_score", 0 <= self.relative_score <= 1, "between 0 and 1")
-        require(self, "max_objects", self.max_objects >= 1, "at least 1")
         require(self, "polish_steps", self.polish_steps >= 0, "at least 0")
 
 

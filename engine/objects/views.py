@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import cv2
@@ -15,7 +15,7 @@ from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 
-__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "spread_cameras"]
+__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -32,6 +32,9 @@ _LEAST_UNIT = 0.4  # by definition
 
 _SETS_PER_PASS = 60  # by definition
 """Sets of Gaussians rendered in one pass. More need more memory and give the same masks."""
+
+_INNER = (5, 50, 95)  # by definition
+"""Percentiles of the positions of a set of Gaussians along an axis: where it begins, its middle, and where it ends."""
 
 
 @dataclass(frozen=True)
@@ -73,32 +76,24 @@ class View:
         return np.asarray(distorted > THRESHOLD)
 
 
+@dataclass
 class Views:
-    """Views of one scene, each rendered at its first use.
+    """Views of one scene, each rendered at its first use; raises `ObjectError` when the scene has no features.
 
-    Parameters
-    ----------
-    scene : Scene
-    cameras : CameraSet
-    render_side : int
-        Longer side of the frames in pixels.
-
-    Raises
-    ------
-    ObjectError
-        When the scene has no features.
+    `render_side` is the longer side of the frames in pixels.
     """
 
-    def __init__(self, scene: Scene, cameras: CameraSet, *, render_side: int) -> None:
-        if scene.gaussians.features is None:
+    scene: Scene
+    cameras: CameraSet
+    render_side: int
+    _views: dict[str, View] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.scene.gaussians.features is None:
             raise ObjectError(
                 "This scene was trained without segmentation features, so no object can be isolated. "
                 "Reconstruct it again with objects wanted."
             )
-        self.scene = scene
-        self.cameras = cameras
-        self.render_side = render_side
-        self._views: dict[str, View] = {}
 
     @property
     def directions(self) -> Float32:
@@ -123,8 +118,8 @@ class Views:
         if camera.photo not in self._views:
             frame = covering_pinhole(camera, max_side=self.render_side)
             rendered = self.scene.render(frame, channels=self.scene.gaussians.features)
-            small = np.ones((max(1, camera.height // 8), max(1, camera.width // 8)), np.uint8)
-            within = np.asarray(undistort(small, camera, frame, interpolation="nearest")) > 0
+            photo = np.ones((frame.height, frame.width), np.uint8)
+            within = np.asarray(undistort(photo, camera, frame, interpolation="nearest")) > 0
             covered = (rendered.alpha > THRESHOLD) & within
             self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
         return self._views[camera.photo]
@@ -150,18 +145,20 @@ class Views:
             yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
 
     def extent(self, members: Mask) -> float:
-        """Return the longest side of a box around the members, bool [N], relative to `length_unit`; 0 for none.
-
-        The box leaves out a twentieth of them at each end.
-        """
+        """Return the longest side of the `inner_box` of the members, bool [N], in `length_unit`; 0 for none."""
         if not members.any():
             return 0.0
-        low, high = np.percentile(self.scene.gaussians.means[members], [5, 95], axis=0)
+        low, _, high = inner_box(self.scene.gaussians.means[members])
         return float((high - low).max() / self.length_unit)
 
     def facing(self, point: NDArray[np.floating]) -> list[Camera]:
         """Return the cameras whose photo contains the world point [3]."""
         return [camera for camera in self.cameras.cameras if is_point_visible(camera, point)]
+
+
+def inner_box(means: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return low, middle and high corner, [3, 3], of n > 0 positions, [n, 3], without a twentieth at each end."""
+    return np.percentile(means, _INNER, axis=0)
 
 
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
@@ -185,9 +182,9 @@ def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
 def erode_mask(mask: Mask, pixels: int) -> Mask:
     """Return `mask` with up to `pixels` removed along its border: fewer where nothing would be left."""
-    kernel = np.ones((3, 3), np.uint8)
     for times in range(pixels, 0, -1):
-        smaller = cv2.erode(mask.astype(np.uint8), kernel, iterations=times, borderType=cv2.BORDER_REPLICATE) > 0
+        # Without a kernel, OpenCV takes the pixel and its 8 neighbours.
+        smaller = cv2.erode(mask.astype(np.uint8), None, iterations=times, borderType=cv2.BORDER_REPLICATE) > 0
         if smaller.any():
             return np.asarray(smaller)
     return mask

@@ -28,8 +28,8 @@ class MaskEvidence:
     mask : bool array of shape [h, w]
         In the frame of `view`. All other pixels of the photo show something else.
     score : float
-        Confidence, 0 to 1: of the detector for a text, SAM's estimate of its IoU for a click or a box, 1 for a given
-        mask.
+        Confidence, 0 to 1: of the detector for a text, SAM's estimate of its IoU for a click or a box, 1 for a mask
+        that the user drew.
     given : bool
         The user drew the mask, so it shows the whole object.
     excluded : bool
@@ -56,14 +56,9 @@ class Votes:
 
 
 def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
-    """Return the votes of a mask; a pixel votes with the blending weights of its Gaussians.
+    """Return the votes of a mask: a pixel votes with the blending weights of its Gaussians.
 
-    Parameters
-    ----------
-    views : Views
-    item : MaskEvidence
-    pixels : array of shape [N], float32
-        Pixels with which each Gaussian votes where the members are known.
+    `pixels`, [N], are those with which each Gaussian votes where the members are known.
     """
     masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
     inside, outside = views.scene.votes(item.view.frame, masks).T
@@ -73,8 +68,5 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
 
 
 def votes_of_known(members: Mask, pixels: Float32, *, undecided: Mask | bool = False) -> Votes:
-    """Return the votes of known members, bool [N]: against the object are all others but those `undecided`.
-
-    `pixels` are as in `count_votes`.
-    """
+    """Return the votes of known members, bool [N], with `pixels` each; all others but `undecided` vote against."""
     return Votes(members * pixels, ~(members | undecided) * pixels)

@@ -1,0 +1,391 @@
+"""The objects of a trained project: isolated, corrected and stored."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import ObjectError, PromptError
+from ..events import Emit, StopCheck, Warned
+from ..project_folder import ProjectFolder
+from ..provenance import describe_run
+from ..rasterizer import PROCESSOR, Device
+from ..records import ObjectRecord, new_id, new_name
+from ..scene import Camera, PinholeCamera, Polished
+from ..settings import to_dict
+from .candidate_file import forget_candidates, load_candidate, remember_candidates
+from .context import DetectorFactory, SegmentationContext, load_context
+from .evidence import evidence_of_clicks, evidence_of_exclusions
+from .lifting import FoundObject, Levels, isolate_object, lift, overlap
+from .photos import SamFactory
+from .polishing import polish_each
+from .prompts import (
+    MaskPrompt,
+    Point,
+    Prompt,
+    TextPrompt,
+    camera_of_prompt,
+    describe_points,
+    describe_prompt,
+    load_mask,
+)
+from .segment import NoMatchError, find_everything, find_objects
+from .settings import SegmentSettings
+from .storage import (
+    list_objects,
+    load_fitting_membership,
+    load_levels,
+    load_membership,
+    load_object,
+    save_object,
+    taken_ids,
+)
+from .trash import delete_object, keep_version
+from .votes import BELOW_HALF, THRESHOLD, MaskEvidence
+
+__all__ = ["BACKGROUND", "Segmenter", "TextResult"]
+
+BACKGROUND = "background"
+"""Prompt kind, name and id of the background."""
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_MIN_REMAINING_SHARE = 0.05  # chosen on museum_room
+"""Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""
+
+_DECIMALS = 4  # by definition
+"""Of scores and seconds in records."""
+
+
+@dataclass(frozen=True)
+class TextResult:
+    """Objects found for one text, the best first, or the reason why there are none."""
+
+    text: str
+    records: tuple[ObjectRecord, ...] = ()
+    refusal: str = ""
+
+
+@dataclass(frozen=True)
+class Segmenter:
+    """Isolates, corrects and stores the objects of a trained project.
+
+    All methods raise `HeritageError` when a part of the project is missing or damaged, and `Cancelled`, with nothing
+    stored, when `should_stop` returns True.
+
+    Parameters
+    ----------
+    project : ProjectFolder
+        Open for writing.
+    settings : SegmentSettings
+    detector_factory, sam_factory : callable
+        Called when their model is first needed.
+    emit, should_stop
+        See `engine.events`.
+    device : Device
+        What renders the views and counts the votes.
+    """
+
+    project: ProjectFolder
+    settings: SegmentSettings
+    detector_factory: DetectorFactory
+    sam_factory: SamFactory
+    emit: Emit
+    should_stop: StopCheck
+    device: Device = PROCESSOR
+
+    @cached_property
+    def context(self) -> SegmentationContext:
+        """The scene, which all prompts share."""
+        return load_context(
+            self.project, self.settings, self.detector_factory, self.sam_factory,
+            device=self.device, emit=self.emit, should_stop=self.should_stop,
+        )  # fmt: skip
+
+    def segment(self, prompt: Prompt, name: str) -> list[ObjectRecord]:
+        """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
+
+        Raises `PromptError` when no object was found. The nearest candidates of a text are then stored
+        (`engine.objects.candidate_file`).
+        """
+        return self._segment(self.context, prompt, name)
+
+    def segment_texts(
+        self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
+    ) -> tuple[list[ObjectRecord], dict[str, str]]:
+        """Store the objects of several texts.
+
+        Parameters
+        ----------
+        texts : sequence of str
+        name : str or None
+            Name of the objects; by default each is named after its text.
+        camera : Camera or PinholeCamera, optional
+            Where the user looks from, for left and right.
+
+        Returns
+        -------
+        list of ObjectRecord
+        dict of str to str
+            Refused texts with the reason, which is also emitted as a warning.
+
+        Raises
+        ------
+        PromptError
+            If every text is refused.
+        """
+        forget_candidates(self.project.path)
+        results = list(self.segment_each_text({text: name or text for text in texts}, camera=camera))
+        records = [record for result in results for record in result.records]
+        refused = {result.text: result.refusal for result in results if result.refusal}
+        if not records:
+            raise PromptError(" ".join(refused.values()))
+        for message in refused.values():
+            self.emit(Warned(message))
+        return records, refused
+
+    def segment_each_text(
+        self,
+        names: Mapping[str, str],
+        *,
+        skip: Collection[str] = (),
+        again: Mapping[str, Sequence[str | None]] | None = None,
+        camera: Camera | PinholeCamera | None = None,
+    ) -> Iterator[TextResult]:
+        """Store the objects of each text, and yield its result then. A refused text does not end the others.
+
+        Parameters
+        ----------
+        names : mapping of str to str
+            Name of the objects by text.
+        skip : collection of str
+            Texts that were segmented before, e.g. in a run that was killed. They yield nothing.
+        again : mapping of str to sequence of (str or None), optional
+            By text: ids of its objects that are made again, in the order of an earlier run; each keeps its id and name.
+            None stands for one that is not stored.
+        camera : Camera or PinholeCamera, optional
+            As in `segment_texts`.
+        """
+        for number, (text, name) in enumerate(names.items()):
+            if text in skip:
+                continue
+            context = self.context.part(number, len(names))
+            try:
+                records = self._segment(context, TextPrompt(text, camera), name, (again or {}).get(text, ()))
+            except PromptError as error:
+                yield TextResult(text, refusal=str(error))
+            else:
+                yield TextResult(text, tuple(records))
+
+    def accept_candidate(self, number: int, name: str | None) -> list[ObjectRecord]:
+        """Store a candidate of a refused text that the user accepted, by default named after the text.
+
+        Raises `PromptError` if there is no candidate `number` in `engine.objects.candidate_file.CANDIDATES`.
+        """
+        started = time.perf_counter()
+        candidate = load_candidate(self.project.path, number)
+        camera = camera_of_prompt(MaskPrompt(candidate.photo, candidate.mask), self.context.views.cameras)
+        view = self.context.views.of(camera)
+        evidence = MaskEvidence(view, view.from_photo(load_mask(candidate.mask, camera)), candidate.score)
+        found = isolate_object(self.context, [evidence])
+        asked = {
+            **describe_prompt(TextPrompt(candidate.text)),
+            "detector": self.context.detector.name,
+            "accepted": True,
+        }
+        return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)
+
+    def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
+        """Correct a stored object by clicks on what to add, and on what to remove; at least one.
+
+        The object keeps its id and name. Its levels are removed, because they were versions of the old object, which is
+        copied to the trash.
+
+        Raises `ObjectError` if there is no such object or it belongs to an earlier training, and `PromptError` if a
+        click hits no Gaussian or nothing of the object would remain.
+        """
+        record, context = load_object(self.project.path, name), self.context
+        membership = load_fitting_membership(self.project.path, record, len(context.means))
+        before = int((membership >= record.threshold).sum())
+        evidence = evidence_of_exclusions(excluded, clicks, context) + evidence_of_clicks(clicks, context)
+        membership = lift(context, evidence, before=membership)
+        members = membership >= record.threshold
+        if members.sum() < max(1.0, _MIN_REMAINING_SHARE * before):
+            raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
+        correction = {"clicks": describe_points(clicks), "not": describe_points(excluded)}
+        (polished,) = self._polished(context, [members])
+        keep_version(self.project, record.id, why="corrected")
+        changed = replace(
+            record, n_gaussians=int(members.sum()), level=0, levels=(), refined=(*record.refined, correction)
+        )
+        save_object(self.project.path, changed, membership, polished=polished)
+        return changed
+
+    def choose_level(self, name: str, level: int) -> ObjectRecord:
+        """Replace a stored object by its level number `level`; 0 is the smallest part.
+
+        Raises `ObjectError` if there is no such object or level, or it belongs to an earlier training.
+        """
+        record = load_object(self.project.path, name)
+        levels = load_levels(self.project.path, record.id)
+        if not 0 <= level < len(levels):
+            available = "only one level" if len(levels) == 1 else f"levels 0 to {len(levels) - 1}"
+            raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
+        if not record.levels:
+            return record
+        members = levels[level] >= record.threshold
+        load_fitting_membership(self.project.path, record, len(self.context.means))
+        (polished,) = self._polished(self.context, [members])
+        changed = replace(record, level=level, n_gaussians=int(members.sum()))
+        save_object(self.project.path, changed, levels[level], levels=list(levels), polished=polished)
+        return changed
+
+    def segment_everything(self) -> tuple[list[ObjectRecord], list[str], ObjectRecord]:
+        """Store every object of the scene that is not stored yet, and the background.
+
+        Returns
+        -------
+        list of ObjectRecord
+            The new objects, in descending order of score.
+        list of str
+            Ids of existing objects that were found again. They stay unchanged.
+        ObjectRecord
+            The background.
+
+        Raises
+        ------
+        PromptError
+            If the scene contains nothing but background.
+        """
+        started = time.perf_counter()
+        found = find_everything(self.context.part(0, 2))
+        existing = self._memberships(len(self.context.means))
+        if not found and not existing:
+            raise PromptError("No object was found in front of the background of this scene. Click on an object.")
+        numbered = [replace(item, name=item.name or f"object {number}") for number, item in enumerate(found, 1)]
+        same = {
+            number: [
+                key
+                for key, other in existing.items()
+                if overlap(item.members, other >= THRESHOLD) > self.settings.same_object
+            ]
+            for number, item in enumerate(numbered)
+        }
+        new = [item for number, item in enumerate(numbered) if not same[number]]
+        records = self._store(self.context.part(1, 2), new, {"kind": "all"}, "", started)
+        kept = list(dict.fromkeys(key for keys in same.values() for key in keys))
+        return records, kept, self.store_background()
+
+    def store_background(self) -> ObjectRecord:
+        """Store the Gaussians that belong to no object as one more; an earlier background goes to the trash.
+
+        Raises `ObjectError` if the scene has no objects.
+        """
+        from ..gaussians import load_gaussians
+
+        started = time.perf_counter()
+        self.project.require_intact("training")
+        memberships = self._memberships(len(load_gaussians(self.project.path / "gaussians")))
+        if not memberships:
+            raise ObjectError(
+                "This scene has no objects yet, so everything would be background. Isolate one, or use --all."
+            )
+        highest = np.maximum.reduce(list(memberships.values()))
+        # 1 - m. At exactly 0.5 a Gaussian belongs to the object only, never to both.
+        membership = np.where(highest >= THRESHOLD, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
+        for record in list_objects(self.project.path):
+            if record.prompt.get("kind") == BACKGROUND:
+                delete_object(self.project, record.id, why="replaced by a new background")
+        background = FoundObject(Levels((membership.astype(np.float32),)))
+        record = self._record(background, {"kind": BACKGROUND}, BACKGROUND, started)
+        save_object(self.project.path, record, background.membership)
+        return record
+
+    def _segment(
+        self, context: SegmentationContext, prompt: Prompt, name: str, again: Sequence[str | None] = ()
+    ) -> list[ObjectRecord]:
+        started, asked = time.perf_counter(), describe_prompt(prompt)
+        try:
+            found = find_objects(context.part(0, 2), prompt)
+        except PromptError as error:
+            if isinstance(prompt, TextPrompt):
+                nearest = error.candidates if isinstance(error, NoMatchError) else ()
+                remember_candidates(self.project.path, prompt.text, str(error), nearest, context.photos)
+            raise PromptError(str(error)) from error
+        if isinstance(prompt, TextPrompt):
+            asked = {**asked, "detector": context.detector.name}
+        return self._store(context.part(1, 2), found, asked, name, started, again)
+
+    def _store(
+        self,
+        context: SegmentationContext,
+        found: Sequence[FoundObject],
+        prompt: dict[str, Any],
+        name: str,
+        started: float,
+        again: Sequence[str | None] = (),
+    ) -> list[ObjectRecord]:
+        """Polish objects, store each under a name of its own and return their records."""
+        ids: Sequence[str | None] = again or [None] * len(found)
+        if again:
+            pairs = [(item, known) for item, known in zip(found, again, strict=False) if known is not None]
+            found, ids = [item for item, _ in pairs], [known for _, known in pairs]
+        names = {record.id: record.name for record in list_objects(self.project.path)}
+        # All objects are polished before the first is stored, so that a cancelled prompt stores none.
+        each = self._polished(context, [item.members for item in found])
+        records = []
+        for item, known, polished in zip(found, ids, each, strict=True):
+            record = self._record(item, prompt, item.name or name, started)
+            if known is not None:
+                record = replace(record, id=known, name=names.get(known, record.name))
+            previews = [("seed", best.view.to_photo(best.mask)) for best in item.evidence[:1]]
+            levels = item.levels.memberships
+            save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
+            records.append(record)
+        return records
+
+    def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:
+        return polish_each(context.views, members, self.settings, emit=context.emit, should_stop=context.should_stop)
+
+    def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
+        """Return the record of a new object, with an id and a name that no other object of the project has."""
+        counts = [int((level >= THRESHOLD).sum()) for level in item.levels.memberships]
+        several = len(counts) > 1
+        path = self.project.path
+        return ObjectRecord(
+            id=new_id(name, taken_ids(path)),
+            name=new_name(name, [record.name for record in list_objects(path)]),
+            prompt=prompt,
+            threshold=THRESHOLD,
+            score=round(item.score, _DECIMALS),
+            fit=round(item.fit, _DECIMALS),
+            n_gaussians=counts[item.levels.chosen],
+            n_scene_gaussians=len(item.membership),
+            evidence=tuple(
+                {"photo": one.view.camera.photo, "score": round(one.score, _DECIMALS)} for one in item.evidence
+            ),
+            settings=to_dict(self.settings),
+            seconds=round(time.perf_counter() - started, _DECIMALS),
+            created=datetime.now(UTC).isoformat(timespec="microseconds"),
+            level=item.levels.chosen if several else 0,
+            levels=tuple({"n_gaussians": count} for count in counts) if several else (),
+            run=describe_run(),
+        )
+
+    def _memberships(self, count: int) -> dict[str, Float32]:
+        """Return the memberships of all objects of a scene with `count` Gaussians by id, without the background."""
+        path: Path = self.project.path
+        return {
+            record.id: load_membership(path, record.id)
+            for record in list_objects(path)
+            if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
+        }
