@@ -6,6 +6,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -47,7 +48,7 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     from engine.evaluation.ground_truth import read_ground_truth
     from engine.grounding import load_default_detector
     from engine.objects import find_everything
-    from engine.objects.lifting import lift, lift_levels
+    from engine.objects.lifting import isolate_object
     from engine.objects.votes import MaskEvidence, count_votes
 
     context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_detector, load_default_sam)
@@ -62,8 +63,8 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     votes = count_votes(context.views, evidence, context.graph.pixels)
     share = votes.inside / np.maximum(votes.inside + votes.outside, 1e-6)
     seen = (votes.inside + votes.outside > 0.5).astype(np.float32)
-    membership = lift(context, [evidence])
-    levels = lift_levels(context, [evidence])
+    membership = isolate_object(context, [evidence]).membership
+    levels = isolate_object(context, [replace(evidence, given=False)]).levels
     groups = [one.members for one in find_everything(context)]
     _write(out / "objects_evidence.jpg", [_photo(context, view), _tinted(_photo(context, view), evidence.mask)])
     _write(out / "objects_votes.jpg", [_blended(context, one, share * seen) for one in (view, other)])

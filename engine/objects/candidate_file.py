@@ -69,7 +69,7 @@ def remember_candidates(
             # A mask of a few pixels in the view's frame may vanish at the size of the photo.
             mask[len(mask) // 2, mask.shape[1] // 2] = True
         write_png(project / picture, _picture(photos.pixels(view.camera), mask))
-        write_png(project / _MASK.format(number), np.where(mask, np.uint8(255), np.uint8(0)))
+        write_png(project / _MASK.format(number), mask)
         framed = np.pad(mask, 1).astype(np.uint8)
         x, y = cv2.minMaxLoc(cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_3)[1:-1, 1:-1])[3]
         left, top, width, height = cv2.boundingRect(framed[1:-1, 1:-1])

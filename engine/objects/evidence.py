@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from ..errors import PromptError
 from .context import SegmentationContext
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
+from .settings import PAPER
 from .views import View, Views
 from .votes import THRESHOLD, MaskEvidence, count_votes
 
@@ -36,9 +37,6 @@ __all__ = [
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-_CLICK_COSINE = 0.7  # published: Dahaghin et al. 2024
-"""Smallest cosine of a Gaussian's feature with that of a clicked pixel at which it may belong to the object."""
 
 _PART = 0.1  # chosen on museum_room
 """Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
@@ -119,7 +117,7 @@ def _similar_gaussians(pixels: Sequence[tuple[int, int]], item: MaskEvidence, vi
     clicked = np.array([item.view.features[row, column] for column, row in pixels if item.view.covered[row, column]])
     if len(clicked) == 0:
         return None
-    similar = np.flatnonzero((views.directions @ clicked.T).max(axis=1) >= _CLICK_COSINE)
+    similar = np.flatnonzero((views.directions @ clicked.T).max(axis=1) >= PAPER.cosine)
     weights = count_votes(views, item, np.zeros(len(views.scene), np.float32)).inside
     members = np.zeros(len(views.scene), bool)
     members[similar[connected_parts(views.scene.gaussians.means[similar], weights[similar])]] = True

@@ -14,8 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, coo_matrix, csc_matrix, csr_matrix, diags, hstack
-from scipy.spatial import cKDTree
+from scipy.sparse import bmat, csc_matrix, csr_matrix, diags, hstack
 
 from ..errors import Cancelled
 from ..events import StopCheck
@@ -30,7 +29,7 @@ Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
-_VERSION = 2  # by definition
+_VERSION = "graph 3"
 
 _N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Nearest neighbours that a Gaussian is linked to."""
@@ -70,8 +69,6 @@ class SceneGraph:
         them, which may be empty, is no segment but the rest of the photo.
     photo : int32 array of shape [M]
         Number of the photo of each segment, 0 to P - 1.
-    label : int32 array of shape [M]
-        The segment in the label map of the photo; 0 for the rest.
     photos : tuple of P str
     key : str
         Key of what the graph was made of; empty if that is not known.
@@ -80,26 +77,26 @@ class SceneGraph:
     neighbours: csr_matrix
     segments: csr_matrix
     photo: Int32
-    label: Int32
     photos: tuple[str, ...]
     key: str = ""
 
     @cached_property
+    def _all_pixels(self) -> Float32:
+        return np.asarray(self.segments.sum(axis=1), np.float32).ravel()
+
+    @cached_property
     def pixels(self) -> Float32:
         """Pixels with which each Gaussian votes where an object is known: its mean in a photo, at least 1; [N]."""
-        total = np.asarray(self.segments.sum(axis=1), np.float32).ravel()
-        return np.maximum(total / (1 + int(self.photo.max(initial=0))), np.float32(1))
+        return np.maximum(self._all_pixels / max(1, len(self.photos)), np.float32(1))
 
     @property
-    def _first(self) -> NDArray[np.intp]:
-        """Column of the rest of each photo."""
-        return np.flatnonzero(np.diff(self.photo, prepend=-1))
+    def is_segment(self) -> Mask:
+        """Whether each column of `segments` is a segment, not the rest of its photo, [M]."""
+        return np.diff(self.photo, prepend=-1) == 0
 
     @cached_property
     def _links(self) -> csr_matrix:
-        is_segment = np.ones(len(self.photo), np.float32)
-        is_segment[self._first] = 0
-        links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(is_segment))
+        links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(self.is_segment.astype(np.float32)))
         return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]), dtype=np.float32)
 
     @cached_property
@@ -161,11 +158,8 @@ class SceneGraph:
     @cached_property
     def _by_photo(self) -> Float32:
         """Pixels that each Gaussian contributes to each photo, [N, P]."""
-        count = len(self.photo)
-        photos = csr_matrix(
-            (np.ones(count, np.float32), (np.arange(count), self.photo)), shape=(count, len(self.photos))
-        )
-        return np.asarray((self.segments @ photos).todense(), np.float32)
+        is_of = self.photo[:, None] == np.arange(len(self.photos))
+        return np.asarray(self.segments @ is_of.astype(np.float32))
 
     def votes_of(self, segments: NDArray[np.intp]) -> Votes:
         """Return the votes, [N, K], of K segments, columns of `segments`, each for the Gaussians that it shows."""
@@ -175,6 +169,12 @@ class SceneGraph:
     def shown(self, sets: csr_matrix) -> Float32:
         """Return the pixels that show each of K sets of Gaussians, [K, N], in each of the P photos, [K, P]."""
         return np.asarray(sets @ self._by_photo, np.float32)
+
+    def iou(self, sets: csr_matrix, others: csr_matrix) -> Float32:
+        """Return the IoU, in the pixels of all photos, of K sets of Gaussians, [K, N], with M others, [K, M]."""
+        common = (sets.multiply(self._all_pixels) @ others.T).toarray()
+        union = (sets @ self._all_pixels)[:, None] + others @ self._all_pixels - common
+        return np.asarray(common / np.maximum(union, _SMALLEST), np.float32)
 
 
 def _dot(first: Float32, second: Float32) -> Float32:
@@ -210,36 +210,34 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
     cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
     photo: list[int] = []
-    label: list[int] = []
     spread = spread_cameras(cameras, n_views)
     for number, camera in enumerate(spread):
         if should_stop():
             raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
         view = views.of(camera)
         labels = view.labels_from_photo(label_maps[camera.photo])
-        segments = np.concatenate([[0], np.unique(labels[labels > 0])])
+        segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
         masks = (labels[..., None] == segments) & view.within[..., None]
         votes = views.scene.votes(view.frame, masks.astype(np.float32))
         columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
         photo += [number] * len(segments)
-        label += segments.tolist()
-    numbers = (np.array(photo, np.int32), np.array(label, np.int32))
     photos = tuple(camera.photo for camera in spread)
-    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), *numbers, photos)
+    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
 
 
 def _neighbours(views: Views) -> csr_matrix:
     """Return links to the nearest neighbours: the cosine of the features times the root of both opacities."""
-    means, opacities, directions = views.scene.gaussians.means, views.scene.gaussians.opacities, views.directions
-    count = len(means)
-    n_neighbours = min(_N_NEIGHBOURS, count - 1)
+    from sklearn.neighbors import kneighbors_graph
+
+    gaussians, directions = views.scene.gaussians, views.directions
+    n_neighbours = min(_N_NEIGHBOURS, len(gaussians) - 1)
     if n_neighbours < 1:
-        return csr_matrix((count, count), dtype=np.float32)
-    other = cKDTree(means).query(means, k=n_neighbours + 1)[1][:, 1:].ravel()
-    one = np.repeat(np.arange(count), n_neighbours)
-    cosine = np.einsum("ij,ij->i", directions[one], directions[other])
-    weights = np.clip(cosine, 0, 1) * np.sqrt(opacities[one] * opacities[other])
-    links = csr_matrix(coo_matrix((weights.astype(np.float32), (one, other)), shape=(count, count)))
+        return csr_matrix((len(gaussians), len(gaussians)), dtype=np.float32)
+    links = kneighbors_graph(gaussians.means, n_neighbours).tocoo()
+    cosine = np.einsum("ij,ij->i", directions[links.row], directions[links.col])
+    both = gaussians.opacities[links.row] * gaussians.opacities[links.col]
+    links.data = (np.clip(cosine, 0, 1) * np.sqrt(both)).astype(np.float32)
+    links = links.tocsr()
     return csr_matrix(links.maximum(links.T))
 
 
@@ -264,17 +262,16 @@ def _recipe(views: Views, label_maps: Mapping[str, Int32], n_views: int) -> str:
     gaussians = views.scene.gaussians
     assert gaussians.features is not None
     digest = hashlib.sha256()
-    maps = [label_maps[camera.photo] for camera in views.cameras.cameras if camera.photo in label_maps]
+    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
+    maps = [label_maps[photo] for photo in photos]
     for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
         digest.update(np.ascontiguousarray(array).data)
-    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
     return stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
 
 
 _MATRICES = ("neighbours", "segments")
 _SPECS = {
     "photo": ArraySpec("int32", ("m",)),
-    "label": ArraySpec("int32", ("m",)),
     "photos": ArraySpec("str", ("p",)),
     **{f"{name} values": ArraySpec("float32", (f"{name} links",), finite=True) for name in _MATRICES},
     **{f"{name} columns": ArraySpec("int32", (f"{name} links",)) for name in _MATRICES},
@@ -283,7 +280,7 @@ _SPECS = {
 
 
 def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
-    arrays = {"photo": graph.photo, "label": graph.label, "photos": np.array(graph.photos, np.str_)}
+    arrays = {"photo": graph.photo, "photos": np.array(graph.photos, np.str_)}
     for name in _MATRICES:
         matrix = getattr(graph, name)
         arrays |= {f"{name} values": matrix.data, f"{name} columns": matrix.indices, f"{name} rows": matrix.indptr}
@@ -304,4 +301,4 @@ def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | No
     consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
     if not consecutive or any((one.data < 0).any() for one in matrices.values()):
         return None
-    return SceneGraph(photo=photo, label=arrays["label"], photos=photos, **matrices)
+    return SceneGraph(photo=photo, photos=photos, **matrices)

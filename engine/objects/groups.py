@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
@@ -41,13 +41,9 @@ _MAX_DISTANCE = 3.0  # chosen on museum_room, store_room
 def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
     """Return K nested groups of the Gaussians of a scene, bool [K, N]: two of them are nested or disjoint.
 
-    `seed` is that of the sample.
-
-    Notes
-    -----
     Ward's linkage (1963) of feature and position on 12,000 Gaussians, restricted to the graph of each Gaussian's 8
     nearest neighbours, so that only connected Gaussians are merged. A node of the tree is a group if it and its sibling
-    have the minimum size; a smaller sibling is a fragment that the larger one absorbs.
+    have the minimum size; a smaller sibling is a fragment that the larger one absorbs. `seed` is that of the sample.
     """
     means = views.scene.gaussians.means
     positions = ((means - np.median(means, axis=0)) / views.length_unit).astype(np.float32)
@@ -70,8 +66,10 @@ def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int
     Points in no group have place -1.
     """
     from sklearn.cluster import ward_tree
+    from sklearn.neighbors import kneighbors_graph
 
-    graph = _neighbour_graph(means)
+    graph = kneighbors_graph(means, min(_N_NEIGHBOURS, len(means) - 1)) if len(means) > 1 else csr_matrix((1, 1))
+    graph = graph + graph.T
     place = np.full(len(points), -1)
     spans: list[tuple[int, int]] = []
     n_placed = 0
@@ -88,18 +86,6 @@ def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int
         spans += [(n_placed + int(first[node]), n_placed + int(first[node] + sizes[node])) for node in groups]
         n_placed += len(rows)
     return place, np.array(spans, np.int64).reshape(-1, 2)
-
-
-def _neighbour_graph(points: Float32) -> csr_matrix:
-    """Return the symmetric graph of nearest neighbours, [n, n]."""
-    count = len(points)
-    n_neighbours = min(_N_NEIGHBOURS, count - 1)
-    if n_neighbours < 1:
-        return csr_matrix((count, count))
-    nearest = cKDTree(points).query(points, k=n_neighbours + 1)[1][:, 1:]
-    rows = np.repeat(np.arange(count), n_neighbours)
-    graph = coo_matrix((np.ones(rows.size), (rows, nearest.ravel())), shape=(count, count))
-    return csr_matrix(graph + graph.T)
 
 
 def _leaf_order(children: NDArray[np.integer]) -> tuple[Int64, Int64]:

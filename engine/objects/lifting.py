@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,25 @@ from .graph import bounded
 from .views import MAX_OBJECT_EXTENT, View, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
-__all__ = ["FoundObject", "Levels", "fit_of", "isolate_object", "lift", "lift_levels", "overlap"]
+__all__ = [
+    "FoundObject",
+    "Levels",
+    "corrected",
+    "fit_of",
+    "isolate_object",
+    "nothing_behind",
+    "nothing_left",
+    "overlap",
+]
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_STEP = 4.0  # by definition
-"""Ratio of the strictness of a level to that of the next larger one."""
-
-_LEVELS = _STEP ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
+_FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
 
-_CHOSEN = 2  # by definition
-_OBJECT = _LEVELS[[_CHOSEN]]
-"""Which of these becomes the object."""
+_ALONE = np.ones(1, np.float32)
+"""That of the object alone."""
 
 _SAME_LEVEL_IOU = 0.9  # by definition
 """IoU above which two levels are the same."""
@@ -94,20 +99,36 @@ def overlap(first: Mask, second: Mask) -> float:
 
 
 def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> FoundObject:
-    """Return the object that all of `evidence` shows, in which at least one mask is not excluded.
+    """Return the object that all of `evidence` shows together, in which at least one mask is not excluded.
+
+    It comes with clearly smaller and larger versions: the membership falls as the strictness rises, so that each level
+    contains those of higher strictness. A mask that the user drew is the whole object and has no versions.
 
     Raises `PromptError` when no Gaussian lies behind the masks, or the excluded ones leave none, and `Cancelled` when
     the user stops.
     """
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
-    # A mask drawn by the user is the whole object.
-    levels = Levels((lift(context, evidence),)) if shown[0].given else lift_levels(context, evidence)
-    members = levels.membership >= THRESHOLD
-    if not members.any():
-        raise nothing_left() if any(item.excluded for item in evidence) else nothing_behind()
-    fit = fit_of(context.views, shown[0].view, shown[0].mask, members)
-    return FoundObject(levels, shown[0].score, fit, tuple(shown))
+    factors = _ALONE if shown[0].given else _FACTORS
+    removed = _union(context, [item for item in evidence if item.excluded], _ALONE)
+    solved = np.minimum(_union(context, shown, factors), 1 - removed)
+    # Rounding must not let a level leave the next one.
+    levels = _distinct(np.maximum.accumulate([bounded(one, context.means) for one in solved]), context.views)
+    found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
+    if not found.members.any():
+        raise nothing_behind() if len(shown) == len(evidence) else nothing_left()
+    return replace(found, fit=fit_of(context.views, shown[0].view, shown[0].mask, found.members))
+
+
+def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:
+    """Return the membership `before`, [N], with what evidence adds to it and removes from it; maybe nothing is left.
+
+    Raises `Cancelled` when the user stops.
+    """
+    added, removed = (
+        _union(context, [item for item in evidence if item.excluded == kind], _ALONE)[0] for kind in (False, True)
+    )
+    return np.minimum(np.maximum(before, added), 1 - removed)
 
 
 def nothing_behind() -> PromptError:
@@ -122,45 +143,8 @@ def nothing_left() -> PromptError:
     return PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
 
 
-def lift(context: SegmentationContext, evidence: Sequence[MaskEvidence], *, before: Float32 | None = None) -> Float32:
-    """Return the membership, [N], in the object that `evidence` shows; there may be no members.
-
-    Several masks show one object together, even where no mask shows all of it. With `before`, the evidence adds to this
-    membership and removes from it. Raises `Cancelled` when the user stops.
-    """
-    if before is None:
-        return _solve(context, evidence, _OBJECT)[0]
-    added, removed = (
-        _union(context, [item for item in evidence if item.excluded == kind], _OBJECT)[0] for kind in (False, True)
-    )
-    return np.minimum(np.maximum(before, added), 1 - removed)
-
-
-def lift_levels(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> Levels:
-    """Return the object of `lift` with clearly smaller and larger versions.
-
-    The membership falls as the strictness rises, so that each level contains those of higher strictness.
-    """
-    # Rounding must not let a level leave the next one.
-    solved = list(np.maximum.accumulate(_solve(context, evidence, _LEVELS)))
-    kept = [_CHOSEN]
-    for number in sorted(range(len(solved)), key=lambda number: abs(number - _CHOSEN)):
-        members = solved[number] >= THRESHOLD
-        same = any(mask_iou(members, solved[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
-        if members.any() and not same and context.views.extent(members) <= MAX_OBJECT_EXTENT:
-            kept.append(number)
-    return Levels(tuple(solved[number] for number in sorted(kept)), sorted(kept).index(_CHOSEN))
-
-
-def _solve(context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32) -> list[Float32]:
-    """Return the membership for each factor of the strictness: in what any mask shows, without what is excluded."""
-    removed = _union(context, [item for item in evidence if item.excluded], _OBJECT)[0]
-    solved = _union(context, [item for item in evidence if not item.excluded], factors)
-    return [bounded(np.minimum(membership, 1 - removed), context.means) for membership in solved]
-
-
 def _union(context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32) -> Float32:
-    """Return the largest membership over the masks for each factor of the strictness, [K, N]."""
+    """Return the largest membership over the masks for each of K factors of the strictness, [K, N]."""
     graph = context.graph
     highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
     for item in evidence:
@@ -168,3 +152,15 @@ def _union(context: SegmentationContext, evidence: Sequence[MaskEvidence], facto
         column = Votes(votes.inside[:, None], votes.outside[:, None])
         highest = np.maximum(highest, graph.solve(column, context.settings.strictness * factors).T)
     return highest
+
+
+def _distinct(memberships: Float32, views: Views) -> Levels:
+    """Return the levels that differ from those nearer to the middle one, the object, and are no longer than objects."""
+    middle = len(memberships) // 2
+    kept = [middle]
+    for number in sorted(range(len(memberships)), key=lambda number: abs(number - middle)):
+        members = memberships[number] >= THRESHOLD
+        same = any(mask_iou(members, memberships[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
+        if members.any() and not same and views.extent(members) <= MAX_OBJECT_EXTENT:
+            kept.append(number)
+    return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(middle))

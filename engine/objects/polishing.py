@@ -6,7 +6,6 @@ may reach into a wall that hides it. Without the scene, the first is a hole and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from ..errors import Cancelled
-from ..events import Emit, Progress, StopCheck
+from ..events import StopCheck
 from ..formats import SH_C0
 from ..masks import mask_box
 from ..pictures import Backend, Scene
@@ -23,7 +22,7 @@ from ..training import AloneTarget, train_alone
 from .settings import SegmentSettings
 from .views import THRESHOLD, View, Views, erode_mask, spread_cameras
 
-__all__ = ["polish", "polish_each"]
+__all__ = ["polish"]
 
 Mask = NDArray[np.bool_]
 
@@ -48,17 +47,6 @@ _MARGIN_PIXELS = 8  # by definition
 
 _BLACK_SH = -1 / (2 * SH_C0)  # by definition
 """Lowest band of the spherical harmonics of a black Gaussian: colour = 1/2 + `SH_C0` sh."""
-
-
-def polish_each(
-    views: Views, objects: Sequence[Mask], settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck
-) -> list[Polished | None]:
-    """Polish each of `objects`, masks of shape [N], and emit the progress; see `polish`."""
-    polished = []
-    for number, members in enumerate(objects, start=1):
-        polished.append(polish(views, members, settings, should_stop=should_stop))
-        emit(Progress("objects", number / len(objects), message="Polishing"))
-    return polished
 
 
 def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_stop: StopCheck) -> Polished | None:

@@ -84,8 +84,6 @@ def find_proposals(context: SegmentationContext) -> Proposals:
 
     Raises `Cancelled` when the user stops.
 
-    Notes
-    -----
     With the links between Gaussians that leave a set, all links of the set (or of the rest, if they are fewer), its
     extent, and for each photo that shows it well the IoU of the set with the solved segment of the photo that fits it
     best, the log-odds of being an object are
@@ -93,36 +91,31 @@ def find_proposals(context: SegmentationContext) -> Proposals:
         1.4 ln(links / leaving) - 0.9 ln(extent / 0.15)^2 + 1.7 mean IoU - 4.2
     """
     views, graph = context.views, context.graph
-    segments = _large_segments(graph)
+    pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
+    photos = np.bincount(graph.photo, weights=pixels, minlength=len(graph.photos))
+    segments = np.flatnonzero((pixels >= _MIN_SEGMENT_SHARE * photos[graph.photo]) & graph.is_segment)
     solved, kept = _solved(context, segments, build_groups(views))
     of_segments = kept < len(segments)
-    agreement_of = _Agreement(graph, solved[of_segments], graph.photo[segments[kept[of_segments]]])
     shown = graph.shown(solved)
-    agreement = agreement_of(solved, shown)
+    best = graph.iou(solved, solved[of_segments])
+    agreement = _agreement(best, graph.photo[segments[kept[of_segments]]], shown)
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
     probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement] + _CONSTANT)
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
-    first = _first_alike(agreement_of.iou(solved[likely], solved[likely]), _SAME_IOU)
+    first = _first_alike(graph.iou(solved[likely], solved[likely]), _SAME_IOU)
     chosen = likely[first == np.arange(len(likely))]
     chosen = chosen[np.argsort(-probability[chosen], kind="stable")]
     sets = solved[chosen]
-    like = _first_alike(agreement_of.iou(sets, sets), _ALIKE_IOU)
+    like = _first_alike(graph.iou(sets, sets), _ALIKE_IOU)
     return Proposals(sets.toarray() > 0, probability[chosen].astype(np.float32), like, shown[chosen])
 
 
 def apart(members: Mask, gains: NDArray[np.floating]) -> list[int]:
     """Return sets that do not overlap by more than half of the smaller one, with a large sum of `gains`, best first.
 
-    Parameters
-    ----------
-    members : bool array of shape [K, N]
-    gains : array of shape [K]
-        What choosing a set gains. Sets without gain are not chosen.
-
-    Notes
-    -----
+    `members`, bool [K, N], are the sets, and `gains`, [K], what choosing each gains; sets without gain are not chosen.
     The largest gains first; then a chosen set is exchanged for several others, or several for one, for as long as that
     makes the sum larger.
     """
@@ -158,13 +151,6 @@ def _first_alike(iou: Float32, least: float) -> Int32:
         alike = np.flatnonzero((iou[k, :k] > least) & (first[:k] == np.arange(k)))
         first[k] = alike[0] if len(alike) else k
     return first
-
-
-def _large_segments(graph: SceneGraph) -> NDArray[np.intp]:
-    """Return the columns of the segments that are large enough, in the order of the photos."""
-    pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
-    photos = np.bincount(graph.photo, weights=pixels, minlength=len(graph.photos))
-    return np.flatnonzero((pixels >= _MIN_SEGMENT_SHARE * photos[graph.photo]) & (graph.label > 0))
 
 
 def _solved(
@@ -208,33 +194,14 @@ def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
     return np.asarray(np.log((fewer + usual) / (every - inner + usual)), np.float64)
 
 
-class _Agreement:
-    """How well sets agree with what the segments of each photo lead to.
+def _agreement(iou: Float32, photo: Int32, shown: Float32) -> NDArray[np.float64]:
+    """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best.
 
-    Parameters
-    ----------
-    graph : SceneGraph
-    solved : sparse matrix of shape [S, N]
-        What S segments lead to.
-    photo : int32 array of shape [S]
-        The photo of each, ascending.
+    `iou`, [K, S], are those with what S segments lead to, of the photos `photo`, [S], ascending.
     """
-
-    def __init__(self, graph: SceneGraph, solved: csr_matrix, photo: Int32) -> None:
-        self._pixels = np.asarray(graph.segments.sum(axis=1), np.float32).ravel()
-        self._solved, self._photo = solved, photo
-
-    def iou(self, sets: csr_matrix, others: csr_matrix) -> Float32:
-        """Return the IoU in pixels of K sets with M others, [K, M]."""
-        common = (sets.multiply(self._pixels) @ others.T).toarray()
-        union = (sets @ self._pixels)[:, None] + others @ self._pixels - common
-        return np.asarray(common / np.maximum(union, np.finfo(np.float32).tiny), np.float32)
-
-    def __call__(self, sets: csr_matrix, shown: Float32) -> NDArray[np.float64]:
-        """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best."""
-        best = np.zeros(shown.shape)
-        first = np.flatnonzero(np.diff(self._photo, prepend=-1))
-        if len(first):
-            best[:, self._photo[first]] = np.maximum.reduceat(self.iou(sets, self._solved), first, axis=1)
-        seen = shown >= _WELL_SEEN * shown.max(axis=1, initial=0, keepdims=True)
-        return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)
+    best = np.zeros(shown.shape)
+    first = np.flatnonzero(np.diff(photo, prepend=-1))
+    if len(first):
+        best[:, photo[first]] = np.maximum.reduceat(iou, first, axis=1)
+    seen = shown >= _WELL_SEEN * shown.max(axis=1, initial=0, keepdims=True)
+    return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)

@@ -24,9 +24,9 @@ from ..settings import to_dict
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
 from .evidence import evidence_of_clicks, evidence_of_exclusions
-from .lifting import FoundObject, Levels, isolate_object, lift, overlap
+from .lifting import FoundObject, Levels, corrected, isolate_object, overlap
 from .photos import SamFactory
-from .polishing import polish_each
+from .polishing import polish
 from .prompts import (
     MaskPrompt,
     Point,
@@ -122,26 +122,9 @@ class Segmenter:
     def segment_texts(
         self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
     ) -> tuple[list[ObjectRecord], dict[str, str]]:
-        """Store the objects of several texts.
+        """Store the objects of texts as `name`, by default as the text; left and right are those of `camera`.
 
-        Parameters
-        ----------
-        texts : sequence of str
-        name : str or None
-            Name of the objects; by default each is named after its text.
-        camera : Camera or PinholeCamera, optional
-            Where the user looks from, for left and right.
-
-        Returns
-        -------
-        list of ObjectRecord
-        dict of str to str
-            Refused texts with the reason, which is also emitted as a warning.
-
-        Raises
-        ------
-        PromptError
-            If every text is refused.
+        Returns also the reason by refused text, which is emitted as a warning; raises `PromptError` if all are refused.
         """
         forget_candidates(self.project.path)
         results = list(self.segment_each_text({text: name or text for text in texts}, camera=camera))
@@ -173,7 +156,7 @@ class Segmenter:
             By text: ids of its objects that are made again, in the order of an earlier run; each keeps its id and name.
             None stands for one that is not stored.
         camera : Camera or PinholeCamera, optional
-            As in `segment_texts`.
+            Where the user looks from, for left and right.
         """
         for number, (text, name) in enumerate(names.items()):
             if text in skip:
@@ -214,21 +197,15 @@ class Segmenter:
         click hits no Gaussian or nothing of the object would remain.
         """
         record, context = load_object(self.project.path, name), self.context
-        membership = load_fitting_membership(self.project.path, record, len(context.means))
-        before = int((membership >= record.threshold).sum())
+        before = load_fitting_membership(self.project.path, record, len(context.means))
         evidence = evidence_of_exclusions(excluded, clicks, context) + evidence_of_clicks(clicks, context)
-        membership = lift(context, evidence, before=membership)
-        members = membership >= record.threshold
-        if members.sum() < max(1.0, _MIN_REMAINING_SHARE * before):
+        membership = corrected(context, evidence, before)
+        n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
+        if n_left < max(1.0, _MIN_REMAINING_SHARE * n_before):
             raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
         correction = {"clicks": describe_points(clicks), "not": describe_points(excluded)}
-        (polished,) = self._polished(context, [members])
-        keep_version(self.project, record.id, why="corrected")
-        changed = replace(
-            record, n_gaussians=int(members.sum()), level=0, levels=(), refined=(*record.refined, correction)
-        )
-        save_object(self.project.path, changed, membership, polished=polished)
-        return changed
+        changed = replace(record, level=0, levels=(), refined=(*record.refined, correction))
+        return self._replace(changed, membership, why="corrected")
 
     def choose_level(self, name: str, level: int) -> ObjectRecord:
         """Replace a stored object by its level number `level`; 0 is the smallest part.
@@ -242,48 +219,42 @@ class Segmenter:
             raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
         if not record.levels:
             return record
-        members = levels[level] >= record.threshold
         load_fitting_membership(self.project.path, record, len(self.context.means))
+        return self._replace(replace(record, level=level), levels[level], levels=list(levels))
+
+    def _replace(
+        self, record: ObjectRecord, membership: Float32, *, levels: Sequence[Float32] = (), why: str = ""
+    ) -> ObjectRecord:
+        """Store a changed object, polished; with `why`, the old one is copied to the trash."""
+        members = membership >= record.threshold
         (polished,) = self._polished(self.context, [members])
-        changed = replace(record, level=level, n_gaussians=int(members.sum()))
-        save_object(self.project.path, changed, levels[level], levels=list(levels), polished=polished)
+        if why:
+            keep_version(self.project, record.id, why=why)
+        changed = replace(record, n_gaussians=int(members.sum()))
+        save_object(self.project.path, changed, membership, levels=levels, polished=polished)
         return changed
 
     def segment_everything(self) -> tuple[list[ObjectRecord], list[str], ObjectRecord]:
         """Store every object of the scene that is not stored yet, and the background.
 
-        Returns
-        -------
-        list of ObjectRecord
-            The new objects, in descending order of score.
-        list of str
-            Ids of existing objects that were found again. They stay unchanged.
-        ObjectRecord
-            The background.
-
-        Raises
-        ------
-        PromptError
-            If the scene contains nothing but background.
+        Returns the new objects in descending order of score, the ids of those that were found again and stay unchanged,
+        and the background. Raises `PromptError` if the scene contains nothing but background.
         """
         started = time.perf_counter()
         found = find_everything(self.context.part(0, 2))
         existing = self._memberships(len(self.context.means))
         if not found and not existing:
             raise PromptError("No object was found in front of the background of this scene. Click on an object.")
-        numbered = [replace(item, name=item.name or f"object {number}") for number, item in enumerate(found, 1)]
-        same = {
-            number: [
-                key
-                for key, other in existing.items()
-                if overlap(item.members, other >= THRESHOLD) > self.settings.same_object
-            ]
-            for number, item in enumerate(numbered)
-        }
-        new = [item for number, item in enumerate(numbered) if not same[number]]
+        new: list[FoundObject] = []
+        kept: dict[str, None] = {}
+        for number, item in enumerate(found, start=1):
+            shares = {key: overlap(item.members, other >= THRESHOLD) for key, other in existing.items()}
+            same = [key for key, share in shares.items() if share > self.settings.same_object]
+            kept |= dict.fromkeys(same)
+            if not same:
+                new.append(replace(item, name=item.name or f"object {number}"))
         records = self._store(self.context.part(1, 2), new, {"kind": "all"}, "", started)
-        kept = list(dict.fromkeys(key for keys in same.values() for key in keys))
-        return records, kept, self.store_background()
+        return records, list(kept), self.store_background()
 
     def store_background(self) -> ObjectRecord:
         """Store the Gaussians that belong to no object as one more; an earlier background goes to the trash.
@@ -335,17 +306,15 @@ class Segmenter:
         again: Sequence[str | None] = (),
     ) -> list[ObjectRecord]:
         """Polish objects, store each under a name of its own and return their records."""
-        ids: Sequence[str | None] = again or [None] * len(found)
-        if again:
-            pairs = [(item, known) for item, known in zip(found, again, strict=False) if known is not None]
-            found, ids = [item for item, _ in pairs], [known for _, known in pairs]
+        pairs = list(zip(found, again or [""] * len(found), strict=False))
+        pairs = [(item, known) for item, known in pairs if known is not None]
         names = {record.id: record.name for record in list_objects(self.project.path)}
         # All objects are polished before the first is stored, so that a cancelled prompt stores none.
-        each = self._polished(context, [item.members for item in found])
+        each = self._polished(context, [item.members for item, _ in pairs])
         records = []
-        for item, known, polished in zip(found, ids, each, strict=True):
+        for (item, known), polished in zip(pairs, each, strict=True):
             record = self._record(item, prompt, item.name or name, started)
-            if known is not None:
+            if known:
                 record = replace(record, id=known, name=names.get(known, record.name))
             previews = [("seed", best.view.to_photo(best.mask)) for best in item.evidence[:1]]
             levels = item.levels.memberships
@@ -354,7 +323,11 @@ class Segmenter:
         return records
 
     def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:
-        return polish_each(context.views, members, self.settings, emit=context.emit, should_stop=context.should_stop)
+        polished = []
+        for done, each in enumerate(members, start=1):
+            polished.append(polish(context.views, each, self.settings, should_stop=context.should_stop))
+            context.tell(done / len(members), "Polishing")
+        return polished
 
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""

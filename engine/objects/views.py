@@ -62,18 +62,15 @@ class View:
 
     def from_photo(self, mask: Mask) -> Mask:
         """Return a mask of the photo, at any resolution, in the frame."""
-        undistorted = undistort(mask.astype(np.uint8), self.camera, self.frame, interpolation="nearest")
-        return np.asarray(undistorted > 0) & self.within
+        return self.labels_from_photo(mask.astype(np.int32)) > 0
 
     def labels_from_photo(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return a label map of the photo, at any resolution, in the frame; 0 outside of the photo."""
-        undistorted = undistort(labels, self.camera, self.frame, interpolation="nearest")
-        return np.where(self.within, np.asarray(undistorted), 0).astype(np.int32)
+        return np.where(self.within, undistort(labels, self.camera, self.frame, interpolation="nearest"), np.int32(0))
 
     def to_photo(self, mask: Mask) -> Mask:
         """Return a mask of the frame in the photo at full resolution."""
-        distorted = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
-        return np.asarray(distorted > THRESHOLD)
+        return np.asarray(distort(mask.astype(np.float32), self.frame, self.camera) > THRESHOLD)
 
 
 @dataclass

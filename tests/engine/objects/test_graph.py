@@ -91,7 +91,6 @@ def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
     assert built == [1]
     assert (kept.neighbours != graph.neighbours).nnz == 0 and (kept.segments != graph.segments).nnz == 0
     np.testing.assert_array_equal(kept.photo, graph.photo)
-    np.testing.assert_array_equal(kept.label, graph.label)
     assert kept.photos == graph.photos
     moved = replace(blobs.gaussians, means=blobs.gaussians.means + 1)
     load(Views(Scene(moved), blobs.cameras, render_side=160))
