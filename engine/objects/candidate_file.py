@@ -10,12 +10,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from ..errors import FormatError, PromptError
 from ..files import delete_derived, read_json, write_json
 from ..pictures import write_png
+from .arrays import Mask, Pixels
 from .lifting import FoundObject
 from .photos import Photos
 
@@ -80,7 +80,7 @@ def remember_candidates(
     write_json(project / CANDIDATES, {"version": _VERSION, **content})
 
 
-def _picture(pixels: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _picture(pixels: Pixels, mask: Mask) -> Pixels:
     """Return a crop of the photo around the candidate, whose `mask` has the full size, with darkened surroundings."""
     # No mean over an area is 0 that a pixel of the mask lies in.
     inside = cv2.resize(mask.astype(np.float32), pixels.shape[1::-1], interpolation=cv2.INTER_AREA) > 0

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..errors import Cancelled, EnvironmentProblem, FormatError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
+from .arrays import Float32, Int32
 from .graph import SceneGraph, load_or_build_graph
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
@@ -57,7 +55,7 @@ class SegmentationContext:
 
     views: Views
     photos: Photos
-    label_maps: Mapping[str, NDArray[np.int32]]
+    label_maps: Mapping[str, Int32]
     settings: SegmentSettings
     detector_factory: DetectorFactory
     emit: Emit = ignore_events
@@ -86,7 +84,7 @@ class SegmentationContext:
         ))  # fmt: skip
 
     @property
-    def means(self) -> NDArray[np.float32]:
+    def means(self) -> Float32:
         """Positions of the N Gaussians, [N, 3]."""
         return self.views.scene.gaussians.means
 
@@ -160,7 +158,7 @@ def photo_folder_of(project: ProjectFolder) -> Path:
     return Path(folder)
 
 
-def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, NDArray[np.int32]]:
+def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, Int32]:
     """Return the SAM label maps that were made for training, by photo."""
     from ..masks import label_map_path, read_label_map
 

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import PromptError
+from .arrays import Float32, Floats, Mask
 from .context import SegmentationContext
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
@@ -34,9 +34,6 @@ __all__ = [
     "require_known",
     "require_mask",
 ]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 _PART = 0.1  # chosen on museum_room
 """Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
@@ -124,7 +121,7 @@ def _similar_gaussians(pixels: Sequence[tuple[int, int]], item: MaskEvidence, vi
     return members if members.any() else None
 
 
-def connected_parts(points: Float32, weights: NDArray[np.floating]) -> Mask:
+def connected_parts(points: Float32, weights: Floats) -> Mask:
     """Return the connected parts of points, [M, 3], that a mask shows, bool [M]; all if the mask shows none of them.
 
     `weights`, [M], are the pixels of the mask that each point contributes. Points are connected through neighbouring

@@ -20,14 +20,11 @@ from ..errors import Cancelled
 from ..events import StopCheck
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
+from .arrays import Float32, Int32, Int64, Mask
 from .views import Views, spread_cameras
 from .votes import THRESHOLD, Votes
 
 __all__ = ["SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
-
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 _VERSION = "graph 3"
 
@@ -161,7 +158,7 @@ class SceneGraph:
         is_of = self.photo[:, None] == np.arange(len(self.photos))
         return np.asarray(self.segments @ is_of.astype(np.float32))
 
-    def votes_of(self, segments: NDArray[np.intp]) -> Votes:
+    def votes_of(self, segments: Int64) -> Votes:
         """Return the votes, [N, K], of K segments, columns of `segments`, each for the Gaussians that it shows."""
         inside = self._by_segment[:, segments].toarray().astype(np.float32)
         return Votes(inside, self._by_photo[:, self.photo[segments]] - inside)

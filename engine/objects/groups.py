@@ -11,13 +11,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from .arrays import Float32, Int64, Mask
 from .views import Views
 
 __all__ = ["build_groups"]
-
-Float32 = NDArray[np.float32]
-Int64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _MIN_OPACITY = 0.1  # chosen on museum_room
 """Opacity above which a Gaussian takes part in forming groups. Fainter ones float in free space."""

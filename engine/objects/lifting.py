@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import PromptError
 from ..masks import mask_iou
+from .arrays import Float32, Mask
 from .context import SegmentationContext
 from .graph import bounded
 from .views import MAX_OBJECT_EXTENT, View, Views
@@ -26,13 +26,10 @@ __all__ = [
     "overlap",
 ]
 
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-
 _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
 
-_ALONE = np.ones(1, np.float32)
+_ALONE = np.ones(1, np.float32)  # by definition
 """That of the object alone."""
 
 _SAME_LEVEL_IOU = 0.9  # by definition

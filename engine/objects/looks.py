@@ -18,17 +18,13 @@ from scipy.special import expit, logit
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
 from ..project_folder import stage_key
+from .arrays import Float32, Float64, Int32, Mask
 from .context import SegmentationContext
 from .proposals import Proposals, find_proposals
 from .views import spread_cameras
 from .votes import THRESHOLD, MaskEvidence
 
 __all__ = ["Looks", "build_looks", "load_or_build_looks"]
-
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 _VERSION = "looks 1"
 

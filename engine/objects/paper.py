@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from ..errors import PromptError
 from ..masks import mask_box
 from ..pictures import normalized
+from .arrays import Float32, Floats, Mask
 from .context import SegmentationContext
 from .evidence import (
     clicks_by_photo,
@@ -38,9 +38,6 @@ from .votes import BELOW_HALF, THRESHOLD, MaskEvidence, count_votes
 __all__ = ["find_objects_of_paper", "nothing_found"]
 
 log = logging.getLogger(__name__)
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 _N_DIRECTION_ROUNDS = 3  # chosen on museum_room
 """Times that the outliers of a mean direction are removed."""
@@ -264,7 +261,7 @@ def mean_direction(features: Float32, cosine: float, start: Float32 | None = Non
     return direction if np.abs(direction).sum() > 0 else None
 
 
-def calibrated(cosine: NDArray[np.floating], threshold: float) -> Float32:
+def calibrated(cosine: Floats, threshold: float) -> Float32:
     """Map cosines to memberships, piecewise linearly: -1 to 0, `threshold` to exactly 0.5 and 1 to 1."""
     cosine = np.asarray(cosine, np.float32)
     above = THRESHOLD + THRESHOLD * (cosine - np.float32(threshold)) / np.float32(1 - threshold)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..photos import load_pixels
 from ..scene import Camera
+from .arrays import Mask, Pixels
 
 if TYPE_CHECKING:
     from ..masks import Embedding, EmbeddingFolder, SegmentAnything
@@ -39,10 +39,10 @@ class Photos:
     ) -> None:
         self._folder, self._side, self._sam_factory, self._on_disk = folder, side, sam_factory, embeddings
         self._sam: SegmentAnything | None = None
-        self._pixels: OrderedDict[str, NDArray[np.uint8]] = OrderedDict()
+        self._pixels: OrderedDict[str, Pixels] = OrderedDict()
         self._embeddings: OrderedDict[str, Embedding] = OrderedDict()
 
-    def pixels(self, camera: Camera) -> NDArray[np.uint8]:
+    def pixels(self, camera: Camera) -> Pixels:
         """Return the photo, uint8 [H, W, 3], read-only."""
         name = camera.photo
         if name not in self._pixels:
@@ -64,7 +64,7 @@ class Photos:
         points: Sequence[tuple[float, float]] = (),
         outside: Sequence[tuple[float, float]] = (),
         box: tuple[float, float, float, float] | None = None,
-    ) -> tuple[NDArray[np.bool_], float]:
+    ) -> tuple[Mask, float]:
         """Return SAM's mask, bool [H, W] at the size of `pixels`, and its estimate of the mask's IoU.
 
         The `points` on the object, those `outside` of it, and `box`, x0, y0, x1, y1, are in pixels of the whole photo.

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ..errors import Cancelled
 from ..events import StopCheck
@@ -19,12 +18,11 @@ from ..masks import mask_box
 from ..pictures import Backend, Scene
 from ..scene import Polished
 from ..training import AloneTarget, train_alone
+from .arrays import Mask
 from .settings import SegmentSettings
 from .views import THRESHOLD, View, Views, erode_mask, spread_cameras
 
 __all__ = ["polish"]
-
-Mask = NDArray[np.bool_]
 
 _MIN_SHARE, _FULL_SHARE = 0.2, 0.7  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which its target coverage starts to rise, and is 1."""

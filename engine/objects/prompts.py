@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import FormatError, HeritageError, MaskError, PromptError
 from ..files import opened
 from ..scene import Camera, CameraSet, PinholeCamera
+from .arrays import Mask
 
 __all__ = [
     "BoxPrompt",
@@ -215,7 +215,7 @@ def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, camer
     return known[photo]
 
 
-def load_mask(path: Path, camera: Camera) -> NDArray[np.bool_]:
+def load_mask(path: Path, camera: Camera) -> Mask:
     """Return a mask picture as bool [camera.height, camera.width]: True where it is lighter than half.
 
     Raises `MaskError` when the file cannot be read, its size differs from the photo's, or no pixel of it is white.

@@ -11,20 +11,16 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 from scipy.special import expit
 
+from .arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
 from .graph import SceneGraph, bounded
 from .groups import build_groups
 from .votes import THRESHOLD, Votes, votes_of_known
 
 __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
-
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 _MIN_SEGMENT_SHARE = 0.001  # chosen on museum_room
 """Smallest segment that is solved, as a share of its photo."""
@@ -112,7 +108,7 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     return Proposals(sets.toarray() > 0, probability[chosen].astype(np.float32), like, shown[chosen])
 
 
-def apart(members: Mask, gains: NDArray[np.floating]) -> list[int]:
+def apart(members: Mask, gains: Floats) -> list[int]:
     """Return sets that do not overlap by more than half of the smaller one, with a large sum of `gains`, best first.
 
     `members`, bool [K, N], are the sets, and `gains`, [K], what choosing each gains; sets without gain are not chosen.
@@ -153,9 +149,7 @@ def _first_alike(iou: Float32, least: float) -> Int32:
     return first
 
 
-def _solved(
-    context: SegmentationContext, segments: NDArray[np.intp], groups: Mask
-) -> tuple[csr_matrix, NDArray[np.intp]]:
+def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tuple[csr_matrix, Int64]:
     """Return the Gaussians that segments and groups lead to, [K, N], without empty sets, and the number of each."""
     graph, count = context.graph, len(segments) + len(groups)
 
@@ -180,7 +174,7 @@ def _solved(
     return sets[kept], kept
 
 
-def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
+def _isolation(sets: csr_matrix, graph: SceneGraph) -> Float64:
     """Return ln(links / leaving links) of each set, [K], both with the links of one more Gaussian.
 
     This is the negative logarithm of the conductance: links are those of the set or of the rest, whichever are fewer.
@@ -194,7 +188,7 @@ def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
     return np.asarray(np.log((fewer + usual) / (every - inner + usual)), np.float64)
 
 
-def _agreement(iou: Float32, photo: Int32, shown: Float32) -> NDArray[np.float64]:
+def _agreement(iou: Float32, photo: Int32, shown: Float32) -> Float64:
     """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best.
 
     `iou`, [K, S], are those with what S segments lead to, of the photos `photo`, [S], ascending.

@@ -6,10 +6,10 @@ import contextlib
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import PromptError
 from ..scene import Camera, PinholeCamera
+from .arrays import Mask
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known
 from .graph import bounded
@@ -23,8 +23,6 @@ from .spatial import Extent, choose, parse_spatial, showing_camera
 from .votes import THRESHOLD, votes_of_known
 
 __all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
-
-Mask = NDArray[np.bool_]
 
 _MIN_NAME_SCORE = 0.17  # chosen on museum_room
 """Score of the detector from which on a name is suggested."""

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import ObjectError, PromptError
 from ..events import Emit, StopCheck, Warned
@@ -21,6 +20,7 @@ from ..rasterizer import PROCESSOR, Device
 from ..records import ObjectRecord, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
 from ..settings import to_dict
+from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
 from .evidence import evidence_of_clicks, evidence_of_exclusions
@@ -55,9 +55,6 @@ __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
 
 BACKGROUND = "background"
 """Prompt kind, name and id of the background."""
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 _MIN_REMAINING_SHARE = 0.05  # chosen on museum_room
 """Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import PromptError
 from ..scene import Camera, PinholeCamera
+from .arrays import Floats
 from .views import inner_box
 
 __all__ = ["Extent", "SpatialText", "choose", "parse_spatial", "showing_camera"]
@@ -56,12 +56,12 @@ class SpatialText:
 class Extent:
     """Box and median, [3] each, of a set of Gaussians in world units, without the outermost twentieth on each side."""
 
-    low: NDArray[np.floating]
-    high: NDArray[np.floating]
-    center: NDArray[np.floating]
+    low: Floats
+    high: Floats
+    center: Floats
 
     @classmethod
-    def of(cls, means: NDArray[np.floating]) -> Extent:
+    def of(cls, means: Floats) -> Extent:
         """Return the extent of Gaussians at `means`, [n, 3], n > 0."""
         low, center, high = inner_box(means)
         return cls(low, high, center)
@@ -75,7 +75,7 @@ class Extent:
         """Return the distance between the boxes of the two; 0 where they touch."""
         return float(np.linalg.norm(np.maximum(0, np.maximum(self.low - other.high, other.low - self.high))))
 
-    def holds(self, point: NDArray[np.floating], axes: slice = slice(None)) -> bool:
+    def holds(self, point: Floats, axes: slice = slice(None)) -> bool:
         """Return whether a point, [3], is inside of the box along some axes."""
         return bool(((point >= self.low) & (point <= self.high))[axes].all())
 

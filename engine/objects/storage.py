@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import FormatError, HeritageError, ObjectError
 from ..files import (
@@ -29,6 +28,7 @@ from ..files import (
 from ..pictures import write_png
 from ..records import RECORD_FILE, ObjectRecord, read_record, recorded_files, write_record
 from ..scene import Gaussians, Polished, load_polished, save_polished
+from .arrays import Float32, Mask, Pixels
 
 __all__ = [
     "forget_unreadable_record",
@@ -53,10 +53,10 @@ _ADVICE = "Isolate the object again."
 def save_object(
     project: Path,
     record: ObjectRecord,
-    membership: NDArray[np.float32],
-    previews: Sequence[tuple[str, NDArray[np.uint8] | NDArray[np.bool_]]] = (),
+    membership: Float32,
+    previews: Sequence[tuple[str, Pixels | Mask]] = (),
     *,
-    levels: Sequence[NDArray[np.float32]] = (),
+    levels: Sequence[Float32] = (),
     polished: Polished | None = None,
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
@@ -114,7 +114,7 @@ def load_object(project: Path, name: str) -> ObjectRecord:
     raise ObjectError(f"No object is called {name!r}.{hint} Known: {', '.join(names)}.")
 
 
-def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
+def load_membership(project: Path, object_id: str) -> Float32:
     """Return the membership of an object, shape [N], float32, in [0, 1]."""
     file = _require_intact(project, object_id, MEMBERSHIP)
     if not file.is_file():
@@ -122,7 +122,7 @@ def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
     return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
 
 
-def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> NDArray[np.float32]:
+def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> Float32:
     """Return the membership of an object in a scene of `count` Gaussians, shape [count], float32, in [0, 1].
 
     Raises `ObjectError` when it belongs to an earlier training.
@@ -133,7 +133,7 @@ def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> 
     return membership
 
 
-def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
+def load_levels(project: Path, object_id: str) -> Float32:
     """Return the memberships of an object's levels, part first, [K, N], float32; one row when it has no levels."""
     file = _require_intact(project, object_id, LEVELS)
     if not file.is_file():

@@ -8,17 +8,14 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
 from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
+from .arrays import Float32, Floats, Int32, Mask
 
 __all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 THRESHOLD = 0.5  # by definition
 """Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
@@ -64,7 +61,7 @@ class View:
         """Return a mask of the photo, at any resolution, in the frame."""
         return self.labels_from_photo(mask.astype(np.int32)) > 0
 
-    def labels_from_photo(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    def labels_from_photo(self, labels: Int32) -> Int32:
         """Return a label map of the photo, at any resolution, in the frame; 0 outside of the photo."""
         return np.where(self.within, undistort(labels, self.camera, self.frame, interpolation="nearest"), np.int32(0))
 
@@ -148,12 +145,12 @@ class Views:
         low, _, high = inner_box(self.scene.gaussians.means[members])
         return float((high - low).max() / self.length_unit)
 
-    def facing(self, point: NDArray[np.floating]) -> list[Camera]:
+    def facing(self, point: Floats) -> list[Camera]:
         """Return the cameras whose photo contains the world point [3]."""
         return [camera for camera in self.cameras.cameras if is_point_visible(camera, point)]
 
 
-def inner_box(means: NDArray[np.floating]) -> NDArray[np.floating]:
+def inner_box(means: Floats) -> Floats:
     """Return low, middle and high corner, [3, 3], of n > 0 positions, [n, 3], without a twentieth at each end."""
     return np.percentile(means, _INNER, axis=0)
 

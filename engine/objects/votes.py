@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Float32, Mask
 from .views import THRESHOLD, View, Views
 
 __all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes", "votes_of_known"]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
 """Largest membership of a Gaussian that does not belong."""
