@@ -18,6 +18,7 @@ from .arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
 from .graph import SceneGraph, bounded
 from .groups import build_groups
+from .views import SETS_PER_PASS
 from .votes import THRESHOLD, Votes, votes_of_known
 
 __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
@@ -25,11 +26,8 @@ __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
 _MIN_SEGMENT_SHARE = 0.001  # chosen on museum_room
 """Smallest segment that is solved, as a share of its photo."""
 
-_SOLVED_TOGETHER = 32  # by definition
-"""Sets that are solved together. More need more memory and are hardly faster."""
-
 _TOLERANCE = 0.01  # by definition
-"""Residual of their solutions (`SceneGraph.solve_each`): only where they cross one half is asked."""
+"""Residual of solutions (`SceneGraph.solve`): only where they cross one half is asked."""
 
 _SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two proposals are one: the one that agrees better with the segments."""
@@ -155,7 +153,7 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
 
     def solved(start: int) -> csr_matrix:
         context.check_stop()
-        stop, passed = start + _SOLVED_TOGETHER, len(segments)
+        stop, passed = start + SETS_PER_PASS, len(segments)
         together = groups[max(0, start - passed) : max(0, stop - passed)].T
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
@@ -166,9 +164,9 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
     rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for part in pool.map(solved, range(0, count, _SOLVED_TOGETHER)):
+        for part in pool.map(solved, range(0, count, SETS_PER_PASS)):
             rows.append(part)
-            context.tell(min((len(rows) - 1) * _SOLVED_TOGETHER / count, 1), "Looking for objects")
+            context.tell(min((len(rows) - 1) * SETS_PER_PASS / count, 1), "Looking for objects")
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept

@@ -15,7 +15,16 @@ from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import Float32, Floats, Int32, Mask
 
-__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
+__all__ = [
+    "MAX_OBJECT_EXTENT",
+    "SETS_PER_PASS",
+    "THRESHOLD",
+    "View",
+    "Views",
+    "erode_mask",
+    "inner_box",
+    "spread_cameras",
+]
 
 THRESHOLD = 0.5  # by definition
 """Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
@@ -27,28 +36,19 @@ MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 _LEAST_UNIT = 0.4  # by definition
 """Smallest unit of lengths, relative to the distance of the cameras from the scene."""
 
-_SETS_PER_PASS = 60  # by definition
-"""Sets of Gaussians rendered in one pass. More need more memory and give the same masks."""
+SETS_PER_PASS = 32  # by definition
+"""Sets of Gaussians that are solved or rendered together. More need more memory and are hardly faster."""
 
-_INNER = (5, 50, 95)  # by definition
-"""Percentiles of the positions of a set of Gaussians along an axis: where it begins, its middle, and where it ends."""
+_OUTER = 0.05  # by definition
+"""Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Rendered features of one photo's camera, in an undistorted frame that contains every pixel of the photo.
+    """Rendered features of one photo's `camera`, in an undistorted `frame`, [h, w], that contains the whole photo.
 
-    Attributes
-    ----------
-    camera : Camera
-    frame : PinholeCamera
-        The undistorted camera, of size [h, w].
-    features : array of shape [h, w, D], float32
-        Rendered features at unit length.
-    covered : bool array of shape [h, w]
-        Pixels inside of the photo of which Gaussians cover more than half.
-    within : bool array of shape [h, w]
-        Pixels inside of the photo.
+    `features`, [h, w, D], are at unit length. `within` are the pixels inside of the photo, and `covered` those of them
+    of which Gaussians cover more than half, [h, w] both.
     """
 
     camera: Camera
@@ -133,8 +133,8 @@ class Views:
 
     def visible_masks(self, view: View, members: Mask) -> Iterator[Mask]:
         """Yield for each of K sets of Gaussians, bool [K, N], where it makes up more than half of a pixel of `view`."""
-        for start in range(0, len(members), _SETS_PER_PASS):
-            weights = members[start : start + _SETS_PER_PASS].T.astype(np.float32)
+        for start in range(0, len(members), SETS_PER_PASS):
+            weights = members[start : start + SETS_PER_PASS].T.astype(np.float32)
             shares = self.scene.render(view.frame, channels=weights).channels
             yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
 
@@ -152,7 +152,7 @@ class Views:
 
 def inner_box(means: Floats) -> Floats:
     """Return low, middle and high corner, [3, 3], of n > 0 positions, [n, 3], without a twentieth at each end."""
-    return np.percentile(means, _INNER, axis=0)
+    return np.quantile(means, (_OUTER, 1 / 2, 1 - _OUTER), axis=0)
 
 
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:

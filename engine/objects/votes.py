@@ -17,23 +17,12 @@ BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
 
 @dataclass(frozen=True)
 class MaskEvidence:
-    """A mask in one view that shows the object of a prompt, or something that is not part of it.
+    """A mask in one view that shows the object of a prompt, or, `excluded`, a thing that is not part of it.
 
-    Attributes
-    ----------
-    view : View
-    mask : bool array of shape [h, w]
-        In the frame of `view`. All other pixels of the photo show something else.
-    score : float
-        Confidence, 0 to 1: of the detector for a text, SAM's estimate of its IoU for a click or a box, 1 for a mask
-        that the user drew.
-    given : bool
-        The user drew the mask, so it shows the whole object.
-    excluded : bool
-        The mask shows a thing that is not part of the object.
-    members : bool array of shape [N], or None
-        The Gaussians of the object, where they are known. They vote for it instead of the pixels of the mask, and all
-        others against it but those that the mask shows.
+    The `mask`, [h, w], is in the frame of the `view`; all other pixels of the photo show something else. `score`, 0 to
+    1, is the detector's for a text, SAM's estimate of its IoU for a click or a box, and 1 for a mask that is `given`:
+    the user drew it, and it shows the whole object. Where the Gaussians of the object are known, `members`, [N], they
+    vote for it instead of the pixels of the mask, and all others against it but those that the mask shows.
     """
 
     view: View
