@@ -55,20 +55,12 @@ _MAX_STEPS = 300  # by definition
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """Links of N Gaussians with each other and with the M segments of P photos.
+    """Links of N Gaussians with each other and with the M segments of P `photos`.
 
-    Attributes
-    ----------
-    neighbours : sparse matrix of shape [N, N]
-        Symmetric weights of the links between Gaussians.
-    segments : sparse matrix of shape [N, M]
-        Pixels that each Gaussian contributes to each segment. The segments of a photo are consecutive. The first of
-        them, which may be empty, is no segment but the rest of the photo.
-    photo : int32 array of shape [M]
-        Number of the photo of each segment, 0 to P - 1.
-    photos : tuple of P str
-    key : str
-        Key of what the graph was made of; empty if that is not known.
+    `neighbours`, [N, N], are the symmetric weights of the links between Gaussians, and `segments`, [N, M], the pixels
+    that each Gaussian contributes to each segment. `photo`, [M], is the number of the photo of each segment. Those of a
+    photo are consecutive, and the first of them, which may be empty, is no segment but the rest of the photo. `key`
+    tells what the graph was made of; it is empty if that is not known.
     """
 
     neighbours: csr_matrix
@@ -103,18 +95,10 @@ class SceneGraph:
     def solve(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
         """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
 
-        Parameters
-        ----------
-        votes : Votes
-            Of shape [N, K], or [N, 1] for one object at K values of `strictness`.
-        strictness : float or array of shape [K]
-            Weight of a pixel beside the object relative to one inside of it, above 0. The membership of every Gaussian
-            falls as it rises.
-        tolerance : float
-            Largest residual relative to the right-hand side.
+        `votes` are of shape [N, K], or [N, 1] for one object at K values of `strictness`: the weight of a pixel beside
+        the object relative to one inside of it, above 0. Every membership falls as it rises. `tolerance` is the largest
+        residual relative to the right-hand side.
 
-        Notes
-        -----
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
         votes S for the object and B against it, and lambda the strictness, by conjugate gradients with the diagonal as
         preconditioner. SciPy's solve one system at a time, so that each step reads all links for one object alone.
@@ -143,10 +127,10 @@ class SceneGraph:
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
         """Return the graph without the links to segments, those between Gaussians, or features in their weights."""
-        if part == "segments":
-            return replace(self, segments=csr_matrix(self.segments.shape, dtype=np.float32), key=f"{self.key} {part}")
-        links = self.neighbours.sign() if part == "features" else csr_matrix(self.neighbours.shape, dtype=np.float32)
-        return replace(self, neighbours=links, key=f"{self.key} {part}")
+        if part == "features":
+            return replace(self, neighbours=self.neighbours.sign(), key=f"{self.key} {part}")
+        nothing = csr_matrix(getattr(self, part).shape, dtype=np.float32)
+        return replace(self, key=f"{self.key} {part}", **{part: nothing})
 
     @cached_property
     def _by_segment(self) -> csc_matrix:
@@ -195,20 +179,14 @@ def bounded(membership: Float32, means: Float32) -> Float32:
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
     """Return the graph of a scene; raises `Cancelled` when `should_stop` returns True.
 
-    Parameters
-    ----------
-    views : Views
-    label_maps : mapping of str to int32 array
-        Segments by photo, 0 for no segment, at any resolution.
-    n_views : int
-        Largest number of photos whose segments take part.
-    should_stop : callable
+    `label_maps` are the segments by photo, at any resolution, 0 for no segment. Those of the `n_views` photos that
+    differ most take part.
     """
     cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    cameras = spread_cameras(cameras, n_views)
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
     photo: list[int] = []
-    spread = spread_cameras(cameras, n_views)
-    for number, camera in enumerate(spread):
+    for number, camera in enumerate(cameras):
         if should_stop():
             raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
         view = views.of(camera)
@@ -218,7 +196,7 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
         votes = views.scene.votes(view.frame, masks.astype(np.float32))
         columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
         photo += [number] * len(segments)
-    photos = tuple(camera.photo for camera in spread)
+    photos = tuple(camera.photo for camera in cameras)
     return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
 
 
@@ -287,6 +265,7 @@ def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
 def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | None:
     """Return the graph; None when the arrays are not its matrices."""
     photo, photos = arrays["photo"], tuple(arrays["photos"].tolist())
+    right = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
     matrices: dict[str, csr_matrix] = {}
     for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
         parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
@@ -295,7 +274,5 @@ def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | No
             matrices[name].check_format(full_check=True)
         except ValueError:
             return None
-    consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
-    if not consecutive or any((one.data < 0).any() for one in matrices.values()):
-        return None
-    return SceneGraph(photo=photo, photos=photos, **matrices)
+        right = right and not (matrices[name].data < 0).any()
+    return SceneGraph(photo=photo, photos=photos, **matrices) if right else None

@@ -35,19 +35,19 @@ _MAX_DISTANCE = 3.0  # chosen on museum_room, store_room
 """Largest distance from the scene's median along an axis, in units of `Views.length_unit`. Objects are not farther."""
 
 
-def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
+def build_groups(views: Views) -> Mask:
     """Return K nested groups of the Gaussians of a scene, bool [K, N]: two of them are nested or disjoint.
 
     Ward's linkage (1963) of feature and position on 12,000 Gaussians, restricted to the graph of each Gaussian's 8
     nearest neighbours, so that only connected Gaussians are merged. A node of the tree is a group if it and its sibling
-    have the minimum size; a smaller sibling is a fragment that the larger one absorbs. `seed` is that of the sample.
+    have the minimum size; a smaller sibling is a fragment that the larger one absorbs.
     """
     means = views.scene.gaussians.means
     positions = ((means - np.median(means, axis=0)) / views.length_unit).astype(np.float32)
     points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
     inside = np.abs(positions).max(axis=1) < _MAX_DISTANCE
     near = np.flatnonzero(inside & (views.scene.gaussians.opacities > _MIN_OPACITY))
-    sample = np.random.default_rng(seed).permutation(near)[:_SAMPLE_SIZE]
+    sample = np.random.default_rng(0).permutation(near)[:_SAMPLE_SIZE]
     place, spans = _cluster(points[sample], means[sample], max(5, round(_MIN_GROUP_SHARE * len(sample))))
     places = np.full(len(means), -1)
     grouped = place >= 0
