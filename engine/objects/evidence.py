@@ -21,25 +21,24 @@ from .context import SegmentationContext
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
 from .views import View, Views
-from .votes import THRESHOLD, MaskEvidence, count_votes
+from .votes import THRESHOLD, MaskEvidence
 
 __all__ = [
     "clicks_by_photo",
+    "connected_members",
     "connected_parts",
     "evidence_of_clicks",
     "evidence_of_exclusions",
     "evidence_of_places",
     "find_evidence",
     "pixel_of",
+    "places_in",
     "require_known",
     "require_mask",
 ]
 
 _PART = 0.1  # chosen on museum_room
 """Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
-
-_CELL_LINK_DISTANCE = 1.8  # by definition
-"""Distance in cells up to which two cells of a grid are linked; above sqrt(3), which reaches the 26 cells around."""
 
 
 def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: SegmentationContext) -> list[MaskEvidence]:
@@ -48,24 +47,30 @@ def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: Segment
     Raises `PromptError` when no mask was found at a place or in a box, `MaskError` when a given mask cannot be used.
     """
     if isinstance(prompt, ClickPrompt):
-        return evidence_of_clicks(prompt.clicks, context) + evidence_of_exclusions(
-            prompt.excluded, prompt.clicks, context
-        )
+        return evidence_of_clicks(prompt.clicks, prompt.excluded, context)
     camera = camera_of_prompt(prompt, context.views.cameras)
     view = context.views.of(camera)
     if isinstance(prompt, MaskPrompt):
         evidence = MaskEvidence(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True)
     else:
-        left, right = np.clip([prompt.x0, prompt.x1], 0, camera.width)
-        top, bottom = np.clip([prompt.y0, prompt.y1], 0, camera.height)
-        box = (float(left), float(top), float(right), float(bottom))
-        mask, score = context.photos.segment(camera, outside=_places(prompt.excluded, camera.photo), box=box)
+        corners = np.array([[prompt.x0, prompt.y0], [prompt.x1, prompt.y1]])
+        x0, y0, x1, y1 = np.clip(corners, 0, [camera.width, camera.height]).ravel().tolist()
+        outside = places_in(camera.photo, prompt.excluded)
+        mask, score = context.photos.segment(camera, outside=outside, box=(x0, y0, x1, y1))
         evidence = MaskEvidence(view, view.from_photo(mask), score)
-    return [require_mask(evidence), *evidence_of_exclusions(prompt.excluded, (), context)]
+    return [require_mask(evidence), *evidence_of_exclusions((), prompt.excluded, context)]
+
+
+def evidence_of_clicks(
+    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
+) -> list[MaskEvidence]:
+    """Return one mask for each clicked photo, without SAM, and those of `evidence_of_exclusions`; errors as there."""
+    shown = [evidence_of_places(places, view, context) for view, places in clicks_by_photo(clicks, context)]
+    return [*shown, *evidence_of_exclusions(clicks, excluded, context)]
 
 
 def evidence_of_exclusions(
-    excluded: Sequence[Point], clicks: Sequence[Point], context: SegmentationContext
+    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
 ) -> list[MaskEvidence]:
     """Return SAM's mask of the excluded clicks of each photo, with the other `clicks` as its background points.
 
@@ -73,15 +78,10 @@ def evidence_of_exclusions(
     """
     evidence = []
     for view, places in clicks_by_photo(excluded, context):
-        outside = _places(clicks, view.camera.photo)
+        outside = places_in(view.camera.photo, clicks)
         mask, score = context.photos.segment(view.camera, points=places, outside=outside)
         evidence.append(require_mask(MaskEvidence(view, view.from_photo(mask), score, excluded=True)))
     return evidence
-
-
-def evidence_of_clicks(clicks: Sequence[Point], context: SegmentationContext) -> list[MaskEvidence]:
-    """Return one mask for each clicked photo, without SAM; raises `PromptError` for a click outside of its photo."""
-    return [evidence_of_places(places, view, context) for view, places in clicks_by_photo(clicks, context)]
 
 
 def evidence_of_places(places: Sequence[tuple[float, float]], view: View, context: SegmentationContext) -> MaskEvidence:
@@ -91,8 +91,7 @@ def evidence_of_places(places: Sequence[tuple[float, float]], view: View, contex
     clicked pixel, as far as they are connected to what the mask shows. `places` are x, y in pixels of the picture of
     `view`, which is that of a photo or of any other camera (`Views.from_anywhere`).
     """
-    pixels = [pixel_of(view, x, y) for x, y in places]
-    columns, rows = np.transpose(pixels)
+    columns, rows = np.transpose([pixel_of(view, x, y) for x, y in places])
     mask = np.zeros(view.within.shape, bool)
     mask[rows, columns] = True
     if view.camera.photo in context.label_maps:
@@ -102,23 +101,21 @@ def evidence_of_places(places: Sequence[tuple[float, float]], view: View, contex
         # Without a kernel, OpenCV takes the pixel and its 8 neighbours.
         mask = cv2.dilate(mask.astype(np.uint8), None) > 0
     item = MaskEvidence(view, mask & view.within, 1.0)
-    members = _similar_gaussians(pixels, item, context.views)
-    if members is None:
+    clicked = view.features[rows, columns][view.covered[rows, columns]]
+    similar = (context.views.directions @ clicked.T).max(axis=1, initial=-1) >= PAPER.cosine
+    members = connected_members(similar, item, context.views)
+    if not members.any():
         return item
     shown = context.views.visible_share(view, members) > THRESHOLD
     return replace(item, mask=item.mask | (shown & view.within), members=members)
 
 
-def _similar_gaussians(pixels: Sequence[tuple[int, int]], item: MaskEvidence, views: Views) -> Mask | None:
-    """Return the Gaussians with features like those of clicked pixels, connected to a mask; None if there are none."""
-    clicked = np.array([item.view.features[row, column] for column, row in pixels if item.view.covered[row, column]])
-    if len(clicked) == 0:
-        return None
-    similar = np.flatnonzero((views.directions @ clicked.T).max(axis=1) >= PAPER.cosine)
-    weights = count_votes(views, item, np.zeros(len(views.scene), np.float32)).inside
-    members = np.zeros(len(views.scene), bool)
-    members[similar[connected_parts(views.scene.gaussians.means[similar], weights[similar])]] = True
-    return members if members.any() else None
+def connected_members(members: Mask, item: MaskEvidence, views: Views) -> Mask:
+    """Return which of the `members` are connected to what a mask shows (`connected_parts`), bool [N] both."""
+    pixels = views.scene.votes(item.view.frame, item.mask[..., None].astype(np.float32))[:, 0]
+    connected = np.zeros_like(members)
+    connected[members] = connected_parts(views.scene.gaussians.means[members], pixels[members])
+    return connected
 
 
 def connected_parts(points: Float32, weights: Floats) -> Mask:
@@ -137,7 +134,8 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     neighbours = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
     cell = max(_PART * radius, 2 * float(np.median(neighbours)), float(np.finfo(np.float32).eps))
     keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
-    pairs = cKDTree(keys).query_pairs(_CELL_LINK_DISTANCE, output_type="ndarray")
+    # On no axis farther than one cell: the 26 cells around.
+    pairs = cKDTree(keys).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
     part = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
     weight = np.bincount(part, weights=weights)
@@ -149,10 +147,11 @@ def clicks_by_photo(
 ) -> list[tuple[View, list[tuple[float, float]]]]:
     """Return the clicked places of each photo; raises `PromptError` for a click outside of its photo."""
     cameras = {point.photo: camera_of_prompt(point, context.views.cameras) for point in clicks}
-    return [(context.views.of(camera), _places(clicks, photo)) for photo, camera in cameras.items()]
+    return [(context.views.of(camera), places_in(photo, clicks)) for photo, camera in cameras.items()]
 
 
-def _places(points: Sequence[Point], photo: str) -> list[tuple[float, float]]:
+def places_in(photo: str, points: Sequence[Point]) -> list[tuple[float, float]]:
+    """Return the places, x, y, of those points that are in a photo."""
     return [(point.x, point.y) for point in points if point.photo == photo]
 
 

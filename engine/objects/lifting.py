@@ -16,15 +16,18 @@ from .views import MAX_OBJECT_EXTENT, View, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
 __all__ = [
+    "NOTHING_BEHIND",
+    "NOTHING_LEFT",
     "FoundObject",
     "Levels",
     "corrected",
     "fit_of",
     "isolate_object",
-    "nothing_behind",
-    "nothing_left",
     "overlap",
 ]
+
+NOTHING_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
+NOTHING_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
 
 _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
@@ -51,20 +54,10 @@ class Levels:
 
 @dataclass(frozen=True)
 class FoundObject:
-    """An object before it is stored.
+    """An object before it is stored, in smaller and larger versions; `score` is that of `ObjectRecord`.
 
-    Attributes
-    ----------
-    levels : Levels
-        The object, and smaller and larger versions of it.
-    score : float
-        See `ObjectRecord.score`.
-    fit : float
-        IoU with the best mask of `evidence` in its view.
-    evidence : tuple of MaskEvidence
-        Masks that show the object, the best first.
-    name : str
-        Name suggested by the detector; may be empty.
+    `evidence` are the masks that show it, the best first, and `fit` is the IoU with the best one in its view. The
+    detector suggests the `name`, which may be empty.
     """
 
     levels: Levels
@@ -113,7 +106,7 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     levels = _distinct(np.maximum.accumulate([bounded(one, context.means) for one in solved]), context.views)
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     if not found.members.any():
-        raise nothing_behind() if len(shown) == len(evidence) else nothing_left()
+        raise PromptError(NOTHING_BEHIND if len(shown) == len(evidence) else NOTHING_LEFT)
     return replace(found, fit=fit_of(context.views, shown[0].view, shown[0].mask, found.members))
 
 
@@ -122,22 +115,9 @@ def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], be
 
     Raises `Cancelled` when the user stops.
     """
-    added, removed = (
-        _union(context, [item for item in evidence if item.excluded == kind], _ALONE)[0] for kind in (False, True)
-    )
+    added = _union(context, [item for item in evidence if not item.excluded], _ALONE)[0]
+    removed = _union(context, [item for item in evidence if item.excluded], _ALONE)[0]
     return np.minimum(np.maximum(before, added), 1 - removed)
-
-
-def nothing_behind() -> PromptError:
-    """Return the error for evidence that shows no Gaussian."""
-    return PromptError(
-        "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
-    )
-
-
-def nothing_left() -> PromptError:
-    """Return the error for excluded evidence that leaves no Gaussian."""
-    return PromptError("Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere.")
 
 
 def _union(context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32) -> Float32:

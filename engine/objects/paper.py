@@ -21,15 +21,16 @@ from .arrays import Float32, Floats, Mask
 from .context import SegmentationContext
 from .evidence import (
     clicks_by_photo,
-    connected_parts,
+    connected_members,
     evidence_of_exclusions,
     find_evidence,
     pixel_of,
+    places_in,
     require_known,
     require_mask,
 )
 from .graph import bounded
-from .lifting import FoundObject, Levels, fit_of, nothing_behind, nothing_left, overlap
+from .lifting import NOTHING_BEHIND, NOTHING_LEFT, FoundObject, Levels, fit_of, overlap
 from .prompts import ClickPrompt, Point, Prompt, TextPrompt
 from .settings import PaperSettings
 from .views import View, erode_mask, spread_cameras
@@ -42,27 +43,24 @@ log = logging.getLogger(__name__)
 _N_DIRECTION_ROUNDS = 3  # chosen on museum_room
 """Times that the outliers of a mean direction are removed."""
 
+_QUARTER = 1 / 4  # by definition
+
 
 def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings: PaperSettings) -> list[FoundObject]:
     """Return the objects that `prompt` asks for, the best first; errors as of `find_objects`."""
-    removed = np.zeros(len(context.means), bool)
     if isinstance(prompt, TextPrompt):
-        shown = _from_text(prompt.text, context.part(0, 2))
-        if not shown:
-            raise nothing_found(prompt.text, context)
+        evidence = _from_text(prompt.text, context.part(0, 2))
+    elif isinstance(prompt, ClickPrompt):
+        clicked = clicks_by_photo(prompt.clicks, context)
+        evidence = [_from_clicks(view, places, prompt.excluded, context, settings) for view, places in clicked]
+        evidence += evidence_of_exclusions(prompt.clicks, prompt.excluded, context)
     else:
-        clicks = prompt.clicks if isinstance(prompt, ClickPrompt) else ()
-        if clicks:
-            shown = [
-                _from_clicks(view, places, prompt.excluded, context, settings)
-                for view, places in clicks_by_photo(clicks, context)
-            ]
-        else:
-            shown = [item for item in find_evidence(prompt, context) if not item.excluded]
-        removed = _shown_by(evidence_of_exclusions(prompt.excluded, clicks, context), context)
+        evidence = find_evidence(prompt, context)
+    shown = [item for item in evidence if not item.excluded]
+    removed = _shown_by([item for item in evidence if item.excluded], context)
     candidates = _candidates(shown, prompt, context, settings)
     if not candidates:
-        raise nothing_behind()
+        raise PromptError(NOTHING_BEHIND)
     scored = [(candidate.evidence[0].score, candidate) for candidate in candidates]
     if isinstance(prompt, TextPrompt):
         searched = {item.view.camera.photo for item in shown}
@@ -78,7 +76,7 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
             found.append(one)
         context.part(1, 2).tell(number / len(scored), "Isolating")
     if not found:
-        raise nothing_left()
+        raise PromptError(NOTHING_LEFT)
     return found
 
 
@@ -125,7 +123,10 @@ def _candidates(
 
 
 def _from_text(text: str, context: SegmentationContext) -> list[MaskEvidence]:
-    """Return the masks that the detector finds in several photos, among their segments where there are some."""
+    """Return the masks that the detector finds in several photos, among their segments where there are some.
+
+    Raises `PromptError` when the detector does not know the text or finds it in no photo.
+    """
     require_known(text, context)
     evidence = []
     # Existing segments are better regions than any box, and cost nothing.
@@ -144,6 +145,8 @@ def _from_text(text: str, context: SegmentationContext) -> list[MaskEvidence]:
             if mask.any():
                 evidence.append(MaskEvidence(view, mask, found.score))
         context.tell(number / len(cameras), f"Looking for {text!r} ({context.detector.name})")
+    if not evidence:
+        raise nothing_found(text, context)
     return evidence
 
 
@@ -158,7 +161,7 @@ def _from_clicks(
 
     With excluded clicks in the photo it is always the first, which alone leaves them out.
     """
-    outside = [(point.x, point.y) for point in excluded if point.photo == view.camera.photo]
+    outside = places_in(view.camera.photo, excluded)
     mask, score = context.photos.segment(view.camera, points=places, outside=outside)
     box = None if outside else _box_of_similar(view, places, settings.cosine)
     if box is not None:
@@ -169,20 +172,18 @@ def _from_clicks(
 
 def _box_of_similar(
     view: View, places: Sequence[tuple[float, float]], cosine: float
-) -> tuple[float, float, float, float] | None:
+) -> tuple[int, int, int, int] | None:
     """Return the box, in the photo, around the connected area with features like those of the clicked pixels.
 
     None where no Gaussian covers a clicked pixel.
     """
-    pixels = [pixel_of(view, x, y) for x, y in places]
-    pixels = [(column, row) for column, row in pixels if view.covered[row, column]]
-    if not pixels:
+    pixels = np.array([pixel_of(view, x, y) for x, y in places])
+    columns, rows = pixels[view.covered[pixels[:, 1], pixels[:, 0]]].T
+    if len(rows) == 0:
         return None
-    clicked = np.stack([view.features[row, column] for column, row in pixels])
-    similar = ((view.features @ clicked.T).max(axis=-1) >= cosine) & view.covered
+    similar = ((view.features @ view.features[rows, columns].T).max(axis=-1) >= cosine) & view.covered
     areas = cv2.connectedComponents(similar.astype(np.uint8))[1]
-    box = mask_box(view.to_photo(np.isin(areas, [areas[row, column] for column, row in pixels])))
-    return None if box is None else (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
+    return mask_box(view.to_photo(np.isin(areas, areas[rows, columns])))
 
 
 def _lift(item: MaskEvidence, prompt: Prompt, context: SegmentationContext, settings: PaperSettings) -> Float32 | None:
@@ -192,10 +193,9 @@ def _lift(item: MaskEvidence, prompt: Prompt, context: SegmentationContext, sett
     if not inner.any():
         inner = mask & view.covered
     features, start = view.features[inner], None
-    clicks = prompt.clicks if isinstance(prompt, ClickPrompt) else ()
-    clicks = tuple(point for point in clicks if point.photo == view.camera.photo)
-    if len(clicks) == 1 and len(features):
-        column, row = pixel_of(view, clicks[0].x, clicks[0].y)
+    places = places_in(view.camera.photo, prompt.clicks) if isinstance(prompt, ClickPrompt) else []
+    if len(places) == 1 and len(features):
+        column, row = pixel_of(view, *places[0])
         # Only if at least half of the mask is like it: a single pixel may lie on a seam.
         clicked = view.features[row, column]
         start = clicked if (features @ clicked >= settings.cosine).mean() >= THRESHOLD else None
@@ -203,10 +203,7 @@ def _lift(item: MaskEvidence, prompt: Prompt, context: SegmentationContext, sett
     if direction is None:
         return None
     membership = calibrated(views.directions @ direction, settings.cosine)
-    members = np.flatnonzero(membership >= THRESHOLD)
-    weights = count_votes(views, item, membership).inside
-    connected = np.zeros(len(membership), bool)
-    connected[members[connected_parts(context.means[members], weights[members])]] = True
+    connected = connected_members(membership >= THRESHOLD, item, views)
     membership = np.where(connected, membership, np.minimum(membership, BELOW_HALF))
     return bounded(membership, context.means) if connected.any() else None
 
@@ -274,7 +271,7 @@ def within_quartiles(points: Float32, factor: float) -> Mask:
     """Return which points are within `factor` interquartile ranges of the quartiles on every axis, bool [M]."""
     if len(points) == 0:
         return np.zeros(0, bool)
-    first, third = np.percentile(points, [25, 75], axis=0)
+    first, third = np.quantile(points, (_QUARTER, 1 - _QUARTER), axis=0)
     reach = factor * (third - first)
     return np.asarray(((points >= first - reach) & (points <= third + reach)).all(axis=1))
 

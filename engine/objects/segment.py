@@ -52,26 +52,11 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
 
 
 def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click: tuple[float, float]) -> Mask:
-    """Return where the object under a pixel of any view of the scene is visible in that view.
+    """Return where the object under a pixel of any view of the scene is visible in that view: bool, of its full size.
 
-    Parameters
-    ----------
-    context : SegmentationContext
-    camera : Camera or PinholeCamera
-        Of a photo, or any other one.
-    click : (float, float)
-        x, y in pixels of the picture; (0, 0) is its top left corner.
-
-    Returns
-    -------
-    bool array of shape [camera.height, camera.width]
-
-    Raises
-    ------
-    PromptError
-        When the click lies outside of the picture, or no Gaussian is there.
-    Cancelled
-        When the user stops.
+    `camera` is that of a photo, or any other one; `click` is x, y in pixels of the picture from its top left corner.
+    Raises `PromptError` when the click lies outside of the picture or no Gaussian is there, and `Cancelled` when the
+    user stops.
     """
     x, y = click
     if not (0 <= x < camera.width and 0 <= y < camera.height):
@@ -133,12 +118,9 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
 def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """Return the objects of a scene without its background, in descending order of score; no two overlap.
 
-    Names are suggested by the detector; without one the score is 0. Raises `Cancelled` when the user stops.
-
-    Notes
-    -----
     Of the proposals (`engine.objects.proposals`), those are chosen that do not overlap and have the largest sum of
-    probabilities of being an object, each less the least one.
+    probabilities of being an object, each less the least one. Names are suggested by the detector; without one the
+    score is 0. Raises `Cancelled` when the user stops.
     """
     graph, looks = context.graph, load_or_build_looks(context)
     chosen = apart(looks.members, looks.probability - LEAST_PROBABILITY)

@@ -23,7 +23,7 @@ from ..settings import to_dict
 from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
-from .evidence import evidence_of_clicks, evidence_of_exclusions
+from .evidence import evidence_of_clicks
 from .lifting import FoundObject, Levels, corrected, isolate_object, overlap
 from .photos import SamFactory
 from .polishing import polish
@@ -195,8 +195,7 @@ class Segmenter:
         """
         record, context = load_object(self.project.path, name), self.context
         before = load_fitting_membership(self.project.path, record, len(context.means))
-        evidence = evidence_of_exclusions(excluded, clicks, context) + evidence_of_clicks(clicks, context)
-        membership = corrected(context, evidence, before)
+        membership = corrected(context, evidence_of_clicks(clicks, excluded, context), before)
         n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
         if n_left < max(1.0, _MIN_REMAINING_SHARE * n_before):
             raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
