@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,11 +20,8 @@ __all__ = ["Photos", "SamFactory"]
 
 SamFactory = Callable[[], "SegmentAnything"]
 
-_MAX_CACHED_BYTES = 256_000_000  # by definition
-"""Largest size of the cached pixels in bytes, about a hundred photos at 1024 pixels."""
-
-_MAX_CACHED_EMBEDDINGS = 32  # by definition
-"""Embeddings of SAM that are cached in memory, at most, 4 MB each."""
+_MAX_CACHED = 32  # by definition
+"""Photos whose pixels, 3 MB each, and embeddings of SAM, 4 MB each, are cached in memory at most."""
 
 
 class Photos:
@@ -37,21 +34,22 @@ class Photos:
     def __init__(
         self, folder: Path, side: int, sam_factory: SamFactory, embeddings: EmbeddingFolder | None = None
     ) -> None:
-        self._folder, self._side, self._sam_factory, self._on_disk = folder, side, sam_factory, embeddings
-        self._sam: SegmentAnything | None = None
-        self._pixels: OrderedDict[str, Pixels] = OrderedDict()
-        self._embeddings: OrderedDict[str, Embedding] = OrderedDict()
+        self._folder, self._side, self._on_disk = folder, side, embeddings
+        self._sam = cache(sam_factory)
+        self._pixels, self._embedding = lru_cache(_MAX_CACHED)(self._load), lru_cache(_MAX_CACHED)(self._encode)
+
+    def _load(self, name: str) -> Pixels:
+        pixels = load_pixels(self._folder / name, max_side=self._side)
+        pixels.setflags(write=False)
+        return pixels
+
+    def _encode(self, name: str) -> Embedding:
+        pixels, sam = self._pixels(name), self._sam()
+        return sam.encode(pixels) if self._on_disk is None else self._on_disk.encode(name, pixels, sam)
 
     def pixels(self, camera: Camera) -> Pixels:
         """Return the photo, uint8 [H, W, 3], read-only."""
-        name = camera.photo
-        if name not in self._pixels:
-            self._pixels[name] = load_pixels(self._folder / name, max_side=self._side)
-            self._pixels[name].setflags(write=False)
-            while len(self._pixels) > 1 and sum(kept.nbytes for kept in self._pixels.values()) > _MAX_CACHED_BYTES:
-                self._pixels.popitem(last=False)
-        self._pixels.move_to_end(name)
-        return self._pixels[name]
+        return self._pixels(camera.photo)
 
     def scale(self, camera: Camera) -> float:
         """Return the size of `pixels` relative to the photo at full size."""
@@ -69,16 +67,9 @@ class Photos:
 
         The `points` on the object, those `outside` of it, and `box`, x0, y0, x1, y1, are in pixels of the whole photo.
         """
-        scale, pixels, name = np.float32(self.scale(camera)), self.pixels(camera), camera.photo
-        self._sam = sam = self._sam or self._sam_factory()
-        if name not in self._embeddings:
-            on_disk = self._on_disk
-            self._embeddings[name] = sam.encode(pixels) if on_disk is None else on_disk.encode(name, pixels, sam)
-            if len(self._embeddings) > _MAX_CACHED_EMBEDDINGS:
-                self._embeddings.popitem(last=False)
-        self._embeddings.move_to_end(name)
+        scale = np.float32(self.scale(camera))
         places, corners = [*points, *outside], None if box is None else np.asarray(box, np.float32) * scale
         clicks = np.asarray(places, np.float32) * scale if places else None
         labels = np.asarray([1.0] * len(points) + [0.0] * len(outside), np.float32) if places else None
-        found = sam.predict(self._embeddings[name], clicks, labels, corners)
+        found = self._sam().predict(self._embedding(camera.photo), clicks, labels, corners)
         return found.mask, float(np.clip(found.iou, 0, 1))

@@ -32,9 +32,6 @@ __all__ = [
     "parse_texts",
 ]
 
-_MAX_MASK_PIXELS = 400_000_000  # by definition
-"""As for photos."""
-
 _MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")
 """Formats that Pillow decodes by itself: for some others it starts a program."""
 
@@ -222,6 +219,8 @@ def load_mask(path: Path, camera: Camera) -> Mask:
     """
     from PIL import Image
 
+    from ..photos import MAX_PIXELS
+
     try:
         with opened(path, advice=_SAVE_AS_PNG) as stream, Image.open(stream, formats=_MASK_FORMATS) as picture:
             # Before a pixel is decoded: a small file may state a huge size.
@@ -231,7 +230,7 @@ def load_mask(path: Path, camera: Camera) -> Mask:
                     f"The mask {path} is {stated}, but {camera.photo} is {camera.width} x {camera.height}. "
                     "Draw it over the photo itself."
                 )
-            if picture.width * picture.height > _MAX_MASK_PIXELS:
+            if picture.width * picture.height > MAX_PIXELS:
                 raise MaskError(f"The mask {path} has {stated}, more than can be read safely.")
             wide = picture.mode.startswith("I")
             values = np.asarray(picture if wide else picture.convert("L"))
