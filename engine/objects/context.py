@@ -28,29 +28,14 @@ DetectorFactory = Callable[[], "Detector"]
 
 Made = TypeVar("Made")
 
-_FOLDER = "groups"
-"""Folder in a project for what is computed once for all prompts."""
-
 
 @dataclass(frozen=True)
 class SegmentationContext:
     """A trained scene with what is needed to isolate objects of it.
 
-    Attributes
-    ----------
-    views : Views
-    photos : Photos
-    label_maps : mapping of str to int32 array of shape [h, w]
-        SAM label maps by photo; may be empty.
-    settings : SegmentSettings
-    detector_factory : callable
-        Called when a detector is first needed.
-    emit, should_stop
-        See `engine.events`.
-    folder : Path or None
-        Keeps what is computed once for all prompts. None keeps it in memory only.
-    kept : dict
-        What was computed, in memory.
+    `label_maps` are SAM's, [h, w], by photo; there may be none. `detector_factory` is called when a detector is first
+    needed; for `emit` and `should_stop` see `engine.events`. What is computed once for all prompts is `kept` in memory,
+    and in the `folder` unless it is None.
     """
 
     views: Views
@@ -134,7 +119,7 @@ def load_context(
         detector_factory,
         emit,
         should_stop,
-        project.path / _FOLDER,
+        project.path / "groups",
     )
 
 

@@ -28,6 +28,9 @@ __all__ = ["Looks", "build_looks", "load_or_build_looks"]
 
 _VERSION = "looks 1"
 
+_N_SIDES = 4  # by definition
+"""Sides of a box: x0, y0, x1, y1."""
+
 _MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 """Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""
 
@@ -55,18 +58,10 @@ _MIN_SCORE = 1e-3  # by definition
 class Looks:
     """K proposals, and how a detector describes them in photos: S sightings.
 
-    Attributes
-    ----------
-    members, probability, like
-        See `Proposals`. The sightings of ``like[k]`` describe proposal k.
-    proposal : int32 array of shape [S]
-        The proposal of each sighting.
-    photo : tuple of S str
-        The photo of each sighting.
-    box : array of shape [S, 4], float32
-        x0, y0, x1, y1 of the set in the pixels of `Photos.pixels`.
-    described : array of shape [S, D], float32
-        By `Detector.describe_crops`; D is 0 for a detector that describes no crops.
+    `members`, `probability` and `like` are those of `Proposals`; the sightings of ``like[k]`` describe proposal k.
+    `proposal`, [S], and `photo` tell whose and where a sighting is, and `box`, [S, 4], where in the photo: x0, y0, x1,
+    y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`; D is 0 for a detector
+    that describes no crops.
     """
 
     members: Mask
@@ -86,15 +81,14 @@ class Looks:
 
         Raises `PromptError` when the detector does not know the text.
         """
-        known = np.ones(len(self.proposal), bool)
-        if self.described.shape[1]:
-            rows = np.asarray(context.detector.score_descriptions(self.described, text), np.float64)
-        else:
-            rows, known = self._boxed(text, context)
+        describes = self.described.shape[1] > 0
+        score = context.detector.score_descriptions(self.described, text) if describes else self._boxed(text, context)
+        rows = np.asarray(score, np.float64)
+        known = ~np.isnan(rows)
         count = np.bincount(self.proposal[known], minlength=len(self.members))[self.like]
         total = np.bincount(self.proposal[known], weights=rows[known], minlength=len(self.members))[self.like]
         mean = total / np.maximum(count, 1)
-        if not self.described.shape[1] or not mean.any():
+        if not describes or not mean.any():
             return np.asarray(mean, np.float64)
         odds = logit(np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE))
         described = odds[count > 0]
@@ -104,18 +98,18 @@ class Looks:
         odds += _LIKELY * logit(np.clip(self.probability, smallest, 1 - smallest)) - _CONTRAST * resembled - _LEAST_ODDS
         return np.where(count > 0, expit(odds), 0.0)
 
-    def _boxed(self, text: str, context: SegmentationContext) -> tuple[Float64, Mask]:
-        """Return the score of each sighting by the detector's boxes, and which sightings are in searched photos."""
+    def _boxed(self, text: str, context: SegmentationContext) -> Float64:
+        """Return the score of each sighting by the detector's boxes; NaN in photos that are not searched."""
         cameras = [one for one in context.views.cameras.cameras if one.photo in set(self.photo)]
-        rows, known = np.zeros(len(self.proposal)), np.zeros(len(self.proposal), bool)
+        rows = np.full(len(self.proposal), np.nan)
         for camera in spread_cameras(cameras, context.settings.n_text_views):
             numbers = np.flatnonzero(np.array(self.photo) == camera.photo)
-            known[numbers] = True
+            rows[numbers] = 0
             for found in context.detector.detect(context.photos.pixels(camera), text):
                 overlaps = box_ious(self.box[numbers], np.asarray(found.box, np.float32))
                 fitting = numbers[overlaps >= THRESHOLD]
                 rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
-        return rows, known
+        return rows
 
     def names(self, numbers: Sequence[int], context: SegmentationContext) -> list[tuple[str, float]]:
         """Return the detector's word for proposals, with its confidence, 0 to 1; ("", 0) for one without words."""
@@ -140,34 +134,31 @@ def build_looks(context: SegmentationContext) -> Looks:
     context = context.part(1, 2)
     views, by_photo = context.views, context.views.cameras.by_photo
     sightings = _sightings(context, sets)
-    found: list[tuple[int, str, bool, Sequence[float]]] = []
+    found: list[tuple[int, str, tuple[int, int, int, int], bool]] = []
     described: list[Float32] = []
     for done, (photo, numbers) in enumerate(sightings.items(), start=1):
         view, pixels = views.of(by_photo[photo]), context.photos.pixels(by_photo[photo])
-        size = (pixels.shape[1], pixels.shape[0])
-        crops = []
+        height, width = pixels.shape[:2]
+        crops, boxes = [], []
         for number, mask in zip(numbers, views.visible_masks(view, sets.members[numbers]), strict=True):
-            inside = cv2.resize(view.to_photo(mask).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+            inside = view.to_photo(mask).astype(np.uint8)
+            inside = cv2.resize(inside, (width, height), interpolation=cv2.INTER_NEAREST) > 0
             box = mask_box(inside)
             if mask.sum() >= _MIN_VISIBLE_PIXELS and box is not None:
-                crops.append((number, inside, [float(side) for side in box]))
+                crops.append(inside)
+                boxes.append(box)
+                found.append((number, photo, box, min(box[:2]) > 0 and box[2] < width and box[3] < height))
         if crops:
-            boxes, masks = [box for *_, box in crops], [inside for _, inside, _ in crops]
-            rows = context.detector.describe_crops(pixels, boxes, masks)
+            rows = context.detector.describe_crops(pixels, boxes, crops)
             described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
-            found += [(number, photo, _is_whole(inside), box) for number, inside, box in crops]
         context.tell(done / len(sightings), "Describing what may be objects")
     rows = np.concatenate(described).astype(np.float32) if described else np.zeros((0, 1), np.float32)
-    seen_whole = {number for number, _, whole, _ in found if whole}
-    kept = [k for k, (number, _, whole, _) in enumerate(found) if whole or number not in seen_whole]
-    proposal = np.array([found[k][0] for k in kept], np.int32)
-    photos, sides = tuple(found[k][1] for k in kept), np.array([found[k][3] for k in kept], np.float32).reshape(-1, 4)
-    return Looks(sets.members, sets.probability, sets.like, proposal, photos, sides, rows[kept])
-
-
-def _is_whole(mask: Mask) -> bool:
-    """Return whether a mask of a photo does not touch its border."""
-    return not (mask[[0, -1]].any() or mask[:, [0, -1]].any())
+    proposal, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
+    sides = np.array([one[2] for one in found], np.float32).reshape(-1, _N_SIDES)
+    # Where a photo cuts off a proposal that others show whole, it is not described.
+    kept = np.flatnonzero(whole | ~np.isin(proposal, proposal[whole]))
+    photos = tuple(found[k][1] for k in kept)
+    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, sides[kept], rows[kept])
 
 
 def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:
@@ -191,7 +182,7 @@ _SPECS = {
     "like": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
-    "box": ArraySpec("float32", ("s", 4), finite=True),
+    "box": ArraySpec("float32", ("s", _N_SIDES), finite=True),
     "described": ArraySpec("float16", ("s", "d"), finite=True),
 }  # by definition
 
@@ -216,8 +207,8 @@ def _load_or_build(context: SegmentationContext) -> Looks:
     if looks is None:
         looks = build_looks(context)
         arrays = {name: np.asarray(getattr(looks, name)) for name in _SPECS}
-        arrays["members"] = np.packbits(looks.members, axis=1)
-        keep_arrays(file, recipe, arrays | {"described": looks.described.astype(np.float16)})
+        arrays |= {"members": np.packbits(looks.members, axis=1), "described": looks.described.astype(np.float16)}
+        keep_arrays(file, recipe, arrays)
     return looks
 
 

@@ -55,16 +55,9 @@ LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, roo
 class Proposals:
     """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
 
-    Attributes
-    ----------
-    members : bool array of shape [K, N]
-        They may overlap: a part and its whole are two proposals.
-    probability : array of shape [K], float32
-        Of being an object, at least `LEAST_PROBABILITY`, in descending order.
-    like : int32 array of shape [K]
-        A likelier proposal that looks the same, or the proposal itself.
-    shown : array of shape [K, P], float32
-        Pixels that show each set in each photo.
+    `members`, [K, N], may overlap: a part and its whole are two proposals. `probability`, [K], is that of being an
+    object, at least `LEAST_PROBABILITY`, in descending order. `like`, [K], is the number of a likelier proposal that
+    looks the same, or of the proposal itself. `shown`, [K, P], are the pixels that show each set in each photo.
     """
 
     members: Mask

@@ -74,22 +74,11 @@ class TextResult:
 
 @dataclass(frozen=True)
 class Segmenter:
-    """Isolates, corrects and stores the objects of a trained project.
+    """Isolates, corrects and stores the objects of a trained project, which is open for writing.
 
-    All methods raise `HeritageError` when a part of the project is missing or damaged, and `Cancelled`, with nothing
-    stored, when `should_stop` returns True.
-
-    Parameters
-    ----------
-    project : ProjectFolder
-        Open for writing.
-    settings : SegmentSettings
-    detector_factory, sam_factory : callable
-        Called when their model is first needed.
-    emit, should_stop
-        See `engine.events`.
-    device : Device
-        What renders the views and counts the votes.
+    The factories are called when their model is first needed; for `emit` and `should_stop` see `engine.events`. The
+    views are rendered, and the votes counted, on `device`. All methods raise `HeritageError` when a part of the project
+    is missing or damaged, and `Cancelled`, with nothing stored, when `should_stop` returns True.
     """
 
     project: ProjectFolder
@@ -143,17 +132,10 @@ class Segmenter:
     ) -> Iterator[TextResult]:
         """Store the objects of each text, and yield its result then. A refused text does not end the others.
 
-        Parameters
-        ----------
-        names : mapping of str to str
-            Name of the objects by text.
-        skip : collection of str
-            Texts that were segmented before, e.g. in a run that was killed. They yield nothing.
-        again : mapping of str to sequence of (str or None), optional
-            By text: ids of its objects that are made again, in the order of an earlier run; each keeps its id and name.
-            None stands for one that is not stored.
-        camera : Camera or PinholeCamera, optional
-            Where the user looks from, for left and right.
+        `names` are those of the objects by text. Texts to `skip` were segmented before, e.g. in a run that was killed,
+        and yield nothing. `again` are, by text, the ids of its objects that are made again, in the order of an earlier
+        run: each keeps its id and name, and None stands for one that is not stored. Left and right are those of
+        `camera`.
         """
         for number, (text, name) in enumerate(names.items()):
             if text in skip:
@@ -177,11 +159,8 @@ class Segmenter:
         view = self.context.views.of(camera)
         evidence = MaskEvidence(view, view.from_photo(load_mask(candidate.mask, camera)), candidate.score)
         found = isolate_object(self.context, [evidence])
-        asked = {
-            **describe_prompt(TextPrompt(candidate.text)),
-            "detector": self.context.detector.name,
-            "accepted": True,
-        }
+        asked = describe_prompt(TextPrompt(candidate.text))
+        asked |= {"detector": self.context.detector.name, "accepted": True}
         return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)
 
     def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
@@ -243,9 +222,9 @@ class Segmenter:
             raise PromptError("No object was found in front of the background of this scene. Click on an object.")
         new: list[FoundObject] = []
         kept: dict[str, None] = {}
+        least, stored = self.settings.same_object, {key: one >= THRESHOLD for key, one in existing.items()}
         for number, item in enumerate(found, start=1):
-            shares = {key: overlap(item.members, other >= THRESHOLD) for key, other in existing.items()}
-            same = [key for key, share in shares.items() if share > self.settings.same_object]
+            same = [key for key, members in stored.items() if overlap(item.members, members) > least]
             kept |= dict.fromkeys(same)
             if not same:
                 new.append(replace(item, name=item.name or f"object {number}"))
@@ -289,7 +268,7 @@ class Segmenter:
                 remember_candidates(self.project.path, prompt.text, str(error), nearest, context.photos)
             raise PromptError(str(error)) from error
         if isinstance(prompt, TextPrompt):
-            asked = {**asked, "detector": context.detector.name}
+            asked["detector"] = context.detector.name
         return self._store(context.part(1, 2), found, asked, name, started, again)
 
     def _store(
@@ -328,8 +307,8 @@ class Segmenter:
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""
         counts = [int((level >= THRESHOLD).sum()) for level in item.levels.memberships]
-        several = len(counts) > 1
-        path = self.project.path
+        evidence = [{"photo": one.view.camera.photo, "score": round(one.score, _DECIMALS)} for one in item.evidence]
+        several, path = len(counts) > 1, self.project.path
         return ObjectRecord(
             id=new_id(name, taken_ids(path)),
             name=new_name(name, [record.name for record in list_objects(path)]),
@@ -339,9 +318,7 @@ class Segmenter:
             fit=round(item.fit, _DECIMALS),
             n_gaussians=counts[item.levels.chosen],
             n_scene_gaussians=len(item.membership),
-            evidence=tuple(
-                {"photo": one.view.camera.photo, "score": round(one.score, _DECIMALS)} for one in item.evidence
-            ),
+            evidence=tuple(evidence),
             settings=to_dict(self.settings),
             seconds=round(time.perf_counter() - started, _DECIMALS),
             created=datetime.now(UTC).isoformat(timespec="microseconds"),
