@@ -1,11 +1,11 @@
-"""Types of the arrays of this package."""
+"""Types of the arrays of this package, and of places in pictures."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Float32", "Float64", "Floats", "Int32", "Int64", "Mask", "Pixels"]
+__all__ = ["Float32", "Float64", "Floats", "Int32", "Int64", "Mask", "Pixels", "Place"]
 
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
@@ -14,3 +14,5 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
+Place = tuple[float, float]
+"""x, y in pixels of a picture from its top left corner."""

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..errors import PromptError
-from .arrays import Float32, Floats, Mask
+from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
@@ -84,7 +84,7 @@ def evidence_of_exclusions(
     return evidence
 
 
-def evidence_of_places(places: Sequence[tuple[float, float]], view: View, context: SegmentationContext) -> MaskEvidence:
+def evidence_of_places(places: Sequence[Place], view: View, context: SegmentationContext) -> MaskEvidence:
     """Return what clicked places of a view show: where the photo has segments, those under the clicks.
 
     A segment is often only a part of the object. Known are therefore the Gaussians with a feature like that of a
@@ -142,15 +142,13 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     return np.asarray((weight >= _PART * weight.max())[part] & (weight > 0)[part])
 
 
-def clicks_by_photo(
-    clicks: Sequence[Point], context: SegmentationContext
-) -> list[tuple[View, list[tuple[float, float]]]]:
+def clicks_by_photo(clicks: Sequence[Point], context: SegmentationContext) -> list[tuple[View, list[Place]]]:
     """Return the clicked places of each photo; raises `PromptError` for a click outside of its photo."""
     cameras = {point.photo: camera_of_prompt(point, context.views.cameras) for point in clicks}
     return [(context.views.of(camera), places_in(photo, clicks)) for photo, camera in cameras.items()]
 
 
-def places_in(photo: str, points: Sequence[Point]) -> list[tuple[float, float]]:
+def places_in(photo: str, points: Sequence[Point]) -> list[Place]:
     """Return the places, x, y, of those points that are in a photo."""
     return [(point.x, point.y) for point in points if point.photo == photo]
 

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, csc_matrix, csr_matrix, diags, hstack
+from scipy.sparse import bmat, csr_matrix, diags, hstack
 
 from ..errors import Cancelled
 from ..events import StopCheck
@@ -88,10 +88,6 @@ class SceneGraph:
         links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(self.is_segment.astype(np.float32)))
         return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]), dtype=np.float32)
 
-    @cached_property
-    def _degrees(self) -> Float32:
-        return np.asarray(self._links.sum(axis=1), np.float32).ravel()
-
     def solve(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
         """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
 
@@ -106,7 +102,7 @@ class SceneGraph:
         padding = ((0, len(self.photo)), (0, 0))
         against = np.pad((_BACKGROUND_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
         inside = np.broadcast_to(np.pad(votes.inside.astype(np.float32), padding), against.shape)
-        diagonal = self._degrees[:, None] + inside + against
+        diagonal = np.asarray(self._links.sum(axis=1), np.float32) + inside + against
         diagonal[diagonal <= 0] = 1
         solution: Float32 = np.zeros_like(inside)
         residual: Float32 = inside
@@ -133,10 +129,6 @@ class SceneGraph:
         return replace(self, key=f"{self.key} {part}", **{part: nothing})
 
     @cached_property
-    def _by_segment(self) -> csc_matrix:
-        return self.segments.tocsc()
-
-    @cached_property
     def _by_photo(self) -> Float32:
         """Pixels that each Gaussian contributes to each photo, [N, P]."""
         is_of = self.photo[:, None] == np.arange(len(self.photos))
@@ -144,7 +136,7 @@ class SceneGraph:
 
     def votes_of(self, segments: Int64) -> Votes:
         """Return the votes, [N, K], of K segments, columns of `segments`, each for the Gaussians that it shows."""
-        inside = self._by_segment[:, segments].toarray().astype(np.float32)
+        inside = self.segments[:, segments].toarray().astype(np.float32)
         return Votes(inside, self._by_photo[:, self.photo[segments]] - inside)
 
     def shown(self, sets: csr_matrix) -> Float32:
@@ -182,8 +174,8 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
     `label_maps` are the segments by photo, at any resolution, 0 for no segment. Those of the `n_views` photos that
     differ most take part.
     """
-    cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
-    cameras = spread_cameras(cameras, n_views)
+    with_segments = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    cameras = spread_cameras(with_segments, n_views)
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
     photo: list[int] = []
     for number, camera in enumerate(cameras):

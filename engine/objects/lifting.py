@@ -12,7 +12,7 @@ from ..masks import mask_iou
 from .arrays import Float32, Mask
 from .context import SegmentationContext
 from .graph import bounded
-from .views import MAX_OBJECT_EXTENT, View, Views
+from .views import MAX_OBJECT_EXTENT, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
 __all__ = [
@@ -46,11 +46,6 @@ class Levels:
     memberships: tuple[Float32, ...]
     chosen: int = 0  # by definition
 
-    @property
-    def membership(self) -> Float32:
-        """The chosen level."""
-        return self.memberships[self.chosen]
-
 
 @dataclass(frozen=True)
 class FoundObject:
@@ -69,7 +64,7 @@ class FoundObject:
     @property
     def membership(self) -> Float32:
         """Membership of each Gaussian, in [0, 1], shape [N]."""
-        return self.levels.membership
+        return self.levels.memberships[self.levels.chosen]
 
     @property
     def members(self) -> Mask:
@@ -77,9 +72,9 @@ class FoundObject:
         return self.membership >= THRESHOLD
 
 
-def fit_of(views: Views, view: View, mask: Mask, members: Mask) -> float:
+def fit_of(item: MaskEvidence, members: Mask, views: Views) -> float:
     """Return the IoU of a mask with the members, bool [N], rendered in the same view."""
-    return mask_iou(views.visible_share(view, members) > THRESHOLD, mask)
+    return mask_iou(views.visible_share(item.view, members) > THRESHOLD, item.mask)
 
 
 def overlap(first: Mask, second: Mask) -> float:
@@ -100,14 +95,14 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
     factors = _ALONE if shown[0].given else _FACTORS
-    removed = _union(context, [item for item in evidence if item.excluded], _ALONE)
-    solved = np.minimum(_union(context, shown, factors), 1 - removed)
+    removed = _union(context, evidence, _ALONE, excluded=True)
+    solved = np.minimum(_union(context, evidence, factors, excluded=False), 1 - removed)
     # Rounding must not let a level leave the next one.
     levels = _distinct(np.maximum.accumulate([bounded(one, context.means) for one in solved]), context.views)
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     if not found.members.any():
         raise PromptError(NOTHING_BEHIND if len(shown) == len(evidence) else NOTHING_LEFT)
-    return replace(found, fit=fit_of(context.views, shown[0].view, shown[0].mask, found.members))
+    return replace(found, fit=fit_of(shown[0], found.members, context.views))
 
 
 def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:
@@ -115,16 +110,17 @@ def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], be
 
     Raises `Cancelled` when the user stops.
     """
-    added = _union(context, [item for item in evidence if not item.excluded], _ALONE)[0]
-    removed = _union(context, [item for item in evidence if item.excluded], _ALONE)[0]
+    added, removed = (_union(context, evidence, _ALONE, excluded=kind)[0] for kind in (False, True))
     return np.minimum(np.maximum(before, added), 1 - removed)
 
 
-def _union(context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32) -> Float32:
-    """Return the largest membership over the masks for each of K factors of the strictness, [K, N]."""
+def _union(
+    context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32, *, excluded: bool
+) -> Float32:
+    """Return the largest membership over the masks of one kind for each of K factors of the strictness, [K, N]."""
     graph = context.graph
     highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
-    for item in evidence:
+    for item in (item for item in evidence if item.excluded == excluded):
         votes = count_votes(context.views, item, graph.pixels)
         column = Votes(votes.inside[:, None], votes.outside[:, None])
         highest = np.maximum(highest, graph.solve(column, context.settings.strictness * factors).T)

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from ..errors import PromptError
 from ..masks import mask_box
 from ..pictures import normalized
-from .arrays import Float32, Floats, Mask
+from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
 from .evidence import (
     clicks_by_photo,
@@ -31,7 +31,7 @@ from .evidence import (
 )
 from .graph import bounded
 from .lifting import NOTHING_BEHIND, NOTHING_LEFT, FoundObject, Levels, fit_of, overlap
-from .prompts import ClickPrompt, Point, Prompt, TextPrompt
+from .prompts import ClickPrompt, Prompt, TextPrompt
 from .settings import PaperSettings
 from .views import View, erode_mask, spread_cameras
 from .votes import BELOW_HALF, THRESHOLD, MaskEvidence, count_votes
@@ -51,9 +51,10 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
     if isinstance(prompt, TextPrompt):
         evidence = _from_text(prompt.text, context.part(0, 2))
     elif isinstance(prompt, ClickPrompt):
-        clicked = clicks_by_photo(prompt.clicks, context)
-        evidence = [_from_clicks(view, places, prompt.excluded, context, settings) for view, places in clicked]
-        evidence += evidence_of_exclusions(prompt.clicks, prompt.excluded, context)
+        evidence = evidence_of_exclusions(prompt.clicks, prompt.excluded, context)
+        for view, places in clicks_by_photo(prompt.clicks, context):
+            outside = places_in(view.camera.photo, prompt.excluded)
+            evidence.append(_from_clicks(view, places, outside, context, settings.cosine))
     else:
         evidence = find_evidence(prompt, context)
     shown = [item for item in evidence if not item.excluded]
@@ -108,7 +109,7 @@ def _candidates(
         if membership is None:
             continue
         members = membership >= THRESHOLD
-        fit = fit_of(context.views, item.view, item.mask, members)
+        fit = fit_of(item, members, context.views)
         for same in candidates:
             if overlap(same.membership >= THRESHOLD, members) > settings.same_object:
                 if item.score * fit > same.evidence[0].score * same.fit:
@@ -151,28 +152,21 @@ def _from_text(text: str, context: SegmentationContext) -> list[MaskEvidence]:
 
 
 def _from_clicks(
-    view: View,
-    places: Sequence[tuple[float, float]],
-    excluded: Sequence[Point],
-    context: SegmentationContext,
-    settings: PaperSettings,
+    view: View, places: Sequence[Place], outside: Sequence[Place], context: SegmentationContext, cosine: float
 ) -> MaskEvidence:
     """Return SAM's mask of the clicks, or of the box around what has features like theirs: that with the higher score.
 
-    With excluded clicks in the photo it is always the first, which alone leaves them out.
+    With excluded clicks in the photo it is always the first, which alone leaves them `outside`.
     """
-    outside = places_in(view.camera.photo, excluded)
     mask, score = context.photos.segment(view.camera, points=places, outside=outside)
-    box = None if outside else _box_of_similar(view, places, settings.cosine)
+    box = None if outside else _box_of_similar(view, places, cosine)
     if box is not None:
         boxed, score_of_box = context.photos.segment(view.camera, box=box)
         mask, score = (boxed, score_of_box) if score_of_box >= score else (mask, score)
     return require_mask(MaskEvidence(view, view.from_photo(mask), score))
 
 
-def _box_of_similar(
-    view: View, places: Sequence[tuple[float, float]], cosine: float
-) -> tuple[int, int, int, int] | None:
+def _box_of_similar(view: View, places: Sequence[Place], cosine: float) -> tuple[int, int, int, int] | None:
     """Return the box, in the photo, around the connected area with features like those of the clicked pixels.
 
     None where no Gaussian covers a clicked pixel.

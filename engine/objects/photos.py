@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..photos import load_pixels
 from ..scene import Camera
-from .arrays import Mask, Pixels
+from .arrays import Mask, Pixels, Place
 
 if TYPE_CHECKING:
     from ..masks import Embedding, EmbeddingFolder, SegmentAnything
@@ -34,9 +34,12 @@ class Photos:
     def __init__(
         self, folder: Path, side: int, sam_factory: SamFactory, embeddings: EmbeddingFolder | None = None
     ) -> None:
-        self._folder, self._side, self._on_disk = folder, side, embeddings
-        self._sam = cache(sam_factory)
+        self._folder, self._side, self._sam_factory, self._on_disk = folder, side, sam_factory, embeddings
         self._pixels, self._embedding = lru_cache(_MAX_CACHED)(self._load), lru_cache(_MAX_CACHED)(self._encode)
+
+    @cached_property
+    def _sam(self) -> SegmentAnything:
+        return self._sam_factory()
 
     def _load(self, name: str) -> Pixels:
         pixels = load_pixels(self._folder / name, max_side=self._side)
@@ -44,8 +47,8 @@ class Photos:
         return pixels
 
     def _encode(self, name: str) -> Embedding:
-        pixels, sam = self._pixels(name), self._sam()
-        return sam.encode(pixels) if self._on_disk is None else self._on_disk.encode(name, pixels, sam)
+        pixels, on_disk = self._pixels(name), self._on_disk
+        return self._sam.encode(pixels) if on_disk is None else on_disk.encode(name, pixels, self._sam)
 
     def pixels(self, camera: Camera) -> Pixels:
         """Return the photo, uint8 [H, W, 3], read-only."""
@@ -59,8 +62,8 @@ class Photos:
         self,
         camera: Camera,
         *,
-        points: Sequence[tuple[float, float]] = (),
-        outside: Sequence[tuple[float, float]] = (),
+        points: Sequence[Place] = (),
+        outside: Sequence[Place] = (),
         box: tuple[float, float, float, float] | None = None,
     ) -> tuple[Mask, float]:
         """Return SAM's mask, bool [H, W] at the size of `pixels`, and its estimate of the mask's IoU.
@@ -71,5 +74,5 @@ class Photos:
         places, corners = [*points, *outside], None if box is None else np.asarray(box, np.float32) * scale
         clicks = np.asarray(places, np.float32) * scale if places else None
         labels = np.asarray([1.0] * len(points) + [0.0] * len(outside), np.float32) if places else None
-        found = self._sam().predict(self._embedding(camera.photo), clicks, labels, corners)
+        found = self._sam.predict(self._embedding(camera.photo), clicks, labels, corners)
         return found.mask, float(np.clip(found.iou, 0, 1))

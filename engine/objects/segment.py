@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import PromptError
 from ..scene import Camera, PinholeCamera
-from .arrays import Mask
+from .arrays import Mask, Place
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known
 from .graph import bounded
@@ -51,7 +51,7 @@ def find_objects(context: SegmentationContext, prompt: Prompt) -> list[FoundObje
     return [found]
 
 
-def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click: tuple[float, float]) -> Mask:
+def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click: Place) -> Mask:
     """Return where the object under a pixel of any view of the scene is visible in that view: bool, of its full size.
 
     `camera` is that of a photo, or any other one; `click` is x, y in pixels of the picture from its top left corner.

@@ -97,13 +97,30 @@ class Segmenter:
             device=self.device, emit=self.emit, should_stop=self.should_stop,
         )  # fmt: skip
 
-    def segment(self, prompt: Prompt, name: str) -> list[ObjectRecord]:
+    def segment(
+        self,
+        prompt: Prompt,
+        name: str,
+        *,
+        again: Sequence[str | None] = (),
+        context: SegmentationContext | None = None,
+    ) -> list[ObjectRecord]:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
-        Raises `PromptError` when no object was found. The nearest candidates of a text are then stored
-        (`engine.objects.candidate_file`).
+        For `again` see `segment_each_text`; the progress is told to `context`. Raises `PromptError` when no object was
+        found. The nearest candidates of a text are then stored (`engine.objects.candidate_file`).
         """
-        return self._segment(self.context, prompt, name)
+        started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
+        try:
+            found = find_objects(context.part(0, 2), prompt)
+        except PromptError as error:
+            if isinstance(prompt, TextPrompt):
+                nearest = error.candidates if isinstance(error, NoMatchError) else ()
+                remember_candidates(self.project.path, prompt.text, str(error), nearest, context.photos)
+            raise PromptError(str(error)) from error
+        if isinstance(prompt, TextPrompt):
+            asked["detector"] = context.detector.name
+        return self._store(context.part(1, 2), found, asked, name, started, again)
 
     def segment_texts(
         self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
@@ -140,9 +157,9 @@ class Segmenter:
         for number, (text, name) in enumerate(names.items()):
             if text in skip:
                 continue
-            context = self.context.part(number, len(names))
+            context, same = self.context.part(number, len(names)), (again or {}).get(text, ())
             try:
-                records = self._segment(context, TextPrompt(text, camera), name, (again or {}).get(text, ()))
+                records = self.segment(TextPrompt(text, camera), name, again=same, context=context)
             except PromptError as error:
                 yield TextResult(text, refusal=str(error))
             else:
@@ -255,21 +272,6 @@ class Segmenter:
         record = self._record(background, {"kind": BACKGROUND}, BACKGROUND, started)
         save_object(self.project.path, record, background.membership)
         return record
-
-    def _segment(
-        self, context: SegmentationContext, prompt: Prompt, name: str, again: Sequence[str | None] = ()
-    ) -> list[ObjectRecord]:
-        started, asked = time.perf_counter(), describe_prompt(prompt)
-        try:
-            found = find_objects(context.part(0, 2), prompt)
-        except PromptError as error:
-            if isinstance(prompt, TextPrompt):
-                nearest = error.candidates if isinstance(error, NoMatchError) else ()
-                remember_candidates(self.project.path, prompt.text, str(error), nearest, context.photos)
-            raise PromptError(str(error)) from error
-        if isinstance(prompt, TextPrompt):
-            asked["detector"] = context.detector.name
-        return self._store(context.part(1, 2), found, asked, name, started, again)
 
     def _store(
         self,
