@@ -215,7 +215,13 @@ def load_or_build_graph(
 
     A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
     """
-    recipe = _recipe(views, label_maps, n_views)
+    gaussians, digest = views.scene.gaussians, hashlib.sha256()
+    assert gaussians.features is not None
+    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
+    maps = [label_maps[photo] for photo in photos]
+    for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
+        digest.update(np.ascontiguousarray(array).data)
+    recipe = stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
     stored = None if file is None else read_kept_arrays(file, recipe, _SPECS)
     graph = None if stored is None else _from_arrays(stored, len(views.scene))
     if graph is None:
@@ -223,17 +229,6 @@ def load_or_build_graph(
         if file is not None:
             keep_arrays(file, recipe, _to_arrays(graph))
     return replace(graph, key=recipe)
-
-
-def _recipe(views: Views, label_maps: Mapping[str, Int32], n_views: int) -> str:
-    gaussians = views.scene.gaussians
-    assert gaussians.features is not None
-    digest = hashlib.sha256()
-    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
-    maps = [label_maps[photo] for photo in photos]
-    for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
-        digest.update(np.ascontiguousarray(array).data)
-    return stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
 
 
 _MATRICES = ("neighbours", "segments")

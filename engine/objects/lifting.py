@@ -52,7 +52,7 @@ class FoundObject:
     """An object before it is stored, in smaller and larger versions; `score` is that of `ObjectRecord`.
 
     `evidence` are the masks that show it, the best first, and `fit` is the IoU with the best one in its view. The
-    detector suggests the `name`, which may be empty.
+    detector suggests the `name`, which may be empty, and `id` is that of a stored object that it replaces, or empty.
     """
 
     levels: Levels
@@ -60,6 +60,7 @@ class FoundObject:
     fit: float = 1.0  # by definition
     evidence: tuple[MaskEvidence, ...] = ()
     name: str = ""
+    id: str = ""
 
     @property
     def membership(self) -> Float32:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -62,20 +62,20 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
     candidates = _candidates(shown, prompt, context, settings)
     if not candidates:
         raise PromptError(NOTHING_BEHIND)
-    scored = [(candidate.evidence[0].score, candidate) for candidate in candidates]
     if isinstance(prompt, TextPrompt):
         searched = {item.view.camera.photo for item in shown}
-        scored = sorted(((_agreement(one, searched, context), one) for one in candidates), key=lambda pair: -pair[0])
+        candidates = [replace(one, score=_agreement(one, searched, context)) for one in candidates]
+        candidates.sort(key=lambda one: -one.score)
     found: list[FoundObject] = []
-    for number, (score, candidate) in enumerate(scored, start=1):
-        if len(found) == settings.max_objects or score < settings.relative_score * scored[0][0]:
+    for number, candidate in enumerate(candidates, start=1):
+        if len(found) == settings.max_objects or candidate.score < settings.relative_score * candidates[0].score:
             break
-        membership = _completed(candidate.membership, context.means, settings)
+        membership = _completed(candidate, context.means, settings)
         membership = np.where(removed, np.minimum(membership, BELOW_HALF), membership)
-        one = FoundObject(Levels((membership,)), score, candidate.fit, tuple(candidate.evidence))
+        one = replace(candidate, levels=Levels((membership,)))
         if one.members.any() and not any(overlap(one.members, o.members) > settings.same_object for o in found):
             found.append(one)
-        context.part(1, 2).tell(number / len(scored), "Isolating")
+        context.part(1, 2).tell(number / len(candidates), "Isolating")
     if not found:
         raise PromptError(NOTHING_LEFT)
     return found
@@ -89,37 +89,26 @@ def nothing_found(text: str, context: SegmentationContext) -> PromptError:
     )
 
 
-@dataclass
-class _Candidate:
-    """Masks that show the same object, the best first; the membership, [N], and the fit are those of the first."""
-
-    membership: Float32
-    evidence: list[MaskEvidence]
-    fit: float
-
-
 def _candidates(
     evidence: Sequence[MaskEvidence], prompt: Prompt, context: SegmentationContext, settings: PaperSettings
-) -> list[_Candidate]:
+) -> list[FoundObject]:
     """Lift each mask to the Gaussians and merge what shows the same ones, led by the mask with the best fit."""
-    candidates: list[_Candidate] = []
+    candidates: list[FoundObject] = []
     for item in sorted(evidence, key=lambda item: -item.score):
         context.check_stop()
         membership = _lift(item, prompt, context, settings)
         if membership is None:
             continue
-        members = membership >= THRESHOLD
-        fit = fit_of(item, members, context.views)
-        for same in candidates:
-            if overlap(same.membership >= THRESHOLD, members) > settings.same_object:
-                if item.score * fit > same.evidence[0].score * same.fit:
-                    same.membership, same.fit = membership, fit
-                    same.evidence.insert(0, item)
-                else:
-                    same.evidence.append(item)
-                break
+        one = FoundObject(
+            Levels((membership,)), item.score, fit_of(item, membership >= THRESHOLD, context.views), (item,)
+        )
+        alike = (k for k, other in enumerate(candidates) if overlap(other.members, one.members) > settings.same_object)
+        same = next(alike, None)
+        if same is None:
+            candidates.append(one)
         else:
-            candidates.append(_Candidate(membership, [item], fit))
+            better, other = sorted((candidates[same], one), key=lambda each: -each.score * each.fit)
+            candidates[same] = replace(better, evidence=better.evidence + other.evidence)
     return candidates
 
 
@@ -211,21 +200,21 @@ def _shown_by(evidence: Sequence[MaskEvidence], context: SegmentationContext) ->
     return shown
 
 
-def _completed(membership: Float32, means: Float32, settings: PaperSettings) -> Float32:
+def _completed(candidate: FoundObject, means: Float32, settings: PaperSettings) -> Float32:
     """Return the membership with the convex hull of the object filled in at 0.5."""
-    corners = means[membership >= THRESHOLD]
+    corners, membership = means[candidate.members], candidate.membership
     if settings.outlier_iqr is not None:
         corners = corners[within_quartiles(corners, settings.outlier_iqr)]
     return np.where(inside_hull(corners, means), np.maximum(membership, THRESHOLD), membership)
 
 
-def _agreement(candidate: _Candidate, searched: set[str], context: SegmentationContext) -> float:
+def _agreement(candidate: FoundObject, searched: set[str], context: SegmentationContext) -> float:
     """Return the detector's mean score over the searched photos that face the candidate, times the candidate's fit.
 
     A photo in which the detector found something else counts 0: a candidate that several photos agree on wins over one
     with a higher score in a single photo.
     """
-    middle = np.median(context.means[candidate.membership >= THRESHOLD], axis=0)
+    middle = np.median(context.means[candidate.members], axis=0)
     facing = [camera.photo for camera in context.views.facing(middle) if camera.photo in searched]
     best_by_photo: dict[str, float] = {}
     for item in candidate.evidence:

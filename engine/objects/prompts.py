@@ -24,7 +24,6 @@ __all__ = [
     "Prompt",
     "TextPrompt",
     "camera_of_prompt",
-    "describe_points",
     "describe_prompt",
     "load_mask",
     "parse_point",
@@ -172,19 +171,14 @@ def describe_prompt(prompt: Prompt) -> dict[str, Any]:
     """Return the prompt as JSON values, as ``object.json`` stores it."""
     if isinstance(prompt, TextPrompt):
         return {"kind": "text", "text": prompt.text}
-    excluded = {"not": describe_points(prompt.excluded)} if prompt.excluded else {}
+    excluded = {"not": [asdict(point) for point in prompt.excluded]} if prompt.excluded else {}
     if isinstance(prompt, ClickPrompt):
-        clicks = {"clicks": describe_points(prompt.clicks)} if prompt.more else {}
+        clicks = {"clicks": [asdict(point) for point in prompt.clicks]} if prompt.more else {}
         return {"kind": "click", **asdict(prompt.clicks[0]), **clicks, **excluded}
     if isinstance(prompt, BoxPrompt):
         box = {"x0": prompt.x0, "y0": prompt.y0, "x1": prompt.x1, "y1": prompt.y1}
         return {"kind": "box", "photo": prompt.photo, **box, **excluded}
     return {"kind": "mask", "photo": prompt.photo, "mask": prompt.mask.name, **excluded}
-
-
-def describe_points(points: Sequence[Point]) -> list[dict[str, Any]]:
-    """Return clicks as JSON values, as ``object.json`` stores them."""
-    return [asdict(point) for point in points]
 
 
 def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, cameras: CameraSet) -> Camera:

@@ -20,6 +20,7 @@ from .prompts import Prompt, TextPrompt
 from .proposals import LEAST_PROBABILITY, apart
 from .settings import PaperSettings
 from .spatial import Extent, choose, parse_spatial, showing_camera
+from .views import inner_box
 from .votes import THRESHOLD, votes_of_known
 
 __all__ = ["NoMatchError", "find_everything", "find_objects", "mask_at"]
@@ -78,7 +79,9 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
     if spatial.other:
         with contextlib.suppress(NoMatchError):  # `choose` says that there is none
             others = _find_named(context.part(1, 2), spatial.other)
-    extents, other_extents = ([Extent.of(context.means[one.members]) for one in kind] for kind in (found, others))
+    extents, other_extents = (
+        [Extent(*inner_box(context.means[one.members])) for one in kind] for kind in (found, others)
+    )
     camera = prompt.camera or showing_camera(context.views.cameras.cameras, extents)
     return [found[number] for number in choose(spatial, extents, other_extents, camera)]
 

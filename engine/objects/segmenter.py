@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,20 +22,11 @@ from ..settings import to_dict
 from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
-from .evidence import evidence_of_clicks
+from .evidence import evidence_of_clicks, find_evidence
 from .lifting import FoundObject, Levels, corrected, isolate_object, overlap
 from .photos import SamFactory
 from .polishing import polish
-from .prompts import (
-    MaskPrompt,
-    Point,
-    Prompt,
-    TextPrompt,
-    camera_of_prompt,
-    describe_points,
-    describe_prompt,
-    load_mask,
-)
+from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import SegmentSettings
 from .storage import (
@@ -49,7 +39,7 @@ from .storage import (
     taken_ids,
 )
 from .trash import delete_object, keep_version
-from .votes import BELOW_HALF, THRESHOLD, MaskEvidence
+from .votes import BELOW_HALF, THRESHOLD
 
 __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
 
@@ -120,7 +110,9 @@ class Segmenter:
             raise PromptError(str(error)) from error
         if isinstance(prompt, TextPrompt):
             asked["detector"] = context.detector.name
-        return self._store(context.part(1, 2), found, asked, name, started, again)
+        if again:
+            found = [replace(one, id=known) for one, known in zip(found, again, strict=False) if known is not None]
+        return self._store(context.part(1, 2), found, asked, name, started)
 
     def segment_texts(
         self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
@@ -172,10 +164,8 @@ class Segmenter:
         """
         started = time.perf_counter()
         candidate = load_candidate(self.project.path, number)
-        camera = camera_of_prompt(MaskPrompt(candidate.photo, candidate.mask), self.context.views.cameras)
-        view = self.context.views.of(camera)
-        evidence = MaskEvidence(view, view.from_photo(load_mask(candidate.mask, camera)), candidate.score)
-        found = isolate_object(self.context, [evidence])
+        (shown,) = find_evidence(MaskPrompt(candidate.photo, candidate.mask), self.context)
+        found = isolate_object(self.context, [replace(shown, score=candidate.score, given=False)])
         asked = describe_prompt(TextPrompt(candidate.text))
         asked |= {"detector": self.context.detector.name, "accepted": True}
         return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)
@@ -195,7 +185,7 @@ class Segmenter:
         n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
         if n_left < max(1.0, _MIN_REMAINING_SHARE * n_before):
             raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
-        correction = {"clicks": describe_points(clicks), "not": describe_points(excluded)}
+        correction = {"clicks": [asdict(one) for one in clicks], "not": [asdict(one) for one in excluded]}
         changed = replace(record, level=0, levels=(), refined=(*record.refined, correction))
         return self._replace(changed, membership, why="corrected")
 
@@ -277,22 +267,19 @@ class Segmenter:
         self,
         context: SegmentationContext,
         found: Sequence[FoundObject],
-        prompt: dict[str, Any],
+        asked: dict[str, Any],
         name: str,
         started: float,
-        again: Sequence[str | None] = (),
     ) -> list[ObjectRecord]:
         """Polish objects, store each under a name of its own and return their records."""
-        pairs = list(zip(found, again or [""] * len(found), strict=False))
-        pairs = [(item, known) for item, known in pairs if known is not None]
         names = {record.id: record.name for record in list_objects(self.project.path)}
         # All objects are polished before the first is stored, so that a cancelled prompt stores none.
-        each = self._polished(context, [item.members for item, _ in pairs])
+        each = self._polished(context, [item.members for item in found])
         records = []
-        for (item, known), polished in zip(pairs, each, strict=True):
-            record = self._record(item, prompt, item.name or name, started)
-            if known:
-                record = replace(record, id=known, name=names.get(known, record.name))
+        for item, polished in zip(found, each, strict=True):
+            record = self._record(item, asked, item.name or name, started)
+            if item.id:
+                record = replace(record, id=item.id, name=names.get(item.id, record.name))
             previews = [("seed", best.view.to_photo(best.mask)) for best in item.evidence[:1]]
             levels = item.levels.memberships
             save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
@@ -331,9 +318,8 @@ class Segmenter:
 
     def _memberships(self, count: int) -> dict[str, Float32]:
         """Return the memberships of all objects of a scene with `count` Gaussians by id, without the background."""
-        path: Path = self.project.path
         return {
-            record.id: load_membership(path, record.id)
-            for record in list_objects(path)
+            record.id: load_membership(self.project.path, record.id)
+            for record in list_objects(self.project.path)
             if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
         }

@@ -15,7 +15,6 @@ import numpy as np
 from ..errors import PromptError
 from ..scene import Camera, PinholeCamera
 from .arrays import Floats
-from .views import inner_box
 
 __all__ = ["Extent", "SpatialText", "choose", "parse_spatial", "showing_camera"]
 
@@ -54,17 +53,11 @@ class SpatialText:
 
 @dataclass(frozen=True)
 class Extent:
-    """Box and median, [3] each, of a set of Gaussians in world units, without the outermost twentieth on each side."""
+    """`inner_box` of a set of Gaussians, [3] each, in world units."""
 
     low: Floats
-    high: Floats
     center: Floats
-
-    @classmethod
-    def of(cls, means: Floats) -> Extent:
-        """Return the extent of Gaussians at `means`, [n, 3], n > 0."""
-        low, center, high = inner_box(means)
-        return cls(low, high, center)
+    high: Floats
 
     @property
     def size(self) -> float:
@@ -90,10 +83,7 @@ def parse_spatial(text: str) -> SpatialText:
 
 
 def showing_camera(cameras: Sequence[Camera], extents: Sequence[Extent]) -> Camera:
-    """Return the camera of the photo that shows most of the extents, and of those photos the nearest.
-
-    Raises `PromptError` when there are no cameras.
-    """
+    """Return the camera of the nearest photo that shows most of the extents; raises `PromptError` without cameras."""
     from ..cameras import is_point_visible
 
     if not cameras:
@@ -109,7 +99,7 @@ def showing_camera(cameras: Sequence[Camera], extents: Sequence[Extent]) -> Came
 def choose(
     spatial: SpatialText, found: Sequence[Extent], others: Sequence[Extent], camera: Camera | PinholeCamera | None
 ) -> list[int]:
-    """Return the numbers of the extents in `found` that the spatial word means, at least one.
+    """Return the numbers of the extents in `found`, at least one, that the spatial word means.
 
     `found`, which is not empty, is what the noun names, and `others` what the other noun names. ``left`` and ``right``
     are seen from `camera`. Raises `PromptError` when nothing is there, or they have no camera.
@@ -123,7 +113,7 @@ def choose(
     pairs = [(k, one, other) for k, one in enumerate(found) for other in others if (one.center != other.center).any()]
     if word == "next to":
         near = [(one.gap(other), k) for k, one, other in pairs if one.gap(other) <= one.size + other.size]
-        chosen = [min(near)[1]] if near else []
+        chosen = [number for _, number in sorted(near)[:1]]
     else:
         chosen = sorted({k for k, one, other in pairs if _holds(word, one, other, camera)})
     if not chosen:

@@ -1,8 +1,8 @@
 """Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews.
 
-The record holds size and SHA-256 of the files that are computed, which are checked when they are read. Pictures, and
-the museum record that the user writes, are not among them. Functions that read an object raise `ObjectError` when there
-is none, and `FormatError` when a file is damaged, or its folder is a link that leads out of the project.
+The record holds size and SHA-256 of the computed files, which are checked when they are read; pictures, and the museum
+record that the user writes, are not among them. Functions that read an object raise `ObjectError` when there is none,
+and `FormatError` when a file is damaged, or its folder is a link that leads out of the project.
 """
 
 from __future__ import annotations
@@ -61,9 +61,9 @@ def save_object(
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
 
-    The `membership`, [N] in [0, 1], has a value for each Gaussian of the scene, and so has each of the `levels`, those
-    of `record.levels`. `previews` are file names without suffix, and pictures as `write_png` takes them. Stored levels
-    and polished Gaussians are deleted when none are given. Raises `DiskError` when the disk is full or read-only.
+    The `membership` and each of the `levels`, those of `record.levels`, are in [0, 1], [N]. `previews` are file names
+    without suffix, and pictures as `write_png` takes them. Stored levels and polished Gaussians are deleted when none
+    are given. Raises `DiskError` when the disk is full or read-only.
     """
     with replace_together(path_within(project, "objects", record.id), optional=_COMPUTED) as new:
         for name, values in ((MEMBERSHIP, membership), (LEVELS, levels if record.levels else ())):
@@ -84,10 +84,8 @@ def object_ids(project: Path) -> list[str]:
 
 
 def taken_ids(project: Path) -> list[str]:
-    """Return the names in the folder of the objects that a new object must not have.
-
-    A folder without a record may still hold what the user wrote about an object. An empty one is left by a kill.
-    """
+    """Return the names of folders that a new object must not have: those in use, also without a record."""
+    # A folder without a record may still hold what the user wrote about an object. An empty one is left by a kill.
     folders = (path for path in (project / "objects").glob("*") if path.is_dir())
     return [folder.name for folder in folders if any(folder.iterdir())]
 
@@ -123,10 +121,7 @@ def load_membership(project: Path, object_id: str) -> Float32:
 
 
 def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> Float32:
-    """Return the membership of an object in a scene of `count` Gaussians, shape [count], float32, in [0, 1].
-
-    Raises `ObjectError` when it belongs to an earlier training.
-    """
+    """Return the membership of an object of the scene's training, with `count` Gaussians; `ObjectError` for another."""
     membership = load_membership(project, record.id)
     if len(membership) != count:
         raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
@@ -142,10 +137,7 @@ def load_levels(project: Path, object_id: str) -> Float32:
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object for export: its Gaussians among the scene's `gaussians`, with their polished values.
-
-    Raises `ObjectError` when it belongs to an earlier training.
-    """
+    """Return an object for export: its Gaussians among the scene's, polished; errors of `load_fitting_membership`."""
     rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
     _require_intact(project, record.id, POLISHED)
     polished = load_polished(project, record.id)
@@ -167,9 +159,8 @@ def is_object_intact(project: Path, object_id: str) -> bool:
         for name in recorded:
             _require_intact(project, object_id, name)
         if not recorded:
-            load_levels(project, object_id)
-            load_membership(project, object_id)
-            load_polished(project, object_id)
+            for load in (load_levels, load_membership, load_polished):
+                load(project, object_id)
     except HeritageError:
         return False
     return True

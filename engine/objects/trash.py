@@ -1,7 +1,7 @@
 """The trash of a project: what a user made goes to ``trash/<time>-<id>/`` before it is deleted or replaced.
 
-An entry holds the object's folder as ``object/``, and ``trash.json`` with its name and why it is there. All functions
-that change the trash take a project that is open for writing, and raise `DiskError` when a file cannot be changed.
+An entry is the object's folder, ``object/``, and ``trash.json`` with its name and why it is there. What changes the
+trash takes a project that is open for writing, and raises `DiskError` when a file cannot be changed.
 """
 
 from __future__ import annotations
@@ -36,10 +36,9 @@ _SCHEMA = {"version": int, "id": str, "name": str, "deleted": str, "why": str, "
 
 @dataclass(frozen=True)
 class TrashEntry:
-    """An object in the trash: its folder ``trash/<time>-<id>``, what it was called, when and why it was moved there.
+    """An object in the trash: its folder, what it was called, when, with a time zone, and why it was moved there.
 
-    `deleted` has a time zone. `scene` is the SHA-256 of the scene that it belongs to, None where that is not known, and
-    `n_bytes` the size of its files.
+    `scene` is the SHA-256 of its scene, None where that is not known, and `n_bytes` the size of its files.
     """
 
     folder: Path
@@ -52,9 +51,9 @@ class TrashEntry:
 
 
 def delete_object(project: ProjectFolder, name: str, *, why: str) -> ObjectRecord:
-    """Move the object with the id or the name `name` to the trash, and return its record.
+    """Move the object with that id or name to the trash, whose list says `why`, and return its record.
 
-    The list of the trash says `why`: what replaced or deleted it. Raises `ObjectError` when there is none.
+    Raises `ObjectError` when there is none.
     """
     record = load_object(project.path, name)
     discard_object(project, record.id, why=why)
@@ -105,9 +104,8 @@ def _move(source: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         os.replace(source, target)
     except OSError as error:
-        raise DiskError(
-            f"Could not move {source} to {target}: {error.strerror or error}. Close programs that use it."
-        ) from error
+        reason = error.strerror or error
+        raise DiskError(f"Could not move {source} to {target}: {reason}. Close programs that use it.") from error
 
 
 def list_trash(project: Path) -> list[TrashEntry]:
@@ -133,10 +131,9 @@ def _read_entry(folder: Path) -> TrashEntry:
 def restore_object(project: ProjectFolder, which: str) -> ObjectRecord:
     """Move an object from the trash back into the project, and return its record.
 
-    `which` is its number in the `list_trash`, counted from 1, its name or id, or the name of the entry's folder;
-    of several with one name, the last deleted is restored. An id or a name that is taken gets a number. Raises
-    `ObjectError` when there is none, or it belongs to another training of the scene, and `FormatError` when its record
-    is damaged.
+    `which` is its number in `list_trash`, counted from 1, its name or id, or the name of the entry's folder; the last
+    deleted of several is meant. An id or a name that is taken gets a number. Raises `ObjectError` when there is none,
+    or it belongs to another training of the scene, and `FormatError` when its record is damaged.
     """
     entry = _find_entry(list_trash(project.path), which)
     stored = entry.folder / _OBJECT / RECORD_FILE
@@ -168,14 +165,11 @@ def _find_entry(entries: Sequence[TrashEntry], which: str) -> TrashEntry:
 
 
 def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:  # by definition
-    """Delete for good what has been in the trash for more than `older_than_days`.
-
-    Returns the number of deleted objects and their size in bytes.
-    """
+    """Delete for good what is in the trash for `older_than_days`; return the number of objects and their bytes."""
     latest = datetime.now(UTC) - timedelta(days=older_than_days)
     entries = list_trash(project.path)
     old = [entry for entry in entries if entry.deleted <= latest]
-    kept = {entry.folder.name for entry in entries if entry.deleted > latest}
+    kept = {entry.folder.name for entry in entries if entry not in old}
     # These are the only files that are deleted without being computed again: the user asked for it. Entries without an
     # object were left by a kill before it was moved there.
     for path in (project.path / _TRASH).glob("*"):
