@@ -53,9 +53,9 @@ def forget_candidates(project: Path) -> None:
 def remember_candidates(
     project: Path, text: str, message: str, candidates: Sequence[FoundObject], photos: Photos | None
 ) -> None:
-    """Store a refused text, why it was refused, and its nearest candidates, beside those of other texts.
+    """Store a refused text, why it was refused, and its nearest candidates, the best first, which need `photos`.
 
-    The `candidates` come the best first, and need `photos`. Raises `DiskError` when a file cannot be written.
+    Those of other texts stay. Raises `DiskError` when a file cannot be written.
     """
     stored = _read(project) if (project / CANDIDATES).is_file() else {"refused": [], "candidates": []}
     refused = [entry for entry in stored["refused"] if entry["text"] != text] + [{"text": text, "message": message}]

@@ -52,8 +52,7 @@ class SegmentationContext:
         """Return what `make` returned when this was first called with `name`."""
         if name not in self.kept:
             self.kept[name] = make()
-        made: Made = self.kept[name]
-        return made
+        return self.kept[name]
 
     @property
     def detector(self) -> Detector:
@@ -110,10 +109,9 @@ def load_context(
     project.require_intact("cameras", "training")
     cameras = read_camera_set(project.path / "cameras")
     scene = scene_on(device, load_gaussians(project.path / "gaussians"), emit)
-    embeddings = EmbeddingFolder(project.path / "masks")
     return SegmentationContext(
         Views(scene, cameras, render_side=settings.render_side),
-        Photos(photo_folder_of(project), settings.photo_side, sam_factory, embeddings),
+        Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
         settings,
         detector_factory,

@@ -1,7 +1,6 @@
-"""Where evidence comes from: every kind of prompt becomes masks in views (`engine.objects.votes.MaskEvidence`).
+"""Where evidence comes from: a click, a box or a mask becomes masks in views (`engine.objects.votes.MaskEvidence`).
 
-A mask is given by the user, drawn by SAM for a box, or that of the segment under a click. What a text means is found
-among the proposals (`engine.objects.proposals`).
+A mask is given by the user, drawn by SAM for a box, or that of the segment under a click.
 """
 
 from __future__ import annotations
@@ -122,9 +121,9 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     """Return the connected parts of points, [M, 3], that a mask shows, bool [M]; all if the mask shows none of them.
 
     `weights`, [M], are the pixels of the mask that each point contributes. Points are connected through neighbouring
-    cells of a grid. A cell is as wide as a tenth of the radius of what the mask shows, and at least twice the usual
-    distance between neighbours. The part with the largest total weight is kept, and every other one with at least a
-    tenth of it: an occluder may split an object in two.
+    cells of a grid, as wide as a tenth of the radius of what the mask shows, and at least twice the usual distance
+    between neighbours. Kept are the part with the largest total weight, and every other one with at least a tenth of
+    it: an occluder may split an object in two.
     """
     total = float(weights.sum())
     if len(points) <= 2 or total <= 0:

@@ -58,10 +58,7 @@ def build_groups(views: Views) -> Mask:
 
 
 def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int64]:
-    """Return a place for each of n points, and the groups [K, 2]: the first place of each and the one after its last.
-
-    Points in no group have place -1.
-    """
+    """Return the place of each of n points, -1 in no group, and the groups, [K, 2]: first place and last + 1."""
     from sklearn.cluster import ward_tree
     from sklearn.neighbors import kneighbors_graph
 
@@ -88,8 +85,7 @@ def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int
 def _leaf_order(children: NDArray[np.integer]) -> tuple[Int64, Int64]:
     """Return for each node of a binary tree its first leaf, in an order in which every node is a run, and its leaves.
 
-    `children` [n - 1, 2] are as scikit-learn returns them: merge i creates node n + i from two nodes. Nodes below n are
-    leaves.
+    `children` [n - 1, 2] are as scikit-learn returns them: merge i creates node n + i; the nodes below n are leaves.
     """
     n = len(children) + 1
     sizes, first = np.ones(2 * n - 1, np.int64), np.zeros(2 * n - 1, np.int64)

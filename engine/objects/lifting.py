@@ -15,19 +15,10 @@ from .graph import bounded
 from .views import MAX_OBJECT_EXTENT, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
-__all__ = [
-    "NOTHING_BEHIND",
-    "NOTHING_LEFT",
-    "FoundObject",
-    "Levels",
-    "corrected",
-    "fit_of",
-    "isolate_object",
-    "overlap",
-]
+__all__ = ["NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels", "corrected", "fit_of", "isolate_object", "overlap"]
 
-NOTHING_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
-NOTHING_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
+NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
+NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
 
 _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
@@ -88,10 +79,8 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     """Return the object that all of `evidence` shows together, in which at least one mask is not excluded.
 
     It comes with clearly smaller and larger versions: the membership falls as the strictness rises, so that each level
-    contains those of higher strictness. A mask that the user drew is the whole object and has no versions.
-
-    Raises `PromptError` when no Gaussian lies behind the masks, or the excluded ones leave none, and `Cancelled` when
-    the user stops.
+    contains those of higher strictness. A mask that the user drew is the whole object and has no versions. Raises
+    `PromptError` when no Gaussian lies behind the masks or the excluded ones leave none, `Cancelled` on request.
     """
     context.check_stop()
     shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
@@ -102,15 +91,12 @@ def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence
     levels = _distinct(np.maximum.accumulate([bounded(one, context.means) for one in solved]), context.views)
     found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
     if not found.members.any():
-        raise PromptError(NOTHING_BEHIND if len(shown) == len(evidence) else NOTHING_LEFT)
+        raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
     return replace(found, fit=fit_of(shown[0], found.members, context.views))
 
 
 def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:
-    """Return the membership `before`, [N], with what evidence adds to it and removes from it; maybe nothing is left.
-
-    Raises `Cancelled` when the user stops.
-    """
+    """Return the membership `before`, [N], with what evidence adds to it and removes from it, which may be all."""
     added, removed = (_union(context, evidence, _ALONE, excluded=kind)[0] for kind in (False, True))
     return np.minimum(np.maximum(before, added), 1 - removed)
 

@@ -73,13 +73,11 @@ class Looks:
     described: Float32
 
     def scores(self, text: str, context: SegmentationContext) -> Float64:
-        """Return how much each proposal looks like `text`, 0 to 1, shape [K].
+        """Return how much each proposal looks like `text`, 0 to 1, [K]; `PromptError` if the detector does not know it.
 
         A detector that describes crops is calibrated: 0.5 is the score that 5 % of the absent words of the choosing
         rooms reach. Any other one is asked for boxes in `n_text_views` photos. A proposal then scores 0 in a photo
         without a box that fits it, and more than 0.5 in others: the detector's own thresholds decide.
-
-        Raises `PromptError` when the detector does not know the text.
         """
         describes = self.described.shape[1] > 0
         score = context.detector.score_descriptions(self.described, text) if describes else self._boxed(text, context)
@@ -184,14 +182,13 @@ _SPECS = {
     "photo": ArraySpec("str", ("s",)),
     "box": ArraySpec("float32", ("s", _N_SIDES), finite=True),
     "described": ArraySpec("float16", ("s", "d"), finite=True),
-}  # by definition
+}
 
 
 def load_or_build_looks(context: SegmentationContext) -> Looks:
     """Return the looks that were kept in memory or in the folder of the context, or make and keep them.
 
-    A missing, damaged or outdated file is made again; a file that cannot be written only costs time. Raises `Cancelled`
-    when the user stops.
+    A missing, damaged or outdated file is made again; one that cannot be written only costs time. Raises `Cancelled`.
     """
     return context.once("looks", lambda: _load_or_build(context))
 

@@ -1,7 +1,6 @@
 """The published method: one feature for the mask of a prompt, all Gaussians near it, then their convex hull.
 
-Dahaghin et al., "Gaussian Heritage" (2024). It shares with `engine.objects.segment` how boxes and masks become
-evidence, and nothing else. docs/paper.md lists where the text, its released code and this module differ.
+Dahaghin et al., "Gaussian Heritage" (2024). docs/paper.md lists where text, released code and this module differ.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from .evidence import (
     require_mask,
 )
 from .graph import bounded
-from .lifting import NOTHING_BEHIND, NOTHING_LEFT, FoundObject, Levels, fit_of, overlap
+from .lifting import NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, overlap
 from .prompts import ClickPrompt, Prompt, TextPrompt
 from .settings import PaperSettings
 from .views import View, erode_mask, spread_cameras
@@ -61,7 +60,7 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
     removed = _shown_by([item for item in evidence if item.excluded], context)
     candidates = _candidates(shown, prompt, context, settings)
     if not candidates:
-        raise PromptError(NOTHING_BEHIND)
+        raise PromptError(NONE_BEHIND)
     if isinstance(prompt, TextPrompt):
         searched = {item.view.camera.photo for item in shown}
         candidates = [replace(one, score=_agreement(one, searched, context)) for one in candidates]
@@ -77,16 +76,14 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
             found.append(one)
         context.part(1, 2).tell(number / len(candidates), "Isolating")
     if not found:
-        raise PromptError(NOTHING_LEFT)
+        raise PromptError(NONE_LEFT)
     return found
 
 
 def nothing_found(text: str, context: SegmentationContext) -> PromptError:
     """Return the error for a text that the detector knows and finds in no photo."""
-    n_photos = min(context.settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
-    return PromptError(
-        f"{text!r} was not found in {n_photos} photos. Use another word, or click on the object instead."
-    )
+    count = min(context.settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
+    return PromptError(f"{text!r} was not found in {count} photos. Use another word, or click on the object instead.")
 
 
 def _candidates(
@@ -113,10 +110,7 @@ def _candidates(
 
 
 def _from_text(text: str, context: SegmentationContext) -> list[MaskEvidence]:
-    """Return the masks that the detector finds in several photos, among their segments where there are some.
-
-    Raises `PromptError` when the detector does not know the text or finds it in no photo.
-    """
+    """Return the masks of a text in several photos, of segments where there are some; raises `PromptError` for none."""
     require_known(text, context)
     evidence = []
     # Existing segments are better regions than any box, and cost nothing.
@@ -226,9 +220,8 @@ def _agreement(candidate: FoundObject, searched: set[str], context: Segmentation
 def mean_direction(features: Float32, cosine: float, start: Float32 | None = None) -> Float32 | None:
     """Return the mean direction, [D], of features of a mask's pixels, [P, D], all at unit length, without outliers.
 
-    In each of three rounds, features with a cosine below `cosine` to the current direction are left out of the mean. It
-    starts with `start`, [D], e.g. the feature of the clicked pixel; by default with the mean of all. None without
-    features or if they cancel out.
+    In each of three rounds, features with a cosine below `cosine` to the direction so far are left out. The first is
+    `start`, [D], e.g. the feature of the clicked pixel, or the mean of all. None if there are none or they cancel out.
     """
     if len(features) == 0:
         return None

@@ -50,8 +50,7 @@ _BLACK_SH = -1 / (2 * SH_C0)  # by definition
 def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_stop: StopCheck) -> Polished | None:
     """Train an object's Gaussians further until, rendered without the scene, it looks as it does in the scene.
 
-    Returns None without `polish_steps`, without `members`, bool [N], and if no view shows them. Raises `Cancelled` when
-    `should_stop` returns True.
+    Returns None without `polish_steps`, without `members`, bool [N], and if no view shows them; raises `Cancelled`.
 
     Let s be the share of a pixel that the members contribute in the whole scene. The target coverage is
     (s - 0.2) / 0.5, clipped to [0, 1], and the target colour is the members' own blended colour, divided by s and

@@ -14,11 +14,10 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 from scipy.special import expit
 
-from .arrays import Float32, Float64, Floats, Int32, Int64, Mask
+from .arrays import SETS_TOGETHER, Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
 from .graph import SceneGraph, bounded
 from .groups import build_groups
-from .views import SETS_PER_PASS
 from .votes import THRESHOLD, Votes, votes_of_known
 
 __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
@@ -67,9 +66,7 @@ class Proposals:
 
 
 def find_proposals(context: SegmentationContext) -> Proposals:
-    """Return the proposals of a scene: each segment of each photo, and each group, solved like a mask.
-
-    Raises `Cancelled` when the user stops.
+    """Return each segment of each photo, and each group, solved like a mask; raises `Cancelled` when the user stops.
 
     With the links between Gaussians that leave a set, all links of the set (or of the rest, if they are fewer), its
     extent, and for each photo that shows it well the IoU of the set with the solved segment of the photo that fits it
@@ -100,11 +97,10 @@ def find_proposals(context: SegmentationContext) -> Proposals:
 
 
 def apart(members: Mask, gains: Floats) -> list[int]:
-    """Return sets that do not overlap by more than half of the smaller one, with a large sum of `gains`, best first.
+    """Return which sets, bool [K, N], to choose for a large sum of `gains`, [K]; best first, and none without gain.
 
-    `members`, bool [K, N], are the sets, and `gains`, [K], what choosing each gains; sets without gain are not chosen.
-    The largest gains first; then a chosen set is exchanged for several others, or several for one, for as long as that
-    makes the sum larger.
+    No two overlap by more than half of the smaller one. The largest gains are chosen first; then a set is exchanged for
+    several others, or several for one, for as long as that makes the sum larger.
     """
     sets = csr_matrix(members, dtype=np.float32)
     sizes = np.asarray(sets.sum(axis=1)).ravel()
@@ -146,7 +142,7 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
 
     def solved(start: int) -> csr_matrix:
         context.check_stop()
-        stop, passed = start + SETS_PER_PASS, len(segments)
+        stop, passed = start + SETS_TOGETHER, len(segments)
         together = groups[max(0, start - passed) : max(0, stop - passed)].T
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
@@ -157,9 +153,9 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
     rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for part in pool.map(solved, range(0, count, SETS_PER_PASS)):
+        for part in pool.map(solved, range(0, count, SETS_TOGETHER)):
             rows.append(part)
-            context.tell(min((len(rows) - 1) * SETS_PER_PASS / count, 1), "Looking for objects")
+            context.tell(min((len(rows) - 1) * SETS_TOGETHER / count, 1), "Looking for objects")
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept

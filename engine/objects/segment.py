@@ -56,14 +56,12 @@ def mask_at(context: SegmentationContext, camera: Camera | PinholeCamera, click:
     """Return where the object under a pixel of any view of the scene is visible in that view: bool, of its full size.
 
     `camera` is that of a photo, or any other one; `click` is x, y in pixels of the picture from its top left corner.
-    Raises `PromptError` when the click lies outside of the picture or no Gaussian is there, and `Cancelled` when the
-    user stops.
+    Raises `PromptError` when the click lies outside of the picture or no Gaussian is there, `Cancelled` on request.
     """
     x, y = click
     if not (0 <= x < camera.width and 0 <= y < camera.height):
-        raise PromptError(
-            f"The click {x:g},{y:g} lies outside of the picture, {camera.width} x {camera.height} pixels."
-        )
+        size = f"{camera.width} x {camera.height} pixels"
+        raise PromptError(f"The click {x:g},{y:g} lies outside of the picture, {size}.")
     view = context.views.from_anywhere(camera)
     found = isolate_object(context, [evidence_of_places([click], view, context)])
     return view.to_photo(context.views.visible_share(view, found.members) > THRESHOLD)
@@ -79,10 +77,9 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
     if spatial.other:
         with contextlib.suppress(NoMatchError):  # `choose` says that there is none
             others = _find_named(context.part(1, 2), spatial.other)
-    extents, other_extents = (
-        [Extent(*inner_box(context.means[one.members])) for one in kind] for kind in (found, others)
-    )
-    camera = prompt.camera or showing_camera(context.views.cameras.cameras, extents)
+    views, means = context.views, context.means
+    extents, other_extents = ([Extent(*inner_box(means[one.members])) for one in kind] for kind in (found, others))
+    camera = prompt.camera or showing_camera(views.cameras.cameras, extents)
     return [found[number] for number in choose(spatial, extents, other_extents, camera)]
 
 

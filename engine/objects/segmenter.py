@@ -29,15 +29,7 @@ from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import SegmentSettings
-from .storage import (
-    list_objects,
-    load_fitting_membership,
-    load_levels,
-    load_membership,
-    load_object,
-    save_object,
-    taken_ids,
-)
+from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
 from .trash import delete_object, keep_version
 from .votes import BELOW_HALF, THRESHOLD
 
@@ -88,12 +80,7 @@ class Segmenter:
         )  # fmt: skip
 
     def segment(
-        self,
-        prompt: Prompt,
-        name: str,
-        *,
-        again: Sequence[str | None] = (),
-        context: SegmentationContext | None = None,
+        self, prompt: Prompt, name: str, *, again: Sequence[str | None] = (), context: SegmentationContext | None = None
     ) -> list[ObjectRecord]:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
@@ -173,14 +160,12 @@ class Segmenter:
     def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
         """Correct a stored object by clicks on what to add, and on what to remove; at least one.
 
-        The object keeps its id and name. Its levels are removed, because they were versions of the old object, which is
-        copied to the trash.
-
-        Raises `ObjectError` if there is no such object or it belongs to an earlier training, and `PromptError` if a
-        click hits no Gaussian or nothing of the object would remain.
+        The object keeps its id and name, and loses its levels: they were versions of the old one, which is copied to
+        the trash. Raises `ObjectError` if there is no such object or it belongs to an earlier training, and
+        `PromptError` if a click hits no Gaussian or nothing of the object would remain.
         """
         record, context = load_object(self.project.path, name), self.context
-        before = load_fitting_membership(self.project.path, record, len(context.means))
+        before = membership_in(self.project.path, record, len(context.means))
         membership = corrected(context, evidence_of_clicks(clicks, excluded, context), before)
         n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
         if n_left < max(1.0, _MIN_REMAINING_SHARE * n_before):
@@ -201,7 +186,7 @@ class Segmenter:
             raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
         if not record.levels:
             return record
-        load_fitting_membership(self.project.path, record, len(self.context.means))
+        membership_in(self.project.path, record, len(self.context.means))
         return self._replace(replace(record, level=level), levels[level], levels=list(levels))
 
     def _replace(

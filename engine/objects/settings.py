@@ -14,7 +14,7 @@ _LEAST_SIDE = 16  # by definition
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """Settings of the segmentation of one object by a prompt; docs/design_notes/objects.md has their measurements.
+    """Settings of the segmentation of one object by a prompt; docs/design_notes/objects.md tells what was measured.
 
     A detector that describes no crops searches for a text in `n_text_views` photos, spread over the poses. Detector and
     SAM get photos of `photo_side` pixels on the longer side; the views in which features are read and votes are counted

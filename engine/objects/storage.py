@@ -34,10 +34,10 @@ __all__ = [
     "forget_unreadable_record",
     "is_object_intact",
     "list_objects",
-    "load_fitting_membership",
     "load_levels",
     "load_membership",
     "load_object",
+    "membership_in",
     "object_gaussians",
     "object_ids",
     "save_object",
@@ -120,8 +120,8 @@ def load_membership(project: Path, object_id: str) -> Float32:
     return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
 
 
-def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> Float32:
-    """Return the membership of an object of the scene's training, with `count` Gaussians; `ObjectError` for another."""
+def membership_in(project: Path, record: ObjectRecord, count: int) -> Float32:
+    """Return the membership of an object in a scene of `count` Gaussians; `ObjectError` if in an earlier training."""
     membership = load_membership(project, record.id)
     if len(membership) != count:
         raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
@@ -137,8 +137,8 @@ def load_levels(project: Path, object_id: str) -> Float32:
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object for export: its Gaussians among the scene's, polished; errors of `load_fitting_membership`."""
-    rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
+    """Return an object for export: its Gaussians among the scene's, polished; errors as of `membership_in`."""
+    rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
     _require_intact(project, record.id, POLISHED)
     polished = load_polished(project, record.id)
     return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)

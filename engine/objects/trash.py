@@ -19,15 +19,7 @@ from ..project_folder import SCENE_OUTPUT, ProjectFolder
 from ..records import RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
 from .storage import list_objects, load_object, object_ids, taken_ids
 
-__all__ = [
-    "TrashEntry",
-    "delete_object",
-    "discard_object",
-    "empty_trash",
-    "keep_version",
-    "list_trash",
-    "restore_object",
-]
+__all__ = ["Trashed", "delete_object", "discard_object", "empty_trash", "keep_version", "list_trash", "restore_object"]
 
 _TRASH, _OBJECT, _INFO = "trash", "object", "trash.json"
 _VERSION = 1  # by definition
@@ -35,8 +27,8 @@ _SCHEMA = {"version": int, "id": str, "name": str, "deleted": str, "why": str, "
 
 
 @dataclass(frozen=True)
-class TrashEntry:
-    """An object in the trash: its folder, what it was called, when, with a time zone, and why it was moved there.
+class Trashed:
+    """An object in the trash: what it was called, when, with a time zone, and why it was moved there.
 
     `scene` is the SHA-256 of its scene, None where that is not known, and `n_bytes` the size of its files.
     """
@@ -108,24 +100,24 @@ def _move(source: Path, target: Path) -> None:
         raise DiskError(f"Could not move {source} to {target}: {reason}. Close programs that use it.") from error
 
 
-def list_trash(project: Path) -> list[TrashEntry]:
+def list_trash(project: Path) -> list[Trashed]:
     """Return what the trash of a project folder holds, oldest first. An entry without content is left out."""
     folders = (path.parent.name for path in (project / _TRASH).glob(f"*/{_OBJECT}") if path.is_dir())
     entries = (_read_entry(path_within(project, _TRASH, name)) for name in folders)
     return sorted(entries, key=lambda entry: (entry.deleted, entry.folder.name))
 
 
-def _read_entry(folder: Path) -> TrashEntry:
+def _read_entry(folder: Path) -> Trashed:
     n_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     try:
         info = read_json(folder / _INFO, _SCHEMA, advice="Look into its folder.")
         deleted = datetime.fromisoformat(info["deleted"])
         deleted = deleted if deleted.tzinfo else deleted.replace(tzinfo=UTC)
-        return TrashEntry(folder, info["id"], info["name"], deleted, info["why"], info.get("scene"), n_bytes)
+        return Trashed(folder, info["id"], info["name"], deleted, info["why"], info.get("scene"), n_bytes)
     except (FormatError, ValueError):
         # The object is what counts; a damaged note about it must not hide it.
         deleted = datetime.fromtimestamp(folder.stat().st_mtime, UTC)
-        return TrashEntry(folder, folder.name, folder.name, deleted, "its trash.json is damaged", None, n_bytes)
+        return Trashed(folder, folder.name, folder.name, deleted, "its trash.json is damaged", None, n_bytes)
 
 
 def restore_object(project: ProjectFolder, which: str) -> ObjectRecord:
@@ -154,7 +146,7 @@ def restore_object(project: ProjectFolder, which: str) -> ObjectRecord:
     return restored
 
 
-def _find_entry(entries: Sequence[TrashEntry], which: str) -> TrashEntry:
+def _find_entry(entries: Sequence[Trashed], which: str) -> Trashed:
     if which.isascii() and which.isdigit() and 1 <= int(which) <= len(entries):
         return entries[int(which) - 1]
     for entry in reversed(entries):

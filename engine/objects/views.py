@@ -13,18 +13,9 @@ from ..cameras import covering_pinhole, distort, is_point_visible, undistort
 from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
-from .arrays import Float32, Floats, Int32, Mask
+from .arrays import SETS_TOGETHER, Float32, Floats, Int32, Mask
 
-__all__ = [
-    "MAX_OBJECT_EXTENT",
-    "SETS_PER_PASS",
-    "THRESHOLD",
-    "View",
-    "Views",
-    "erode_mask",
-    "inner_box",
-    "spread_cameras",
-]
+__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
 
 THRESHOLD = 0.5  # by definition
 """Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
@@ -35,9 +26,6 @@ MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 
 _LEAST_UNIT = 0.4  # by definition
 """Smallest unit of lengths, relative to the distance of the cameras from the scene."""
-
-SETS_PER_PASS = 32  # by definition
-"""Sets of Gaussians that are solved or rendered together. More need more memory and are hardly faster."""
 
 _OUTER = 0.05  # by definition
 """Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
@@ -72,9 +60,9 @@ class View:
 
 @dataclass
 class Views:
-    """Views of one scene, each rendered at its first use; raises `ObjectError` when the scene has no features.
+    """Views of one scene, `render_side` pixels on the longer side, each rendered at its first use.
 
-    `render_side` is the longer side of the frames in pixels.
+    Raises `ObjectError` when the scene has no features.
     """
 
     scene: Scene
@@ -133,8 +121,8 @@ class Views:
 
     def visible_masks(self, view: View, members: Mask) -> Iterator[Mask]:
         """Yield for each of K sets of Gaussians, bool [K, N], where it makes up more than half of a pixel of `view`."""
-        for start in range(0, len(members), SETS_PER_PASS):
-            weights = members[start : start + SETS_PER_PASS].T.astype(np.float32)
+        for start in range(0, len(members), SETS_TOGETHER):
+            weights = members[start : start + SETS_TOGETHER].T.astype(np.float32)
             shares = self.scene.render(view.frame, channels=weights).channels
             yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
 
@@ -158,8 +146,8 @@ def inner_box(means: Floats) -> Floats:
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return `count` cameras that differ most in position and direction; all of them when there are fewer.
 
-    The first is the most central camera. Each further one is the farthest from those selected before, with positions in
-    units of their spread and view directions as unit vectors.
+    The first is the most central one, and each further one the farthest from those before, with positions in units of
+    their spread and view directions as unit vectors.
     """
     if len(cameras) <= count:
         return list(cameras)
