@@ -152,8 +152,7 @@ class SceneGraph:
 
 def _dot(first: Float32, second: Float32) -> Float32:
     """Return the dot products of the columns."""
-    product: Float32 = np.einsum("nk,nk->k", first, second)
-    return product
+    return np.einsum("nk,nk->k", first, second)
 
 
 def bounded(membership: Float32, means: Float32) -> Float32:

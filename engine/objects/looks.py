@@ -84,7 +84,7 @@ class Looks:
         rows = np.asarray(score, np.float64)
         known = ~np.isnan(rows)
         count = np.bincount(self.proposal[known], minlength=len(self.members))[self.like]
-        total = np.bincount(self.proposal[known], weights=rows[known], minlength=len(self.members))[self.like]
+        total = np.bincount(self.proposal[known], rows[known], minlength=len(self.members))[self.like]
         mean = total / np.maximum(count, 1)
         if not describes or not mean.any():
             return np.asarray(mean, np.float64)
@@ -112,8 +112,7 @@ class Looks:
     def names(self, numbers: Sequence[int], context: SegmentationContext) -> list[tuple[str, float]]:
         """Return the detector's word for proposals, with its confidence, 0 to 1; ("", 0) for one without words."""
         described = (self.described[self.proposal == k] for k in self.like[list(numbers)])
-        words = [context.detector.name_descriptions(rows) for rows in described]
-        return [found[0] if found else ("", 0.0) for found in words]
+        return [next(iter(context.detector.name_descriptions(rows)), ("", 0.0)) for rows in described]
 
     def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
         """Return the members of a proposal as evidence, with where the photo that shows them largest shows them."""

@@ -77,9 +77,9 @@ def _find_text(context: SegmentationContext, prompt: TextPrompt) -> list[FoundOb
     if spatial.other:
         with contextlib.suppress(NoMatchError):  # `choose` says that there is none
             others = _find_named(context.part(1, 2), spatial.other)
-    views, means = context.views, context.means
+    means = context.means
     extents, other_extents = ([Extent(*inner_box(means[one.members])) for one in kind] for kind in (found, others))
-    camera = prompt.camera or showing_camera(views.cameras.cameras, extents)
+    camera = prompt.camera or showing_camera(context.views.cameras.cameras, extents)
     return [found[number] for number in choose(spatial, extents, other_extents, camera)]
 
 
