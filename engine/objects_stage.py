@@ -58,25 +58,19 @@ def objects_stage(
     def compute() -> dict[str, Any]:
         from .grounding import load_default_detector
         from .masks import load_sam
-        from .objects import load_context, segment_each_text
+        from .objects import Segmenter
 
         found, again = _found_before(runner, key)
         refused: dict[str, str] = {}
         _discard_unfinished(runner, [text for text in prompts if text not in found])
         _note(runner, key, found, again)
-        device, sam_factory = find_device(), functools.partial(load_sam, sam_model)
-        context = load_context(runner.project, settings, sam_factory, device=device, emit=runner.emit)
-        for result in segment_each_text(
-            runner.project,
-            context,
-            {prompt: prompt for prompt in prompts},
-            settings,
-            detector_factory=load_default_detector,
-            emit=runner.emit,
-            should_stop=runner.should_stop,
-            skip=tuple(text for text in found if text not in again),
-            again=dict(again),
-        ):
+        segmenter = Segmenter(
+            runner.project, settings, load_default_detector, functools.partial(load_sam, sam_model),
+            runner.emit, runner.should_stop, find_device(),
+        )  # fmt: skip
+        names = {prompt: prompt for prompt in prompts}
+        done = tuple(text for text in found if text not in again)
+        for result in segmenter.segment_each_text(names, skip=done, again=dict(again)):
             if result.refusal:
                 refused[result.text] = result.refusal
                 runner.emit(Warned(result.refusal))
@@ -84,7 +78,7 @@ def objects_stage(
             if again.pop(result.text, None) is None:
                 found[result.text] = [record.id for record in result.records]
             _note(runner, key, found, again)
-        return {"found": found, "refused": refused, "device": device.name}
+        return {"found": found, "refused": refused, "device": segmenter.device.name}
 
     _forget_damaged_objects(runner, key if prompts else None)
     if prompts:

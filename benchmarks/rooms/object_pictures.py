@@ -6,6 +6,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from engine.errors import ProjectError
-from engine.events import ignore_events, never_stop
 from engine.masks import load_default_sam
 from engine.objects import SegmentationContext, View, load_context
 from engine.objects.settings import BETTER
@@ -48,10 +48,10 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     from engine.evaluation.ground_truth import read_ground_truth
     from engine.grounding import load_default_detector
     from engine.objects import find_everything
-    from engine.objects.lifting import lift, lift_levels
+    from engine.objects.lifting import isolate_object
     from engine.objects.votes import MaskEvidence, count_votes
 
-    context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_sam)
+    context = load_context(ProjectFolder.open_existing(project), BETTER, load_default_detector, load_default_sam)
     cameras = context.views.cameras.by_photo
     masks = read_ground_truth(truth, list(cameras), (), layout="auto")
     shown = {photo: masks.masks(photo)[name] for photo in cameras if name in masks.masks(photo)}
@@ -60,16 +60,12 @@ def write_pictures(project: Path, truth: Path, name: str, out: Path) -> None:
     first, second = sorted(shown, key=lambda photo: -int(shown[photo].sum()))[:2]
     view, other = context.views.of(cameras[first]), context.views.of(cameras[second])
     evidence = MaskEvidence(view, view.from_photo(shown[first]), 1.0, given=True)
-    graph = context.graph(BETTER, never_stop)
-    votes = count_votes(context.views, evidence, graph.pixels)
+    votes = count_votes(context.views, evidence, context.graph.pixels)
     share = votes.inside / np.maximum(votes.inside + votes.outside, 1e-6)
     seen = (votes.inside + votes.outside > 0.5).astype(np.float32)
-    membership = lift(context, [evidence], BETTER, should_stop=never_stop)
-    levels = lift_levels(context, [evidence], BETTER, never_stop)
-    found = find_everything(
-        context, BETTER, detector_factory=load_default_detector, emit=ignore_events, should_stop=never_stop
-    )
-    groups = [one.members for one in found]
+    membership = isolate_object(context, [evidence]).membership
+    levels = isolate_object(context, [replace(evidence, given=False)]).levels
+    groups = [one.members for one in find_everything(context)]
     _write(out / "objects_evidence.jpg", [_photo(context, view), _tinted(_photo(context, view), evidence.mask)])
     _write(out / "objects_votes.jpg", [_blended(context, one, share * seen) for one in (view, other)])
     _write(out / "objects_segments.jpg", [_segments(context, one) for one in (view, other)])

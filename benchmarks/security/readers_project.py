@@ -350,7 +350,7 @@ def _write_embedding(folder: Path) -> None:
 
 def _make_looks(folder: Path) -> object:
     """Read the looks of proposals. Making them is the answer to a damaged file."""
-    from engine.objects import looks
+    from engine.objects import SegmentationContext, looks
     from engine.objects.graph import SceneGraph
     from engine.objects.settings import BETTER
 
@@ -363,15 +363,12 @@ def _make_looks(folder: Path) -> object:
         return looks.Looks(members, ones, numbers, *sightings)
 
     links, segments = csr_matrix(np.zeros((3, 3), np.float32)), csr_matrix(np.ones((3, 2), np.float32))
-    graph = SceneGraph(links, segments, np.zeros(2, np.int32), np.arange(2, dtype=np.int32), ("a.jpg",))
-    views: Any = SimpleNamespace(scene=range(3))
-    others: Any = SimpleNamespace(name="detector")
+    graph = SceneGraph(links, segments, np.zeros(2, np.int32), ("a.jpg",))
+    others: Any = SimpleNamespace(name="detector", scene=SimpleNamespace(gaussians=SimpleNamespace(means=range(3))))
+    context = SegmentationContext(others, others, {}, BETTER, lambda: others, folder=folder, kept={"graph": graph})
     with mock.patch.object(looks, "build_looks", build):
         try:
-            return looks.load_or_build_looks(
-                folder / "groups.npz", views, graph, others, others, BETTER,
-                emit=lambda event: None, should_stop=lambda: False,
-            )  # fmt: skip
+            return looks.load_or_build_looks(context)
         except _NotStored:
             return None
 
@@ -385,8 +382,7 @@ def _link_gaussians(folder: Path) -> object:
             raise _NotStored
         links = csr_matrix(np.array([[0, 1, 0], [1, 0, 2], [0, 2, 0]], np.float32))
         pixels = csr_matrix(np.array([[0, 1, 0], [3, 0, 2], [0, 2, 4]], np.float32))
-        labels = np.array([0, 1, 0], np.int32)
-        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32), labels, ("a.jpg", "b.jpg"))
+        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32), ("a.jpg", "b.jpg"))
 
     array, segments = np.zeros((3, 2), np.float32), np.ones((2, 2), np.int32)
     gaussians = SimpleNamespace(means=array, opacities=array, features=array)
@@ -464,7 +460,7 @@ PROJECT = (
     Reader("candidates-in-blender", _write_candidates, _show_candidates, ("objects/candidates.json",)),
     Reader("kept-arrays", _write_kept, _read_kept, ("kept.npz",)),
     Reader("embedding", _write_embedding, _encode, ("a.jpg.sam.npz",)),
-    Reader("groups", _make_looks, _make_looks, ("groups.npz",)),
+    Reader("groups", _make_looks, _make_looks, ("looks.npz",)),
     Reader("graph", _link_gaussians, _link_gaussians, ("graph.npz",)),
     Reader("calibration", lambda folder: _calibration(folder, again=False), _calibration, ("calibration.json",)),
 )

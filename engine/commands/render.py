@@ -115,14 +115,16 @@ def _pictures(
     should_stop: StopCheck,
 ) -> list[NDArray[Any]]:
     """Return the picture of each object from one camera; without objects, one picture of the scene."""
+    from ..grounding import load_default_detector
     from ..masks import load_default_sam
     from ..objects import load_context, mask_at
     from ..objects.settings import BETTER
     from ..pictures import Scene, render_view, visible_masks
 
     if what == "mask" and click is not None:
-        context = load_context(project, BETTER, load_default_sam, device=device)
-        return [np.where(mask_at(context, camera, click, BETTER, should_stop), np.uint8(255), np.uint8(0))]
+        models = (load_default_detector, load_default_sam)
+        context = load_context(project, BETTER, *models, device=device, should_stop=should_stop)
+        return [np.where(mask_at(context, camera, click), np.uint8(255), np.uint8(0))]
     if what == "rgb" and objects:
         alone = (object_gaussians(project.path, record, gaussians) for record in objects)
         return [render_view(shown, camera, backend=device.backend) for shown in alone]

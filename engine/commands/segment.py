@@ -11,12 +11,13 @@ from ..events import Emit, Finished, StopCheck
 from ..objects import parse_point, parse_prompt, parse_texts
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
-from ..rasterizer import Device, choose_objects_device
+from ..rasterizer import PROCESSOR, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
 from .scene_options import add_device_option
 
 if TYPE_CHECKING:
+    from ..objects import Segmenter
     from ..scene import Camera, PinholeCamera
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
@@ -115,10 +116,22 @@ def _action(options: argparse.Namespace) -> str:
     return action
 
 
+def _segmenter(
+    project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck, *, renders: bool = True
+) -> Segmenter:
+    """Return what carries out the action; without `renders`, no device is looked for."""
+    from ..objects import Segmenter
+
+    return Segmenter(
+        project, PRESETS[options.preset], **model_factories(options), emit=emit, should_stop=should_stop,
+        device=choose_objects_device(options.device) if renders else PROCESSOR,
+    )  # fmt: skip
+
+
 def _texts(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects import CANDIDATES, segment_texts
+    from ..objects import CANDIDATES
 
     texts = parse_texts(options.prompt)
     if options.name is not None and len(texts) > 1:
@@ -126,12 +139,9 @@ def _texts(
             "--name cannot be combined with several texts. Without it, each object is named after its text."
         )
     camera = None if options.seen_from is None else _camera(project.path, options.seen_from)
-    device = choose_objects_device(options.device)
-    records, refused = segment_texts(
-        project, texts, options.name, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop, device=device, camera=camera,
-    )  # fmt: skip
-    outputs = _outputs(records, device)
+    segmenter = _segmenter(project, options, emit, should_stop)
+    records, refused = segmenter.segment_texts(texts, options.name, camera)
+    outputs = _outputs(records, segmenter)
     if refused:
         outputs["refused"] = refused
         outputs["candidates"] = CANDIDATES
@@ -152,77 +162,52 @@ def _camera(project: Path, view: str) -> Camera | PinholeCamera:
 def _pointed(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects import segment_project
-
     prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
-    name = "object" if options.name is None else options.name
-    device = choose_objects_device(options.device)
-    records = segment_project(
-        project, prompt, name, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
-    )  # fmt: skip
-    return _isolated(records), _outputs(records, device)
+    segmenter = _segmenter(project, options, emit, should_stop)
+    records = segmenter.segment(prompt, "object" if options.name is None else options.name)
+    return _isolated(records), _outputs(records, segmenter)
 
 
 def _accept(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects import accept_candidate
-
-    device = choose_objects_device(options.device)
-    records = accept_candidate(
-        project, options.accept, options.name, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
-    )  # fmt: skip
-    return _isolated(records), _outputs(records, device)
+    segmenter = _segmenter(project, options, emit, should_stop)
+    records = segmenter.accept_candidate(options.accept, options.name)
+    return _isolated(records), _outputs(records, segmenter)
 
 
 def _refine(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects import choose_level, refine_object
-
     clicks = [parse_point(text) for text in options.click]
     excluded = [parse_point(text) for text in options.excluded]
     if options.level is not None and (clicks or excluded):
         raise SettingsError("--level cannot be combined with clicks: they change the object and delete its levels.")
     if options.level is None and not (clicks or excluded):
         raise SettingsError("--refine requires --click to add something, --not to remove something, or --level.")
-    device = choose_objects_device(options.device)
+    segmenter = _segmenter(project, options, emit, should_stop)
     if options.level is not None:
-        record = choose_level(
-            project, options.refine, options.level, PRESETS[options.preset],
-            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop, device=device,
-        )  # fmt: skip
+        record = segmenter.choose_level(options.refine, options.level)
     else:
-        record = refine_object(
-            project, options.refine, clicks, excluded, PRESETS[options.preset],
-            sam_factory=model_factories(options)["sam_factory"], emit=emit, should_stop=should_stop, device=device,
-        )  # fmt: skip
-    return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], device)
+        record = segmenter.refine(options.refine, clicks, excluded)
+    return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], segmenter)
 
 
 def _complement(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects import store_background
-
-    record = store_background(project, PRESETS[options.preset])
+    record = _segmenter(project, options, emit, should_stop, renders=False).store_background()
     return f"The background has {record.n_gaussians:,} Gaussians.", {"objects": [record.id], "background": record.id}
 
 
 def _all(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    from ..objects import segment_everything_in
-
-    device = choose_objects_device(options.device)
-    created, kept, background = segment_everything_in(
-        project, PRESETS[options.preset],
-        **model_factories(options), emit=emit, should_stop=should_stop, device=device,
-    )  # fmt: skip
+    segmenter = _segmenter(project, options, emit, should_stop)
+    created, kept, background = segmenter.segment_everything()
     message = f"{_isolated(created)} {len(kept)} existing objects were kept." if kept else _isolated(created)
-    return message, {**_outputs([*created, background], device), "background": background.id, "kept": kept}
+    outputs = _outputs([*created, background], segmenter)
+    return message, {**outputs, "background": background.id, "kept": kept}
 
 
 _ACTIONS = {
@@ -235,8 +220,8 @@ _ACTIONS = {
 }
 
 
-def _outputs(records: list[Any], device: Device) -> dict[str, Any]:
-    return {"objects": [record.id for record in records], "device": device.name}
+def _outputs(records: list[Any], segmenter: Segmenter) -> dict[str, Any]:
+    return {"objects": [record.id for record in records], "device": segmenter.device.name}
 
 
 def _isolated(records: list[Any]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +15,6 @@ from ..events import Emit, StopCheck, ignore_events
 from ..gaussians import load_gaussians
 from ..masks import EmbeddingFolder
 from ..objects import (
-    THRESHOLD,
     ClickPrompt,
     DetectorFactory,
     MaskPrompt,
@@ -33,7 +32,7 @@ from ..objects import (
     photo_folder_of,
     scene_on,
 )
-from ..objects.settings import SegmentSettings
+from ..objects.settings import PaperSettings, SegmentSettings
 from ..pictures import Scene, write_png
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device
@@ -145,8 +144,8 @@ class TrainedScene:
         self._cameras = cameras
         self._label_maps = label_maps_of(project.path, self._visible_cameras(None))
         self._embeddings = EmbeddingFolder(project.path / "masks").copied(folder / "embeddings", self.looked_at)
-        # Both are computed once, as in a project; the project itself is only read here.
-        self._looks_file = folder / "looks.npz"
+        # What is computed once is kept here, as in a project; the project itself is only read.
+        self._folder = folder
         self._graphs: dict[int, SceneGraph] = {}
         self._prompt_file = folder / "prompt.png"
         self._detector_factory, self._sam_factory = detector_factory, sam_factory
@@ -162,37 +161,21 @@ class TrainedScene:
             When the true mask of the prompt cannot be read, or has another aspect ratio than its photo.
         """
         prompt = None if question.kind == "all" else self._prompt(question, truth)
-        members: Sequence[Mask] = ()
-        scores, names, refusal, best_score = [], [], "", float("nan")
+        found, refusal, best_score = [], "", float("nan")
         started, started_cpu = time.perf_counter(), time.process_time()
         context = self._context(method, question.prompt_photo, should_stop)
         if prompt is None:
-            everything = find_everything(
-                context,
-                method.settings,
-                detector_factory=self._detector_factory,
-                emit=ignore_events,
-                should_stop=should_stop,
-            )
-            members, scores = [one.members for one in everything], [one.score for one in everything]
-            names = [one.name for one in everything]
+            found = find_everything(context)
         else:
             try:
-                found = find_objects(
-                    context,
-                    prompt,
-                    method.settings,
-                    detector_factory=self._detector_factory,
-                    emit=ignore_events,
-                    should_stop=should_stop,
-                )
-                members, scores = [one.membership >= THRESHOLD for one in found], [one.score for one in found]
-                names = [""] * len(found)
+                found = find_objects(context, prompt)
             except PromptError as error:
                 refusal = str(error)
                 best_score = error.candidates[0].score if isinstance(error, NoMatchError) else best_score
         seconds, cpu_seconds = time.perf_counter() - started, time.process_time() - started_cpu
-        return Answer(tuple(members), tuple(scores), tuple(names), seconds, cpu_seconds, refusal, best_score)
+        members, scores = tuple(one.members for one in found), tuple(one.score for one in found)
+        names = tuple(one.name for one in found)
+        return Answer(members, scores, names, seconds, cpu_seconds, refusal, best_score)
 
     def photos(self, settings: SegmentSettings) -> Photos:
         """Return the photos at the size that the models get."""
@@ -203,21 +186,18 @@ class TrainedScene:
         return self._scene.with_gaussians(self.gaussians)
 
     def _context(self, method: Method, prompt_photo: str | None, should_stop: StopCheck) -> SegmentationContext:
+        settings = method.settings
+        views = Views(self.new_scene(), self._visible_cameras(prompt_photo), render_side=settings.render_side)
         context = SegmentationContext(
-            Views(
-                self.new_scene(),
-                self._visible_cameras(prompt_photo),
-                render_side=method.settings.render_side,
-            ),
-            self.photos(method.settings),
-            self._label_maps,
-            self._looks_file,
-            graphs=self._graphs,
-        )
-        if not method.without:
+            views, self.photos(settings), self._label_maps, settings, self._detector_factory,
+            should_stop=should_stop, folder=self._folder,
+        )  # fmt: skip
+        if isinstance(settings, PaperSettings):
             return context
-        graph = context.graph(method.settings, should_stop).without(method.without)
-        return replace(context, graphs={method.settings.n_vote_views: graph})
+        if settings.n_vote_views not in self._graphs:
+            self._graphs[settings.n_vote_views] = context.graph
+        graph = self._graphs[settings.n_vote_views]
+        return replace(context, kept={"graph": graph.without(method.without) if method.without else graph})
 
     def _visible_cameras(self, prompt_photo: str | None) -> CameraSet:
         """Return the cameras of the photos that may be looked at, and of the photo of a prompt."""

@@ -8,24 +8,13 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
-    from .context import SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
-    from .curation import (
-        TextResult,
-        accept_candidate,
-        choose_level,
-        refine_object,
-        segment_each_text,
-        segment_texts,
-        store_background,
-    )
-    from .everything import find_everything, segment_everything_in
-    from .evidence import DetectorFactory
-    from .found import NoMatchError
+    from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
     from .polishing import polish
     from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
-    from .segment import find_objects, mask_at, segment_project
+    from .segment import NoMatchError, find_everything, find_objects, mask_at
+    from .segmenter import Segmenter
     from .storage import (
         forget_unreadable_record,
         is_object_intact,
@@ -37,7 +26,7 @@ if TYPE_CHECKING:
         save_object,
         taken_ids,
     )
-    from .trash import TrashEntry, delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
+    from .trash import delete_object, discard_object, empty_trash, keep_version, list_trash, restore_object
     from .views import View, Views, erode_mask, spread_cameras
     from .votes import THRESHOLD
 
@@ -52,14 +41,11 @@ __all__ = [
     "Prompt",
     "SamFactory",
     "SceneGraph",
-    "TextPrompt",
-    "TextResult",
     "SegmentationContext",
-    "TrashEntry",
+    "Segmenter",
+    "TextPrompt",
     "View",
     "Views",
-    "accept_candidate",
-    "choose_level",
     "delete_object",
     "discard_object",
     "empty_trash",
@@ -73,9 +59,9 @@ __all__ = [
     "label_maps_of",
     "list_objects",
     "list_trash",
+    "load_context",
     "load_membership",
     "load_object",
-    "load_context",
     "mask_at",
     "object_gaussians",
     "object_ids",
@@ -83,17 +69,11 @@ __all__ = [
     "parse_prompt",
     "parse_texts",
     "photo_folder_of",
-    "scene_on",
     "polish",
-    "refine_object",
     "restore_object",
     "save_object",
-    "segment_each_text",
-    "segment_everything_in",
-    "segment_project",
-    "segment_texts",
+    "scene_on",
     "spread_cameras",
-    "store_background",
     "taken_ids",
 ]
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..errors import EnvironmentProblem, FormatError
-from ..events import Emit, Progress, StopCheck, Warned, ignore_events
+from ..errors import Cancelled, EnvironmentProblem, FormatError
+from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
 from ..scene import CameraSet, Gaussians
+from .arrays import Float32, Int32
 from .graph import SceneGraph, load_or_build_graph
-from .looks import Looks, build_looks, load_or_build_looks
 from .photos import Photos, SamFactory
 from .settings import SegmentSettings
 from .views import Views
@@ -25,100 +22,85 @@ from .views import Views
 if TYPE_CHECKING:
     from ..grounding import Detector
 
-__all__ = ["SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
+__all__ = ["DetectorFactory", "SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
 
-_LOOKS_FILE = Path("groups") / "looks.npz"
-"""Path of the stored looks of the proposals, relative to the project folder."""
+DetectorFactory = Callable[[], "Detector"]
 
-_GRAPH_FILE = Path("groups") / "graph.npz"
-"""Path of the stored graph of the scene, relative to the project folder."""
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
 class SegmentationContext:
-    """A trained scene with rendered views, photos, SAM's embeddings, its graph and its proposals.
+    """A trained scene with what is needed to isolate objects of it.
 
-    Attributes
-    ----------
-    views : Views
-    photos : Photos
-    label_maps : mapping of str to int32 array of shape [h, w]
-        SAM label maps by photo; may be empty.
-    looks_file : Path or None
-        File that stores the looks of the proposals (`engine.objects.looks`). None keeps them in memory only.
-    graph_file : Path or None
-        File that stores the graph of the scene (`engine.objects.graph`). None keeps it in memory only.
-    graphs : dict of int to SceneGraph
-        Graphs in memory by number of photos.
+    `label_maps` are SAM's, [h, w], by photo; there may be none. `detector_factory` is called when a detector is first
+    needed; for `emit` and `should_stop` see `engine.events`. What is computed once for all prompts is `kept` in memory,
+    and in the `folder` unless it is None.
     """
 
     views: Views
     photos: Photos
-    label_maps: Mapping[str, NDArray[np.int32]]
-    looks_file: Path | None = None
-    graph_file: Path | None = None
-    graphs: dict[int, SceneGraph] = field(default_factory=dict, compare=False, repr=False)
-    _looks: dict[str, Looks] = field(default_factory=dict, compare=False, repr=False)
+    label_maps: Mapping[str, Int32]
+    settings: SegmentSettings
+    detector_factory: DetectorFactory
+    emit: Emit = ignore_events
+    should_stop: StopCheck = never_stop
+    folder: Path | None = None
+    kept: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
-    def graph(self, settings: SegmentSettings, should_stop: StopCheck) -> SceneGraph:
-        """Return the graph of the scene, made at the first call with these `n_vote_views`.
+    def once(self, name: str, make: Callable[[], Made]) -> Made:
+        """Return what `make` returned when this was first called with `name`."""
+        if name not in self.kept:
+            self.kept[name] = make()
+        return self.kept[name]
 
-        Raises
-        ------
-        Cancelled
-            When `should_stop` returns True.
-        """
-        n_views = settings.n_vote_views
-        if n_views not in self.graphs:
-            self.graphs[n_views] = load_or_build_graph(
-                self.graph_file, self.views, self.label_maps, n_views=n_views, should_stop=should_stop
-            )
-        return self.graphs[n_views]
+    @property
+    def detector(self) -> Detector:
+        """The detector, made at its first use."""
+        return self.once("detector", self.detector_factory)
 
-    def looks(self, detector: Detector, settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck) -> Looks:
-        """Return what may be an object, as `detector` describes it, made at the first call.
+    @property
+    def graph(self) -> SceneGraph:
+        """The graph of the scene, made at its first use; raises `Cancelled` when that is stopped."""
+        file = None if self.folder is None else self.folder / "graph.npz"
+        return self.once("graph", lambda: load_or_build_graph(
+            file, self.views, self.label_maps, n_views=self.settings.n_vote_views, should_stop=self.should_stop
+        ))  # fmt: skip
 
-        Raises
-        ------
-        Cancelled
-            When `should_stop` returns True.
-        """
-        if detector.name not in self._looks:
-            given = (self.views, self.graph(settings, should_stop), self.photos, detector, settings)
-            self._looks[detector.name] = (
-                build_looks(*given, emit=emit, should_stop=should_stop)
-                if self.looks_file is None
-                else load_or_build_looks(self.looks_file, *given, emit=emit, should_stop=should_stop)
-            )
-        return self._looks[detector.name]
+    @property
+    def means(self) -> Float32:
+        """Positions of the N Gaussians, [N, 3]."""
+        return self.views.scene.gaussians.means
+
+    def part(self, number: int, count: int) -> SegmentationContext:
+        """Return the context for step `number` of `count` equal ones, as the progress tells them."""
+        return replace(self, emit=part_of(self.emit, number, count))
+
+    def tell(self, fraction: float, message: str) -> None:
+        """Emit the progress, 0 to 1, and raise `Cancelled` when the user stops."""
+        self.emit(Progress("objects", fraction, message=message))
+        self.check_stop()
+
+    def check_stop(self) -> None:
+        """Raise `Cancelled` when the user stops."""
+        if self.should_stop():
+            raise Cancelled("Stopped while isolating; no object was stored.")
 
 
 def load_context(
     project: ProjectFolder,
     settings: SegmentSettings,
+    detector_factory: DetectorFactory,
     sam_factory: SamFactory,
     *,
     device: Device = PROCESSOR,
     emit: Emit = ignore_events,
+    should_stop: StopCheck = never_stop,
 ) -> SegmentationContext:
     """Return the context of a trained project.
 
-    Parameters
-    ----------
-    project : ProjectFolder
-    settings : SegmentSettings
-        `render_side` and `photo_side`.
-    sam_factory : callable
-        Called when SAM is first needed.
-    device : Device
-        What renders the views and counts the votes. What is stored does not depend on it, but for rounding.
-    emit : callable
-        Told the device, and that the processor replaces it.
-
-    Raises
-    ------
-    HeritageError
-        When a part of the project is missing or damaged.
+    `device` renders the views and counts the votes; what is stored does not depend on it, but for rounding. Raises
+    `HeritageError` when a part of the project is missing or damaged.
     """
     from ..gaussians import load_gaussians
     from ..masks import EmbeddingFolder
@@ -131,8 +113,11 @@ def load_context(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
-        project.path / _LOOKS_FILE,
-        project.path / _GRAPH_FILE,
+        settings,
+        detector_factory,
+        emit,
+        should_stop,
+        project.path / "groups",
     )
 
 
@@ -149,20 +134,14 @@ def scene_on(device: Device, gaussians: Gaussians, emit: Emit) -> Scene:
 
 
 def photo_folder_of(project: ProjectFolder) -> Path:
-    """Return the folder of a project's photos.
-
-    Raises
-    ------
-    FormatError
-        When the project does not name it.
-    """
+    """Return the folder of a project's photos; raises `FormatError` when the project does not name it."""
     folder = project.get("photo_folder")
     if not isinstance(folder, str):
         raise FormatError(f"{project.path / 'project.json'} does not say where the photos are. Reconstruct again.")
     return Path(folder)
 
 
-def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, NDArray[np.int32]]:
+def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, Int32]:
     """Return the SAM label maps that were made for training, by photo."""
     from ..masks import label_map_path, read_label_map
 

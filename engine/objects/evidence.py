@@ -1,176 +1,155 @@
-"""Where evidence comes from: every kind of prompt becomes masks in views (`engine.objects.votes.MaskEvidence`).
+"""Where evidence comes from: a click, a box or a mask becomes masks in views (`engine.objects.votes.MaskEvidence`).
 
-A mask is given by the user, drawn by SAM for a box, or that of the segment under a click. What a text means is found
-among the proposals (`engine.objects.proposals`).
+A mask is given by the user, drawn by SAM for a box, or that of the segment under a click.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ..errors import PromptError
-from ..scene import CameraSet
-from .connected import connected_parts
+from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
-from .photos import Photos
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
-from .settings import SegmentSettings
+from .settings import PAPER
 from .views import View, Views
-from .votes import THRESHOLD, MaskEvidence, count_votes
-
-if TYPE_CHECKING:
-    from ..grounding import Detector
+from .votes import THRESHOLD, MaskEvidence
 
 __all__ = [
-    "DetectorFactory",
     "clicks_by_photo",
+    "connected_members",
+    "connected_parts",
     "evidence_of_clicks",
     "evidence_of_exclusions",
     "evidence_of_places",
-    "excluded_evidence",
     "find_evidence",
-    "nothing_behind",
-    "nothing_found",
     "pixel_of",
+    "places_in",
     "require_known",
     "require_mask",
 ]
 
-DetectorFactory = Callable[[], "Detector"]
-
-Mask = NDArray[np.bool_]
-
-_CLICK_COSINE = 0.7  # published: Dahaghin et al. 2024
-"""Smallest cosine of a Gaussian's feature with that of a clicked pixel at which it may belong to the object."""
+_PART = 0.1  # chosen on museum_room
+"""Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
 
 
 def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: SegmentationContext) -> list[MaskEvidence]:
-    """Return masks that show the object of `prompt`, or what does not belong to it; at least one.
+    """Return masks that show the object of `prompt`, at least one, and those of what does not belong to it.
 
-    Raises
-    ------
-    PromptError
-        When no mask was found at a clicked point or in a box.
-    MaskError
-        When a given mask cannot be used.
+    Raises `PromptError` when no mask was found at a place or in a box, `MaskError` when a given mask cannot be used.
     """
-    views = context.views
-    excluded = excluded_evidence(prompt, context)
     if isinstance(prompt, ClickPrompt):
-        return evidence_of_clicks(prompt.clicks, context) + excluded
-    camera = camera_of_prompt(prompt, views.cameras)
-    view = views.of(camera)
+        return evidence_of_clicks(prompt.clicks, prompt.excluded, context)
+    camera = camera_of_prompt(prompt, context.views.cameras)
+    view = context.views.of(camera)
     if isinstance(prompt, MaskPrompt):
-        mask = view.from_photo(load_mask(prompt.mask, camera))
-        return [require_mask(MaskEvidence(view, mask, 1.0, given=True)), *excluded]
-    return [require_mask(_from_box(prompt, view, context.photos)), *excluded]
+        evidence = MaskEvidence(view, view.from_photo(load_mask(prompt.mask, camera)), 1.0, given=True)
+    else:
+        corners = np.array([[prompt.x0, prompt.y0], [prompt.x1, prompt.y1]])
+        x0, y0, x1, y1 = np.clip(corners, 0, [camera.width, camera.height]).ravel().tolist()
+        outside = places_in(camera.photo, prompt.excluded)
+        mask, score = context.photos.segment(camera, outside=outside, box=(x0, y0, x1, y1))
+        evidence = MaskEvidence(view, view.from_photo(mask), score)
+    return [require_mask(evidence), *evidence_of_exclusions((), prompt.excluded, context)]
 
 
-def excluded_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: SegmentationContext) -> list[MaskEvidence]:
-    """Return SAM's masks of the excluded clicks of a prompt; errors as of `evidence_of_exclusions`."""
-    clicks = prompt.clicks if isinstance(prompt, ClickPrompt) else ()
-    return evidence_of_exclusions(prompt.excluded, clicks, context)
+def evidence_of_clicks(
+    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
+) -> list[MaskEvidence]:
+    """Return one mask for each clicked photo, without SAM, and those of `evidence_of_exclusions`; errors as there."""
+    shown = [evidence_of_places(places, view, context) for view, places in clicks_by_photo(clicks, context)]
+    return [*shown, *evidence_of_exclusions(clicks, excluded, context)]
 
 
 def evidence_of_exclusions(
-    excluded: Sequence[Point], clicks: Sequence[Point], context: SegmentationContext
+    clicks: Sequence[Point], excluded: Sequence[Point], context: SegmentationContext
 ) -> list[MaskEvidence]:
-    """Return one excluded mask for each photo of the clicks `excluded`, with `clicks` as SAM's background points.
+    """Return SAM's mask of the excluded clicks of each photo, with the other `clicks` as its background points.
 
-    Raises
-    ------
-    PromptError
-        For a click outside of its photo, or where no mask was found.
+    Raises `PromptError` for a click outside of its photo, or where no mask was found.
     """
     evidence = []
-    for points in clicks_by_photo(excluded, context.views.cameras):
-        view = context.views.of(camera_of_prompt(points[0], context.views.cameras))
-        outside = [(point.x, point.y) for point in clicks if point.photo == points[0].photo]
-        mask, score = context.photos.segment(
-            view.camera, points=[(point.x, point.y) for point in points], outside=outside
-        )
+    for view, places in clicks_by_photo(excluded, context):
+        outside = places_in(view.camera.photo, clicks)
+        mask, score = context.photos.segment(view.camera, points=places, outside=outside)
         evidence.append(require_mask(MaskEvidence(view, view.from_photo(mask), score, excluded=True)))
     return evidence
 
 
-def evidence_of_clicks(clicks: Sequence[Point], context: SegmentationContext) -> list[MaskEvidence]:
-    """Return one mask for each clicked photo, from all clicks in it; SAM is not asked.
-
-    Parameters
-    ----------
-    clicks : sequence of Point
-        On the object.
-    context : SegmentationContext
-
-    Raises
-    ------
-    PromptError
-        For a click outside of its photo.
-    """
-    views = context.views
-    evidence = []
-    for points in clicks_by_photo(clicks, views.cameras):
-        view = views.of(camera_of_prompt(points[0], views.cameras))
-        evidence.append(evidence_of_places([(point.x, point.y) for point in points], view, context))
-    return evidence
-
-
-def evidence_of_places(places: Sequence[tuple[float, float]], view: View, context: SegmentationContext) -> MaskEvidence:
+def evidence_of_places(places: Sequence[Place], view: View, context: SegmentationContext) -> MaskEvidence:
     """Return what clicked places of a view show: where the photo has segments, those under the clicks.
 
     A segment is often only a part of the object. Known are therefore the Gaussians with a feature like that of a
-    clicked pixel, as far as they are connected to what the mask shows.
-
-    Parameters
-    ----------
-    places : sequence of (float, float)
-        x, y in pixels of the photo of `view`.
-    view : View
-        Of a photo, or of any other camera (`Views.from_anywhere`).
-    context : SegmentationContext
+    clicked pixel, as far as they are connected to what the mask shows. `places` are x, y in pixels of the picture of
+    `view`, which is that of a photo or of any other camera (`Views.from_anywhere`).
     """
-    pixels = [pixel_of(view, x, y) for x, y in places]
-    columns, rows = np.transpose(pixels)
+    columns, rows = np.transpose([pixel_of(view, x, y) for x, y in places])
     mask = np.zeros(view.within.shape, bool)
     mask[rows, columns] = True
     if view.camera.photo in context.label_maps:
         labels = view.labels_from_photo(context.label_maps[view.camera.photo])
         mask |= np.isin(labels, labels[rows, columns]) & (labels > 0)
     else:
-        mask = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        # Without a kernel, OpenCV takes the pixel and its 8 neighbours.
+        mask = cv2.dilate(mask.astype(np.uint8), None) > 0
     item = MaskEvidence(view, mask & view.within, 1.0)
-    members = _similar_gaussians(pixels, item, context.views)
-    if members is None:
+    clicked = view.features[rows, columns][view.covered[rows, columns]]
+    similar = (context.views.directions @ clicked.T).max(axis=1, initial=-1) >= PAPER.cosine
+    members = connected_members(similar, item, context.views)
+    if not members.any():
         return item
     shown = context.views.visible_share(view, members) > THRESHOLD
     return replace(item, mask=item.mask | (shown & view.within), members=members)
 
 
-def _similar_gaussians(pixels: Sequence[tuple[int, int]], item: MaskEvidence, views: Views) -> Mask | None:
-    """Return the Gaussians with features like those of clicked pixels, connected to a mask; None if there are none."""
-    clicked = np.array([item.view.features[row, column] for column, row in pixels if item.view.covered[row, column]])
-    if len(clicked) == 0:
-        return None
-    similar = np.flatnonzero((views.directions @ clicked.T).max(axis=1) >= _CLICK_COSINE)
-    weights = count_votes(views, item, np.zeros(len(views.scene), np.float32)).inside
-    members = np.zeros(len(views.scene), bool)
-    members[similar[connected_parts(views.scene.gaussians.means[similar], weights[similar])]] = True
-    return members if members.any() else None
+def connected_members(members: Mask, item: MaskEvidence, views: Views) -> Mask:
+    """Return which of the `members` are connected to what a mask shows (`connected_parts`), bool [N] both."""
+    pixels = views.scene.votes(item.view.frame, item.mask[..., None].astype(np.float32))[:, 0]
+    connected = np.zeros_like(members)
+    connected[members] = connected_parts(views.scene.gaussians.means[members], pixels[members])
+    return connected
 
 
-def clicks_by_photo(clicks: Sequence[Point], cameras: CameraSet) -> list[list[Point]]:
-    """Return the clicks of each photo; raises `PromptError` for a click outside of its photo."""
-    by_photo: dict[str, list[Point]] = {}
-    for point in clicks:
-        camera_of_prompt(point, cameras)
-        by_photo.setdefault(point.photo, []).append(point)
-    return list(by_photo.values())
+def connected_parts(points: Float32, weights: Floats) -> Mask:
+    """Return the connected parts of points, [M, 3], that a mask shows, bool [M]; all if the mask shows none of them.
+
+    `weights`, [M], are the pixels of the mask that each point contributes. Points are connected through neighbouring
+    cells of a grid, as wide as a tenth of the radius of what the mask shows, and at least twice the usual distance
+    between neighbours. Kept are the part with the largest total weight, and every other one with at least a tenth of
+    it: an occluder may split an object in two.
+    """
+    total = float(weights.sum())
+    if len(points) <= 2 or total <= 0:
+        return np.ones(len(points), bool)
+    share = weights.astype(np.float64) / total
+    radius = float(np.sqrt(share @ ((points - share @ points) ** 2).sum(axis=1)))
+    neighbours = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
+    cell = max(_PART * radius, 2 * float(np.median(neighbours)), float(np.finfo(np.float32).eps))
+    keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
+    # On no axis farther than one cell: the 26 cells around.
+    pairs = cKDTree(keys).query_pairs(1, p=np.inf, output_type="ndarray")
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
+    part = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
+    weight = np.bincount(part, weights=weights)
+    return np.asarray((weight >= _PART * weight.max())[part] & (weight > 0)[part])
+
+
+def clicks_by_photo(clicks: Sequence[Point], context: SegmentationContext) -> list[tuple[View, list[Place]]]:
+    """Return the clicked places of each photo; raises `PromptError` for a click outside of its photo."""
+    cameras = {point.photo: camera_of_prompt(point, context.views.cameras) for point in clicks}
+    return [(context.views.of(camera), places_in(photo, clicks)) for photo, camera in cameras.items()]
+
+
+def places_in(photo: str, points: Sequence[Point]) -> list[Place]:
+    """Return the places, x, y, of those points that are in a photo."""
+    return [(point.x, point.y) for point in points if point.photo == photo]
 
 
 def require_mask(evidence: MaskEvidence) -> MaskEvidence:
@@ -184,7 +163,7 @@ def require_mask(evidence: MaskEvidence) -> MaskEvidence:
 def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     """Return column and row of the pixel in the view's frame that shows a point of the photo."""
     spot = np.zeros((view.camera.height, view.camera.width), np.uint8)
-    radius = max(2, round(1.5 * max(spot.shape) / max(view.frame.width, view.frame.height)))
+    radius = max(2, round(2 * max(spot.shape) / max(view.frame.width, view.frame.height)))
     cv2.circle(spot, (int(x), int(y)), radius, 1, thickness=-1)
     rows, columns = np.nonzero(view.from_photo(spot > 0))
     if len(rows) == 0:
@@ -192,43 +171,15 @@ def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     return int(round(float(columns.mean()))), int(round(float(rows.mean())))
 
 
-def _from_box(prompt: BoxPrompt, view: View, photos: Photos) -> MaskEvidence:
-    camera = view.camera
-    left, right = np.clip([prompt.x0, prompt.x1], 0, camera.width)
-    top, bottom = np.clip([prompt.y0, prompt.y1], 0, camera.height)
-    outside = [(point.x, point.y) for point in prompt.excluded if point.photo == camera.photo]
-    box = (float(left), float(top), float(right), float(bottom))
-    mask, score = photos.segment(camera, outside=outside, box=box)
-    return MaskEvidence(view, view.from_photo(mask), score)
-
-
-def nothing_behind() -> PromptError:
-    """Return the error for evidence that shows no Gaussian."""
-    return PromptError(
-        "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
-    )
-
-
-def require_known(text: str, detector: Detector) -> None:
+def require_known(text: str, context: SegmentationContext) -> None:
     """Raise `PromptError` for a text that the detector does not know; the message lists the nearest words it knows."""
-    check = detector.check_prompt(text)
-    if not check.known:
-        raise PromptError(_unknown_text(text, check.message, [word for word, _ in check.matches]))
-
-
-def _unknown_text(text: str, message: str, nearest: list[str]) -> str:
-    sentence = message or f"The detector does not know {text!r}."
-    missing = [word for word in nearest if word not in sentence]
-    if missing:
-        sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest[:5])}."
+    check = context.detector.check_prompt(text)
+    if check.known:
+        return
+    sentence = check.message or f"The detector does not know {text!r}."
+    nearest = [word for word, _ in check.matches][:5]
+    if any(word not in sentence for word in nearest):
+        sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest)}."
     if "click" not in sentence.lower():
         sentence += " You can click on the object instead."
-    return sentence
-
-
-def nothing_found(text: str, context: SegmentationContext, settings: SegmentSettings) -> PromptError:
-    """Return the error for a text that the detector knows and finds in no photo."""
-    n_photos = min(settings.n_text_views, len(context.label_maps) or len(context.views.cameras.cameras))
-    return PromptError(
-        f"{text!r} was not found in {n_photos} photos. Use another word, or click on the object instead."
-    )
+    raise PromptError(sentence)

@@ -10,27 +10,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, coo_matrix, csc_matrix, csr_matrix, diags, hstack
-from scipy.spatial import cKDTree
+from scipy.sparse import bmat, csr_matrix, diags, hstack
 
 from ..errors import Cancelled
 from ..events import StopCheck
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
+from .arrays import Float32, Int32, Int64, Mask
 from .views import Views, spread_cameras
 from .votes import THRESHOLD, Votes
 
 __all__ = ["SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
 
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
-
-_VERSION = 2  # by definition
+_VERSION = "graph 3"
 
 _N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Nearest neighbours that a Gaussian is linked to."""
@@ -59,82 +55,54 @@ _MAX_STEPS = 300  # by definition
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """Links of N Gaussians with each other and with the M segments of P photos.
+    """Links of N Gaussians with each other and with the M segments of P `photos`.
 
-    Attributes
-    ----------
-    neighbours : sparse matrix of shape [N, N]
-        Symmetric weights of the links between Gaussians.
-    segments : sparse matrix of shape [N, M]
-        Pixels that each Gaussian contributes to each segment. The segments of a photo are consecutive. The first of
-        them, which may be empty, is no segment but the rest of the photo.
-    photo : int32 array of shape [M]
-        Number of the photo of each segment, 0 to P - 1.
-    label : int32 array of shape [M]
-        The segment in the label map of the photo; 0 for the rest.
-    photos : tuple of P str
-    key : str
-        Key of what the graph was made of; empty if that is not known.
+    `neighbours`, [N, N], are the symmetric weights of the links between Gaussians, and `segments`, [N, M], the pixels
+    that each Gaussian contributes to each segment. `photo`, [M], is the number of the photo of each segment. Those of a
+    photo are consecutive, and the first of them, which may be empty, is no segment but the rest of the photo. `key`
+    tells what the graph was made of; it is empty if that is not known.
     """
 
     neighbours: csr_matrix
     segments: csr_matrix
     photo: Int32
-    label: Int32
     photos: tuple[str, ...]
     key: str = ""
 
     @cached_property
+    def _all_pixels(self) -> Float32:
+        return np.asarray(self.segments.sum(axis=1), np.float32).ravel()
+
+    @cached_property
     def pixels(self) -> Float32:
         """Pixels with which each Gaussian votes where an object is known: its mean in a photo, at least 1; [N]."""
-        total = np.asarray(self.segments.sum(axis=1), np.float32).ravel()
-        return np.maximum(total / (1 + int(self.photo.max(initial=0))), np.float32(1))
+        return np.maximum(self._all_pixels / max(1, len(self.photos)), np.float32(1))
 
     @property
-    def _first(self) -> NDArray[np.intp]:
-        """Column of the rest of each photo."""
-        return np.flatnonzero(np.diff(self.photo, prepend=-1))
+    def is_segment(self) -> Mask:
+        """Whether each column of `segments` is a segment, not the rest of its photo, [M]."""
+        return np.diff(self.photo, prepend=-1) == 0
 
     @cached_property
     def _links(self) -> csr_matrix:
-        is_segment = np.ones(len(self.photo), np.float32)
-        is_segment[self._first] = 0
-        links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(is_segment))
+        links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(self.is_segment.astype(np.float32)))
         return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]), dtype=np.float32)
 
-    @cached_property
-    def _degrees(self) -> Float32:
-        return np.asarray(self._links.sum(axis=1), np.float32).ravel()
+    def solve(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
+        """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
 
-    def solve(self, votes: Votes, strictness: float) -> Float32:
-        """Return the membership of each Gaussian in the object that `votes` show, in [0, 1], shape [N].
+        `votes` are of shape [N, K], or [N, 1] for one object at K values of `strictness`: the weight of a pixel beside
+        the object relative to one inside of it, above 0. Every membership falls as it rises. `tolerance` is the largest
+        residual relative to the right-hand side.
 
-        Parameters
-        ----------
-        votes : Votes
-        strictness : float
-            Weight of a pixel beside the object relative to one inside of it, above 0. The membership of every Gaussian
-            falls as it rises.
-
-        Notes
-        -----
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
-        votes S for the object and B against it, and lambda the strictness.
-        """
-        return self.solve_each(Votes(votes.inside[:, None], votes.outside[:, None]), strictness)[:, 0]
-
-    def solve_each(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
-        """Return the memberships in K objects, [N, K], of votes of the same shape; `strictness` may be that of each.
-
-        `tolerance` is the largest residual relative to the right-hand side.
-
-        Conjugate gradients with the diagonal as preconditioner. SciPy's solve one system at a time, so that each step
-        reads all links for one object alone.
+        votes S for the object and B against it, and lambda the strictness, by conjugate gradients with the diagonal as
+        preconditioner. SciPy's solve one system at a time, so that each step reads all links for one object alone.
         """
         padding = ((0, len(self.photo)), (0, 0))
-        inside = np.pad(votes.inside.astype(np.float32), padding)
         against = np.pad((_BACKGROUND_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
-        diagonal = self._degrees[:, None] + inside + against
+        inside = np.broadcast_to(np.pad(votes.inside.astype(np.float32), padding), against.shape)
+        diagonal = np.asarray(self._links.sum(axis=1), np.float32) + inside + against
         diagonal[diagonal <= 0] = 1
         solution: Float32 = np.zeros_like(inside)
         residual: Float32 = inside
@@ -155,38 +123,36 @@ class SceneGraph:
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
         """Return the graph without the links to segments, those between Gaussians, or features in their weights."""
-        if part == "segments":
-            return replace(self, segments=csr_matrix(self.segments.shape, dtype=np.float32), key=f"{self.key} {part}")
-        links = self.neighbours.sign() if part == "features" else csr_matrix(self.neighbours.shape, dtype=np.float32)
-        return replace(self, neighbours=links, key=f"{self.key} {part}")
-
-    @cached_property
-    def _by_segment(self) -> csc_matrix:
-        return self.segments.tocsc()
+        if part == "features":
+            return replace(self, neighbours=self.neighbours.sign(), key=f"{self.key} {part}")
+        nothing = csr_matrix(getattr(self, part).shape, dtype=np.float32)
+        return replace(self, key=f"{self.key} {part}", **{part: nothing})
 
     @cached_property
     def _by_photo(self) -> Float32:
         """Pixels that each Gaussian contributes to each photo, [N, P]."""
-        count = len(self.photo)
-        photos = csr_matrix(
-            (np.ones(count, np.float32), (np.arange(count), self.photo)), shape=(count, len(self.photos))
-        )
-        return np.asarray((self.segments @ photos).todense(), np.float32)
+        is_of = self.photo[:, None] == np.arange(len(self.photos))
+        return np.asarray(self.segments @ is_of.astype(np.float32))
 
-    def votes_of(self, segment: int) -> Votes:
-        """Return the votes of a segment, a column of `segments`, for the Gaussians that it shows."""
-        inside = self._by_segment[:, segment].toarray().ravel().astype(np.float32)
-        return Votes(inside, self._by_photo[:, self.photo[segment]] - inside)
+    def votes_of(self, segments: Int64) -> Votes:
+        """Return the votes, [N, K], of K segments, columns of `segments`, each for the Gaussians that it shows."""
+        inside = self.segments[:, segments].toarray().astype(np.float32)
+        return Votes(inside, self._by_photo[:, self.photo[segments]] - inside)
 
     def shown(self, sets: csr_matrix) -> Float32:
         """Return the pixels that show each of K sets of Gaussians, [K, N], in each of the P photos, [K, P]."""
         return np.asarray(sets @ self._by_photo, np.float32)
 
+    def iou(self, sets: csr_matrix, others: csr_matrix) -> Float32:
+        """Return the IoU, in the pixels of all photos, of K sets of Gaussians, [K, N], with M others, [K, M]."""
+        common = (sets.multiply(self._all_pixels) @ others.T).toarray()
+        union = (sets @ self._all_pixels)[:, None] + others @ self._all_pixels - common
+        return np.asarray(common / np.maximum(union, _SMALLEST), np.float32)
+
 
 def _dot(first: Float32, second: Float32) -> Float32:
     """Return the dot products of the columns."""
-    product: Float32 = np.einsum("nk,nk->k", first, second)
-    return product
+    return np.einsum("nk,nk->k", first, second)
 
 
 def bounded(membership: Float32, means: Float32) -> Float32:
@@ -202,55 +168,42 @@ def bounded(membership: Float32, means: Float32) -> Float32:
 
 
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
-    """Return the graph of a scene.
+    """Return the graph of a scene; raises `Cancelled` when `should_stop` returns True.
 
-    Parameters
-    ----------
-    views : Views
-    label_maps : mapping of str to int32 array
-        Segments by photo, 0 for no segment, at any resolution.
-    n_views : int
-        Largest number of photos whose segments take part.
-    should_stop : callable
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
+    `label_maps` are the segments by photo, at any resolution, 0 for no segment. Those of the `n_views` photos that
+    differ most take part.
     """
-    cameras = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    with_segments = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
+    cameras = spread_cameras(with_segments, n_views)
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
     photo: list[int] = []
-    label: list[int] = []
-    spread = spread_cameras(cameras, n_views)
-    for number, camera in enumerate(spread):
+    for number, camera in enumerate(cameras):
         if should_stop():
             raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
         view = views.of(camera)
         labels = view.labels_from_photo(label_maps[camera.photo])
-        segments = np.concatenate([[0], np.unique(labels[labels > 0])])
+        segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
         masks = (labels[..., None] == segments) & view.within[..., None]
         votes = views.scene.votes(view.frame, masks.astype(np.float32))
         columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
         photo += [number] * len(segments)
-        label += segments.tolist()
-    numbers = (np.array(photo, np.int32), np.array(label, np.int32))
-    photos = tuple(camera.photo for camera in spread)
-    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), *numbers, photos)
+    photos = tuple(camera.photo for camera in cameras)
+    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
 
 
 def _neighbours(views: Views) -> csr_matrix:
     """Return links to the nearest neighbours: the cosine of the features times the root of both opacities."""
-    means, opacities, directions = views.scene.gaussians.means, views.scene.gaussians.opacities, views.directions
-    count = len(means)
-    n_neighbours = min(_N_NEIGHBOURS, count - 1)
+    from sklearn.neighbors import kneighbors_graph
+
+    gaussians, directions = views.scene.gaussians, views.directions
+    n_neighbours = min(_N_NEIGHBOURS, len(gaussians) - 1)
     if n_neighbours < 1:
-        return csr_matrix((count, count), dtype=np.float32)
-    other = cKDTree(means).query(means, k=n_neighbours + 1)[1][:, 1:].ravel()
-    one = np.repeat(np.arange(count), n_neighbours)
-    cosine = np.einsum("ij,ij->i", directions[one], directions[other])
-    weights = np.clip(cosine, 0, 1) * np.sqrt(opacities[one] * opacities[other])
-    links = csr_matrix(coo_matrix((weights.astype(np.float32), (one, other)), shape=(count, count)))
+        return csr_matrix((len(gaussians), len(gaussians)), dtype=np.float32)
+    links = kneighbors_graph(gaussians.means, n_neighbours).tocoo()
+    cosine = np.einsum("ij,ij->i", directions[links.row], directions[links.col])
+    both = gaussians.opacities[links.row] * gaussians.opacities[links.col]
+    links.data = (np.clip(cosine, 0, 1) * np.sqrt(both)).astype(np.float32)
+    links = links.tocsr()
     return csr_matrix(links.maximum(links.T))
 
 
@@ -261,7 +214,13 @@ def load_or_build_graph(
 
     A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
     """
-    recipe = _recipe(views, label_maps, n_views)
+    gaussians, digest = views.scene.gaussians, hashlib.sha256()
+    assert gaussians.features is not None
+    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
+    maps = [label_maps[photo] for photo in photos]
+    for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
+        digest.update(np.ascontiguousarray(array).data)
+    recipe = stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
     stored = None if file is None else read_kept_arrays(file, recipe, _SPECS)
     graph = None if stored is None else _from_arrays(stored, len(views.scene))
     if graph is None:
@@ -271,21 +230,9 @@ def load_or_build_graph(
     return replace(graph, key=recipe)
 
 
-def _recipe(views: Views, label_maps: Mapping[str, Int32], n_views: int) -> str:
-    gaussians = views.scene.gaussians
-    assert gaussians.features is not None
-    digest = hashlib.sha256()
-    maps = [label_maps[camera.photo] for camera in views.cameras.cameras if camera.photo in label_maps]
-    for array in (gaussians.means, gaussians.opacities, gaussians.features, *maps):
-        digest.update(np.ascontiguousarray(array).data)
-    photos = [camera.photo for camera in views.cameras.cameras if camera.photo in label_maps]
-    return stage_key(_VERSION, n_views, views.render_side, photos, digest.hexdigest())
-
-
 _MATRICES = ("neighbours", "segments")
 _SPECS = {
     "photo": ArraySpec("int32", ("m",)),
-    "label": ArraySpec("int32", ("m",)),
     "photos": ArraySpec("str", ("p",)),
     **{f"{name} values": ArraySpec("float32", (f"{name} links",), finite=True) for name in _MATRICES},
     **{f"{name} columns": ArraySpec("int32", (f"{name} links",)) for name in _MATRICES},
@@ -294,24 +241,17 @@ _SPECS = {
 
 
 def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
-    arrays: dict[str, NDArray[np.generic]] = {
-        "photo": graph.photo,
-        "label": graph.label,
-        "photos": np.array(graph.photos, np.str_),
-    }
+    arrays = {"photo": graph.photo, "photos": np.array(graph.photos, np.str_)}
     for name in _MATRICES:
         matrix = getattr(graph, name)
-        arrays |= {
-            f"{name} values": matrix.data.astype(np.float32),
-            f"{name} columns": matrix.indices.astype(np.int32),
-            f"{name} rows": matrix.indptr.astype(np.int32),
-        }
-    return arrays
+        arrays |= {f"{name} values": matrix.data, f"{name} columns": matrix.indices, f"{name} rows": matrix.indptr}
+    return {name: array.astype(_SPECS[name].dtype, copy=False) for name, array in arrays.items()}
 
 
-def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGraph | None:
+def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | None:
     """Return the graph; None when the arrays are not its matrices."""
-    photo, photos = np.asarray(arrays["photo"], np.int32), tuple(str(name) for name in arrays["photos"])
+    photo, photos = arrays["photo"], tuple(arrays["photos"].tolist())
+    right = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
     matrices: dict[str, csr_matrix] = {}
     for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
         parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
@@ -320,9 +260,5 @@ def _from_arrays(arrays: dict[str, NDArray[np.generic]], count: int) -> SceneGra
             matrices[name].check_format(full_check=True)
         except ValueError:
             return None
-    consecutive = np.isin(np.diff(photo, prepend=-1), (0, 1)).all()
-    usable = (
-        consecutive and photo.max(initial=-1) < len(photos) and all((one.data >= 0).all() for one in matrices.values())
-    )
-    label = np.asarray(arrays["label"], np.int32)
-    return SceneGraph(photo=photo, label=label, photos=photos, **matrices) if usable else None
+        right = right and not (matrices[name].data < 0).any()
+    return SceneGraph(photo=photo, photos=photos, **matrices) if right else None

@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from .arrays import Float32, Int64, Mask
 from .views import Views
 
 __all__ = ["build_groups"]
-
-Float32 = NDArray[np.float32]
-Int64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _MIN_OPACITY = 0.1  # chosen on museum_room
 """Opacity above which a Gaussian takes part in forming groups. Fainter ones float in free space."""
@@ -38,18 +35,9 @@ _MAX_DISTANCE = 3.0  # chosen on museum_room, store_room
 """Largest distance from the scene's median along an axis, in units of `Views.length_unit`. Objects are not farther."""
 
 
-def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
+def build_groups(views: Views) -> Mask:
     """Return K nested groups of the Gaussians of a scene, bool [K, N]: two of them are nested or disjoint.
 
-    Parameters
-    ----------
-    views : Views
-        Views of a scene with features.
-    seed : int
-        Random seed of the sample.
-
-    Notes
-    -----
     Ward's linkage (1963) of feature and position on 12,000 Gaussians, restricted to the graph of each Gaussian's 8
     nearest neighbours, so that only connected Gaussians are merged. A node of the tree is a group if it and its sibling
     have the minimum size; a smaller sibling is a fragment that the larger one absorbs.
@@ -59,7 +47,7 @@ def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
     points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
     inside = np.abs(positions).max(axis=1) < _MAX_DISTANCE
     near = np.flatnonzero(inside & (views.scene.gaussians.opacities > _MIN_OPACITY))
-    sample = np.random.default_rng(seed).permutation(near)[:_SAMPLE_SIZE]
+    sample = np.random.default_rng(0).permutation(near)[:_SAMPLE_SIZE]
     place, spans = _cluster(points[sample], means[sample], max(5, round(_MIN_GROUP_SHARE * len(sample))))
     places = np.full(len(means), -1)
     grouped = place >= 0
@@ -70,13 +58,12 @@ def build_groups(views: Views, *, seed: int = 0) -> Mask:  # by definition
 
 
 def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int64]:
-    """Return a place for each of n points, and the groups [K, 2]: the first place of each and the one after its last.
-
-    Points in no group have place -1.
-    """
+    """Return the place of each of n points, -1 in no group, and the groups, [K, 2]: first place and last + 1."""
     from sklearn.cluster import ward_tree
+    from sklearn.neighbors import kneighbors_graph
 
-    graph = _neighbour_graph(means)
+    graph = kneighbors_graph(means, min(_N_NEIGHBOURS, len(means) - 1)) if len(means) > 1 else csr_matrix((1, 1))
+    graph = graph + graph.T
     place = np.full(len(points), -1)
     spans: list[tuple[int, int]] = []
     n_placed = 0
@@ -95,23 +82,10 @@ def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int
     return place, np.array(spans, np.int64).reshape(-1, 2)
 
 
-def _neighbour_graph(points: Float32) -> csr_matrix:
-    """Return the symmetric graph of nearest neighbours, [n, n]."""
-    count = len(points)
-    n_neighbours = min(_N_NEIGHBOURS, count - 1)
-    if n_neighbours < 1:
-        return csr_matrix((count, count))
-    nearest = cKDTree(points).query(points, k=n_neighbours + 1)[1][:, 1:]
-    rows = np.repeat(np.arange(count), n_neighbours)
-    graph = coo_matrix((np.ones(rows.size), (rows, nearest.ravel())), shape=(count, count))
-    return csr_matrix(graph + graph.T)
-
-
 def _leaf_order(children: NDArray[np.integer]) -> tuple[Int64, Int64]:
     """Return for each node of a binary tree its first leaf, in an order in which every node is a run, and its leaves.
 
-    `children` [n - 1, 2] are as scikit-learn returns them: merge i creates node n + i from two nodes. Nodes below n are
-    leaves.
+    `children` [n - 1, 2] are as scikit-learn returns them: merge i creates node n + i; the nodes below n are leaves.
     """
     n = len(children) + 1
     sizes, first = np.ones(2 * n - 1, np.int64), np.zeros(2 * n - 1, np.int64)

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..events import StopCheck
+from ..errors import PromptError
 from ..masks import mask_iou
+from .arrays import Float32, Mask
 from .context import SegmentationContext
 from .graph import bounded
-from .settings import SegmentSettings
-from .views import MAX_OBJECT_EXTENT
+from .views import MAX_OBJECT_EXTENT, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
-__all__ = ["Levels", "lift", "lift_levels"]
+__all__ = ["NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels", "corrected", "fit_of", "isolate_object", "overlap"]
 
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
+NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
 
-_LEVELS = (16.0, 4.0, 1.0, 0.25, 0.0625)  # by definition
+_FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 """Strictness of each level relative to the settings, from part to whole."""
+
+_ALONE = np.ones(1, np.float32)  # by definition
+"""That of the object alone."""
 
 _SAME_LEVEL_IOU = 0.9  # by definition
 """IoU above which two levels are the same."""
@@ -30,109 +32,95 @@ _SAME_LEVEL_IOU = 0.9  # by definition
 
 @dataclass(frozen=True)
 class Levels:
-    """Memberships from part to whole, each contained in the next.
-
-    Attributes
-    ----------
-    memberships : tuple of arrays of shape [N], float32
-        At least one.
-    chosen : int
-        Index of the level that becomes the object unless the user chooses another one.
-    """
+    """Memberships from part to whole, [N], float32, each contained in the next; `chosen` is the object for now."""
 
     memberships: tuple[Float32, ...]
     chosen: int = 0  # by definition
 
+
+@dataclass(frozen=True)
+class FoundObject:
+    """An object before it is stored, in smaller and larger versions; `score` is that of `ObjectRecord`.
+
+    `evidence` are the masks that show it, the best first, and `fit` is the IoU with the best one in its view. The
+    detector suggests the `name`, which may be empty, and `id` is that of a stored object that it replaces, or empty.
+    """
+
+    levels: Levels
+    score: float = 1.0  # by definition
+    fit: float = 1.0  # by definition
+    evidence: tuple[MaskEvidence, ...] = ()
+    name: str = ""
+    id: str = ""
+
     @property
     def membership(self) -> Float32:
-        """The chosen level."""
-        return self.memberships[self.chosen]
+        """Membership of each Gaussian, in [0, 1], shape [N]."""
+        return self.levels.memberships[self.levels.chosen]
+
+    @property
+    def members(self) -> Mask:
+        """Gaussians that belong to the object, bool [N]."""
+        return self.membership >= THRESHOLD
 
 
-def lift(
-    context: SegmentationContext,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    *,
-    before: Float32 | None = None,
-    should_stop: StopCheck,
-) -> Float32:
-    """Return the membership, [N], in the object that `evidence` shows; there may be no members.
+def fit_of(item: MaskEvidence, members: Mask, views: Views) -> float:
+    """Return the IoU of a mask with the members, bool [N], rendered in the same view."""
+    return mask_iou(views.visible_share(item.view, members) > THRESHOLD, item.mask)
 
-    Several masks show one object together, even where no mask shows all of it.
 
-    Parameters
-    ----------
-    context : SegmentationContext
-    evidence : sequence of MaskEvidence
-    settings : SegmentSettings
-        `strictness` and `n_vote_views`.
-    before : array of shape [N], optional
-        Membership that the evidence corrects.
-    should_stop : callable
+def overlap(first: Mask, second: Mask) -> float:
+    """Return the number of common Gaussians of two objects, bool [N], as a share of the smaller one."""
+    smaller = min(int(first.sum()), int(second.sum()))
+    return int((first & second).sum()) / smaller if smaller else 0.0
 
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
+
+def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> FoundObject:
+    """Return the object that all of `evidence` shows together, in which at least one mask is not excluded.
+
+    It comes with clearly smaller and larger versions: the membership falls as the strictness rises, so that each level
+    contains those of higher strictness. A mask that the user drew is the whole object and has no versions. Raises
+    `PromptError` when no Gaussian lies behind the masks or the excluded ones leave none, `Cancelled` on request.
     """
-    if before is None:
-        return _solve(context, evidence, settings, (1.0,), should_stop)[0]
-    added, removed = (
-        _union(context, [item for item in evidence if item.excluded == kind], settings, (1.0,), should_stop)[0]
-        for kind in (False, True)
-    )
+    context.check_stop()
+    shown = sorted((item for item in evidence if not item.excluded), key=lambda item: -item.score)
+    factors = _ALONE if shown[0].given else _FACTORS
+    removed = _union(context, evidence, _ALONE, excluded=True)
+    solved = np.minimum(_union(context, evidence, factors, excluded=False), 1 - removed)
+    # Rounding must not let a level leave the next one.
+    levels = _distinct(np.maximum.accumulate([bounded(one, context.means) for one in solved]), context.views)
+    found = FoundObject(levels, shown[0].score, 0.0, tuple(shown))
+    if not found.members.any():
+        raise PromptError(NONE_BEHIND if len(shown) == len(evidence) else NONE_LEFT)
+    return replace(found, fit=fit_of(shown[0], found.members, context.views))
+
+
+def corrected(context: SegmentationContext, evidence: Sequence[MaskEvidence], before: Float32) -> Float32:
+    """Return the membership `before`, [N], with what evidence adds to it and removes from it, which may be all."""
+    added, removed = (_union(context, evidence, _ALONE, excluded=kind)[0] for kind in (False, True))
     return np.minimum(np.maximum(before, added), 1 - removed)
 
 
-def lift_levels(
-    context: SegmentationContext, evidence: Sequence[MaskEvidence], settings: SegmentSettings, should_stop: StopCheck
-) -> Levels:
-    """Return the object of `lift` with clearly smaller and larger versions; parameters and errors as there.
-
-    The membership falls as the strictness rises, so that each level contains those of higher strictness.
-    """
-    solved = _solve(context, evidence, settings, _LEVELS, should_stop)
-    # Rounding must not let a level leave the next one.
-    solved = list(np.maximum.accumulate(solved))
-    chosen = _LEVELS.index(1.0)
-    kept = [chosen]
-    for number in sorted(range(len(_LEVELS)), key=lambda number: abs(number - chosen)):
-        members = solved[number] >= THRESHOLD
-        same = any(mask_iou(members, solved[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
-        if members.any() and not same and context.views.extent(members) <= MAX_OBJECT_EXTENT:
-            kept.append(number)
-    return Levels(tuple(solved[number] for number in sorted(kept)), sorted(kept).index(chosen))
-
-
-def _solve(
-    context: SegmentationContext,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    factors: Sequence[float],
-    should_stop: StopCheck,
-) -> list[Float32]:
-    """Return the membership for each factor of the strictness: in what any mask shows, without what is excluded."""
-    shown = [item for item in evidence if not item.excluded]
-    removed = _union(context, [item for item in evidence if item.excluded], settings, (1.0,), should_stop)[0]
-    solved = _union(context, shown, settings, factors, should_stop)
-    means = context.views.scene.gaussians.means
-    return [bounded(np.minimum(membership, 1 - removed), means) for membership in solved]
-
-
 def _union(
-    context: SegmentationContext,
-    evidence: Sequence[MaskEvidence],
-    settings: SegmentSettings,
-    factors: Sequence[float],
-    should_stop: StopCheck,
-) -> list[Float32]:
-    """Return the largest membership over the masks for each factor of the strictness."""
-    graph = context.graph(settings, should_stop)
-    strictness = settings.strictness * np.array(factors, np.float32)
+    context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32, *, excluded: bool
+) -> Float32:
+    """Return the largest membership over the masks of one kind for each of K factors of the strictness, [K, N]."""
+    graph = context.graph
     highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
-    for item in evidence:
+    for item in (item for item in evidence if item.excluded == excluded):
         votes = count_votes(context.views, item, graph.pixels)
-        repeated = (np.repeat(each[:, None], len(factors), axis=1) for each in (votes.inside, votes.outside))
-        highest = np.maximum(highest, graph.solve_each(Votes(*repeated), strictness).T)
-    return list(highest)
+        column = Votes(votes.inside[:, None], votes.outside[:, None])
+        highest = np.maximum(highest, graph.solve(column, context.settings.strictness * factors).T)
+    return highest
+
+
+def _distinct(memberships: Float32, views: Views) -> Levels:
+    """Return the levels that differ from those nearer to the middle one, the object, and are no longer than objects."""
+    middle = len(memberships) // 2
+    kept = [middle]
+    for number in sorted(range(len(memberships)), key=lambda number: abs(number - middle)):
+        members = memberships[number] >= THRESHOLD
+        same = any(mask_iou(members, memberships[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
+        if members.any() and not same and views.extent(members) <= MAX_OBJECT_EXTENT:
+            kept.append(number)
+    return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(middle))

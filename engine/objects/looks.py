@@ -8,37 +8,28 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from ..errors import Cancelled
-from ..events import Emit, Progress, StopCheck, part_of
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
 from ..project_folder import stage_key
-from .graph import SceneGraph
-from .photos import Photos
+from .arrays import Float32, Float64, Int32, Mask
+from .context import SegmentationContext
 from .proposals import Proposals, find_proposals
-from .settings import SegmentSettings
-from .views import Views, spread_cameras
+from .views import spread_cameras
 from .votes import THRESHOLD, MaskEvidence
-
-if TYPE_CHECKING:
-    from ..grounding import Detector
 
 __all__ = ["Looks", "build_looks", "load_or_build_looks"]
 
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
+_VERSION = "looks 1"
 
-_VERSION = 8  # by definition
+_N_SIDES = 4  # by definition
+"""Sides of a box: x0, y0, x1, y1."""
 
 _MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
 """Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""
@@ -67,22 +58,10 @@ _MIN_SCORE = 1e-3  # by definition
 class Looks:
     """K proposals, and how a detector describes them in photos: S sightings.
 
-    Attributes
-    ----------
-    members : bool array of shape [K, N]
-        In descending order of `probability`. They may overlap: a part and its whole are two proposals.
-    probability : array of shape [K], float32
-        Of being an object (`engine.objects.proposals`).
-    like : int32 array of shape [K]
-        The proposal whose sightings describe each one: itself, or a likelier one that looks the same.
-    proposal : int32 array of shape [S]
-        The proposal of each sighting.
-    photo : tuple of S str
-        The photo of each sighting.
-    box : array of shape [S, 4], float32
-        x0, y0, x1, y1 of the set in the pixels of `Photos.pixels`.
-    described : array of shape [S, D], float32
-        By `Detector.describe_crops`; D is 0 for a detector that describes no crops.
+    `members`, `probability` and `like` are those of `Proposals`; the sightings of ``like[k]`` describe proposal k.
+    `proposal`, [S], and `photo` tell whose and where a sighting is, and `box`, [S, 4], where in the photo: x0, y0, x1,
+    y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`; D is 0 for a detector
+    that describes no crops.
     """
 
     members: Mask
@@ -93,27 +72,21 @@ class Looks:
     box: Float32
     described: Float32
 
-    def scores(self, text: str, detector: Detector, views: Views, photos: Photos, n_photos: int) -> Float64:
-        """Return how much each proposal looks like `text`, 0 to 1, shape [K].
+    def scores(self, text: str, context: SegmentationContext) -> Float64:
+        """Return how much each proposal looks like `text`, 0 to 1, [K]; `PromptError` if the detector does not know it.
 
         A detector that describes crops is calibrated: 0.5 is the score that 5 % of the absent words of the choosing
-        rooms reach. Any other one is asked for boxes in `n_photos` photos. A proposal then scores 0 in a photo without
-        a box that fits it, and more than 0.5 in others: the detector's own thresholds decide.
-
-        Raises
-        ------
-        PromptError
-            When the detector does not know the text.
+        rooms reach. Any other one is asked for boxes in `n_text_views` photos. A proposal then scores 0 in a photo
+        without a box that fits it, and more than 0.5 in others: the detector's own thresholds decide.
         """
-        known = np.ones(len(self.proposal), bool)
-        if self.described.shape[1]:
-            rows = np.asarray(detector.score_descriptions(self.described, text), np.float64)
-        else:
-            rows, known = self._boxed(text, detector, views, photos, n_photos)
+        describes = self.described.shape[1] > 0
+        score = context.detector.score_descriptions(self.described, text) if describes else self._boxed(text, context)
+        rows = np.asarray(score, np.float64)
+        known = ~np.isnan(rows)
         count = np.bincount(self.proposal[known], minlength=len(self.members))[self.like]
-        total = np.bincount(self.proposal[known], weights=rows[known], minlength=len(self.members))[self.like]
+        total = np.bincount(self.proposal[known], rows[known], minlength=len(self.members))[self.like]
         mean = total / np.maximum(count, 1)
-        if not self.described.shape[1] or not mean.any():
+        if not describes or not mean.any():
             return np.asarray(mean, np.float64)
         odds = logit(np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE))
         described = odds[count > 0]
@@ -123,173 +96,128 @@ class Looks:
         odds += _LIKELY * logit(np.clip(self.probability, smallest, 1 - smallest)) - _CONTRAST * resembled - _LEAST_ODDS
         return np.where(count > 0, expit(odds), 0.0)
 
-    def _boxed(
-        self, text: str, detector: Detector, views: Views, photos: Photos, n_photos: int
-    ) -> tuple[Float64, Mask]:
-        """Return the score of each sighting by the detector's boxes, and which sightings are in searched photos."""
-        searched = spread_cameras([one for one in views.cameras.cameras if one.photo in set(self.photo)], n_photos)
-        rows, known = np.zeros(len(self.proposal)), np.zeros(len(self.proposal), bool)
-        for camera in searched:
+    def _boxed(self, text: str, context: SegmentationContext) -> Float64:
+        """Return the score of each sighting by the detector's boxes; NaN in photos that are not searched."""
+        cameras = [one for one in context.views.cameras.cameras if one.photo in set(self.photo)]
+        rows = np.full(len(self.proposal), np.nan)
+        for camera in spread_cameras(cameras, context.settings.n_text_views):
             numbers = np.flatnonzero(np.array(self.photo) == camera.photo)
-            known[numbers] = True
-            for found in detector.detect(photos.pixels(camera), text):
+            rows[numbers] = 0
+            for found in context.detector.detect(context.photos.pixels(camera), text):
                 overlaps = box_ious(self.box[numbers], np.asarray(found.box, np.float32))
                 fitting = numbers[overlaps >= THRESHOLD]
                 rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
-        return rows, known
+        return rows
 
-    def names(self, detector: Detector, numbers: Sequence[int]) -> list[tuple[str, float]]:
-        """Return the detector's word for some proposals, with its confidence 0 to 1; ("", 1) for one without words."""
-        words = [detector.name_descriptions(self.described[self.proposal == k]) for k in self.like[list(numbers)]]
-        return [found[0] if found else ("", 1.0 if not self.described.shape[1] else 0.0) for found in words]
+    def names(self, numbers: Sequence[int], context: SegmentationContext) -> list[tuple[str, float]]:
+        """Return the detector's word for proposals, with its confidence, 0 to 1; ("", 0) for one without words."""
+        described = (self.described[self.proposal == k] for k in self.like[list(numbers)])
+        return [next(iter(context.detector.name_descriptions(rows)), ("", 0.0)) for rows in described]
 
-    def evidence(self, number: int, score: float, views: Views) -> MaskEvidence:
+    def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
         """Return the members of a proposal as evidence, with where the photo that shows them largest shows them."""
-        members = self.members[number]
+        members, views = self.members[number], context.views
         sizes = np.where(self.proposal == self.like[number], np.prod(self.box[:, 2:] - self.box[:, :2], axis=1), 0)
         view = views.of(views.cameras.by_photo[self.photo[int(sizes.argmax())]])
         return MaskEvidence(view, next(views.visible_masks(view, members[None])), score, members=members)
 
 
-def build_looks(
-    views: Views,
-    graph: SceneGraph,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    *,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> Looks:
-    """Return what may be an object, as a detector describes it in photos that show it large and whole.
+def build_looks(context: SegmentationContext) -> Looks:
+    """Return what may be an object, as the detector describes it in `n_crop_views` photos that show it large and whole.
 
-    Parameters
-    ----------
-    views : Views
-    graph : SceneGraph
-    photos : Photos
-    detector : Detector
-    settings : SegmentSettings
-        `n_crop_views` and `strictness`.
-    emit, should_stop
-        See `engine.events`.
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
+    Raises `Cancelled` when the user stops.
     """
-    sets = find_proposals(views, graph, settings.strictness, emit=part_of(emit, 0, 2), should_stop=should_stop)
-    emit = part_of(emit, 1, 2)
-    sightings = _sightings(views, sets, graph, settings.n_crop_views)
-    by_photo = views.cameras.by_photo
-    found: list[tuple[int, str, bool, Sequence[float]]] = []
+    sets = find_proposals(context.part(0, 2))
+    context = context.part(1, 2)
+    views, by_photo = context.views, context.views.cameras.by_photo
+    sightings = _sightings(context, sets)
+    found: list[tuple[int, str, tuple[int, int, int, int], bool]] = []
     described: list[Float32] = []
-    for done, (photo, numbers) in enumerate(sightings.items()):
-        _check_stop(should_stop)
-        view, pixels = views.of(by_photo[photo]), photos.pixels(by_photo[photo])
-        size = (pixels.shape[1], pixels.shape[0])
-        crops = []
+    for done, (photo, numbers) in enumerate(sightings.items(), start=1):
+        view, pixels = views.of(by_photo[photo]), context.photos.pixels(by_photo[photo])
+        height, width = pixels.shape[:2]
+        crops, boxes = [], []
         for number, mask in zip(numbers, views.visible_masks(view, sets.members[numbers]), strict=True):
-            inside = cv2.resize(view.to_photo(mask).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+            inside = view.to_photo(mask).astype(np.uint8)
+            inside = cv2.resize(inside, (width, height), interpolation=cv2.INTER_NEAREST) > 0
             box = mask_box(inside)
             if mask.sum() >= _MIN_VISIBLE_PIXELS and box is not None:
-                crops.append((number, inside, [float(side) for side in box]))
+                crops.append(inside)
+                boxes.append(box)
+                found.append((number, photo, box, min(box[:2]) > 0 and box[2] < width and box[3] < height))
         if crops:
-            rows = detector.describe_crops(pixels, [box for *_, box in crops], [inside for _, inside, _ in crops])
+            rows = context.detector.describe_crops(pixels, boxes, crops)
             described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
-            found += [(number, photo, _is_whole(inside), box) for number, inside, box in crops]
-        emit(Progress("objects", (done + 1) / len(sightings), message="Describing what may be objects"))
+        context.tell(done / len(sightings), "Describing what may be objects")
     rows = np.concatenate(described).astype(np.float32) if described else np.zeros((0, 1), np.float32)
-    seen_whole = {number for number, _, whole, _ in found if whole}
-    kept = [k for k, (number, _, whole, _) in enumerate(found) if whole or number not in seen_whole]
-    return Looks(
-        sets.members,
-        sets.probability,
-        sets.like,
-        np.array([found[k][0] for k in kept], np.int32),
-        tuple(found[k][1] for k in kept),
-        np.array([found[k][3] for k in kept], np.float32).reshape(-1, 4),
-        rows[kept],
-    )
+    proposal, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
+    sides = np.array([one[2] for one in found], np.float32).reshape(-1, _N_SIDES)
+    # Where a photo cuts off a proposal that others show whole, it is not described.
+    kept = np.flatnonzero(whole | ~np.isin(proposal, proposal[whole]))
+    photos = tuple(found[k][1] for k in kept)
+    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, sides[kept], rows[kept])
 
 
-def _is_whole(mask: Mask) -> bool:
-    """Return whether a mask of a photo does not touch its border."""
-    return not (mask[[0, -1]].any() or mask[:, [0, -1]].any())
-
-
-def _check_stop(should_stop: StopCheck) -> None:
-    if should_stop():
-        raise Cancelled("Stopped while looking for what may be an object; no object was stored.")
-
-
-def _sightings(views: Views, sets: Proposals, graph: SceneGraph, count: int) -> dict[str, list[int]]:
-    """Return what to look at by photo: each that looks its own in at most `count` photos that show it large."""
-    cameras = [views.cameras.by_photo[photo] for photo in graph.photos]
+def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:
+    """Return what to look at by photo: each that looks its own in at most `n_crop_views` photos that show it large."""
+    views = context.views
+    cameras = [views.cameras.by_photo[photo] for photo in context.graph.photos]
     found: dict[str, list[int]] = defaultdict(list)
     for number in np.unique(sets.like):
-        members, pixels = sets.members[number], sets.shown[number]
-        center = np.median(views.scene.gaussians.means[members], axis=0)
-        facing = {camera.photo for camera in views.facing(center)}
+        pixels = sets.shown[number]
+        facing = {camera.photo for camera in views.facing(np.median(context.means[sets.members[number]], axis=0))}
         large = [camera for camera, area in zip(cameras, pixels, strict=True) if area >= THRESHOLD * pixels.max()]
-        for camera in spread_cameras([one for one in large if one.photo in facing] or large, count):
+        shown = [camera for camera in large if camera.photo in facing] or large
+        for camera in spread_cameras(shown, context.settings.n_crop_views):
             found[camera.photo].append(int(number))
     return found
 
 
 _SPECS = {
+    "members": ArraySpec("uint8", ("k", "bytes")),
     "probability": ArraySpec("float32", ("k",), finite=True),
     "like": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
-    "box": ArraySpec("float32", ("s", 4), finite=True),
+    "box": ArraySpec("float32", ("s", _N_SIDES), finite=True),
     "described": ArraySpec("float16", ("s", "d"), finite=True),
-}  # by definition
+}
 
 
-def load_or_build_looks(
-    file: Path,
-    views: Views,
-    graph: SceneGraph,
-    photos: Photos,
-    detector: Detector,
-    settings: SegmentSettings,
-    *,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> Looks:
-    """Return the looks stored in `file`, or make and store them; parameters and errors as of `build_looks`.
+def load_or_build_looks(context: SegmentationContext) -> Looks:
+    """Return the looks that were kept in memory or in the folder of the context, or make and keep them.
 
-    A missing, damaged or outdated file is made again; a file that cannot be written only costs time.
+    A missing, damaged or outdated file is made again; one that cannot be written only costs time. Raises `Cancelled`.
     """
+    return context.once("looks", lambda: _load_or_build(context))
+
+
+def _load_or_build(context: SegmentationContext) -> Looks:
+    if context.folder is None:
+        return build_looks(context)
+    file, settings = context.folder / "looks.npz", context.settings
     chosen = (settings.n_crop_views, settings.strictness, settings.photo_side)
-    recipe = stage_key(_VERSION, detector.name, graph.key, *chosen)
-    specs = {"members": ArraySpec("uint8", ("k", (len(views.scene) + 7) // 8)), **_SPECS}
-    stored = read_kept_arrays(file, recipe, specs)
-    known = None if stored is None else _from_arrays(stored, views, graph)
-    if known is not None:
-        return known
-    looks = build_looks(views, graph, photos, detector, settings, emit=emit, should_stop=should_stop)
-    arrays: dict[str, NDArray[Any]] = {name: np.asarray(getattr(looks, name)) for name in _SPECS}
-    arrays |= {
-        "members": np.packbits(looks.members, axis=1),
-        "photo": np.array(looks.photo, dtype=np.str_),
-        "described": looks.described.astype(np.float16),
-    }
-    keep_arrays(file, recipe, arrays)
+    recipe = stage_key(_VERSION, context.detector.name, context.graph.key, *chosen)
+    stored = read_kept_arrays(file, recipe, _SPECS)
+    looks = None if stored is None else _from_arrays(stored, context)
+    if looks is None:
+        looks = build_looks(context)
+        arrays = {name: np.asarray(getattr(looks, name)) for name in _SPECS}
+        arrays |= {"members": np.packbits(looks.members, axis=1), "described": looks.described.astype(np.float16)}
+        keep_arrays(file, recipe, arrays)
     return looks
 
 
-def _from_arrays(arrays: dict[str, NDArray[Any]], views: Views, graph: SceneGraph) -> Looks | None:
+def _from_arrays(arrays: dict[str, NDArray[Any]], context: SegmentationContext) -> Looks | None:
     """Return the looks; None when an array names what does not exist."""
     numbers = np.concatenate([arrays["proposal"], arrays["like"]])
     in_range = ((numbers >= 0) & (numbers < len(arrays["members"]))).all()
-    if not in_range or not set(arrays["photo"].tolist()) <= set(graph.photos):
+    if not in_range or not set(arrays["photo"].tolist()) <= set(context.graph.photos):
         return None
-    return Looks(
-        members=np.unpackbits(arrays["members"], axis=1, count=len(views.scene)).astype(bool),
-        photo=tuple(str(name) for name in arrays["photo"]),
-        described=arrays["described"].astype(np.float32),
-        **{name: arrays[name] for name in ("probability", "like", "proposal", "box")},
-    )
+    read: dict[str, Any] = {
+        **arrays,
+        "members": np.unpackbits(arrays["members"], axis=1, count=len(context.means)).astype(bool),
+        "described": arrays["described"].astype(np.float32),
+        "photo": tuple(arrays["photo"].tolist()),
+    }
+    return Looks(**read)

@@ -6,39 +6,33 @@ may reach into a wall that hides it. Without the scene, the first is a hole and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from ..errors import Cancelled
-from ..events import Emit, Progress, StopCheck
+from ..events import StopCheck
+from ..formats import SH_C0
 from ..masks import mask_box
 from ..pictures import Backend, Scene
-from ..scene import Gaussians, PinholeCamera, Polished
+from ..scene import Polished
 from ..training import AloneTarget, train_alone
+from .arrays import Mask
 from .settings import SegmentSettings
 from .views import THRESHOLD, View, Views, erode_mask, spread_cameras
 
-__all__ = ["polish", "polish_each"]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+__all__ = ["polish"]
 
 _MIN_SHARE, _FULL_SHARE = 0.2, 0.7  # chosen on museum_room
 """Share of a pixel that the object contributes in the scene at which its target coverage starts to rise, and is 1."""
 
 _OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
-"""Distance in front of the object, in its radii, from which on other Gaussians hide it.
-
-What is closer is the wall or support that a Gaussian of the object reaches into.
-"""
+"""Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
+support that a Gaussian of the object reaches into."""
 
 _RIM_PIXELS = 2  # chosen on museum_room
-"""Width in pixels of the edge that may be translucent. Farther inside, pixels that mostly show the object are opaque.
-"""
+"""Width in pixels of the edge that may be translucent. Inside of it, pixels that mostly show the object are opaque."""
 
 _MIN_VISIBLE_PIXELS = 30  # chosen on museum_room
 """Smallest area of the object in a view that is used, in pixels."""
@@ -49,45 +43,15 @@ _MIN_ALPHA = 0.02  # chosen on museum_room
 _MARGIN_PIXELS = 8  # by definition
 """Margin around the object in the part of a view that is rendered."""
 
-_BLACK_SH = -0.5 / 0.28209479177387814  # by definition
-"""Lowest band of the spherical harmonics of a black Gaussian: colour = 0.5 + 0.282 sh."""
-
-
-def polish_each(
-    views: Views, objects: Sequence[Mask], settings: SegmentSettings, *, emit: Emit, should_stop: StopCheck
-) -> list[Polished | None]:
-    """Polish each of `objects`, masks of shape [N], and emit the progress; see `polish`."""
-    polished = []
-    for number, members in enumerate(objects, start=1):
-        polished.append(polish(views, members, settings, should_stop=should_stop))
-        emit(Progress("objects", number / len(objects), message="Polishing"))
-    return polished
+_BLACK_SH = -1 / (2 * SH_C0)  # by definition
+"""Lowest band of the spherical harmonics of a black Gaussian: colour = 1/2 + `SH_C0` sh."""
 
 
 def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_stop: StopCheck) -> Polished | None:
     """Train an object's Gaussians further until, rendered without the scene, it looks as it does in the scene.
 
-    Parameters
-    ----------
-    views : Views
-    members : bool array of shape [N]
-        The object.
-    settings : SegmentSettings
-        Uses `polish_steps` and `n_vote_views`.
-    should_stop : callable
+    Returns None without `polish_steps`, without `members`, bool [N], and if no view shows them; raises `Cancelled`.
 
-    Returns
-    -------
-    Polished or None
-        None without steps, without members, and if no view shows the object.
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
-
-    Notes
-    -----
     Let s be the share of a pixel that the members contribute in the whole scene. The target coverage is
     (s - 0.2) / 0.5, clipped to [0, 1], and the target colour is the members' own blended colour, divided by s and
     multiplied by the coverage. No photo is needed, and no colour of the background is mixed in. Pixels in which other
@@ -96,8 +60,18 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
     rows = np.flatnonzero(members)
     if settings.polish_steps == 0 or len(rows) == 0:
         return None
-    trained = replace(views.scene.gaussians[rows], features=None)
-    targets = _targets(views, members, trained, settings, should_stop)
+    gaussians = views.scene.gaussians
+    trained = replace(gaussians[rows], features=None)
+    low, high = np.percentile(trained.means, [2, 98], axis=0)
+    occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
+    sh = np.where(members[:, None, None], gaussians.sh, np.float32(0))
+    sh[~members, 0] = _BLACK_SH
+    others_black, alone = views.scene.with_gaussians(replace(gaussians, sh=sh)), views.scene.with_gaussians(trained)
+    targets = []
+    for camera in spread_cameras(views.facing(np.median(trained.means, axis=0)), settings.n_vote_views):
+        if should_stop():
+            raise Cancelled("Stopped while polishing; no object was stored.")
+        targets += _targets(views.of(camera), others_black, alone, members, occluder_distance)
     if not targets:
         return None
     # Few Gaussians in small parts of views: a card would wait for copies in each step.
@@ -106,58 +80,27 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
     return Polished(rows.astype(np.int32), trained.means, polished)
 
 
-def _targets(
-    views: Views, members: Mask, trained: Gaussians, settings: SegmentSettings, should_stop: StopCheck
-) -> list[AloneTarget]:
-    low, high = np.percentile(trained.means, [2, 98], axis=0)
-    occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
-    scene = views.scene.with_gaussians(_others_black(views.scene.gaussians, members))
-    alone = views.scene.with_gaussians(trained)
-    targets = []
-    for camera in spread_cameras(views.facing(np.median(trained.means, axis=0)), settings.n_vote_views):
-        if should_stop():
-            raise Cancelled("Stopped while polishing; no object was stored.")
-        target = _target(views.of(camera), scene, alone, members, occluder_distance)
-        if target is not None:
-            targets.append(target)
-    return targets
-
-
-def _target(view: View, scene: Scene, alone: Scene, members: Mask, occluder_distance: float) -> AloneTarget | None:
+def _targets(view: View, scene: Scene, alone: Scene, members: Mask, occluder_distance: float) -> list[AloneTarget]:
+    """Return the target that a view makes, and none where it hardly shows the object."""
     frame = view.frame
     channels = np.column_stack([members.astype(np.float32), scene.depth_of(frame)])
     in_scene = scene.render(frame, color=True, channels=channels)
     share = in_scene.channels[..., 3]
     if (share > THRESHOLD).sum() < _MIN_VISIBLE_PIXELS:
-        return None
-    depth = in_scene.channels[..., 4] / np.maximum(in_scene.alpha, 1e-3)
+        return []
     isolated = alone.render(frame, channels=alone.depth_of(frame)[:, None])
-    own_depth = isolated.channels[..., 0] / np.maximum(isolated.alpha, 1e-3)
-    hidden = (share < THRESHOLD) & (depth < own_depth - occluder_distance)
+    # Mean depths are compared, times both alphas, which may be 0.
+    farthest = (isolated.channels[..., 0] - occluder_distance * isolated.alpha) * in_scene.alpha
+    hidden = (share < THRESHOLD) & (in_scene.channels[..., 4] * isolated.alpha < farthest)
     alpha = np.clip((share - _MIN_SHARE) / (_FULL_SHARE - _MIN_SHARE), 0, 1)
     alpha[erode_mask(share > THRESHOLD, _RIM_PIXELS)] = 1
     image = in_scene.channels[..., :3] * (alpha / np.maximum(share, _MIN_SHARE))[..., None]
-    part, camera = _cropped((isolated.alpha > _MIN_ALPHA) | (share > _MIN_SHARE), frame)
-    known = (view.within & ~hidden)[part].astype(np.float32)
-    tensors = (torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in (image[part], alpha[part], known))
-    return AloneTarget(camera, *tensors)
-
-
-def _others_black(gaussians: Gaussians, members: Mask) -> Gaussians:
-    sh = np.where(members[:, None, None], gaussians.sh, np.float32(0))
-    sh[~members, 0] = _BLACK_SH
-    return replace(gaussians, sh=sh)
-
-
-def _cropped(mask: Mask, frame: PinholeCamera) -> tuple[tuple[slice, slice], PinholeCamera]:
-    """Return the part of a picture that contains `mask` with a margin, and the camera of that part."""
-    box = mask_box(mask)
+    # Only the part of the view that shows the object is rendered.
+    box = mask_box((isolated.alpha > _MIN_ALPHA) | (share > _MIN_SHARE))
     assert box is not None, "the object is visible in this view"
-    left, right = max(0, box[0] - _MARGIN_PIXELS), min(frame.width, box[2] + _MARGIN_PIXELS)
-    top, bottom = max(0, box[1] - _MARGIN_PIXELS), min(frame.height, box[3] + _MARGIN_PIXELS)
-    K = frame.K.copy()
-    K[0, 2] -= left
-    K[1, 2] -= top
-    return (slice(top, bottom), slice(left, right)), replace(
-        frame, K=K, width=int(right - left), height=int(bottom - top)
-    )
+    left, top = (max(0, side - _MARGIN_PIXELS) for side in box[:2])
+    right, bottom = min(frame.width, box[2] + _MARGIN_PIXELS), min(frame.height, box[3] + _MARGIN_PIXELS)
+    K = frame.K - np.array([[0, 0, left], [0, 0, top], [0, 0, 0]])
+    arrays = (array[top:bottom, left:right] for array in (image, alpha, view.within & ~hidden))
+    tensors = (torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in arrays)
+    return [AloneTarget(replace(frame, K=K, width=right - left, height=bottom - top), *tensors)]

@@ -11,31 +11,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, vstack
 from scipy.special import expit
 
-from ..errors import Cancelled
-from ..events import Emit, Progress, StopCheck
+from .arrays import SETS_TOGETHER, Float32, Float64, Floats, Int32, Int64, Mask
+from .context import SegmentationContext
 from .graph import SceneGraph, bounded
 from .groups import build_groups
-from .views import Views
 from .votes import THRESHOLD, Votes, votes_of_known
 
 __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
 
-Float32 = NDArray[np.float32]
-Int32 = NDArray[np.int32]
-Mask = NDArray[np.bool_]
-
 _MIN_SEGMENT_SHARE = 0.001  # chosen on museum_room
 """Smallest segment that is solved, as a share of its photo."""
 
-_SOLVED_TOGETHER = 32  # by definition
-"""Sets that are solved together. More need more memory and are hardly faster."""
-
 _TOLERANCE = 0.01  # by definition
-"""Residual of their solutions (`SceneGraph.solve_each`): only where they cross one half is asked."""
+"""Residual of solutions (`SceneGraph.solve`): only where they cross one half is asked."""
 
 _SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two proposals are one: the one that agrees better with the segments."""
@@ -63,16 +54,9 @@ LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, roo
 class Proposals:
     """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
 
-    Attributes
-    ----------
-    members : bool array of shape [K, N]
-        They may overlap: a part and its whole are two proposals.
-    probability : array of shape [K], float32
-        Of being an object, at least `LEAST_PROBABILITY`.
-    like : int32 array of shape [K]
-        A likelier proposal that looks the same, or the proposal itself.
-    shown : array of shape [K, P], float32
-        Pixels that show each set in each photo.
+    `members`, [K, N], may overlap: a part and its whole are two proposals. `probability`, [K], is that of being an
+    object, at least `LEAST_PROBABILITY`, in descending order. `like`, [K], is the number of a likelier proposal that
+    looks the same, or of the proposal itself. `shown`, [K, P], are the pixels that show each set in each photo.
     """
 
     members: Mask
@@ -81,65 +65,42 @@ class Proposals:
     shown: Float32
 
 
-def find_proposals(
-    views: Views, graph: SceneGraph, strictness: float, *, emit: Emit, should_stop: StopCheck
-) -> Proposals:
-    """Return the proposals of a scene: each segment of each photo, and each group, solved like a mask.
+def find_proposals(context: SegmentationContext) -> Proposals:
+    """Return each segment of each photo, and each group, solved like a mask; raises `Cancelled` when the user stops.
 
-    Parameters
-    ----------
-    views : Views
-    graph : SceneGraph
-    strictness : float
-        As in `SceneGraph.solve`.
-    emit, should_stop
-        See `engine.events`.
-
-    Raises
-    ------
-    Cancelled
-        When `should_stop` returns True.
-
-    Notes
-    -----
     With the links between Gaussians that leave a set, all links of the set (or of the rest, if they are fewer), its
     extent, and for each photo that shows it well the IoU of the set with the solved segment of the photo that fits it
     best, the log-odds of being an object are
 
         1.4 ln(links / leaving) - 0.9 ln(extent / 0.15)^2 + 1.7 mean IoU - 4.2
     """
-    segments, groups = _large_segments(graph), build_groups(views)
-    solved, kept = _solved(views, graph, segments, groups, strictness, emit, should_stop)
+    views, graph = context.views, context.graph
+    pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
+    photos = np.bincount(graph.photo, weights=pixels, minlength=len(graph.photos))
+    segments = np.flatnonzero((pixels >= _MIN_SEGMENT_SHARE * photos[graph.photo]) & graph.is_segment)
+    solved, kept = _solved(context, segments, build_groups(views))
     of_segments = kept < len(segments)
-    agreement_of = _Agreement(graph, solved[of_segments], graph.photo[segments[kept[of_segments]]])
     shown = graph.shown(solved)
-    agreement = agreement_of(solved, shown)
+    best = graph.iou(solved, solved[of_segments])
+    agreement = _agreement(best, graph.photo[segments[kept[of_segments]]], shown)
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
     probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement] + _CONSTANT)
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
-    first = _first_alike(agreement_of.iou(solved[likely], solved[likely]), _SAME_IOU)
+    first = _first_alike(graph.iou(solved[likely], solved[likely]), _SAME_IOU)
     chosen = likely[first == np.arange(len(likely))]
     chosen = chosen[np.argsort(-probability[chosen], kind="stable")]
     sets = solved[chosen]
-    like = _first_alike(agreement_of.iou(sets, sets), _ALIKE_IOU)
+    like = _first_alike(graph.iou(sets, sets), _ALIKE_IOU)
     return Proposals(sets.toarray() > 0, probability[chosen].astype(np.float32), like, shown[chosen])
 
 
-def apart(members: Mask, gains: NDArray[np.floating]) -> list[int]:
-    """Return sets that do not overlap by more than half of the smaller one, with a large sum of `gains`, best first.
+def apart(members: Mask, gains: Floats) -> list[int]:
+    """Return which sets, bool [K, N], to choose for a large sum of `gains`, [K]; best first, and none without gain.
 
-    Parameters
-    ----------
-    members : bool array of shape [K, N]
-    gains : array of shape [K]
-        What choosing a set gains. Sets without gain are not chosen.
-
-    Notes
-    -----
-    The largest gains first; then a chosen set is exchanged for several others, or several for one, for as long as that
-    makes the sum larger.
+    No two overlap by more than half of the smaller one. The largest gains are chosen first; then a set is exchanged for
+    several others, or several for one, for as long as that makes the sum larger.
     """
     sets = csr_matrix(members, dtype=np.float32)
     sizes = np.asarray(sets.sum(axis=1)).ravel()
@@ -175,52 +136,32 @@ def _first_alike(iou: Float32, least: float) -> Int32:
     return first
 
 
-def _large_segments(graph: SceneGraph) -> NDArray[np.intp]:
-    """Return the columns of the segments that are large enough, in the order of the photos."""
-    pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
-    photos = np.bincount(graph.photo, weights=pixels, minlength=len(graph.photos))
-    return np.flatnonzero((pixels >= _MIN_SEGMENT_SHARE * photos[graph.photo]) & (graph.label > 0))
-
-
-def _solved(
-    views: Views,
-    graph: SceneGraph,
-    segments: NDArray[np.intp],
-    groups: Mask,
-    strictness: float,
-    emit: Emit,
-    should_stop: StopCheck,
-) -> tuple[csr_matrix, NDArray[np.intp]]:
+def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tuple[csr_matrix, Int64]:
     """Return the Gaussians that segments and groups lead to, [K, N], without empty sets, and the number of each."""
-    count, means = len(segments) + len(groups), views.scene.gaussians.means
+    graph, count = context.graph, len(segments) + len(groups)
 
     def solved(start: int) -> csr_matrix:
-        if should_stop():
-            raise Cancelled("Stopped while looking for what may be an object; no object was stored.")
-        votes = [
-            graph.votes_of(segments[k])
-            if k < len(segments)
-            else votes_of_known(groups[k - len(segments)], graph.pixels)
-            for k in range(start, min(start + _SOLVED_TOGETHER, count))
-        ]
-        together = Votes(np.stack([one.inside for one in votes], 1), np.stack([one.outside for one in votes], 1))
-        memberships = graph.solve_each(together, strictness, tolerance=_TOLERANCE).T
-        members = np.stack([bounded(membership, means) for membership in memberships]) >= THRESHOLD
+        context.check_stop()
+        stop, passed = start + SETS_TOGETHER, len(segments)
+        together = groups[max(0, start - passed) : max(0, stop - passed)].T
+        votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
+        both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
+        memberships = graph.solve(both, context.settings.strictness, tolerance=_TOLERANCE).T
+        members = np.stack([bounded(membership, context.means) for membership in memberships]) >= THRESHOLD
         return csr_matrix(members, dtype=np.float32)
 
-    rows = [csr_matrix((0, len(means)), dtype=np.float32)]
+    rows = [csr_matrix((0, len(context.means)), dtype=np.float32)]
     # NumPy and SciPy leave the interpreter to the other threads while they compute.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for part in pool.map(solved, range(0, count, _SOLVED_TOGETHER)):
+        for part in pool.map(solved, range(0, count, SETS_TOGETHER)):
             rows.append(part)
-            done = min((len(rows) - 1) * _SOLVED_TOGETHER, count)
-            emit(Progress("objects", done / count, message="Looking for objects"))
+            context.tell(min((len(rows) - 1) * SETS_TOGETHER / count, 1), "Looking for objects")
     sets = csr_matrix(vstack(rows))
     kept = np.flatnonzero(np.asarray(sets.sum(axis=1)).ravel())
     return sets[kept], kept
 
 
-def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
+def _isolation(sets: csr_matrix, graph: SceneGraph) -> Float64:
     """Return ln(links / leaving links) of each set, [K], both with the links of one more Gaussian.
 
     This is the negative logarithm of the conductance: links are those of the set or of the rest, whichever are fewer.
@@ -234,33 +175,14 @@ def _isolation(sets: csr_matrix, graph: SceneGraph) -> NDArray[np.float64]:
     return np.asarray(np.log((fewer + usual) / (every - inner + usual)), np.float64)
 
 
-class _Agreement:
-    """How well sets agree with what the segments of each photo lead to.
+def _agreement(iou: Float32, photo: Int32, shown: Float32) -> Float64:
+    """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best.
 
-    Parameters
-    ----------
-    graph : SceneGraph
-    solved : sparse matrix of shape [S, N]
-        What S segments lead to.
-    photo : int32 array of shape [S]
-        The photo of each, ascending.
+    `iou`, [K, S], are those with what S segments lead to, of the photos `photo`, [S], ascending.
     """
-
-    def __init__(self, graph: SceneGraph, solved: csr_matrix, photo: Int32) -> None:
-        self._pixels = np.asarray(graph.segments.sum(axis=1), np.float32).ravel()
-        self._solved, self._photo = solved, photo
-
-    def iou(self, sets: csr_matrix, others: csr_matrix) -> Float32:
-        """Return the IoU in pixels of K sets with M others, [K, M]."""
-        common = (sets.multiply(self._pixels) @ others.T).toarray()
-        union = (sets @ self._pixels)[:, None] + others @ self._pixels - common
-        return np.asarray(common / np.maximum(union, np.finfo(np.float32).tiny), np.float32)
-
-    def __call__(self, sets: csr_matrix, shown: Float32) -> NDArray[np.float64]:
-        """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best."""
-        best = np.zeros(shown.shape)
-        first = np.flatnonzero(np.diff(self._photo, prepend=-1))
-        if len(first):
-            best[:, self._photo[first]] = np.maximum.reduceat(self.iou(sets, self._solved), first, axis=1)
-        seen = shown >= _WELL_SEEN * shown.max(axis=1, initial=0, keepdims=True)
-        return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)
+    best = np.zeros(shown.shape)
+    first = np.flatnonzero(np.diff(photo, prepend=-1))
+    if len(first):
+        best[:, photo[first]] = np.maximum.reduceat(iou, first, axis=1)
+    seen = shown >= _WELL_SEEN * shown.max(axis=1, initial=0, keepdims=True)
+    return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)

@@ -2,46 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..settings import require
 
 __all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "PaperSettings", "SegmentSettings"]
 
+_LEAST_SIDE = 16  # by definition
+"""Smallest side of a picture in pixels."""
+
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """Settings of the segmentation of one object by a prompt.
+    """Settings of the segmentation of one object by a prompt; docs/design_notes/objects.md tells what was measured.
 
-    The measurements behind the defaults are in docs/design_notes/objects.md.
+    A detector that describes no crops searches for a text in `n_text_views` photos, spread over the poses. Detector and
+    SAM get photos of `photo_side` pixels on the longer side; the views in which features are read and votes are counted
+    are rendered with `render_side`. The segments of at most `n_vote_views` photos are in the graph of the scene
+    (`engine.objects.graph`) and are proposals; an object is polished in as many views.
 
-    Attributes
-    ----------
-    n_text_views : int
-        Number of photos, spread over the poses, in which a detector that describes no crops searches for a text.
-    photo_side : int
-        Longer side in pixels to which photos are reduced for the detector and SAM.
-    render_side : int
-        Longer side in pixels of the views that are rendered to read features and count votes.
-    n_vote_views : int
-        Largest number of photos whose segments take part in the graph of the scene (`engine.objects.graph`) and are
-        proposals, and of views in which an object is polished.
-    strictness : float
-        Weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0. Smaller values
-        give larger objects.
-    same_object : float
-        Two results are one object when their Gaussians overlap by more than this share, 0 to 1, of the smaller one.
-    n_crop_views : int
-        Largest number of photos that each proposal is cut out of.
-    least_score : float
-        When everything looks less than this like a text, 0 to 1, the text is not found.
-    relative_score : float
-        What scores, for one text, at least this share, 0 to 1, of the best score becomes an object.
-    max_objects : int
-        Largest number of objects for one text.
-    polish_steps : int
-        Training steps in which an object's Gaussians are polished alone (`engine.objects.polishing`) before it is
-        stored. 0 keeps them as they are in the scene.
+    `strictness` is the weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0:
+    smaller values give larger objects. Two results are one object when their Gaussians overlap by more than the share
+    `same_object`, 0 to 1, of the smaller one.
+
+    Each proposal is cut out of at most `n_crop_views` photos. When everything looks less than `least_score`, 0 to 1,
+    like a text, the text is not found; otherwise what scores at least `relative_score`, 0 to 1, of the best score is an
+    object, but at most `max_objects` are. Before an object is stored, its Gaussians are polished alone
+    (`engine.objects.polishing`) in `polish_steps` training steps; 0 keeps them as they are in the scene.
     """
 
     n_text_views: int = 12  # chosen on room_1, room_2, room_3, room_4, room_6, room_7
@@ -57,42 +44,31 @@ class SegmentSettings:
     polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        require(self, "n_text_views", self.n_text_views >= 1, "at least 1")
-        require(self, "photo_side", self.photo_side >= 64, "at least 64")
-        require(self, "render_side", self.render_side >= 16, "at least 16")
-        require(self, "n_vote_views", self.n_vote_views >= 1, "at least 1")
+        for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):
+            require(self, name, getattr(self, name) >= 1, "at least 1")
+        for name in ("photo_side", "render_side"):
+            require(self, name, getattr(self, name) >= _LEAST_SIDE, f"at least {_LEAST_SIDE}")
+        for name in ("least_score", "relative_score"):
+            require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")
         require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
-        require(self, "n_crop_views", self.n_crop_views >= 1, "at least 1")
-        require(self, "least_score", 0 <= self.least_score <= 1, "between 0 and 1")
-        require(self, "relative_score", 0 <= self.relative_score <= 1, "between 0 and 1")
-        require(self, "max_objects", self.max_objects >= 1, "at least 1")
         require(self, "polish_steps", self.polish_steps >= 0, "at least 0")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PaperSettings(SegmentSettings):
     """Settings of the published method (`engine.objects.paper`).
 
-    Of the other settings it uses the sizes, `n_text_views`, `same_object`, `relative_score` and `max_objects`.
-
-    Attributes
-    ----------
-    cosine : float
-        Smallest cosine, between -1 and 1, of a Gaussian's feature with that of the mask.
-    erode_pixels : int
-        Pixels removed along the border of a mask before its feature is read, because features mix at silhouettes.
-    outlier_iqr : float or None
-        Gaussians farther than this many interquartile ranges from the quartiles on any axis are ignored for the convex
-        hull (Gaussian Grouping: 1.0). None ignores none.
+    Of the other settings it uses the sizes, `n_text_views`, `same_object`, `relative_score` and `max_objects`. A
+    Gaussian belongs when its feature has at least the `cosine`, -1 to 1, with that of the mask. `erode_pixels` are
+    removed along the border of a mask before its feature is read, because features mix at silhouettes. Gaussians
+    farther than `outlier_iqr` interquartile ranges from the quartiles on any axis are ignored for the convex hull
+    (Gaussian Grouping: 1.0); None ignores none.
     """
 
-    n_text_views: int = 8  # chosen on museum_room
-    relative_score: float = 0.6  # chosen on museum_room
-    polish_steps: int = 0  # by definition
-    cosine: float = 0.7  # published: Dahaghin et al. 2024
-    erode_pixels: int = 2  # chosen on museum_room
-    outlier_iqr: float | None = 1.0  # published: Ye et al. 2024
+    cosine: float
+    erode_pixels: int
+    outlier_iqr: float | None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -104,10 +80,17 @@ class PaperSettings(SegmentSettings):
 BETTER = SegmentSettings()
 """One solve on the graph of the scene for each object."""
 
-PAPER = PaperSettings()
+PAPER = PaperSettings(
+    n_text_views=8,  # chosen on museum_room
+    relative_score=0.6,  # chosen on museum_room
+    polish_steps=0,  # by definition
+    cosine=0.7,  # published: Dahaghin et al. 2024
+    erode_pixels=2,  # chosen on museum_room
+    outlier_iqr=1.0,  # published: Ye et al. 2024
+)
 """Dahaghin et al. (2024): cosine 0.7 to the best-fitting mask of several views, then the convex hull."""
 
-RELEASED = PaperSettings(n_text_views=1, erode_pixels=0, outlier_iqr=None)  # published: Dahaghin et al. 2024
+RELEASED = replace(PAPER, n_text_views=1, erode_pixels=0, outlier_iqr=None)  # published: Dahaghin et al. 2024
 """The paper's released code, which differs from its text: one photo, and no outliers removed before the hull."""
 
 PRESETS: dict[str, SegmentSettings] = {"paper": PAPER, "released": RELEASED, "better": BETTER}

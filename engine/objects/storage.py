@@ -1,7 +1,8 @@
 """Objects on disk: ``objects/<id>/`` with the record, the membership, levels, polished Gaussians and previews.
 
-The record holds size and SHA-256 of the files that are computed, which are checked when they are read. Pictures, and
-the museum record that the user writes, are not among them.
+The record holds size and SHA-256 of the computed files, which are checked when they are read; pictures, and the museum
+record that the user writes, are not among them. Functions that read an object raise `ObjectError` when there is none,
+and `FormatError` when a file is damaged, or its folder is a link that leads out of the project.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import FormatError, HeritageError, ObjectError
 from ..files import (
@@ -25,17 +25,19 @@ from ..files import (
     record_of,
     replace_together,
 )
+from ..pictures import write_png
 from ..records import RECORD_FILE, ObjectRecord, read_record, recorded_files, write_record
 from ..scene import Gaussians, Polished, load_polished, save_polished
+from .arrays import Float32, Mask, Pixels
 
 __all__ = [
     "forget_unreadable_record",
     "is_object_intact",
     "list_objects",
-    "load_fitting_membership",
     "load_levels",
     "load_membership",
     "load_object",
+    "membership_in",
     "object_gaussians",
     "object_ids",
     "save_object",
@@ -51,50 +53,29 @@ _ADVICE = "Isolate the object again."
 def save_object(
     project: Path,
     record: ObjectRecord,
-    membership: NDArray[np.float32],
-    previews: Sequence[tuple[str, NDArray[np.uint8]]] = (),
+    membership: Float32,
+    previews: Sequence[tuple[str, Pixels | Mask]] = (),
     *,
-    levels: Sequence[NDArray[np.float32]] = (),
+    levels: Sequence[Float32] = (),
     polished: Polished | None = None,
 ) -> None:
     """Write an object, or replace the one with this id. After a kill it is the old one or the new one.
 
-    Parameters
-    ----------
-    project : Path
-        Project folder.
-    record : ObjectRecord
-    membership : array of shape [N], float32
-        In [0, 1], one value for each Gaussian of the scene.
-    previews : sequence of (str, array of shape [H, W] or [H, W, 3], uint8)
-        File names without suffix, and pictures.
-    levels : sequence of arrays of shape [N], float32
-        Memberships of `record.levels`. Stored levels are deleted when the record has none.
-    polished : Polished, optional
-        The object's polished Gaussians. Stored ones are deleted when this is None.
-
-    Raises
-    ------
-    DiskError
-        When the disk is full or read-only.
+    The `membership` and each of the `levels`, those of `record.levels`, are in [0, 1], [N]. `previews` are file names
+    without suffix, and pictures as `write_png` takes them. Stored levels and polished Gaussians are deleted when none
+    are given. Raises `DiskError` when the disk is full or read-only.
     """
-    from PIL import Image
-
-    folder = path_within(project, "objects", record.id)
-    with replace_together(folder, optional=_COMPUTED) as new:
-        with atomic_write(new / MEMBERSHIP) as stream:
-            np.save(stream, np.asarray(membership, np.float32), allow_pickle=False)
-        if record.levels:
-            with atomic_write(new / LEVELS) as stream:
-                np.save(stream, np.stack(list(levels)).astype(np.float32), allow_pickle=False)
+    with replace_together(path_within(project, "objects", record.id), optional=_COMPUTED) as new:
+        for name, values in ((MEMBERSHIP, membership), (LEVELS, levels if record.levels else ())):
+            if len(values):
+                with atomic_write(new / name) as stream:
+                    np.save(stream, np.asarray(values, np.float32), allow_pickle=False)
         if polished is not None:
             save_polished(new, polished)
         for name, picture in previews:
-            with atomic_write(new / f"{name}.png") as stream:
-                Image.fromarray(picture).save(stream, format="PNG")
-        write_record(
-            new / RECORD_FILE, record, {name: record_of(new / name) for name in _COMPUTED if (new / name).exists()}
-        )
+            write_png(new / f"{name}.png", picture)
+        files = {name: record_of(new / name) for name in _COMPUTED if (new / name).exists()}
+        write_record(new / RECORD_FILE, record, files)
 
 
 def object_ids(project: Path) -> list[str]:
@@ -103,93 +84,52 @@ def object_ids(project: Path) -> list[str]:
 
 
 def taken_ids(project: Path) -> list[str]:
-    """Return the names in the folder of the objects that a new object must not have.
-
-    A folder without a record may still hold what the user wrote about an object. An empty one is left by a kill.
-    """
+    """Return the names of folders that a new object must not have: those in use, also without a record."""
+    # A folder without a record may still hold what the user wrote about an object. An empty one is left by a kill.
     folders = (path for path in (project / "objects").glob("*") if path.is_dir())
     return [folder.name for folder in folders if any(folder.iterdir())]
 
 
 def list_objects(project: Path) -> list[ObjectRecord]:
-    """Return the objects of the project folder `project`, oldest first.
-
-    Raises
-    ------
-    FormatError
-        When an ``object.json`` is damaged, or a folder is a link that leads out of the project.
-    """
+    """Return the objects of the project folder `project`, oldest first."""
     records = (read_record(object_file(project, name, RECORD_FILE)) for name in object_ids(project))
     return sorted(records, key=lambda record: (record.created, record.id))
 
 
 def load_object(project: Path, name: str) -> ObjectRecord:
-    """Return the object with the id or the name `name`.
-
-    Raises
-    ------
-    ObjectError
-        When there is none; the message lists the existing names.
-    """
+    """Return the object with the id `name`, else the one with that name, else the one with it in another case."""
     records = list_objects(project)
-    for matches in (
-        lambda record: record.id == name,
-        lambda record: record.name == name,
-        lambda record: record.name.casefold() == name.casefold(),
-    ):
-        found = next((record for record in records if matches(record)), None)
-        if found is not None:
-            return found
     if not records:
         raise ObjectError(f"{project} has no objects yet. Isolate one with `segment` first.")
+    folded = name.casefold()
+    # Of equally good ones, the oldest.
+    found = min(records, key=lambda one: (one.id != name, one.name != name, one.name.casefold() != folded))
+    if name in (found.id, found.name) or folded == found.name.casefold():
+        return found
     names = [record.name for record in records]
-    near = difflib.get_close_matches(name, names, n=1)
+    near = difflib.get_close_matches(name, names)
     hint = f" Did you mean {near[0]!r}?" if near else ""
     raise ObjectError(f"No object is called {name!r}.{hint} Known: {', '.join(names)}.")
 
 
-def load_membership(project: Path, object_id: str) -> NDArray[np.float32]:
-    """Return the membership of the object `object_id`, shape [N], float32, in [0, 1].
-
-    Raises
-    ------
-    ObjectError
-        When there is no such object.
-    FormatError
-        When its file is damaged.
-    """
+def load_membership(project: Path, object_id: str) -> Float32:
+    """Return the membership of an object, shape [N], float32, in [0, 1]."""
     file = _require_intact(project, object_id, MEMBERSHIP)
     if not file.is_file():
         raise ObjectError(f"{file} is missing. Isolate the object again with `segment`.")
     return read_array(file, ArraySpec("float32", ("n",), finite=True), advice=_ADVICE)
 
 
-def load_fitting_membership(project: Path, record: ObjectRecord, count: int) -> NDArray[np.float32]:
-    """Return the membership of an object in a scene of `count` Gaussians, shape [count], float32, in [0, 1].
-
-    Raises
-    ------
-    ObjectError
-        When it belongs to an earlier training.
-    FormatError
-        When its file is damaged.
-    """
+def membership_in(project: Path, record: ObjectRecord, count: int) -> Float32:
+    """Return the membership of an object in a scene of `count` Gaussians; `ObjectError` if in an earlier training."""
     membership = load_membership(project, record.id)
     if len(membership) != count:
         raise ObjectError(f"{record.name!r} was isolated in an earlier training of this scene. Isolate it again.")
     return membership
 
 
-def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
-    """Return the memberships of an object's levels, part first, [K, N], float32; one row when it has no levels.
-
-    Raises
-    ------
-    ObjectError
-        When there is no such object.
-    FormatError
-        When its file is damaged.
-    """
+def load_levels(project: Path, object_id: str) -> Float32:
+    """Return the memberships of an object's levels, part first, [K, N], float32; one row when it has no levels."""
     file = _require_intact(project, object_id, LEVELS)
     if not file.is_file():
         return load_membership(project, object_id)[None]
@@ -197,16 +137,8 @@ def load_levels(project: Path, object_id: str) -> NDArray[np.float32]:
 
 
 def object_gaussians(project: Path, record: ObjectRecord, gaussians: Gaussians) -> Gaussians:
-    """Return an object for export: its Gaussians among the scene's `gaussians`, with their polished values.
-
-    Raises
-    ------
-    ObjectError
-        When it belongs to an earlier training.
-    FormatError
-        When one of its files is damaged.
-    """
-    rows = np.flatnonzero(load_fitting_membership(project, record, len(gaussians)) >= record.threshold)
+    """Return an object for export: its Gaussians among the scene's, polished; errors as of `membership_in`."""
+    rows = np.flatnonzero(membership_in(project, record, len(gaussians)) >= record.threshold)
     _require_intact(project, record.id, POLISHED)
     polished = load_polished(project, record.id)
     return gaussians[rows] if polished is None else polished.with_polished(gaussians[rows], rows)
@@ -227,16 +159,15 @@ def is_object_intact(project: Path, object_id: str) -> bool:
         for name in recorded:
             _require_intact(project, object_id, name)
         if not recorded:
-            load_levels(project, object_id)
-            load_membership(project, object_id)
-            load_polished(project, object_id)
+            for load in (load_levels, load_membership, load_polished):
+                load(project, object_id)
     except HeritageError:
         return False
     return True
 
 
 def _require_intact(project: Path, object_id: str, name: str) -> Path:
-    """Return the path of a file of an object; raises `FormatError` when it is not what the object's record says."""
+    """Return the path of a file of an object, which is what the object's record says."""
     file = object_file(project, object_id, name)
     record = object_file(project, object_id, RECORD_FILE)
     expected = recorded_files(record).get(name) if record.is_file() else None

@@ -1,6 +1,7 @@
 """The trash of a project: what a user made goes to ``trash/<time>-<id>/`` before it is deleted or replaced.
 
-An entry holds the object's folder as ``object/``, and ``trash.json`` with its name and why it is there.
+An entry is the object's folder, ``object/``, and ``trash.json`` with its name and why it is there. What changes the
+trash takes a project that is open for writing, and raises `DiskError` when a file cannot be changed.
 """
 
 from __future__ import annotations
@@ -13,54 +14,23 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from ..errors import DiskError, FormatError, ObjectError
-from ..files import (
-    TEMPORARY_PREFIX,
-    delete_derived,
-    object_file,
-    optional,
-    path_within,
-    read_json,
-    write_json,
-)
+from ..files import TEMPORARY_PREFIX, delete_derived, object_file, optional, path_within, read_json, write_json
 from ..project_folder import SCENE_OUTPUT, ProjectFolder
 from ..records import RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
 from .storage import list_objects, load_object, object_ids, taken_ids
 
-__all__ = [
-    "TrashEntry",
-    "delete_object",
-    "discard_object",
-    "empty_trash",
-    "keep_version",
-    "list_trash",
-    "restore_object",
-]
+__all__ = ["Trashed", "delete_object", "discard_object", "empty_trash", "keep_version", "list_trash", "restore_object"]
 
-_TRASH = "trash"
-_OBJECT = "object"
-_INFO = "trash.json"
+_TRASH, _OBJECT, _INFO = "trash", "object", "trash.json"
 _VERSION = 1  # by definition
 _SCHEMA = {"version": int, "id": str, "name": str, "deleted": str, "why": str, "scene": optional((str, None))}
 
 
 @dataclass(frozen=True)
-class TrashEntry:
-    """An object in the trash.
+class Trashed:
+    """An object in the trash: what it was called, when, with a time zone, and why it was moved there.
 
-    Attributes
-    ----------
-    folder : Path
-        ``trash/<time>-<id>``.
-    id, name : str
-        What the object was called.
-    deleted : datetime
-        When it was moved there, with time zone.
-    why : str
-        What replaced or deleted it.
-    scene : str or None
-        SHA-256 of the scene that it belongs to; None where that is not known.
-    n_bytes : int
-        Size of its files.
+    `scene` is the SHA-256 of its scene, None where that is not known, and `n_bytes` the size of its files.
     """
 
     folder: Path
@@ -73,22 +43,9 @@ class TrashEntry:
 
 
 def delete_object(project: ProjectFolder, name: str, *, why: str) -> ObjectRecord:
-    """Move the object with the id or the name `name` to the trash, and return its record.
+    """Move the object with that id or name to the trash, whose list says `why`, and return its record.
 
-    Parameters
-    ----------
-    project : ProjectFolder
-        Open for writing.
-    name : str
-    why : str
-        What replaced or deleted it, for the list of the trash.
-
-    Raises
-    ------
-    ObjectError
-        When there is none.
-    DiskError
-        When it cannot be moved.
+    Raises `ObjectError` when there is none.
     """
     record = load_object(project.path, name)
     discard_object(project, record.id, why=why)
@@ -96,15 +53,7 @@ def delete_object(project: ProjectFolder, name: str, *, why: str) -> ObjectRecor
 
 
 def discard_object(project: ProjectFolder, object_id: str, *, why: str) -> None:
-    """Move the object with that id to the trash, also when its record is damaged; parameters as of `delete_object`.
-
-    Raises
-    ------
-    ObjectError
-        When the project lists no such object.
-    DiskError
-        When it cannot be moved.
-    """
+    """Do the same as `delete_object` with the object of that id, also when its record is damaged."""
     entry = _new_entry(project, object_id, why)
     # One rename: after a kill the object is in its place, and the entry without it counts for nothing, or in the trash.
     _move(path_within(project.path, "objects", object_id), entry / _OBJECT)
@@ -112,12 +61,10 @@ def discard_object(project: ProjectFolder, object_id: str, *, why: str) -> None:
 
 def keep_version(project: ProjectFolder, object_id: str, *, why: str) -> None:
     """Copy an object to the trash before it is changed; parameters and errors as of `discard_object`."""
-    entry = _new_entry(project, object_id, why)
+    entry, source = _new_entry(project, object_id, why), path_within(project.path, "objects", object_id)
     copy = entry / f"{TEMPORARY_PREFIX}{_OBJECT}"
     try:
-        shutil.copytree(
-            path_within(project.path, "objects", object_id), copy, ignore=shutil.ignore_patterns(".*"), symlinks=True
-        )
+        shutil.copytree(source, copy, ignore=shutil.ignore_patterns(".*"), symlinks=True)
     except (OSError, shutil.Error) as error:
         raise DiskError(f"Could not copy {object_id} to {entry}: {error}. Free some space, then run again.") from error
     _move(copy, entry / _OBJECT)
@@ -131,24 +78,10 @@ def _new_entry(project: ProjectFolder, object_id: str, why: str) -> Path:
         name = read_record(object_file(project.path, object_id, RECORD_FILE)).name
     except FormatError:
         name = object_id
-    now = datetime.now(UTC)
-    trash = path_within(project.path, _TRASH)
-    first = entry = path_within(trash, f"{now:%Y%m%d-%H%M%S}-{object_id}")
-    number = 2
-    while entry.exists():
-        entry = first.with_name(f"{first.name}-{number}")
-        number += 1
-    write_json(
-        entry / _INFO,
-        {
-            "version": _VERSION,
-            "id": object_id,
-            "name": name,
-            "deleted": now.isoformat(timespec="microseconds"),
-            "why": why,
-            "scene": _scene(project),
-        },
-    )
+    now, trash = datetime.now(UTC), path_within(project.path, _TRASH)
+    entry = path_within(trash, new_name(f"{now:%Y%m%d-%H%M%S}-{object_id}", [path.name for path in trash.glob("*")]))
+    info = {"id": object_id, "name": name, "deleted": now.isoformat(), "why": why, "scene": _scene(project)}
+    write_json(entry / _INFO, {"version": _VERSION, **info})
     return entry
 
 
@@ -163,50 +96,36 @@ def _move(source: Path, target: Path) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         os.replace(source, target)
     except OSError as error:
-        raise DiskError(
-            f"Could not move {source} to {target}: {error.strerror or error}. Close programs that use it."
-        ) from error
+        reason = error.strerror or error
+        raise DiskError(f"Could not move {source} to {target}: {reason}. Close programs that use it.") from error
 
 
-def list_trash(project: Path) -> list[TrashEntry]:
+def list_trash(project: Path) -> list[Trashed]:
     """Return what the trash of a project folder holds, oldest first. An entry without content is left out."""
-    folders = sorted(path.parent for path in (project / _TRASH).glob(f"*/{_OBJECT}") if path.is_dir())
-    entries = [_read_entry(path_within(project, _TRASH, folder.name)) for folder in folders]
+    folders = (path.parent.name for path in (project / _TRASH).glob(f"*/{_OBJECT}") if path.is_dir())
+    entries = (_read_entry(path_within(project, _TRASH, name)) for name in folders)
     return sorted(entries, key=lambda entry: (entry.deleted, entry.folder.name))
 
 
-def _read_entry(folder: Path) -> TrashEntry:
+def _read_entry(folder: Path) -> Trashed:
     n_bytes = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     try:
         info = read_json(folder / _INFO, _SCHEMA, advice="Look into its folder.")
         deleted = datetime.fromisoformat(info["deleted"])
         deleted = deleted if deleted.tzinfo else deleted.replace(tzinfo=UTC)
-        return TrashEntry(folder, info["id"], info["name"], deleted, info["why"], info.get("scene"), n_bytes)
+        return Trashed(folder, info["id"], info["name"], deleted, info["why"], info.get("scene"), n_bytes)
     except (FormatError, ValueError):
         # The object is what counts; a damaged note about it must not hide it.
         deleted = datetime.fromtimestamp(folder.stat().st_mtime, UTC)
-        return TrashEntry(folder, folder.name, folder.name, deleted, "its trash.json is damaged", None, n_bytes)
+        return Trashed(folder, folder.name, folder.name, deleted, "its trash.json is damaged", None, n_bytes)
 
 
 def restore_object(project: ProjectFolder, which: str) -> ObjectRecord:
     """Move an object from the trash back into the project, and return its record.
 
-    Parameters
-    ----------
-    project : ProjectFolder
-        Open for writing.
-    which : str
-        Number in the list of `list_trash`, counted from 1, name or id of the object, or name of the entry's folder. Of
-        several with one name, the last deleted is restored. An id or a name that is taken gets a number.
-
-    Raises
-    ------
-    ObjectError
-        When there is none, or it belongs to another training of the scene.
-    FormatError
-        When its record is damaged.
-    DiskError
-        When it cannot be moved.
+    `which` is its number in `list_trash`, counted from 1, its name or id, or the name of the entry's folder; the last
+    deleted of several is meant. An id or a name that is taken gets a number. Raises `ObjectError` when there is none,
+    or it belongs to another training of the scene, and `FormatError` when its record is damaged.
     """
     entry = _find_entry(list_trash(project.path), which)
     stored = entry.folder / _OBJECT / RECORD_FILE
@@ -217,13 +136,9 @@ def restore_object(project: ProjectFolder, which: str) -> ObjectRecord:
             f"{entry.name!r} belongs to an earlier training of this scene, so it cannot be restored: isolate it again. "
             f"Its files stay in {entry.folder}."
         )
-    existing = list_objects(project.path)
-    restored = replace(
-        record,
-        id=new_id(entry.id, taken_ids(project.path)),
-        name=new_name(record.name, [other.name for other in existing]),
-    )
-    if restored.name != record.name:
+    name = new_name(record.name, [other.name for other in list_objects(project.path)])
+    restored = replace(record, id=new_id(entry.id, taken_ids(project.path)), name=name)
+    if name != record.name:
         # In the trash, where a kill leaves an object that can still be restored.
         write_record(stored, restored, files)
     _move(entry.folder / _OBJECT, path_within(project.path, "objects", restored.id))
@@ -231,7 +146,7 @@ def restore_object(project: ProjectFolder, which: str) -> ObjectRecord:
     return restored
 
 
-def _find_entry(entries: Sequence[TrashEntry], which: str) -> TrashEntry:
+def _find_entry(entries: Sequence[Trashed], which: str) -> Trashed:
     if which.isascii() and which.isdigit() and 1 <= int(which) <= len(entries):
         return entries[int(which) - 1]
     for entry in reversed(entries):
@@ -242,35 +157,14 @@ def _find_entry(entries: Sequence[TrashEntry], which: str) -> TrashEntry:
 
 
 def empty_trash(project: ProjectFolder, *, older_than_days: float = 0.0) -> tuple[int, int]:  # by definition
-    """Delete what is in the trash for good.
-
-    Parameters
-    ----------
-    project : ProjectFolder
-        Open for writing.
-    older_than_days : float
-        Only what has been there for more than this many days.
-
-    Returns
-    -------
-    int
-        Number of deleted objects.
-    int
-        Their size in bytes.
-
-    Raises
-    ------
-    DiskError
-        When a file cannot be deleted.
-    """
+    """Delete for good what is in the trash for `older_than_days`; return the number of objects and their bytes."""
     latest = datetime.now(UTC) - timedelta(days=older_than_days)
-    old = [entry for entry in list_trash(project.path) if entry.deleted <= latest]
-    for entry in old:
-        # The only files that are deleted without being computed again: the user asked for it.
-        delete_derived(project.path, _TRASH, entry.folder.name)
-    listed = {entry.folder.name for entry in list_trash(project.path)}
-    for folder in (project.path / _TRASH).glob("*"):
-        # Left by a kill before the object was moved there.
-        if folder.name not in listed:
-            delete_derived(project.path, _TRASH, folder.name)
+    entries = list_trash(project.path)
+    old = [entry for entry in entries if entry.deleted <= latest]
+    kept = {entry.folder.name for entry in entries if entry not in old}
+    # These are the only files that are deleted without being computed again: the user asked for it. Entries without an
+    # object were left by a kill before it was moved there.
+    for path in (project.path / _TRASH).glob("*"):
+        if path.name not in kept:
+            delete_derived(project.path, _TRASH, path.name)
     return len(old), sum(entry.n_bytes for entry in old)

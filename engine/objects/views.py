@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ..cameras import covering_pinhole, distort, is_point_visible, undistort
 from ..errors import ObjectError
 from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
+from .arrays import SETS_TOGETHER, Float32, Floats, Int32, Mask
 
-__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "spread_cameras"]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
 
 THRESHOLD = 0.5  # by definition
 """Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
@@ -30,25 +27,16 @@ MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 _LEAST_UNIT = 0.4  # by definition
 """Smallest unit of lengths, relative to the distance of the cameras from the scene."""
 
-_SETS_PER_PASS = 60  # by definition
-"""Sets of Gaussians rendered in one pass. More need more memory and give the same masks."""
+_OUTER = 0.05  # by definition
+"""Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
 
 
 @dataclass(frozen=True)
 class View:
-    """Rendered features of one photo's camera, in an undistorted frame that contains every pixel of the photo.
+    """Rendered features of one photo's `camera`, in an undistorted `frame`, [h, w], that contains the whole photo.
 
-    Attributes
-    ----------
-    camera : Camera
-    frame : PinholeCamera
-        The undistorted camera, of size [h, w].
-    features : array of shape [h, w, D], float32
-        Rendered features at unit length.
-    covered : bool array of shape [h, w]
-        Pixels inside of the photo of which Gaussians cover more than half.
-    within : bool array of shape [h, w]
-        Pixels inside of the photo.
+    `features`, [h, w, D], are at unit length. `within` are the pixels inside of the photo, and `covered` those of them
+    of which Gaussians cover more than half, [h, w] both.
     """
 
     camera: Camera
@@ -59,46 +47,35 @@ class View:
 
     def from_photo(self, mask: Mask) -> Mask:
         """Return a mask of the photo, at any resolution, in the frame."""
-        undistorted = undistort(mask.astype(np.uint8), self.camera, self.frame, interpolation="nearest")
-        return np.asarray(undistorted > 0) & self.within
+        return self.labels_from_photo(mask.astype(np.int32)) > 0
 
-    def labels_from_photo(self, labels: NDArray[np.int32]) -> NDArray[np.int32]:
+    def labels_from_photo(self, labels: Int32) -> Int32:
         """Return a label map of the photo, at any resolution, in the frame; 0 outside of the photo."""
-        undistorted = undistort(labels, self.camera, self.frame, interpolation="nearest")
-        return np.where(self.within, np.asarray(undistorted), 0).astype(np.int32)
+        return np.where(self.within, undistort(labels, self.camera, self.frame, interpolation="nearest"), np.int32(0))
 
     def to_photo(self, mask: Mask) -> Mask:
         """Return a mask of the frame in the photo at full resolution."""
-        distorted = distort(mask.astype(np.float32), self.frame, self.camera, interpolation="linear")
-        return np.asarray(distorted > THRESHOLD)
+        return np.asarray(distort(mask.astype(np.float32), self.frame, self.camera) > THRESHOLD)
 
 
+@dataclass
 class Views:
-    """Views of one scene, each rendered at its first use.
+    """Views of one scene, `render_side` pixels on the longer side, each rendered at its first use.
 
-    Parameters
-    ----------
-    scene : Scene
-    cameras : CameraSet
-    render_side : int
-        Longer side of the frames in pixels.
-
-    Raises
-    ------
-    ObjectError
-        When the scene has no features.
+    Raises `ObjectError` when the scene has no features.
     """
 
-    def __init__(self, scene: Scene, cameras: CameraSet, *, render_side: int) -> None:
-        if scene.gaussians.features is None:
+    scene: Scene
+    cameras: CameraSet
+    render_side: int
+    _views: dict[str, View] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.scene.gaussians.features is None:
             raise ObjectError(
                 "This scene was trained without segmentation features, so no object can be isolated. "
                 "Reconstruct it again with objects wanted."
             )
-        self.scene = scene
-        self.cameras = cameras
-        self.render_side = render_side
-        self._views: dict[str, View] = {}
 
     @property
     def directions(self) -> Float32:
@@ -123,8 +100,8 @@ class Views:
         if camera.photo not in self._views:
             frame = covering_pinhole(camera, max_side=self.render_side)
             rendered = self.scene.render(frame, channels=self.scene.gaussians.features)
-            small = np.ones((max(1, camera.height // 8), max(1, camera.width // 8)), np.uint8)
-            within = np.asarray(undistort(small, camera, frame, interpolation="nearest")) > 0
+            photo = np.ones((frame.height, frame.width), np.uint8)
+            within = np.asarray(undistort(photo, camera, frame, interpolation="nearest")) > 0
             covered = (rendered.alpha > THRESHOLD) & within
             self._views[camera.photo] = View(camera, frame, normalized(rendered.channels), covered, within)
         return self._views[camera.photo]
@@ -144,31 +121,33 @@ class Views:
 
     def visible_masks(self, view: View, members: Mask) -> Iterator[Mask]:
         """Yield for each of K sets of Gaussians, bool [K, N], where it makes up more than half of a pixel of `view`."""
-        for start in range(0, len(members), _SETS_PER_PASS):
-            weights = members[start : start + _SETS_PER_PASS].T.astype(np.float32)
+        for start in range(0, len(members), SETS_TOGETHER):
+            weights = members[start : start + SETS_TOGETHER].T.astype(np.float32)
             shares = self.scene.render(view.frame, channels=weights).channels
             yield from np.moveaxis((shares > THRESHOLD) & view.within[..., None], -1, 0)
 
     def extent(self, members: Mask) -> float:
-        """Return the longest side of a box around the members, bool [N], relative to `length_unit`; 0 for none.
-
-        The box leaves out a twentieth of them at each end.
-        """
+        """Return the longest side of the `inner_box` of the members, bool [N], in `length_unit`; 0 for none."""
         if not members.any():
             return 0.0
-        low, high = np.percentile(self.scene.gaussians.means[members], [5, 95], axis=0)
+        low, _, high = inner_box(self.scene.gaussians.means[members])
         return float((high - low).max() / self.length_unit)
 
-    def facing(self, point: NDArray[np.floating]) -> list[Camera]:
+    def facing(self, point: Floats) -> list[Camera]:
         """Return the cameras whose photo contains the world point [3]."""
         return [camera for camera in self.cameras.cameras if is_point_visible(camera, point)]
+
+
+def inner_box(means: Floats) -> Floats:
+    """Return low, middle and high corner, [3, 3], of n > 0 positions, [n, 3], without a twentieth at each end."""
+    return np.quantile(means, (_OUTER, 1 / 2, 1 - _OUTER), axis=0)
 
 
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """Return `count` cameras that differ most in position and direction; all of them when there are fewer.
 
-    The first is the most central camera. Each further one is the farthest from those selected before, with positions in
-    units of their spread and view directions as unit vectors.
+    The first is the most central one, and each further one the farthest from those before, with positions in units of
+    their spread and view directions as unit vectors.
     """
     if len(cameras) <= count:
         return list(cameras)
@@ -185,9 +164,9 @@ def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:
 
 def erode_mask(mask: Mask, pixels: int) -> Mask:
     """Return `mask` with up to `pixels` removed along its border: fewer where nothing would be left."""
-    kernel = np.ones((3, 3), np.uint8)
     for times in range(pixels, 0, -1):
-        smaller = cv2.erode(mask.astype(np.uint8), kernel, iterations=times, borderType=cv2.BORDER_REPLICATE) > 0
+        # Without a kernel, OpenCV takes the pixel and its 8 neighbours.
+        smaller = cv2.erode(mask.astype(np.uint8), None, iterations=times, borderType=cv2.BORDER_REPLICATE) > 0
         if smaller.any():
             return np.asarray(smaller)
     return mask

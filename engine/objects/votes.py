@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .arrays import Float32, Mask
 from .views import THRESHOLD, View, Views
 
 __all__ = ["BELOW_HALF", "THRESHOLD", "MaskEvidence", "Votes", "count_votes", "votes_of_known"]
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
 """Largest membership of a Gaussian that does not belong."""
@@ -20,23 +17,12 @@ BELOW_HALF = np.nextafter(np.float32(THRESHOLD), np.float32(0))  # by definition
 
 @dataclass(frozen=True)
 class MaskEvidence:
-    """A mask in one view that shows the object of a prompt, or something that is not part of it.
+    """A mask in one view that shows the object of a prompt, or, `excluded`, a thing that is not part of it.
 
-    Attributes
-    ----------
-    view : View
-    mask : bool array of shape [h, w]
-        In the frame of `view`. All other pixels of the photo show something else.
-    score : float
-        Confidence, 0 to 1: of the detector for a text, SAM's estimate of its IoU for a click or a box, 1 for a given
-        mask.
-    given : bool
-        The user drew the mask, so it shows the whole object.
-    excluded : bool
-        The mask shows a thing that is not part of the object.
-    members : bool array of shape [N], or None
-        The Gaussians of the object, where they are known. They vote for it instead of the pixels of the mask, and all
-        others against it but those that the mask shows.
+    The `mask`, [h, w], is in the frame of the `view`; all other pixels of the photo show something else. `score`, 0 to
+    1, is the detector's for a text, SAM's estimate of its IoU for a click or a box, and 1 for a mask that is `given`:
+    the user drew it, and it shows the whole object. Where the Gaussians of the object are known, `members`, [N], they
+    vote for it instead of the pixels of the mask, and all others against it but those that the mask shows.
     """
 
     view: View
@@ -56,14 +42,9 @@ class Votes:
 
 
 def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
-    """Return the votes of a mask; a pixel votes with the blending weights of its Gaussians.
+    """Return the votes of a mask: a pixel votes with the blending weights of its Gaussians.
 
-    Parameters
-    ----------
-    views : Views
-    item : MaskEvidence
-    pixels : array of shape [N], float32
-        Pixels with which each Gaussian votes where the members are known.
+    `pixels`, [N], are those with which each Gaussian votes where the members are known.
     """
     masks = np.dstack([item.mask, item.view.within & ~item.mask]).astype(np.float32)
     inside, outside = views.scene.votes(item.view.frame, masks).T
@@ -73,8 +54,5 @@ def count_votes(views: Views, item: MaskEvidence, pixels: Float32) -> Votes:
 
 
 def votes_of_known(members: Mask, pixels: Float32, *, undecided: Mask | bool = False) -> Votes:
-    """Return the votes of known members, bool [N]: against the object are all others but those `undecided`.
-
-    `pixels` are as in `count_votes`.
-    """
+    """Return the votes of known members, bool [N], with `pixels` each; all others but `undecided` vote against."""
     return Votes(members * pixels, ~(members | undecided) * pixels)

@@ -10,10 +10,12 @@ if TYPE_CHECKING:
     from .capture_facts import exif_facts
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
     from .loading import load_pixels, load_with_valid
+    from .pixels import MAX_PIXELS
     from .reading import file_listing, picture_files, read_photos
     from .video import extract_frames, is_video
 
 __all__ = [
+    "MAX_PIXELS",
     "PhotoStatistics",
     "exif_facts",
     "extract_frames",

@@ -26,6 +26,7 @@ from .exif import UPRIGHT_TRANSPOSES, focal_in_pixels, orientation_of, without_p
 from .structure import require_usual_structure
 
 __all__ = [
+    "MAX_PIXELS",
     "PhotoHeader",
     "can_read_heic",
     "open_photo",
@@ -43,10 +44,10 @@ _FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
 """Pillow's names of the formats that are read, with HEIC where it is installed. Pillow's other plug-ins are not tried:
 one of them starts another program."""
 # Protects against decompression bombs. The largest camera backs used in museums have fewer pixels.
-_MAX_PIXELS = 400_000_000
+MAX_PIXELS = 400_000_000
 _MAX_PIXELS_OF_FORMAT = {"WEBP": 30_000_000}
 """Formats whose decoder takes so much memory per pixel that fewer can be read safely."""
-# Pillow's own limit warns at 89 million pixels, which reproduction cameras exceed; `_MAX_PIXELS` replaces it.
+# Pillow's own limit warns at 89 million pixels, which reproduction cameras exceed; `MAX_PIXELS` replaces it.
 Image.MAX_IMAGE_PIXELS = None
 
 _BYTES_OF_MODE = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2, "I;16L": 2, "I;16N": 2}
@@ -169,9 +170,9 @@ def opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Ima
     with opened(path, advice="Check its permissions.") as stream, photo_errors(path), without_pillow_warnings():
         require_usual_structure(stream, path)
         image = Image.open(stream, formats=formats)
-        most = _MAX_PIXELS_OF_FORMAT.get(image.format or "", _MAX_PIXELS)
+        most = _MAX_PIXELS_OF_FORMAT.get(image.format or "", MAX_PIXELS)
         if image.width * image.height > most:
-            advice = "Reduce its size." if most == _MAX_PIXELS else f"Save it in another format than {image.format}."
+            advice = "Reduce its size." if most == MAX_PIXELS else f"Save it in another format than {image.format}."
             raise PhotoError(
                 f"{visible(path.name)} has {image.width} x {image.height} pixels, and at most "
                 f"{most // 1_000_000} million pixels can be read safely. {advice}"

@@ -12,13 +12,15 @@ from ..files import atomic_write
 __all__ = ["write_png"]
 
 
-def write_png(path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16], *, description: str = "") -> None:
+def write_png(
+    path: Path, picture: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.bool_], *, description: str = ""
+) -> None:
     """Write a picture atomically as a PNG file.
 
     Parameters
     ----------
     path : Path
-    picture : array of shape [H, W] or [H, W, 3], uint8, or [H, W], uint16
+    picture : array of shape [H, W] or [H, W, 3], uint8, or [H, W], uint16 or bool (white where it is True)
     description : str
         Text stored under the key ``Description`` in the file.
 

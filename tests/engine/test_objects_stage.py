@@ -130,7 +130,7 @@ def test_run_killed_before_a_damaged_object_was_isolated_again_is_continued(
     def killed(*_: object, **__: object) -> ObjectRecord:
         raise KeyboardInterrupt
 
-    for place in (trash, "engine.objects.curation.segment_prompt"):
+    for place in (trash, "engine.objects.segmenter.find_objects"):
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             if isinstance(place, str):
                 patch.setattr(place, killed)

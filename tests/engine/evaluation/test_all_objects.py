@@ -12,7 +12,7 @@ from engine.evaluation.results import Evaluation
 from engine.evaluation.summary import summarise
 from engine.evaluation.table import markdown
 from engine.masks.storage import label_map_path, write_label_map
-from engine.objects.everything import DetectedObject
+from engine.objects.lifting import FoundObject, Levels
 from tests.engine.evaluation.blob_truth import NAMES, write_truth
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
 
@@ -21,9 +21,11 @@ def search_returns(monkeypatch: pytest.MonkeyPatch, *members: np.ndarray) -> lis
     """Let a search for all objects return these Gaussians; the list tells with which settings it was asked."""
     asked: list[Any] = []
 
-    def search(context: Any, settings: Any, **others: Any) -> list[DetectedObject]:
-        asked.append(settings)
-        return [DetectedObject(each.astype(np.float32), f"thing {k}", 0.8) for k, each in enumerate(members)]
+    def search(context: Any) -> list[FoundObject]:
+        asked.append(context.settings)
+        return [
+            FoundObject(Levels((each.astype(np.float32),)), 0.8, name=f"thing {k}") for k, each in enumerate(members)
+        ]
 
     monkeypatch.setattr("engine.evaluation.trained_scene.find_everything", search)
     return asked

@@ -17,6 +17,7 @@ from engine.evaluation.results import Evaluation
 from engine.evaluation.summary import n_ranked_first, summarise
 from engine.evaluation.table import markdown
 from engine.events import never_stop
+from engine.objects.lifting import Levels
 from engine.objects.photos import Photos
 from engine.objects.segment import find_objects
 from tests.engine.evaluation.blob_truth import write_truth
@@ -56,7 +57,7 @@ def first_is(part: int, blobs: BlobScene) -> Callable[..., Any]:
 
     def search(*arguments: Any, **others: Any) -> Any:
         found = find_objects(*arguments, **others)
-        wrong = replace(found[0], membership=(blobs.part == part).astype(np.float32), score=0.9)
+        wrong = replace(found[0], levels=Levels(((blobs.part == part).astype(np.float32),)), score=0.9)
         return [wrong, *found]
 
     return search

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from engine.events import ignore_events, never_stop
 from engine.gaussians.storage import save_gaussians
 from engine.masks.sam import Embedding
 from engine.masks.storage import label_map_path, write_label_map
+from engine.objects.segmenter import Segmenter
+from engine.objects.settings import SegmentSettings
 from engine.project_folder import ProjectFolder
 from engine.scene.camera_storage import write_camera_set
 from tests.engine.pictures.blob_scene import PART_NAMES, BlobScene
@@ -133,3 +137,14 @@ def trained_project(scene: BlobScene, folder: Path, *, features: bool = True, se
     for photo, labels in scene.labels.items() if segments else ():
         write_label_map(label_map_path(project.path / "masks", photo), labels)
     return project
+
+
+def segmenter_of(project: ProjectFolder, scene: BlobScene, settings: SegmentSettings, **given: Any) -> Segmenter:
+    """Return a segmenter with the fakes of a scene, or the models and functions that are `given`."""
+    usual = {
+        "detector_factory": lambda: FakeDetector(scene),
+        "sam_factory": lambda: FakeSam(scene),
+        "emit": ignore_events,
+        "should_stop": never_stop,
+    }
+    return Segmenter(project, settings, **{**usual, **given})

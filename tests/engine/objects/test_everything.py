@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from engine.errors import Cancelled
-from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.context import SegmentationContext, load_context
-from engine.objects.everything import DetectedObject, find_everything, segment_everything_in
+from engine.events import Event, Progress
+from engine.objects.context import SegmentationContext
+from engine.objects.lifting import FoundObject
+from engine.objects.segment import find_everything
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_membership, save_object
 from engine.project_folder import ProjectFolder
 from engine.records import ObjectRecord
 from engine.scene.polished import load_polished
-from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.objects.fakes import FakeDetector, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene
 
 SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
@@ -23,12 +24,11 @@ SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 
 def look(blobs: BlobScene, folder: Path) -> tuple[ProjectFolder, SegmentationContext]:
     project = trained_project(blobs, folder)
-    return project, load_context(project, SMALL, lambda: FakeSam(blobs))
+    return project, segmenter_of(project, blobs, SMALL).context
 
 
-def everything(blobs: BlobScene, context: SegmentationContext, **given: object) -> list[DetectedObject]:
-    arguments = {"emit": ignore_events, "should_stop": never_stop, **given}
-    return find_everything(context, SMALL, detector_factory=lambda: FakeDetector(blobs), **arguments)  # type: ignore[arg-type]
+def everything(context: SegmentationContext, **given: object) -> list[FoundObject]:
+    return find_everything(replace(context, **given))
 
 
 def overlap(members: np.ndarray, truth: np.ndarray) -> float:
@@ -38,7 +38,7 @@ def overlap(members: np.ndarray, truth: np.ndarray) -> float:
 def test_every_object_is_found_once_and_the_floor_is_not(blobs: BlobScene, tmp_path: Path) -> None:
     _, context = look(blobs, tmp_path)
     events: list[Event] = []
-    found = everything(blobs, context, emit=events.append)
+    found = everything(context, emit=events.append)
     assert len(found) == 3
     for part, name in ((RED, "red ball"), (TWIN, "red ball"), (BLUE, "blue ball")):
         best = max(found, key=lambda one: overlap(one.members, blobs.part == part))
@@ -55,7 +55,7 @@ def test_parts_that_the_segments_show_as_one_are_one_object(blobs: BlobScene, tm
     features[left] = np.roll(features[left], 1, axis=1)
     scene = replace(blobs, gaussians=replace(blobs.gaussians, features=features))
     _, context = look(scene, tmp_path)
-    found = everything(scene, context)
+    found = everything(context)
     assert max(overlap(one.members, scene.part == BLUE) for one in found) > 0.9
     assert len(found) == 3
 
@@ -67,14 +67,8 @@ def test_unsure_names_are_numbers_and_the_background_is_the_rest(blobs: BlobScen
         def name_descriptions(self, described):  # type: ignore[no-untyped-def]
             return [(word, 0.1 * score) for word, score in super().name_descriptions(described)]
 
-    models = {"detector_factory": lambda: Unsure(blobs), "sam_factory": lambda: FakeSam(blobs)}
-    made, kept, background = segment_everything_in(
-        project,
-        SMALL,
-        **models,
-        emit=ignore_events,
-        should_stop=never_stop,  # type: ignore[arg-type]
-    )
+    unsure = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs))
+    made, kept, background = unsure.segment_everything()
     assert sorted(record.name for record in made) == ["object 1", "object 2", "object 3"] and not kept
     assert all(record.prompt == {"kind": "all"} and record.score == 0.0 for record in made)
     assert background.id == "background"
@@ -90,14 +84,7 @@ def test_existing_objects_are_kept_and_not_stored_twice(blobs: BlobScene, tmp_pa
     project, _ = look(blobs, tmp_path)
     mine = ObjectRecord("kugel", "Kugel", {"kind": "click"}, 0.5, 0.9, 0.9, 150, len(blobs.gaussians))
     save_object(project.path, mine, (blobs.part == BLUE).astype(np.float32))
-    models = {"detector_factory": lambda: FakeDetector(blobs), "sam_factory": lambda: FakeSam(blobs)}
-    made, kept, _ = segment_everything_in(
-        project,
-        SMALL,
-        **models,
-        emit=ignore_events,
-        should_stop=never_stop,  # type: ignore[arg-type]
-    )
+    made, kept, _ = segmenter_of(project, blobs, SMALL).segment_everything()
     assert kept == ["kugel"] and [record.name for record in made] == ["red ball", "red ball-2"]
     assert sorted(record.id for record in list_objects(project.path)) == [
         "background", "kugel", "red-ball", "red-ball-2"
@@ -107,5 +94,5 @@ def test_existing_objects_are_kept_and_not_stored_twice(blobs: BlobScene, tmp_pa
 def test_stopping_stores_nothing(blobs: BlobScene, tmp_path: Path) -> None:
     project, context = look(blobs, tmp_path)
     with pytest.raises(Cancelled):
-        everything(blobs, context, should_stop=lambda: True)
+        everything(context, should_stop=lambda: True)
     assert list_objects(project.path) == []

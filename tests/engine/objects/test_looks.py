@@ -2,14 +2,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from engine.errors import Cancelled
-from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.graph import SceneGraph, load_or_build_graph
-from engine.objects.looks import Looks, build_looks, load_or_build_looks
+from engine.events import Event, Progress
+from engine.objects.context import SegmentationContext
+from engine.objects.looks import build_looks, load_or_build_looks
 from engine.objects.photos import Photos
 from engine.objects.settings import BETTER
 from engine.objects.views import Views
@@ -18,7 +19,6 @@ from tests.engine.objects.fakes import FakeDetector, FakeSam
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 SETTINGS = replace(BETTER, photo_side=160, render_side=160)
-GIVEN = {"emit": ignore_events, "should_stop": never_stop}
 
 
 class CountingDetector(FakeDetector):
@@ -41,19 +41,14 @@ class BoxDetector(FakeDetector):
         return []
 
 
-def scene_of(scene: BlobScene) -> tuple[Views, SceneGraph]:
-    views = Views(Scene(scene.gaussians), scene.cameras, render_side=160)
-    return views, load_or_build_graph(None, views, scene.labels, n_views=24, should_stop=never_stop)
-
-
 @pytest.fixture
 def photos(blobs: BlobScene, tmp_path: Path) -> Photos:
     return Photos(blobs.write_photos(tmp_path / "photos"), 160, lambda: FakeSam(blobs))
 
 
-def made(blobs: BlobScene, photos: Photos, detector: FakeDetector) -> tuple[Looks, Views]:
-    views, graph = scene_of(blobs)
-    return build_looks(views, graph, photos, detector, SETTINGS, **GIVEN), views  # type: ignore[arg-type]
+def context_of(scene: BlobScene, photos: Photos, detector: FakeDetector, **given: Any) -> SegmentationContext:
+    views = Views(Scene(scene.gaussians), scene.cameras, render_side=160)
+    return SegmentationContext(views, photos, scene.labels, SETTINGS, lambda: detector, **given)  # type: ignore[arg-type, return-value]
 
 
 def iou(one: np.ndarray, other: np.ndarray) -> float:
@@ -64,41 +59,39 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 def test_each_object_is_a_proposal_and_a_text_chooses_those_that_look_like_it(
     kind: type[FakeDetector], blobs: BlobScene, photos: Photos
 ) -> None:
-    detector = kind(blobs)
-    looks, views = made(blobs, photos, detector)
+    context = context_of(blobs, photos, kind(blobs))
+    looks = build_looks(context)
     best = {part: int(np.argmax([iou(one, blobs.part == part) for one in looks.members])) for part in (RED, TWIN, BLUE)}
     assert all(iou(looks.members[k], blobs.part == part) > 0.9 for part, k in best.items())
     assert len(set(best.values())) == 3
     for text, parts in (("blue ball", {BLUE}), ("red ball", {RED, TWIN})):
-        scores = looks.scores(text, detector, views, photos, 8)
+        scores = looks.scores(text, context)
         assert {part for part, k in best.items() if scores[k] >= 0.5} == parts
-    assert looks.scores("ghost", detector, views, photos, 8).max() < 0.5
+    assert looks.scores("ghost", context).max() < 0.5
 
 
 def test_a_certain_object_is_not_every_word(blobs: BlobScene, photos: Photos) -> None:
-    detector = FakeDetector(blobs)
-    looks, views = made(blobs, photos, detector)
+    context = context_of(blobs, photos, FakeDetector(blobs))
+    looks = build_looks(context)
     certain = replace(looks, probability=np.ones_like(looks.probability))
-    assert certain.scores("ghost", detector, views, photos, 8).max() < 0.5
+    assert certain.scores("ghost", context).max() < 0.5
 
 
 def test_evidence_of_a_proposal_is_what_it_consists_of_and_where_a_photo_shows_it(
     blobs: BlobScene, photos: Photos
 ) -> None:
-    looks, views = made(blobs, photos, FakeDetector(blobs))
+    context = context_of(blobs, photos, FakeDetector(blobs))
+    looks = build_looks(context)
     number = int(np.argmax([iou(one, blobs.part == BLUE) for one in looks.members]))
-    item = looks.evidence(number, 0.7, views)
+    item = looks.evidence(number, 0.7, context)
     assert item.score == 0.7 and item.members is not None
     np.testing.assert_array_equal(item.members, looks.members[number])
     assert iou(item.view.to_photo(item.mask), blobs.labels[item.view.camera.photo] == BLUE) > 0.8
 
 
 def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photos, tmp_path: Path) -> None:
-    file, detector = tmp_path / "groups" / "looks.npz", CountingDetector(blobs)
-    first, again = (
-        load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
-        for _ in range(2)
-    )
+    detector, folder = CountingDetector(blobs), tmp_path / "groups"
+    first, again = (load_or_build_looks(context_of(blobs, photos, detector, folder=folder)) for _ in range(2))
     assert detector.n_shown == len(first.proposal) > 0
     assert again.photo == first.photo
     for name in ("members", "probability", "like", "proposal", "box"):
@@ -112,13 +105,13 @@ def test_looks_that_name_what_does_not_exist_are_made_again(
     name: str, value: object, blobs: BlobScene, photos: Photos, tmp_path: Path
 ) -> None:
     file, detector = tmp_path / "looks.npz", CountingDetector(blobs)
-    load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    load_or_build_looks(context_of(blobs, photos, detector, folder=tmp_path))
     shown = detector.n_shown
     with np.load(file) as stored:
         arrays = dict(stored)
     arrays[name] = np.concatenate([np.array([value], arrays[name].dtype), arrays[name][1:]])
     np.savez_compressed(file, **arrays)
-    load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    load_or_build_looks(context_of(blobs, photos, detector, folder=tmp_path))
     assert detector.n_shown == 2 * shown
 
 
@@ -127,23 +120,22 @@ def test_damaged_or_outdated_looks_are_made_again(
     damage: str, blobs: BlobScene, photos: Photos, tmp_path: Path
 ) -> None:
     file, detector = tmp_path / "looks.npz", CountingDetector(blobs)
-    load_or_build_looks(file, *scene_of(blobs), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    load_or_build_looks(context_of(blobs, photos, detector, folder=tmp_path))
     shown, scene = detector.n_shown, blobs
     if damage == "cut short":
         file.write_bytes(file.read_bytes()[:-200])
     else:
         moved = replace(blobs.gaussians, means=blobs.gaussians.means + np.float32(1e-3))
         scene = replace(blobs, gaussians=moved)
-    load_or_build_looks(file, *scene_of(scene), photos, detector, SETTINGS, **GIVEN)  # type: ignore[arg-type]
+    load_or_build_looks(context_of(scene, photos, detector, folder=tmp_path))
     assert detector.n_shown > shown
 
 
 def test_making_looks_can_be_stopped_and_reports_progress(blobs: BlobScene, photos: Photos) -> None:
-    views, graph = scene_of(blobs)
     detector = FakeDetector(blobs)
     with pytest.raises(Cancelled, match="no object was stored"):
-        build_looks(views, graph, photos, detector, SETTINGS, emit=ignore_events, should_stop=lambda: True)
+        build_looks(context_of(blobs, photos, detector, should_stop=lambda: True))
     events: list[Event] = []
-    build_looks(views, graph, photos, detector, SETTINGS, emit=events.append, should_stop=never_stop)
+    build_looks(context_of(blobs, photos, detector, emit=events.append))
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0

@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.events import Event, Progress, Warned, ignore_events, never_stop
-from engine.objects.context import load_context
-from engine.objects.everything import find_everything
+from engine.events import Event, Progress, Warned
 from engine.objects.prompts import ClickPrompt, TextPrompt
-from engine.objects.segment import find_objects
+from engine.objects.segment import find_everything, find_objects
 from engine.objects.settings import BETTER
 from engine.rasterizer import PROCESSOR, Device
 from engine.rasterizer.gpu import Gpu
-from tests.engine.objects.fakes import FakeDetector, FakeSam, trained_project
+from tests.engine.objects.fakes import segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, BlobScene
 
 SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
@@ -35,23 +33,17 @@ def assert_same_object(found: np.ndarray, expected: np.ndarray) -> None:
 
 @pytest.mark.parametrize("prompt", ["click", "text", "all"])
 def test_objects_are_those_of_the_processor(prompt: str, card: Gpu, blobs: BlobScene, tmp_path: Path) -> None:
-    given = {
-        "detector_factory": lambda: FakeDetector(blobs),
-        "emit": ignore_events,
-        "should_stop": never_stop,
-    }
     found = []
     for device in (CARD, PROCESSOR):
         project = trained_project(blobs, tmp_path / device.name)
-        context = load_context(project, SMALL, lambda: FakeSam(blobs), device=device)
+        context = segmenter_of(project, blobs, SMALL, device=device).context
         assert context.views.scene.backend == device.backend
         if prompt == "all":
-            everything = find_everything(context, SMALL, **given)  # type: ignore[arg-type]
-            found.append([one.members for one in everything])
+            found.append([one.members for one in find_everything(context)])
             continue
         click = ClickPrompt("view_1.png", *blobs.center_of(BLUE, "view_1.png"))
         asked = click if prompt == "click" else TextPrompt("red ball")
-        objects = find_objects(context, asked, SMALL, **given)  # type: ignore[arg-type]
+        objects = find_objects(context, asked)
         found.append([one.membership >= 0.5 for one in objects])
         for one in objects:
             found[-1] += [level >= 0.5 for level in one.levels.memberships]
@@ -65,7 +57,7 @@ def test_events_tell_the_device_and_that_the_processor_replaces_it(
 ) -> None:
     project, events = trained_project(blobs, tmp_path), list[Event]()
     monkeypatch.setattr("engine.rasterizer.gpu.workspace.free_memory", lambda: 10_000)
-    context = load_context(project, SMALL, lambda: FakeSam(blobs), device=CARD, emit=events.append)
+    context = segmenter_of(project, blobs, SMALL, device=CARD, emit=events.append).context
     context.views.of(context.views.cameras.cameras[0])
     told, warned = events
     assert isinstance(told, Progress) and told.message == "rendering on card"

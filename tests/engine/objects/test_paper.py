@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from engine.objects.connected import connected_parts
+from engine.objects.evidence import connected_parts
 from engine.objects.paper import calibrated, inside_hull, mean_direction, within_quartiles
 
 
@@ -24,9 +24,9 @@ def test_mean_direction_ignores_a_fringe_of_other_features() -> None:
     fringe = np.eye(16)[1] + 0.05 * rng.normal(size=(60, 16))
     features = np.concatenate([mine, fringe]).astype(np.float32)
     features /= np.linalg.norm(features, axis=1, keepdims=True)
-    direction = mean_direction(features)
+    direction = mean_direction(features, 0.7)
     assert direction is not None and direction[0] > 0.99
-    assert mean_direction(features[:0]) is None
+    assert mean_direction(features[:0], 0.7) is None
 
 
 def test_part_outside_of_the_evidence_mask_is_left_out() -> None:

@@ -1,26 +1,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from engine.errors import Cancelled
-from engine.events import Event, Progress, ignore_events, never_stop
-from engine.objects.graph import SceneGraph, build_graph
+from engine.events import Event, Progress
+from engine.objects.context import SegmentationContext
 from engine.objects.proposals import LEAST_PROBABILITY, Proposals, apart, find_proposals
+from engine.objects.settings import BETTER
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 
-def scene_of(scene: BlobScene) -> tuple[Views, SceneGraph]:
+def context_of(scene: BlobScene, **given: Any) -> SegmentationContext:
+    """A context without photos and detector, which no proposal needs."""
     views = Views(Scene(scene.gaussians), scene.cameras, render_side=160)
-    return views, build_graph(views, scene.labels, n_views=24, should_stop=never_stop)
+    nothing: Any = None
+    return SegmentationContext(views, nothing, scene.labels, BETTER, nothing, **given)
 
 
 def proposals_of(scene: BlobScene) -> Proposals:
-    return find_proposals(*scene_of(scene), 0.6, emit=ignore_events, should_stop=never_stop)
+    return find_proposals(context_of(scene))
 
 
 def iou(one: np.ndarray, other: np.ndarray) -> float:
@@ -67,22 +71,22 @@ def test_the_whole_scene_is_no_proposal(blobs: BlobScene) -> None:
 
 @pytest.mark.parametrize("factor", [0.002, 50.0])
 def test_what_is_far_smaller_or_larger_than_a_usual_object_is_no_proposal(factor: float, blobs: BlobScene) -> None:
-    views, graph = scene_of(blobs)
+    context = context_of(blobs)
 
     class FarOrNear(Views):
         def extent(self, members: np.ndarray) -> float:
             return factor * super().extent(members)
 
-    scaled = FarOrNear(views.scene, views.cameras, render_side=160)
-    found = find_proposals(scaled, graph, 0.6, emit=ignore_events, should_stop=never_stop)
+    scaled = FarOrNear(context.views.scene, context.views.cameras, render_side=160)
+    found = find_proposals(replace(context, views=scaled))
     assert len(found.members) == 0
 
 
 def test_looking_for_proposals_can_be_stopped_and_reports_progress(blobs: BlobScene) -> None:
     with pytest.raises(Cancelled, match="no object was stored"):
-        find_proposals(*scene_of(blobs), 0.6, emit=ignore_events, should_stop=lambda: True)
+        find_proposals(context_of(blobs, should_stop=lambda: True))
     events: list[Event] = []
-    find_proposals(*scene_of(blobs), 0.6, emit=events.append, should_stop=never_stop)
+    find_proposals(context_of(blobs, emit=events.append))
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
 

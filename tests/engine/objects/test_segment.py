@@ -11,17 +11,17 @@ from PIL import Image
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.context import SegmentationContext
-from engine.objects.found import FoundObject, NoMatchError
+from engine.objects.lifting import FoundObject
 from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
-from engine.objects.segment import find_objects, segment_project
+from engine.objects.segment import NoMatchError, find_objects
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
 from engine.objects.views import Views
 from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
 from engine.scene.polished import load_polished
-from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
+from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, make_scene
 
 SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
@@ -44,13 +44,10 @@ def find(blobs: BlobScene, tmp_path: Path) -> Callable[..., list[FoundObject]]:
             Views(Scene(scene.gaussians), scene.cameras, render_side=settings.render_side),
             Photos(scene.write_photos(tmp_path / "photos"), settings.photo_side, sam_factory),  # type: ignore[arg-type]
             given.pop("label_maps", {}),  # type: ignore[arg-type]
+            settings,
+            **{"detector_factory": lambda: FakeDetector(scene), **given},  # type: ignore[arg-type]
         )
-        arguments: dict[str, object] = {
-            "detector_factory": lambda: FakeDetector(scene),
-            "emit": ignore_events,
-            "should_stop": never_stop,
-        }
-        return find_objects(context, prompt, settings, **{**arguments, **given})  # type: ignore[arg-type]
+        return find_objects(context, prompt)
 
     return ask
 
@@ -200,11 +197,10 @@ def test_second_word_needs_no_further_crops(blobs: BlobScene, tmp_path: Path) ->
             return super().describe_crops(pixels, boxes, masks)
 
     project, counting = trained_project(blobs, tmp_path), Counting(blobs)
-    models = {"detector_factory": lambda: counting, "sam_factory": not_needed}
-    given = {"emit": ignore_events, "should_stop": never_stop, **models}
-    segment_project(project, TextPrompt("blue ball"), "blue", SMALL_BETTER, **given)  # type: ignore[arg-type]
+    given = {"detector_factory": lambda: counting, "sam_factory": not_needed}
+    segmenter_of(project, blobs, SMALL_BETTER, **given).segment(TextPrompt("blue ball"), "blue")
     asked = counting.asked
-    segment_project(project, TextPrompt("red ball"), "red", SMALL_BETTER, **given)  # type: ignore[arg-type]
+    segmenter_of(project, blobs, SMALL_BETTER, **given).segment(TextPrompt("red ball"), "red")
     assert counting.asked == asked > 0
 
 
@@ -309,16 +305,7 @@ def test_stopping_while_the_second_object_is_polished_stores_neither(blobs: Blob
 
 
 def segment(project, prompt, name, scene, *, settings=SMALL, emit=ignore_events, should_stop=never_stop):  # type: ignore[no-untyped-def]
-    return segment_project(
-        project,
-        prompt,
-        name,
-        settings,
-        detector_factory=lambda: FakeDetector(scene),
-        sam_factory=lambda: FakeSam(scene),
-        emit=emit,
-        should_stop=should_stop,
-    )
+    return segmenter_of(project, scene, settings, emit=emit, should_stop=should_stop).segment(prompt, name)
 
 
 def test_each_match_is_stored_under_its_own_name(blobs: BlobScene, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from engine.errors import PromptError
 from engine.objects.spatial import Extent, SpatialText, choose, parse_spatial, showing_camera
+from engine.objects.views import inner_box
 from engine.scene import PinholeCamera
 from tests.engine.pictures.blob_scene import BlobScene
 
@@ -19,7 +20,7 @@ BACK = PinholeCamera(
 
 def box(x: float, z: float, size: float = 1.0, y: float = 0.0) -> Extent:
     center = np.array([x, y, z])
-    return Extent(center - size / 2, center + size / 2, center)
+    return Extent(center - size / 2, center, center + size / 2)
 
 
 @pytest.mark.parametrize(
@@ -86,12 +87,12 @@ def test_an_object_is_not_next_to_itself() -> None:
 
 def test_far_gaussians_do_not_change_an_extent() -> None:
     means = np.random.default_rng(0).uniform(-1, 1, (500, 3))
-    extent = Extent.of(np.vstack([means, np.full((5, 3), 1000.0)]))
+    extent = Extent(*inner_box(np.vstack([means, np.full((5, 3), 1000.0)])))
     assert (np.abs([extent.low, extent.high]) <= 1).all()
 
 
 def test_the_photo_that_shows_most_is_asked(blobs: BlobScene) -> None:
-    extents = [Extent.of(blobs.gaussians.means[blobs.part == part]) for part in (1, 2)]
+    extents = [Extent(*inner_box(blobs.gaussians.means[blobs.part == part])) for part in (1, 2)]
     assert showing_camera(blobs.cameras.cameras, extents) in blobs.cameras.cameras
     with pytest.raises(PromptError, match="no photo"):
         showing_camera([], extents)

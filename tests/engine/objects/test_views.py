@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from engine.errors import SettingsError
-from engine.objects.settings import DEFAULT_PRESET, PAPER, PRESETS, PaperSettings, SegmentSettings
+from engine.objects.settings import DEFAULT_PRESET, PAPER, PRESETS, SegmentSettings
 from engine.objects.views import Views, erode_mask, spread_cameras
 from engine.pictures.scene import Scene
 from tests.engine.pictures.blob_scene import BlobScene
@@ -33,7 +33,7 @@ def test_settings_out_of_bounds_are_refused() -> None:
             SegmentSettings(**{field: value})  # type: ignore[arg-type]
     for field, value in (("cosine", 1.0), ("outlier_iqr", 0.0), ("photo_side", 2)):
         with pytest.raises(SettingsError, match=f"PaperSettings.{field}"):
-            PaperSettings(**{field: value})  # type: ignore[arg-type]
+            replace(PAPER, **{field: value})  # type: ignore[arg-type]
 
 
 def test_unit_of_lengths_is_that_of_the_cameras_unless_all_stand_close_together(blobs: BlobScene) -> None:

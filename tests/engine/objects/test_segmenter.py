@@ -11,26 +11,16 @@ import pytest
 from PIL import Image
 
 from engine.errors import FormatError, ObjectError, PromptError
-from engine.events import Event, Warned, ignore_events, never_stop
+from engine.events import Event, Warned
 from engine.gaussians.storage import save_gaussians
 from engine.objects.candidate_file import CANDIDATES, load_candidate
-from engine.objects.context import load_context
-from engine.objects.curation import (
-    accept_candidate,
-    choose_level,
-    refine_object,
-    segment_each_text,
-    segment_texts,
-    store_background,
-)
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
-from engine.objects.segment import segment_project
 from engine.objects.settings import BETTER
 from engine.objects.storage import list_objects, load_levels, load_membership
 from engine.objects.trash import list_trash, restore_object
 from engine.project_folder import ProjectFolder
 from engine.scene.polished import load_polished
-from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, trained_project
+from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
 SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
@@ -39,14 +29,6 @@ SMALL = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
 @pytest.fixture
 def project(blobs: BlobScene, tmp_path: Path) -> ProjectFolder:
     return trained_project(blobs, tmp_path)
-
-
-def models(scene: BlobScene, detector: FakeDetector | None = None, sam: FakeSam | None = None) -> dict[str, object]:
-    return {
-        "detector_factory": lambda: detector or FakeDetector(scene),
-        "sam_factory": lambda: sam or FakeSam(scene),
-        "should_stop": never_stop,
-    }
 
 
 def point(scene: BlobScene, part: int, photo: str) -> Point:
@@ -65,7 +47,7 @@ def test_several_texts_are_reported_one_by_one(blobs: BlobScene, project: Projec
     events: list[Event] = []
     texts = parse_texts("blue ball; ghost;astrolabe;blue ball")
     assert texts == ["blue ball", "ghost", "astrolabe"]
-    records, refused = segment_texts(project, texts, None, SMALL, **models(blobs), emit=events.append)  # type: ignore[arg-type]
+    records, refused = segmenter_of(project, blobs, SMALL, emit=events.append).segment_texts(texts, None)
     assert [record.name for record in records] == ["blue ball"] and list(refused) == ["ghost", "astrolabe"]
     assert "not known" in refused["astrolabe"] and "was not found" in refused["ghost"]
     assert [event.message for event in events if isinstance(event, Warned)] == list(refused.values())
@@ -76,16 +58,8 @@ def test_several_texts_are_reported_one_by_one(blobs: BlobScene, project: Projec
 def test_texts_are_stored_one_after_the_other_and_those_found_before_are_skipped(
     blobs: BlobScene, project: ProjectFolder
 ) -> None:
-    sequence = segment_each_text(
-        project,
-        load_context(project, SMALL, lambda: FakeSam(blobs)),
-        {"red ball": "red", "ghost": "ghost", "blue ball": "blue"},
-        SMALL,
-        detector_factory=lambda: FakeDetector(blobs),
-        emit=ignore_events,
-        should_stop=never_stop,
-        skip={"red ball"},
-    )
+    names = {"red ball": "red", "ghost": "ghost", "blue ball": "blue"}
+    sequence = segmenter_of(project, blobs, SMALL).segment_each_text(names, skip={"red ball"})
     first = next(sequence)
     assert first.text == "ghost" and first.records == () and "was not found" in first.refusal
     assert list_objects(project.path) == []
@@ -98,7 +72,7 @@ def test_texts_are_stored_one_after_the_other_and_those_found_before_are_skipped
 
 def test_text_that_finds_nothing_stores_only_the_reason(blobs: BlobScene, project: ProjectFolder) -> None:
     with pytest.raises(PromptError, match="'ghost' was not found"):
-        segment_texts(project, ["ghost"], None, SMALL, **models(blobs), emit=ignore_events)  # type: ignore[arg-type]
+        segmenter_of(project, blobs, SMALL).segment_texts(["ghost"], None)
     assert list_objects(project.path) == []
     known = json.loads((project.path / CANDIDATES).read_text(encoding="utf-8"))
     assert [entry["text"] for entry in known["refused"]] == ["ghost"] and known["candidates"] == []
@@ -113,14 +87,7 @@ class Unsure(FakeDetector):
 
 def refuse(blobs: BlobScene, project: ProjectFolder) -> list[dict[str, object]]:
     with pytest.raises(PromptError, match="looks enough like"):
-        segment_texts(
-            project,
-            ["red ball"],
-            None,
-            SMALL,
-            **models(blobs, Unsure(blobs)),
-            emit=ignore_events,  # type: ignore[arg-type]
-        )
+        segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs)).segment_texts(["red ball"], None)
     candidates: list[dict[str, object]] = json.loads((project.path / CANDIDATES).read_text())["candidates"]
     return candidates
 
@@ -143,14 +110,8 @@ def test_refused_text_leaves_ranked_candidates_to_click_on(blobs: BlobScene, pro
 
 def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: ProjectFolder) -> None:
     refuse(blobs, project)
-    (record,) = accept_candidate(
-        project,
-        2,
-        None,
-        SMALL,
-        **models(blobs, Unsure(blobs)),
-        emit=ignore_events,  # type: ignore[arg-type]
-    )
+    unsure = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Unsure(blobs))
+    (record,) = unsure.accept_candidate(2, None)
     assert record.name == "red ball" and record.prompt["accepted"] is True
     assert max(overlap(members(project, record.id), blobs.part == part) for part in (RED, TWIN)) > 0.95
     with pytest.raises(PromptError, match=r"no candidate 7\. Known: 1 \(red ball\), 2 \(red ball\)"):
@@ -159,7 +120,7 @@ def test_accepted_candidate_becomes_an_object(blobs: BlobScene, project: Project
 
 def test_candidates_are_those_of_the_last_texts(blobs: BlobScene, project: ProjectFolder) -> None:
     refuse(blobs, project)
-    segment_texts(project, ["blue ball"], None, SMALL, **models(blobs), emit=ignore_events)  # type: ignore[arg-type]
+    segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], None)
     with pytest.raises(PromptError, match="no candidates to accept"):
         load_candidate(project.path, 1)
     (project.path / CANDIDATES).write_text("{")
@@ -168,7 +129,7 @@ def test_candidates_are_those_of_the_last_texts(blobs: BlobScene, project: Proje
 
 
 def isolate(blobs: BlobScene, project: ProjectFolder, prompt, name: str = "ball", sam: FakeSam | None = None):  # type: ignore[no-untyped-def]
-    (record,) = segment_project(project, prompt, name, SMALL, **models(blobs, sam=sam), emit=ignore_events)  # type: ignore[arg-type]
+    (record,) = segmenter_of(project, blobs, SMALL, sam_factory=lambda: sam or FakeSam(blobs)).segment(prompt, name)
     return record
 
 
@@ -207,11 +168,10 @@ def test_box_and_mask_take_negative_clicks_too(blobs: BlobScene, project: Projec
 
 def test_object_is_corrected_in_place(blobs: BlobScene, project: ProjectFolder) -> None:
     before = isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")))
-    arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
     added = point(blobs, BLUE, "view_5.png")
-    more = refine_object(project, "ball", [added], [], SMALL, **arguments)  # type: ignore[arg-type]
+    more = segmenter_of(project, blobs, SMALL).refine("ball", [added], [])
     assert overlap(members(project, "ball"), np.isin(blobs.part, [RED, BLUE])) > 0.9
-    less = refine_object(project, "ball", [], [point(blobs, RED, "view_6.png")], SMALL, **arguments)  # type: ignore[arg-type]
+    less = segmenter_of(project, blobs, SMALL).refine("ball", [], [point(blobs, RED, "view_6.png")])
     assert overlap(members(project, "ball"), blobs.part == BLUE) > 0.9
     polished = load_polished(project.path, "ball")
     assert polished is not None
@@ -233,13 +193,12 @@ def _place(blobs: BlobScene, part: int, photo: str) -> tuple[str, float, float]:
 def test_correction_that_would_leave_nothing_keeps_the_object(blobs: BlobScene, project: ProjectFolder) -> None:
     isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")))
     before = members(project, "ball")
-    arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
     everywhere = [point(blobs, RED, f"view_{i}.png") for i in range(8)]
     with pytest.raises(PromptError, match="Nothing would be left of 'ball'"):
-        refine_object(project, "ball", [], everywhere, SMALL, **arguments)  # type: ignore[arg-type]
+        segmenter_of(project, blobs, SMALL).refine("ball", [], everywhere)
     np.testing.assert_array_equal(members(project, "ball"), before)
     with pytest.raises(ObjectError, match="No object is called"):
-        refine_object(project, "cube", [], everywhere, SMALL, **arguments)  # type: ignore[arg-type]
+        segmenter_of(project, blobs, SMALL).refine("cube", [], everywhere)
 
 
 def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, project: ProjectFolder) -> None:
@@ -254,10 +213,8 @@ def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, 
     save_object(project.path, record, large, levels=[small, large])
 
     def choose(level: int) -> ObjectRecord:
-        return choose_level(
-            project, "Pair", level, SMALL, sam_factory=lambda: pytest.fail("SAM"), emit=ignore_events,
-            should_stop=never_stop,
-        )  # fmt: skip
+        no_models = {"detector_factory": lambda: pytest.fail("detector"), "sam_factory": lambda: pytest.fail("SAM")}
+        return segmenter_of(project, blobs, SMALL, **no_models).choose_level("Pair", level)
 
     changed = choose(0)
     polished = load_polished(project.path, "pair")
@@ -272,8 +229,7 @@ def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, 
     save_gaussians(project.path / "gaussians", blobs.gaussians)
     with pytest.raises(ObjectError, match="levels 0 to 1, and no level 2"):
         choose(2)
-    arguments = {"sam_factory": lambda: FakeSam(blobs), "emit": ignore_events, "should_stop": never_stop}
-    refined = refine_object(project, "Pair", [point(blobs, BLUE, "view_1.png")], [], SMALL, **arguments)  # type: ignore[arg-type]
+    refined = segmenter_of(project, blobs, SMALL).refine("Pair", [point(blobs, BLUE, "view_1.png")], [])
     assert refined.levels == () and len(load_levels(project.path, "pair")) == 1
     with pytest.raises(ObjectError, match="only one level"):
         choose(1)
@@ -281,11 +237,11 @@ def test_another_level_is_chosen_and_polished_without_a_model(blobs: BlobScene, 
 
 def test_background_is_what_belongs_to_no_object(blobs: BlobScene, project: ProjectFolder) -> None:
     with pytest.raises(ObjectError, match="no objects yet"):
-        store_background(project, SMALL)
+        segmenter_of(project, blobs, SMALL).store_background()
     isolate(blobs, project, ClickPrompt(*_place(blobs, RED, "view_1.png")), "one")
-    store_background(project, SMALL)
+    segmenter_of(project, blobs, SMALL).store_background()
     isolate(blobs, project, ClickPrompt(*_place(blobs, BLUE, "view_1.png")), "two")
-    record = store_background(project, SMALL)
+    record = segmenter_of(project, blobs, SMALL).store_background()
     assert [other.id for other in list_objects(project.path)] == ["one", "two", "background"]
     assert [entry.name for entry in list_trash(project.path)] == ["background"]
     rest = members(project, record.id)

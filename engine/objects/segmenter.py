@@ -1,0 +1,310 @@
+"""The objects of a trained project: isolated, corrected and stored."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import ObjectError, PromptError
+from ..events import Emit, StopCheck, Warned
+from ..project_folder import ProjectFolder
+from ..provenance import describe_run
+from ..rasterizer import PROCESSOR, Device
+from ..records import ObjectRecord, new_id, new_name
+from ..scene import Camera, PinholeCamera, Polished
+from ..settings import to_dict
+from .arrays import Float32, Mask
+from .candidate_file import forget_candidates, load_candidate, remember_candidates
+from .context import DetectorFactory, SegmentationContext, load_context
+from .evidence import evidence_of_clicks, find_evidence
+from .lifting import FoundObject, Levels, corrected, isolate_object, overlap
+from .photos import SamFactory
+from .polishing import polish
+from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
+from .segment import NoMatchError, find_everything, find_objects
+from .settings import SegmentSettings
+from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
+from .trash import delete_object, keep_version
+from .votes import BELOW_HALF, THRESHOLD
+
+__all__ = ["BACKGROUND", "Segmenter", "TextResult"]
+
+BACKGROUND = "background"
+"""Prompt kind, name and id of the background."""
+
+_MIN_REMAINING_SHARE = 0.05  # chosen on museum_room
+"""Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""
+
+_DECIMALS = 4  # by definition
+"""Of scores and seconds in records."""
+
+
+@dataclass(frozen=True)
+class TextResult:
+    """Objects found for one text, the best first, or the reason why there are none."""
+
+    text: str
+    records: tuple[ObjectRecord, ...] = ()
+    refusal: str = ""
+
+
+@dataclass(frozen=True)
+class Segmenter:
+    """Isolates, corrects and stores the objects of a trained project, which is open for writing.
+
+    The factories are called when their model is first needed; for `emit` and `should_stop` see `engine.events`. The
+    views are rendered, and the votes counted, on `device`. All methods raise `HeritageError` when a part of the project
+    is missing or damaged, and `Cancelled`, with nothing stored, when `should_stop` returns True.
+    """
+
+    project: ProjectFolder
+    settings: SegmentSettings
+    detector_factory: DetectorFactory
+    sam_factory: SamFactory
+    emit: Emit
+    should_stop: StopCheck
+    device: Device = PROCESSOR
+
+    @cached_property
+    def context(self) -> SegmentationContext:
+        """The scene, which all prompts share."""
+        return load_context(
+            self.project, self.settings, self.detector_factory, self.sam_factory,
+            device=self.device, emit=self.emit, should_stop=self.should_stop,
+        )  # fmt: skip
+
+    def segment(
+        self, prompt: Prompt, name: str, *, again: Sequence[str | None] = (), context: SegmentationContext | None = None
+    ) -> list[ObjectRecord]:
+        """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
+
+        For `again` see `segment_each_text`; the progress is told to `context`. Raises `PromptError` when no object was
+        found. The nearest candidates of a text are then stored (`engine.objects.candidate_file`).
+        """
+        started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
+        try:
+            found = find_objects(context.part(0, 2), prompt)
+        except PromptError as error:
+            if isinstance(prompt, TextPrompt):
+                nearest = error.candidates if isinstance(error, NoMatchError) else ()
+                remember_candidates(self.project.path, prompt.text, str(error), nearest, context.photos)
+            raise PromptError(str(error)) from error
+        if isinstance(prompt, TextPrompt):
+            asked["detector"] = context.detector.name
+        if again:
+            found = [replace(one, id=known) for one, known in zip(found, again, strict=False) if known is not None]
+        return self._store(context.part(1, 2), found, asked, name, started)
+
+    def segment_texts(
+        self, texts: Sequence[str], name: str | None, camera: Camera | PinholeCamera | None = None
+    ) -> tuple[list[ObjectRecord], dict[str, str]]:
+        """Store the objects of texts as `name`, by default as the text; left and right are those of `camera`.
+
+        Returns also the reason by refused text, which is emitted as a warning; raises `PromptError` if all are refused.
+        """
+        forget_candidates(self.project.path)
+        results = list(self.segment_each_text({text: name or text for text in texts}, camera=camera))
+        records = [record for result in results for record in result.records]
+        refused = {result.text: result.refusal for result in results if result.refusal}
+        if not records:
+            raise PromptError(" ".join(refused.values()))
+        for message in refused.values():
+            self.emit(Warned(message))
+        return records, refused
+
+    def segment_each_text(
+        self,
+        names: Mapping[str, str],
+        *,
+        skip: Collection[str] = (),
+        again: Mapping[str, Sequence[str | None]] | None = None,
+        camera: Camera | PinholeCamera | None = None,
+    ) -> Iterator[TextResult]:
+        """Store the objects of each text, and yield its result then. A refused text does not end the others.
+
+        `names` are those of the objects by text. Texts to `skip` were segmented before, e.g. in a run that was killed,
+        and yield nothing. `again` are, by text, the ids of its objects that are made again, in the order of an earlier
+        run: each keeps its id and name, and None stands for one that is not stored. Left and right are those of
+        `camera`.
+        """
+        for number, (text, name) in enumerate(names.items()):
+            if text in skip:
+                continue
+            context, same = self.context.part(number, len(names)), (again or {}).get(text, ())
+            try:
+                records = self.segment(TextPrompt(text, camera), name, again=same, context=context)
+            except PromptError as error:
+                yield TextResult(text, refusal=str(error))
+            else:
+                yield TextResult(text, tuple(records))
+
+    def accept_candidate(self, number: int, name: str | None) -> list[ObjectRecord]:
+        """Store a candidate of a refused text that the user accepted, by default named after the text.
+
+        Raises `PromptError` if there is no candidate `number` in `engine.objects.candidate_file.CANDIDATES`.
+        """
+        started = time.perf_counter()
+        candidate = load_candidate(self.project.path, number)
+        (shown,) = find_evidence(MaskPrompt(candidate.photo, candidate.mask), self.context)
+        found = isolate_object(self.context, [replace(shown, score=candidate.score, given=False)])
+        asked = describe_prompt(TextPrompt(candidate.text))
+        asked |= {"detector": self.context.detector.name, "accepted": True}
+        return self._store(self.context.part(1, 2), [found], asked, name or candidate.text, started)
+
+    def refine(self, name: str, clicks: Sequence[Point], excluded: Sequence[Point]) -> ObjectRecord:
+        """Correct a stored object by clicks on what to add, and on what to remove; at least one.
+
+        The object keeps its id and name, and loses its levels: they were versions of the old one, which is copied to
+        the trash. Raises `ObjectError` if there is no such object or it belongs to an earlier training, and
+        `PromptError` if a click hits no Gaussian or nothing of the object would remain.
+        """
+        record, context = load_object(self.project.path, name), self.context
+        before = membership_in(self.project.path, record, len(context.means))
+        membership = corrected(context, evidence_of_clicks(clicks, excluded, context), before)
+        n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
+        if n_left < max(1.0, _MIN_REMAINING_SHARE * n_before):
+            raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
+        correction = {"clicks": [asdict(one) for one in clicks], "not": [asdict(one) for one in excluded]}
+        changed = replace(record, level=0, levels=(), refined=(*record.refined, correction))
+        return self._replace(changed, membership, why="corrected")
+
+    def choose_level(self, name: str, level: int) -> ObjectRecord:
+        """Replace a stored object by its level number `level`; 0 is the smallest part.
+
+        Raises `ObjectError` if there is no such object or level, or it belongs to an earlier training.
+        """
+        record = load_object(self.project.path, name)
+        levels = load_levels(self.project.path, record.id)
+        if not 0 <= level < len(levels):
+            available = "only one level" if len(levels) == 1 else f"levels 0 to {len(levels) - 1}"
+            raise ObjectError(f"{record.name!r} has {available}, and no level {level}.")
+        if not record.levels:
+            return record
+        membership_in(self.project.path, record, len(self.context.means))
+        return self._replace(replace(record, level=level), levels[level], levels=list(levels))
+
+    def _replace(
+        self, record: ObjectRecord, membership: Float32, *, levels: Sequence[Float32] = (), why: str = ""
+    ) -> ObjectRecord:
+        """Store a changed object, polished; with `why`, the old one is copied to the trash."""
+        members = membership >= record.threshold
+        (polished,) = self._polished(self.context, [members])
+        if why:
+            keep_version(self.project, record.id, why=why)
+        changed = replace(record, n_gaussians=int(members.sum()))
+        save_object(self.project.path, changed, membership, levels=levels, polished=polished)
+        return changed
+
+    def segment_everything(self) -> tuple[list[ObjectRecord], list[str], ObjectRecord]:
+        """Store every object of the scene that is not stored yet, and the background.
+
+        Returns the new objects in descending order of score, the ids of those that were found again and stay unchanged,
+        and the background. Raises `PromptError` if the scene contains nothing but background.
+        """
+        started = time.perf_counter()
+        found = find_everything(self.context.part(0, 2))
+        existing = self._memberships(len(self.context.means))
+        if not found and not existing:
+            raise PromptError("No object was found in front of the background of this scene. Click on an object.")
+        new: list[FoundObject] = []
+        kept: dict[str, None] = {}
+        least, stored = self.settings.same_object, {key: one >= THRESHOLD for key, one in existing.items()}
+        for number, item in enumerate(found, start=1):
+            same = [key for key, members in stored.items() if overlap(item.members, members) > least]
+            kept |= dict.fromkeys(same)
+            if not same:
+                new.append(replace(item, name=item.name or f"object {number}"))
+        records = self._store(self.context.part(1, 2), new, {"kind": "all"}, "", started)
+        return records, list(kept), self.store_background()
+
+    def store_background(self) -> ObjectRecord:
+        """Store the Gaussians that belong to no object as one more; an earlier background goes to the trash.
+
+        Raises `ObjectError` if the scene has no objects.
+        """
+        from ..gaussians import load_gaussians
+
+        started = time.perf_counter()
+        self.project.require_intact("training")
+        memberships = self._memberships(len(load_gaussians(self.project.path / "gaussians")))
+        if not memberships:
+            raise ObjectError(
+                "This scene has no objects yet, so everything would be background. Isolate one, or use --all."
+            )
+        highest = np.maximum.reduce(list(memberships.values()))
+        # 1 - m. At exactly 0.5 a Gaussian belongs to the object only, never to both.
+        membership = np.where(highest >= THRESHOLD, np.minimum(1 - highest, BELOW_HALF), 1 - highest)
+        for record in list_objects(self.project.path):
+            if record.prompt.get("kind") == BACKGROUND:
+                delete_object(self.project, record.id, why="replaced by a new background")
+        background = FoundObject(Levels((membership.astype(np.float32),)))
+        record = self._record(background, {"kind": BACKGROUND}, BACKGROUND, started)
+        save_object(self.project.path, record, background.membership)
+        return record
+
+    def _store(
+        self,
+        context: SegmentationContext,
+        found: Sequence[FoundObject],
+        asked: dict[str, Any],
+        name: str,
+        started: float,
+    ) -> list[ObjectRecord]:
+        """Polish objects, store each under a name of its own and return their records."""
+        names = {record.id: record.name for record in list_objects(self.project.path)}
+        # All objects are polished before the first is stored, so that a cancelled prompt stores none.
+        each = self._polished(context, [item.members for item in found])
+        records = []
+        for item, polished in zip(found, each, strict=True):
+            record = self._record(item, asked, item.name or name, started)
+            if item.id:
+                record = replace(record, id=item.id, name=names.get(item.id, record.name))
+            previews = [("seed", best.view.to_photo(best.mask)) for best in item.evidence[:1]]
+            levels = item.levels.memberships
+            save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
+            records.append(record)
+        return records
+
+    def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:
+        polished = []
+        for done, each in enumerate(members, start=1):
+            polished.append(polish(context.views, each, self.settings, should_stop=context.should_stop))
+            context.tell(done / len(members), "Polishing")
+        return polished
+
+    def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
+        """Return the record of a new object, with an id and a name that no other object of the project has."""
+        counts = [int((level >= THRESHOLD).sum()) for level in item.levels.memberships]
+        evidence = [{"photo": one.view.camera.photo, "score": round(one.score, _DECIMALS)} for one in item.evidence]
+        several, path = len(counts) > 1, self.project.path
+        return ObjectRecord(
+            id=new_id(name, taken_ids(path)),
+            name=new_name(name, [record.name for record in list_objects(path)]),
+            prompt=prompt,
+            threshold=THRESHOLD,
+            score=round(item.score, _DECIMALS),
+            fit=round(item.fit, _DECIMALS),
+            n_gaussians=counts[item.levels.chosen],
+            n_scene_gaussians=len(item.membership),
+            evidence=tuple(evidence),
+            settings=to_dict(self.settings),
+            seconds=round(time.perf_counter() - started, _DECIMALS),
+            created=datetime.now(UTC).isoformat(timespec="microseconds"),
+            level=item.levels.chosen if several else 0,
+            levels=tuple({"n_gaussians": count} for count in counts) if several else (),
+            run=describe_run(),
+        )
+
+    def _memberships(self, count: int) -> dict[str, Float32]:
+        """Return the memberships of all objects of a scene with `count` Gaussians by id, without the background."""
+        return {
+            record.id: load_membership(self.project.path, record.id)
+            for record in list_objects(self.project.path)
+            if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
+        }
