@@ -32,7 +32,7 @@ import torch
 from engine.errors import HeritageError
 from engine.events import ignore_events, never_stop
 from engine.files import read_json, write_json
-from engine.planning.decisions import MIN_STEPS
+from engine.planning.decisions import steps_for, with_steps
 from engine.training import (
     TrainingView,
     background_gaussians,
@@ -139,24 +139,12 @@ def _settings(run: str, seed: int, views: Sequence[TrainingView], backend: str) 
     n_training = sum(not view.held_out for view in views)
     if first in PRESETS:
         settings = settings_with_sizes(first, sizes_on_card(first, _UNBOUNDED), n_training)
-        settings = _shortened(settings.changed(**_values(others)), n_training)
+        settings = settings.changed(**_values(others))
+        settings = with_steps(settings, steps_for(settings, n_training))
     else:
         settings = PRESETS["standard"].for_photos(n_training).changed(steps=int(first), max_gaussians=int(others[0]))
         settings = settings.changed(**_values(others[1:]))
     return settings.changed(seed=seed, backend=backend, max_side=4096)
-
-
-def _shortened(settings: TrainingSettings, n_training: int) -> TrainingSettings:
-    """Return the settings of a preset with the steps and intervals that a plan for so many photos has."""
-    schedule = settings.schedule
-    if not schedule.rounds:
-        return settings
-    steps = min(schedule.steps, max(MIN_STEPS, schedule.rounds * n_training))
-    sh_interval, grow_interval = (
-        max(1, interval * steps // schedule.steps)
-        for interval in (settings.appearance.sh_interval, settings.growth.grow_interval)
-    )
-    return settings.changed(steps=steps, sh_interval=sh_interval, grow_interval=grow_interval)
 
 
 def _values(others: Sequence[str]) -> dict[str, Any]:

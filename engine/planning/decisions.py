@@ -34,7 +34,9 @@ __all__ = [
     "n_test_photos",
     "plan_scene",
     "plan_work",
+    "steps_for",
     "training_settings",
+    "with_steps",
     "work_plan_as_dict",
 ]
 
@@ -333,11 +335,27 @@ def _kept_sizes(choice: DeviceChoice, preset: TrainingSettings) -> tuple[str, ..
     )
 
 
+def steps_for(preset: TrainingSettings, n_trained: int) -> int:
+    """Return the steps for so many training photos: `ScheduleSettings.rounds` through them, at least `MIN_STEPS`."""
+    schedule = preset.schedule
+    return min(schedule.steps, max(MIN_STEPS, schedule.rounds * n_trained)) if schedule.rounds else schedule.steps
+
+
+def with_steps(preset: TrainingSettings, steps: int) -> TrainingSettings:
+    """Return the settings with another number of steps, and the intervals that are shares of it."""
+
+    def scaled(interval: int) -> int:
+        return max(1, interval * steps // preset.schedule.steps)
+
+    sh_interval, grow_interval = scaled(preset.appearance.sh_interval), scaled(preset.growth.grow_interval)
+    return preset.changed(steps=steps, sh_interval=sh_interval, grow_interval=grow_interval)
+
+
 def _steps(n_trained: int, preset: TrainingSettings, settings: PlanSettings, left_out: list[LeftOut]) -> int:
-    """Return the number of steps: `TrainingSettings.rounds` through the photos, but at least `MIN_STEPS`."""
-    if not preset.schedule.rounds or not settings.leave_out:
+    """Return the number of steps, `steps_for` the photos where anything may be left out."""
+    if not settings.leave_out:
         return preset.schedule.steps
-    steps = min(preset.schedule.steps, max(MIN_STEPS, preset.schedule.rounds * n_trained))
+    steps = steps_for(preset, n_trained)
     if steps < preset.schedule.steps:
         left_out.append(
             LeftOut(
@@ -448,16 +466,10 @@ def training_settings(work: WorkPlan) -> TrainingSettings:
     # A loss that is evaluated more often has a smaller weight in each evaluation.
     share = work.clustering_interval / preset.features.clustering_interval
 
-    def scaled(interval: int) -> int:
-        return max(1, interval * work.steps // preset.schedule.steps)
-
-    return preset.changed(
-        steps=work.steps,
+    return with_steps(preset, work.steps).changed(
         clustering_interval=work.clustering_interval,
         lambda_clustering=preset.features.lambda_clustering * share,
         lambda_ray=preset.features.lambda_ray * share,
-        sh_interval=scaled(preset.appearance.sh_interval),
-        grow_interval=scaled(preset.growth.grow_interval),
         train_features=work.features,
         transients=work.exclude_transients,
         trial_fraction=work.trial,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..adam import AdamState
 from .adapters import Gpu, translate_card_errors
 from .layout import pack_sh, sh_bytes, unpack_sh
+from .submissions import wait_until_done
 from .workspace import STORAGE
 
 __all__ = ["GROUPS", "GpuParameters"]
@@ -114,6 +115,8 @@ class GpuParameters:
             for name, n_bytes in self._sizes().items():
                 buffer = held.pop(name, None)
                 if buffer is None or buffer.size < n_bytes:
+                    if buffer is not None:
+                        wait_until_done(gpu, buffer)
                     buffer = None  # freed before the new one is made
                     buffer = self._buffer(name, n_bytes)
                 self.buffers[name] = buffer
@@ -158,8 +161,7 @@ class GpuParameters:
                     encoder = device.create_command_encoder()
                     encoder.copy_buffer_to_buffer(old, 0, self.buffers[name], 0, old.size)
                     device.queue.submit([encoder.finish()])
-                    # Wait for the copy, so that the old buffer is freed before the next new one is made.
-                    device.queue.read_buffer(self.buffers[name], 0, 4)
+                    wait_until_done(self._gpu, old)  # so that it is freed before the next new one is made
 
     def geometry(self) -> dict[str, Float32]:
         """Return copies of means, quats, log_scales and opacity_logits."""

@@ -19,7 +19,7 @@ from typing import Any
 from .adapters import Gpu
 from .constants import Constants
 
-__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "Timings", "encode", "run_together"]
+__all__ = ["LIMIT_S", "Count", "Dispatch", "Submissions", "Timings", "encode", "run_together", "wait_until_done"]
 
 _COPY = 0x4 | 0x8  # COPY_SRC | COPY_DST of WebGPU
 
@@ -257,18 +257,22 @@ class Submissions:
         return total
 
     def _seconds_of(self, dispatches: Sequence[Dispatch]) -> float:
-        self._wait()
+        wait_until_done(self._gpu, self.sizes)
         self.send_constants()
         start = time.perf_counter()
         encoder = self._gpu.device.create_command_encoder()
         encode(encoder, dispatches, self.sizes)
         self._gpu.device.queue.submit([encoder.finish()])
-        self._wait()
+        wait_until_done(self._gpu, self.sizes)
         return max(time.perf_counter() - start - self._timings.overhead, _SHORTEST_S)
 
-    def _wait(self) -> None:
-        """Wait until all that is queued is done: a read comes last. wgpu 0.32 fails in `on_submitted_work_done_sync`."""
-        self._gpu.device.queue.read_buffer(self.sizes, 0, 4)
+
+def wait_until_done(gpu: Gpu, buffer: Any) -> None:
+    """Wait until all that is queued is done: a read of `buffer` comes last.
+
+    wgpu 0.32 fails in `on_submitted_work_done_sync`. The driver frees a buffer only when the work that uses it is done.
+    """
+    gpu.device.queue.read_buffer(buffer, 0, 4)
 
 
 def run_together(

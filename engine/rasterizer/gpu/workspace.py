@@ -13,7 +13,7 @@ from ...machine import free_memory
 from .adapters import Gpu, translate_card_errors
 from .constants import Constants, Uniform
 from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of
-from .submissions import Count, Dispatch
+from .submissions import Count, Dispatch, wait_until_done
 
 __all__ = ["STORAGE", "Workspace"]
 
@@ -97,9 +97,8 @@ class Workspace:
         new = {place: n_bytes for place, n_bytes in places.items() if place not in held}
         smaller = [self._pool.pop(place) for place in new if place in self._pool]
         if smaller:
-            # Freed before larger ones are made, which the driver does when the work that uses them is done: wait for it.
-            self.gpu.device.queue.read_buffer(smaller[0], 0, 4)
-            smaller.clear()
+            wait_until_done(self.gpu, smaller[0])
+            smaller.clear()  # freed before larger ones are made
         self._check_memory(sum(new.values()))
         with translate_card_errors(self.gpu, SMALLER):
             for place, n_bytes in new.items():
