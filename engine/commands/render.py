@@ -115,13 +115,14 @@ def _pictures(
     should_stop: StopCheck,
 ) -> list[NDArray[Any]]:
     """Return the picture of each object from one camera; without objects, one picture of the scene."""
-    from ..grounding import load_default_detector
-    from ..masks import load_default_sam
-    from ..objects import load_context, mask_at
-    from ..objects.settings import BETTER
     from ..pictures import Scene, render_view, visible_masks
 
     if what == "mask" and click is not None:
+        from ..grounding import load_default_detector
+        from ..masks import load_default_sam
+        from ..objects import load_context, mask_at
+        from ..objects.settings import BETTER
+
         models = (load_default_detector, load_default_sam)
         context = load_context(project, BETTER, *models, device=device, should_stop=should_stop)
         return [np.where(mask_at(context, camera, click), np.uint8(255), np.uint8(0))]
