@@ -100,7 +100,7 @@ bench-gpu: setup ## cost of the gpu backend beside gsplat, into docs/gpu.md; FUS
 	$(ENGINE) -m benchmarks.gpu scene 1000000
 	$(ENGINE) -m benchmarks.gpu scene 3000000
 	$(ENGINE) -m benchmarks.gpu_step 1000000
-	-$(ENGINE) -m benchmarks.gpu_gsplat_step 1000000 $(if $(FUSED_SSIM),--fused-ssim $(FUSED_SSIM))
+	$(ENGINE) -m benchmarks.gpu_gsplat_step 1000000 $(if $(FUSED_SSIM),--fused-ssim $(FUSED_SSIM))
 	$(ENGINE) -m benchmarks.gpu document --doc docs/gpu.md
 
 bench-blender: setup ## import, redraw, sliders and pictures in Blender, into docs/blender_speed.md; needs `make demo` and what window-test needs; 15 minutes
