@@ -79,6 +79,8 @@ def rasterize_gpu(inputs: RasterInputs, gpu: Gpu) -> Raster:
         frame = _forward(inputs, gpu, arrays, backward)
         image, transmittance = _Rasterize.apply(frame, *tensors, inputs.viewmat.double())
         info = frame.read("info", (frame.size.n, 4), np.uint32)
+    if not backward:
+        frame.release()
     state = info[:, 0] & 7
     near, degenerate, transparent, outside = (int(np.count_nonzero(state == reason)) for reason in (1, 2, 3, 4))
     culled = CulledCounts(near, degenerate, transparent, outside)
@@ -106,4 +108,5 @@ def _forward(inputs: RasterInputs, gpu: Gpu, arrays: dict[str, Any], backward: b
                 check_finite(name, torch.from_numpy(values))
         if counts.n_wanted <= capacity:
             return frame
+        frame.release()
         capacity = grown_capacity(counts.n_wanted, n)
