@@ -56,7 +56,7 @@ def make_masks(
     settings : MaskSettings
     sam : SegmentAnything
     emit : Emit
-        Receives a `Progress` of stage ``masks`` per photo.
+        Receives what encodes the photos, and a `Progress` of stage ``masks`` per photo.
     should_stop : StopCheck
         Called before each photo and each click.
 
@@ -82,6 +82,8 @@ def make_masks(
             )
     paths = {name: label_map_path(folder, name) for name in names}
     stale = [name for name in names if read_recipe(paths[name]) != _recipe(photos[name], settings)]
+    if stale:
+        emit(Progress("masks", 0.0, message=sam.device))
     start = time.perf_counter()
     # More pixels than the encoder and the label map use would only cost memory.
     max_side = max(settings.max_side, INPUT_SIDE)

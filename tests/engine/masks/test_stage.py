@@ -51,6 +51,7 @@ class _Counting:
     def __init__(self) -> None:
         self.encoded = 0
         self.name = "counting"
+        self.device = "Photos are encoded by a test."
 
     def encode(self, pixels: np.ndarray) -> Embedding:
         self.encoded += 1
@@ -90,7 +91,8 @@ def test_second_run_reuses_label_maps_until_a_photo_or_setting_changes(folder: P
     counting = _Counting()
     events = _run(folder, counting)
     assert _n_computed(events) == counting.encoded == 2
-    assert [event.fraction for event in events if isinstance(event, Progress)] == [0.0, 0.5, 1.0]
+    assert [event.fraction for event in events if isinstance(event, Progress)] == [0.0, 0.0, 0.5, 1.0]
+    assert any(isinstance(event, Progress) and event.message == counting.device for event in events)
     assert _n_computed(_run(folder, counting)) == 0
     Image.fromarray(shapes_picture(1)[0]).save(folder / "photos" / NAMES[0])
     assert _n_computed(_run(folder, counting)) == 1 and counting.encoded == 3
