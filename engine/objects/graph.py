@@ -21,7 +21,7 @@ from ..events import StopCheck
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..project_folder import stage_key
 from .arrays import Float32, Int32, Int64, Mask
-from .views import Views, spread_cameras
+from .views import OUTER, Views, spread_cameras
 from .votes import THRESHOLD, Votes
 
 __all__ = ["SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
@@ -164,7 +164,7 @@ def bounded(membership: Float32, means: Float32) -> Float32:
     if not members.any():
         return np.zeros_like(membership)
     distances = np.linalg.norm(means - np.median(means[members], axis=0), axis=1)
-    return np.where(distances <= _MAX_RADII * np.percentile(distances[members], 90), membership, np.float32(0))
+    return np.where(distances <= _MAX_RADII * np.quantile(distances[members], 1 - 2 * OUTER), membership, np.float32(0))
 
 
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:

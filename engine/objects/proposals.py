@@ -37,16 +37,21 @@ _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, r
 _WELL_SEEN = 0.25  # by definition
 """Share of its largest area from which on a photo shows a set well enough to be asked."""
 
-_WEIGHTS = (1.4, -0.9, 1.7)  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Weights of isolation, unusual size and agreement in the log-odds that a set is an object."""
+_WEIGHTS = (
+    0.8,
+    -1.2,
+    2.5,
+    0.45,
+)  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+"""Weights of isolation, unusual extent, agreement and share of the scene in the log-odds that a set is an object."""
 
-_CONSTANT = -4.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_CONSTANT = -1.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """What is added to the log-odds."""
 
 _USUAL_EXTENT = 0.15  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Extent (`Views.extent`) of a usual object."""
 
-LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Probability from which on a set may be an object."""
 
 
@@ -68,11 +73,11 @@ class Proposals:
 def find_proposals(context: SegmentationContext) -> Proposals:
     """Return each segment of each photo, and each group, solved like a mask; raises `Cancelled` when the user stops.
 
-    With the links between Gaussians that leave a set, all links of the set (or of the rest, if they are fewer), its
-    extent, and for each photo that shows it well the IoU of the set with the solved segment of the photo that fits it
-    best, the log-odds of being an object are
+    With the weights of the links between Gaussians that leave a set, of all links of the set (or of the rest, if they
+    are less), its extent, for each photo that shows it well the IoU of the set with the solved segment of the photo
+    that fits it best, and its share of the Gaussians, the log-odds of being an object are
 
-        1.4 ln(links / leaving) - 0.9 ln(extent / 0.15)^2 + 1.7 mean IoU - 4.2
+        0.8 ln(links / leaving) - 1.2 ln(extent / 0.15)^2 + 2.5 mean IoU + 0.45 ln(share) - 1.6
     """
     views, graph = context.views, context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
@@ -85,7 +90,8 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     agreement = _agreement(best, graph.photo[segments[kept[of_segments]]], shown)
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
-    probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement] + _CONSTANT)
+    share = np.log(np.asarray(solved.mean(axis=1)).ravel())
+    probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement, share] + _CONSTANT)
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(graph.iou(solved[likely], solved[likely]), _SAME_IOU)
@@ -162,15 +168,14 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
 
 
 def _isolation(sets: csr_matrix, graph: SceneGraph) -> Float64:
-    """Return ln(links / leaving links) of each set, [K], both with the links of one more Gaussian.
+    """Return ln(links / leaving links) of each set, [K], by their weights, both with the links of one more Gaussian.
 
-    This is the negative logarithm of the conductance: links are those of the set or of the rest, whichever are fewer.
+    This is the negative logarithm of the conductance: links are those of the set or of the rest, whichever are less.
     """
-    links = graph.neighbours.sign()
-    degrees = np.asarray(links.sum(axis=1)).ravel()
+    degrees = np.asarray(graph.neighbours.sum(axis=1)).ravel()
     usual = degrees.mean()
     every = sets @ degrees
-    inner = np.asarray((sets @ links).multiply(sets).sum(axis=1)).ravel()
+    inner = np.asarray((sets @ graph.neighbours).multiply(sets).sum(axis=1)).ravel()
     fewer = np.minimum(every, degrees.sum() - every)
     return np.asarray(np.log((fewer + usual) / (every - inner + usual)), np.float64)
 

@@ -41,9 +41,6 @@ BACKGROUND = "background"
 _MIN_REMAINING_SHARE = 0.05  # chosen on museum_room
 """Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""
 
-_DECIMALS = 4  # by definition
-"""Of scores and seconds in records."""
-
 
 @dataclass(frozen=True)
 class TextResult:
@@ -281,20 +278,20 @@ class Segmenter:
     def _record(self, item: FoundObject, prompt: dict[str, Any], name: str, started: float) -> ObjectRecord:
         """Return the record of a new object, with an id and a name that no other object of the project has."""
         counts = [int((level >= THRESHOLD).sum()) for level in item.levels.memberships]
-        evidence = [{"photo": one.view.camera.photo, "score": round(one.score, _DECIMALS)} for one in item.evidence]
+        evidence = [{"photo": one.view.camera.photo, "score": one.score} for one in item.evidence]
         several, path = len(counts) > 1, self.project.path
         return ObjectRecord(
             id=new_id(name, taken_ids(path)),
             name=new_name(name, [record.name for record in list_objects(path)]),
             prompt=prompt,
             threshold=THRESHOLD,
-            score=round(item.score, _DECIMALS),
-            fit=round(item.fit, _DECIMALS),
+            score=item.score,
+            fit=item.fit,
             n_gaussians=counts[item.levels.chosen],
             n_scene_gaussians=len(item.membership),
             evidence=tuple(evidence),
             settings=to_dict(self.settings),
-            seconds=round(time.perf_counter() - started, _DECIMALS),
+            seconds=time.perf_counter() - started,
             created=datetime.now(UTC).isoformat(timespec="microseconds"),
             level=item.levels.chosen if several else 0,
             levels=tuple({"n_gaussians": count} for count in counts) if several else (),

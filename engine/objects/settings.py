@@ -8,9 +8,6 @@ from ..settings import require
 
 __all__ = ["BETTER", "DEFAULT_PRESET", "PAPER", "PRESETS", "RELEASED", "PaperSettings", "SegmentSettings"]
 
-_LEAST_SIDE = 16  # by definition
-"""Smallest side of a picture in pixels."""
-
 
 @dataclass(frozen=True)
 class SegmentSettings:
@@ -44,10 +41,8 @@ class SegmentSettings:
     polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):
+        for name in ("n_text_views", "photo_side", "render_side", "n_vote_views", "n_crop_views", "max_objects"):
             require(self, name, getattr(self, name) >= 1, "at least 1")
-        for name in ("photo_side", "render_side"):
-            require(self, name, getattr(self, name) >= _LEAST_SIDE, f"at least {_LEAST_SIDE}")
         for name in ("least_score", "relative_score"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")

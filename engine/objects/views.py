@@ -15,7 +15,7 @@ from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import SETS_TOGETHER, Float32, Floats, Int32, Mask
 
-__all__ = ["MAX_OBJECT_EXTENT", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
+__all__ = ["MAX_OBJECT_EXTENT", "OUTER", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
 
 THRESHOLD = 0.5  # by definition
 """Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
@@ -27,7 +27,7 @@ MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
 _LEAST_UNIT = 0.4  # by definition
 """Smallest unit of lengths, relative to the distance of the cameras from the scene."""
 
-_OUTER = 0.05  # by definition
+OUTER = 0.05  # by definition
 """Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
 
 
@@ -140,7 +140,7 @@ class Views:
 
 def inner_box(means: Floats) -> Floats:
     """Return low, middle and high corner, [3, 3], of n > 0 positions, [n, 3], without a twentieth at each end."""
-    return np.quantile(means, (_OUTER, 1 / 2, 1 - _OUTER), axis=0)
+    return np.quantile(means, (OUTER, 1 / 2, 1 - OUTER), axis=0)
 
 
 def spread_cameras(cameras: Sequence[Camera], count: int) -> list[Camera]:

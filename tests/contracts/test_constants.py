@@ -25,7 +25,7 @@ fewer mean that the guard does not see them any more."""
 
 SETS = frozenset({
     *(f"room_{number}" for number in range(1, 9)),
-    "museum_room", "store_room",
+    "more_rooms", "museum_room", "store_room",
     "banana16", "herz_jesus25", "meeting_place9", "sakharov_statue32", "skull66",
     "stability_scenes", "sky_scene", "prompt_words",
 })  # fmt: skip
