@@ -126,7 +126,6 @@ def write_ply(
         lines += [f"comment {_ascii(' '.join(comment.split()))}" for comment in stated]
         lines += [f"element vertex {len(gaussians)}", *(f"property float {name}" for name in names)]
     turn = file_from_z_up(up) if matrix is None else file_from_z_up(up) @ matrix
-    # Blender's matrices are float32.
     turned = None if np.allclose(turn, np.eye(4), rtol=0, atol=_UNTURNED) else AffineMap.of(turn, gaussians.sh_degree)
     # Values that are not finite are looked for after they were turned; sums that show them may overflow.
     with atomic_write(path) as stream, np.errstate(over="ignore", invalid="ignore"):
