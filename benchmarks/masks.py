@@ -71,7 +71,7 @@ def _measure(folder: Path, every: int, preset: str) -> _Result:
     times: list[float] = []
 
     def note(event: Event) -> None:
-        if isinstance(event, Progress):
+        if isinstance(event, Progress) and event.message != sam.device:
             times.append(cpu_seconds())
 
     sam = load_default_sam()
