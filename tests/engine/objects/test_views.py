@@ -31,7 +31,7 @@ def test_settings_out_of_bounds_are_refused() -> None:
     for field, value in (("strictness", 0.0), ("n_text_views", 0)):
         with pytest.raises(SettingsError, match=f"SegmentSettings.{field}"):
             SegmentSettings(**{field: value})  # type: ignore[arg-type]
-    for field, value in (("cosine", 1.0), ("outlier_iqr", 0.0), ("photo_side", 0)):
+    for field, value in (("cosine", 1.0), ("outlier_iqr", 0.0), ("photo_side", 2)):
         with pytest.raises(SettingsError, match=f"PaperSettings.{field}"):
             replace(PAPER, **{field: value})  # type: ignore[arg-type]
 
