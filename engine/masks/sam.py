@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import MaskError
 from ..models import locate
-from .encoder import open_encoder
+from .encoder import PhotoEncoder
 from .mask_decoder import MaskDecoder
 from .settings import SAM_MODELS
 
@@ -89,8 +89,6 @@ class SegmentAnything:
     ----------
     name : str
         File name of the encoder.
-    device : str
-        What encodes photos, and why, as a sentence.
 
     Raises
     ------
@@ -100,11 +98,13 @@ class SegmentAnything:
 
     def __init__(self, encoder_path: Path, decoder_path: Path, *, threads: int = 2, may_use_gpu: bool = True) -> None:
         self.name = encoder_path.name
-        self._encoder, self.device = open_encoder(encoder_path, threads=threads, may_use_gpu=may_use_gpu)
+        self._encoder = PhotoEncoder(encoder_path, threads=threads, may_use_gpu=may_use_gpu)
         self._decoder = MaskDecoder(decoder_path, threads=threads)
-        encoder_input = self._encoder.get_inputs()[0]
-        self._encoder_input = encoder_input.name
-        self._encoder_takes_photo = len(encoder_input.shape) == 3
+
+    @property
+    def device(self) -> str:
+        """What encodes photos, and why, as a sentence."""
+        return self._encoder.device
 
     def encode(self, pixels: NDArray[np.uint8]) -> Embedding:
         """Return the embedding of a photo.
@@ -121,7 +121,7 @@ class SegmentAnything:
         Notes
         -----
         Preprocessing of Segment Anything (Kirillov et al. 2023): the longest side is resized to 1024, the values are
-        normalised, and zeros are padded to the right and below. About 1.2 CPU seconds.
+        normalised, and zeros are padded to the right and below. About 1.2 CPU seconds, 0.8 in bfloat16.
         """
         if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or pixels.size == 0:
             raise MaskError(
@@ -133,12 +133,11 @@ class SegmentAnything:
         # INTER_AREA avoids aliasing when a picture is reduced; it is not suited to enlarging.
         resized = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
         encoder_input = resized.astype(np.float32)
-        if not self._encoder_takes_photo:
+        if not self._encoder.takes_photo:
             square = np.zeros((1, 3, INPUT_SIDE, INPUT_SIDE), np.float32)
             square[0, :, : size[1], : size[0]] = ((encoder_input - _MEAN) / _DEVIATION).transpose(2, 0, 1)
             encoder_input = square
-        features = self._encoder.run(None, {self._encoder_input: encoder_input})[0]
-        return Embedding(np.asarray(features, np.float32), height, width, scale)
+        return Embedding(self._encoder.encode(encoder_input), height, width, scale)
 
     def predict_logits(
         self,

@@ -71,7 +71,7 @@ def make_masks(
 
     Notes
     -----
-    About 2.5 CPU seconds per photo, half of them on each of two cores.
+    About 2.5 CPU seconds per photo, 1.8 in bfloat16, half of them on each of two cores.
     """
     photos = {photo.name: photo for photo in photo_set.photos}
     registered = {camera.photo for camera in camera_set.cameras}

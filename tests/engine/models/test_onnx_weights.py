@@ -15,12 +15,15 @@ from engine.errors import HeritageError, ModelFileError
 from engine.models import read_onnx_weights
 
 WEIGHT = np.arange(6, dtype=np.float32).reshape(2, 3)
+CONSTANT = np.array([0.5, 1.5, 2.5], np.float32)
 
 
 def _model() -> bytes:
-    node = helper.make_node("MatMul", ["x", "w"], ["y"], name="/layer/MatMul")
+    constant = helper.make_node("Constant", [], ["c"], name="/layer/Constant", value=numpy_helper.from_array(CONSTANT))
+    products = helper.make_node("MatMul", ["x", "w"], ["xw"], name="/layer/MatMul")
+    node = helper.make_node("Add", ["xw", "c"], ["y"], name="/layer/Add")
     graph = helper.make_graph(
-        [node],
+        [constant, products, node],
         "graph",
         [helper.make_tensor_value_info("x", TensorProto.FLOAT, [1, 2])],
         [helper.make_tensor_value_info("y", TensorProto.FLOAT, [1, 3])],
@@ -43,8 +46,9 @@ def file(tmp_path: Path) -> Path:
 
 def test_weights_are_found_by_name_and_by_the_node_that_uses_them(file: Path) -> None:
     weights = read_onnx_weights(file)
-    assert set(weights) == {"w", "scalar", "/layer/MatMul:1"}
+    assert set(weights) == {"w", "scalar", "/layer/MatMul:1", "c", "/layer/Add:1"}
     np.testing.assert_array_equal(weights["w"], WEIGHT)
+    np.testing.assert_array_equal(weights["/layer/Add:1"], CONSTANT)
     np.testing.assert_array_equal(weights["/layer/MatMul:1"], WEIGHT)
     assert weights["scalar"].shape == () and weights["w"].dtype == np.float32
 

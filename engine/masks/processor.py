@@ -1,0 +1,32 @@
+"""How torch uses the processor for Segment Anything."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import Iterator
+
+import torch
+
+__all__ = ["multiplies_bfloat16", "one_thread"]
+
+# Instruction sets with products of bfloat16: those of AMD since Zen 4, and of Intel's servers since Cooper Lake.
+_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
+
+
+@functools.cache
+def multiplies_bfloat16() -> bool:
+    """Return whether the processor has instructions for products in bfloat16, without which torch is slower in it."""
+    found = torch.cpu.get_capabilities()
+    return any(found.get(name, False) for name in _INSTRUCTIONS)
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Compute with one thread: operations of this size lose more CPU time to a second one than they gain."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
