@@ -70,6 +70,8 @@ class EfficientNetLite2:
     ----------
     path : Path
         ``efficientnet-lite2-9656183e.pth`` from `models.locate`.
+    bfloat16 : bool
+        Compute the layers before the classes in bfloat16, which takes half of the time on processors that multiply it.
 
     Raises
     ------
@@ -77,12 +79,13 @@ class EfficientNetLite2:
         When the file is damaged or contains another network.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, bfloat16: bool = False) -> None:
+        self._dtype = torch.bfloat16 if bfloat16 else torch.float32
         try:
             state: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
-            self._stem = _load_convolution(state, "_conv_stem", "_bn0", stride=2)
-            self._blocks = _load_blocks(state)
-            self._head = _load_convolution(state, "_conv_head", "_bn1")
+            self._stem = _load_convolution(state, self._dtype, "_conv_stem", "_bn0", stride=2)
+            self._blocks = _load_blocks(state, self._dtype)
+            self._head = _load_convolution(state, self._dtype, "_conv_head", "_bn1")
             self._class_weight, self._class_bias = state["_fc.weight"], state["_fc.bias"]
         except Exception as error:  # torch.load raises several unrelated types on a damaged file
             raise ModelFileError(
@@ -100,12 +103,12 @@ class EfficientNetLite2:
         """
         # The colours of a pixel side by side, in all layers: convolutions are more than twice as fast.
         pictures = pictures.contiguous(memory_format=torch.channels_last)
-        x = functional.relu6(self._stem((pictures - _MEAN) / _DEVIATION), inplace=True)
+        x = functional.relu6(self._stem(((pictures - _MEAN) / _DEVIATION).to(self._dtype)), inplace=True)
         for expand, depthwise, project, residual in self._blocks:
             y = x if expand is None else functional.relu6(expand(x), inplace=True)
             y = project(functional.relu6(depthwise(y), inplace=True))
             x = y.add_(x) if residual else y
-        return functional.relu6(self._head(x), inplace=True)
+        return functional.relu6(self._head(x), inplace=True).float()
 
     @torch.inference_mode()
     def logits(self, pictures: Tensor) -> Tensor:
@@ -123,22 +126,22 @@ class EfficientNetLite2:
 
 
 def _load_convolution(
-    state: dict[str, Tensor], convolution: str, norm: str, *, stride: int = 1
+    state: dict[str, Tensor], dtype: torch.dtype, convolution: str, norm: str, *, stride: int = 1
 ) -> _Convolution:  # by definition
     """Return the convolution and the batch normalisation of these names as one convolution."""
     weight = state[f"{convolution}.weight"]
     factor = state[f"{norm}.weight"] / torch.sqrt(state[f"{norm}.running_var"] + _BATCH_NORM_EPSILON)
     groups = weight.shape[0] if weight.shape[1] == 1 and weight.shape[0] > 1 else 1
     bias = state[f"{norm}.bias"] - state[f"{norm}.running_mean"] * factor
-    weight = (weight * factor[:, None, None, None]).contiguous(memory_format=torch.channels_last)
-    return _Convolution(weight, bias, stride, groups)
+    weight = (weight * factor[:, None, None, None]).to(dtype).contiguous(memory_format=torch.channels_last)
+    return _Convolution(weight, bias.to(dtype), stride, groups)
 
 
 _Block = tuple[_Convolution | None, _Convolution, _Convolution, bool]
 """Expansion (None if omitted), depthwise convolution, projection, and whether the block has a residual connection."""
 
 
-def _load_blocks(state: dict[str, Tensor]) -> list[_Block]:
+def _load_blocks(state: dict[str, Tensor], dtype: torch.dtype) -> list[_Block]:
     blocks: list[_Block] = []
     channels = 32
     for stage in _STAGES:
@@ -147,9 +150,9 @@ def _load_blocks(state: dict[str, Tensor]) -> list[_Block]:
             stride = stage.stride if position == 0 else 1
             expand = None
             if f"{name}._expand_conv.weight" in state:
-                expand = _load_convolution(state, f"{name}._expand_conv", f"{name}._bn0")
-            depthwise = _load_convolution(state, f"{name}._depthwise_conv", f"{name}._bn1", stride=stride)
-            project = _load_convolution(state, f"{name}._project_conv", f"{name}._bn2")
+                expand = _load_convolution(state, dtype, f"{name}._expand_conv", f"{name}._bn0")
+            depthwise = _load_convolution(state, dtype, f"{name}._depthwise_conv", f"{name}._bn1", stride=stride)
+            project = _load_convolution(state, dtype, f"{name}._project_conv", f"{name}._bn2")
             if depthwise.weight.shape[-1] != stage.kernel or project.weight.shape[0] != stage.channels:
                 raise ValueError(f"block {len(blocks)} has an unexpected shape")
             blocks.append((expand, depthwise, project, stride == 1 and channels == stage.channels))

@@ -7,8 +7,9 @@ which works much better than the sliding windows used without segments. See docs
 
 from __future__ import annotations
 
+import functools
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 from pathlib import Path
@@ -21,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import PromptError
 from ..masks import mask_box
 from ..models import locate, models_folder
+from ..processor import multiplies_bfloat16
 from .detector import Detection, PromptCheck
 from .efficientnet import INPUT_SIDE, EfficientNetLite2
 from .row_cache import RowCache
@@ -75,7 +77,7 @@ class OfflineVocabulary:
         derived = models_folder(cache).parent / "derived"
         self._vocabulary = Vocabulary(encoder, derived)
         weights = locate("efficientnet-lite2", cache)
-        self._classifier = EfficientNetLite2(weights)
+        self._classifier = EfficientNetLite2(weights, bfloat16=multiplies_bfloat16())
         self._segment_cache = RowCache(
             derived / f"segments-{weights.stem}", width=N_CLASSES, max_files=_MAX_CACHED_PHOTOS
         )
@@ -232,7 +234,10 @@ class OfflineVocabulary:
         if key not in self._probabilities:
             rows = None if disk_cache is None else disk_cache.get(key)
             if rows is None or len(rows) != len(boxes):
-                crops = [_crop(pixels, box, None if masks is None else masks[i], dimmed) for i, box in enumerate(boxes)]
+                shown: Sequence[NDArray[np.bool_] | None] = masks or [None] * len(boxes)
+                crops = [
+                    functools.partial(_crop, pixels, box, mask, dimmed) for box, mask in zip(boxes, shown, strict=True)
+                ]
                 rows = np.concatenate(self._run_classifier(crops))
                 if disk_cache is not None:
                     disk_cache.put(key, rows)
@@ -241,15 +246,15 @@ class OfflineVocabulary:
                 self._probabilities.popitem(last=False)
         return self._probabilities[key]
 
-    def _run_classifier(self, crops: Sequence[Pixels]) -> list[Float32]:
-        """Return class probabilities in batches, each computed by one thread.
+    def _run_classifier(self, crops: Sequence[Callable[[], Pixels]]) -> list[Float32]:
+        """Return class probabilities of what `crops` return, in batches, each computed by one thread.
 
         Threads within one operation wait for each other by spinning, which wastes CPU time in the small layers of this
         network; see docs/design_notes/grounding.md.
         """
 
-        def classify(batch: Sequence[Pixels]) -> Float32:
-            pictures = torch.from_numpy(np.stack(batch)).permute(0, 3, 1, 2).float()
+        def classify(batch: Sequence[Callable[[], Pixels]]) -> Float32:
+            pictures = torch.from_numpy(np.stack([crop() for crop in batch])).permute(0, 3, 1, 2).float()
             return np.asarray(self._classifier.logits(pictures).softmax(dim=1).numpy(), np.float32)
 
         batches = [crops[start : start + _BATCH_SIZE] for start in range(0, len(crops), _BATCH_SIZE)]

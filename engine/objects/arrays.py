@@ -17,5 +17,5 @@ Pixels = NDArray[np.uint8]
 Place = tuple[float, float]
 """x, y in pixels of a picture from its top left corner."""
 
-SETS_TOGETHER = 32  # by definition
+SETS_TOGETHER = 16  # by definition
 """Sets of Gaussians that are solved or rendered together. More need more memory and are hardly faster."""

@@ -183,8 +183,8 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
         view = views.of(camera)
         labels = view.labels_from_photo(label_maps[camera.photo])
         segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
-        masks = (labels[..., None] == segments) & view.within[..., None]
-        votes = views.scene.votes(view.frame, masks.astype(np.float32))
+        masks = np.eye(len(segments), dtype=np.float32)[np.searchsorted(segments, labels)]
+        votes = views.scene.votes(view.frame, masks * view.within[..., None])
         columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
         photo += [number] * len(segments)
     photos = tuple(camera.photo for camera in cameras)

@@ -27,6 +27,15 @@ def test_mean_of_the_class_map_equals_the_logits(classifier: EfficientNetLite2) 
     )
 
 
+def test_bfloat16_gives_nearly_the_same_classes(classifier: EfficientNetLite2) -> None:
+    half = EfficientNetLite2(fetched("efficientnet-lite2")[0], bfloat16=True)
+    pictures = torch.rand((2, 3, 260, 260), generator=torch.Generator().manual_seed(3)) * 255
+    found, expected = half.logits(pictures), classifier.logits(pictures)
+    assert found.dtype == torch.float32
+    assert 1e-4 < (found - expected).abs().max() < 0.5  # of logits up to 7; seen: 0.2
+    assert (found.softmax(dim=1) - expected.softmax(dim=1)).abs().max() < 0.05  # seen: 0.02
+
+
 @pytest.mark.parametrize(("size", "kernel", "stride"), [(260, 3, 2), (65, 5, 2), (33, 3, 1), (1, 5, 2), (64, 5, 2)])
 def test_padding_gives_the_same_size_as_tensorflow(size: int, kernel: int, stride: int) -> None:
     x = torch.ones((1, 1, size, size + 1))

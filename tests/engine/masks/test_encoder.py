@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from engine.masks import encoder, processor
+from engine import processor
+from engine.masks import encoder
 from engine.masks.encoder import PhotoEncoder, describe_encoding
 from engine.masks.sam import SegmentAnything
 from engine.masks.torch_encoder import TorchEncoder

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from engine.masks import mask_iou, processor
+from engine import processor
+from engine.masks import mask_iou
 from engine.masks.generator import stability_score
 from engine.masks.mask_decoder import MaskDecoder
 from engine.masks.sam import Embedding, SegmentAnything

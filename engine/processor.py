@@ -1,4 +1,4 @@
-"""How torch uses the processor for Segment Anything."""
+"""How torch uses the processor for the networks that see photos."""
 
 from __future__ import annotations
 
