@@ -1,4 +1,4 @@
-"""How torch uses the processor for the networks that see photos."""
+"""How torch uses the processor."""
 
 from __future__ import annotations
 
@@ -23,7 +23,11 @@ def multiplies_bfloat16() -> bool:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Compute with one thread: operations of this size lose more CPU time to a second one than they gain."""
+    """Limit torch's own operations to one thread.
+
+    Its threads wait for each other by spinning, which costs small operations more CPU time than a second thread gains,
+    and slows them down on a machine with other work. See docs/design_notes/training.md.
+    """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-
 from ..errors import Cancelled, SettingsError
 from ..events import Emit, Progress, StopCheck
 from ..files import atomic_write
+from ..processor import one_thread
 from .bounds import BOUNDS, DEFAULT, bounds_of
 from .cases import CASES, Case
 from .measure import Finding
@@ -64,12 +63,8 @@ def run_case(case: AnyCase) -> AnyRow:
     """Run one case with one thread of torch. A row is green if the outcome is as expected and no bound is exceeded."""
     if isinstance(case, TrainingCase):
         return run_training_case(case)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # More threads change the order of sums and spin while they wait.
-    try:
+    with one_thread():  # More threads change the order of sums.
         finding = case.run(bounds_of(case.name))
-    finally:
-        torch.set_num_threads(threads)
     return Row(case, finding, finding.outcome == case.expected and not finding.problems)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from collections.abc import Iterator, Sequence
@@ -13,6 +12,7 @@ import torch
 
 from ..errors import Cancelled
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
+from ..processor import one_thread
 from ..rasterizer import AdamState, compile_kernels
 from ..scene import Gaussians
 from .checkpoint import RunState, continues, read_checkpoint, run_key, write_checkpoint
@@ -111,7 +111,7 @@ def train(
     -----
     A resumed run gives the same Gaussians, bit for bit, as an uninterrupted one on the same computer.
     """
-    with translate_out_of_memory(), _one_torch_thread():
+    with translate_out_of_memory(), one_thread():
         # Not in the first step, because the clock of the error curve must not include work done once per computer.
         if settings.backend == "cpu":
             emit(Progress(STAGE, 0.0, message="compiling the rasterizer, once per computer, or loading it"))
@@ -130,21 +130,6 @@ def train(
             run.report()
         run.check()
         return run.result()
-
-
-@contextlib.contextmanager
-def _one_torch_thread() -> Iterator[None]:
-    """Limit torch's own small operations to one thread.
-
-    The rasterizer, loss and Adam have their own threads. Torch's threads wait for each other by spinning, which slows
-    small operations down on a machine with other work. See docs/design_notes/training.md.
-    """
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 class _TrainingRun:

