@@ -17,7 +17,7 @@ N_GAUSSIANS = 15_000
 """Largest number of Gaussians of a room. The photos have 36 % of the pixels of those of `demo/museum_room`."""
 
 
-def reconstruct_room(room: Path, out: Path, *, emit: Emit, should_stop: StopCheck) -> None:
+def reconstruct_room(room: Path, out: Path, *, seed: int = 0, emit: Emit, should_stop: StopCheck) -> None:
     """Reconstruct a room with the method of this working tree; a killed run is continued.
 
     Parameters
@@ -26,6 +26,8 @@ def reconstruct_room(room: Path, out: Path, *, emit: Emit, should_stop: StopChec
         Folder with ``photos`` and ``cameras``.
     out : Path
         Project folder.
+    seed : int
+        Of the training.
     emit, should_stop
         See `engine.events`.
 
@@ -46,6 +48,6 @@ def reconstruct_room(room: Path, out: Path, *, emit: Emit, should_stop: StopChec
         points_given=has_points(settings.camera_model),
     )
     work = replace(planned, max_gaussians=N_GAUSSIANS)
-    training = training_settings(work).changed(max_gaussians=N_GAUSSIANS)
+    training = training_settings(work).changed(max_gaussians=N_GAUSSIANS, seed=seed)
     prepared, _ = prepare_masks(prepared, out, work, settings, emit=emit, should_stop=should_stop)
     train_prepared(prepared, out, work, training, emit=emit, should_stop=should_stop)
