@@ -24,7 +24,7 @@ from engine.files import file_sha256
 from engine.machine import cpu_seconds
 from engine.masks import label_map_path, load_default_sam, make_masks, read_label_map
 from engine.masks.settings import PRESETS
-from engine.scene import Camera, CameraSet, Photo, PhotoSet
+from engine.scene import Photo, PhotoSet
 
 _MIN_PIXELS = 150
 """Smaller true masks are not counted."""
@@ -61,13 +61,6 @@ def main() -> None:
 def _measure(folder: Path, every: int, preset: str) -> _Result:
     names = sorted(path.name for path in (folder / "photos").iterdir() if path.suffix == ".jpg")[::every]
     photos = tuple(_photo(folder / "photos", name) for name in names)
-    cameras = tuple(
-        Camera(photo.name, photo.width, photo.height, "PINHOLE", (1.0, 1.0, 0.0, 0.0), np.eye(4)) for photo in photos
-    )
-    nothing = np.zeros((0, 3))
-    camera_set = CameraSet(
-        cameras, (), nothing.astype(np.float32), nothing.astype(np.uint8), float("nan"), np.eye(4), True
-    )
     times: list[float] = []
 
     def note(event: Event) -> None:
@@ -78,7 +71,7 @@ def _measure(folder: Path, every: int, preset: str) -> _Result:
     with tempfile.TemporaryDirectory() as out:
         start = time.perf_counter()
         make_masks(
-            PhotoSet(folder / "photos", photos, ()), camera_set, names, Path(out), PRESETS[preset], sam,
+            PhotoSet(folder / "photos", photos, ()), names, Path(out), PRESETS[preset], lambda: sam,
             emit=note, should_stop=never_stop,
         )  # fmt: skip
         wall = (time.perf_counter() - start) / len(names)

@@ -1,6 +1,8 @@
-"""Work on files from other people in a child process with bounded time and memory.
+"""Work in a child process.
 
-A decoder that loops, crashes or asks for all memory then fails alone: its file is refused, and the engine goes on.
+Files from other people are read with bounded time and memory (`run_in_child`): a decoder that loops, crashes or asks
+for all memory then fails alone, its file is refused, and the engine goes on. Work of the engine's own may go on beside
+other work, on cores that are idle (`child_beside`).
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from .errors import Cancelled, HeritageError, is_out_of_memory
 from .events import StopCheck, never_stop
 from .files import parse_json, read_text
 
-__all__ = ["ChildFailure", "end_with_parent", "run_in_child"]
+__all__ = ["ChildBeside", "ChildFailure", "child_beside", "end_with_parent", "run_in_child"]
 
 _LOG = logging.getLogger(__name__)
 # Not `__name__`, which is `__main__` in the child.
@@ -100,20 +102,62 @@ def run_in_child(
     ModuleNotFoundError
         When a package is not installed.
     """
-    request = {"function": function, "arguments": arguments, "max_memory": max_memory, "max_seconds": max_seconds}
     with _started() as (process, answer, complaints):
-        _send(process, json.dumps(request).encode("ascii") + b"\n")
+        _send(process, _request(function, arguments, max_memory, max_seconds))
         in_time = _wait(process, answer, max_seconds, what, should_stop)
     if should_stop():
         # What asks this process to stop may have ended the child too.
         raise Cancelled(f"Stopped while {what}. The next run continues from here.")
-    text = complaints.text()
     if not in_time or process.returncode == -getattr(signal, "SIGALRM", 0):
         raise ChildFailure(f"{_sentence(what)} took more than {max_seconds:.3g} s.", "time")
-    if process.returncode != 0:
-        _LOG.error("The child process failed with code %d while %s: %s", process.returncode, what, text)
-        _raise_death(process.returncode, text, max_memory, what)
-    return _result(answer.text(), max_memory, what)
+    return _outcome(process.returncode, answer.text(), complaints.text(), max_memory, what)
+
+
+@contextlib.contextmanager
+def child_beside(function: str, arguments: dict[str, Any], *, what: str) -> Iterator[ChildBeside]:
+    """Call a function of the engine in a child process while the block runs; at its end the child is dead.
+
+    The function works on the engine's own data: its time and memory are not bounded. Otherwise see `run_in_child`.
+
+    Parameters
+    ----------
+    function, arguments, what
+        See `run_in_child`.
+    """
+    with _started() as (process, answer, complaints):
+        _send(process, _request(function, arguments, None, None))
+        yield ChildBeside(process, answer, complaints, what)
+
+
+class ChildBeside:
+    """Work in a child process that goes on beside this one, from `child_beside`."""
+
+    def __init__(self, process: subprocess.Popen[bytes], answer: _Collector, complaints: _Collector, what: str) -> None:
+        self._process, self._answer, self._complaints, self._what = process, answer, complaints, what
+
+    def end(self) -> Any | None:
+        """End the child and return its function's result, None when it had not finished.
+
+        From here on `os.times` counts the child's CPU time.
+
+        Raises
+        ------
+        HeritageError, ChildFailure, ModuleNotFoundError
+            As `run_in_child`.
+        """
+        finished = self._process.poll() is not None
+        _kill(self._process)
+        self._process.wait()
+        if not finished:
+            return None
+        for stream in (self._answer, self._complaints):
+            stream.end()
+        return _outcome(self._process.returncode, self._answer.text(), self._complaints.text(), None, self._what)
+
+
+def _request(function: str, arguments: dict[str, Any], max_memory: int | None, max_seconds: float | None) -> bytes:
+    request = {"function": function, "arguments": arguments, "max_memory": max_memory, "max_seconds": max_seconds}
+    return json.dumps(request).encode("ascii") + b"\n"
 
 
 class _Collector:
@@ -206,7 +250,15 @@ def _wait(
             return False
 
 
-def _raise_death(code: int, text: str, max_memory: int, what: str) -> None:
+def _outcome(code: int, answer: str, complaints: str, max_memory: int | None, what: str) -> Any:
+    """Return the result in `answer` of a child that ended with `code`, or raise what ended it."""
+    if code != 0:
+        _LOG.error("The child process failed with code %d while %s: %s", code, what, complaints)
+        _raise_death(code, complaints, max_memory, what)
+    return _result(answer, max_memory, what)
+
+
+def _raise_death(code: int, text: str, max_memory: int | None, what: str) -> None:
     # Linux kills the largest process with SIGKILL when all memory is used; libraries abort.
     if code == -getattr(signal, "SIGKILL", 0) or "bad_alloc" in text or is_out_of_memory(RuntimeError(text)):
         raise _memory_failure(max_memory, what)
@@ -217,7 +269,7 @@ def _raise_death(code: int, text: str, max_memory: int, what: str) -> None:
     raise ChildFailure(f"{_sentence(what)} crashed ({cause}).", "crash")
 
 
-def _result(text: str, max_memory: int, what: str) -> Any:
+def _result(text: str, max_memory: int | None, what: str) -> Any:
     advice = "Report this error."
     answer = parse_json(text, {"outcome": str, "value": object}, source=f"The answer while {what}", advice=advice)
     outcome, value = answer["outcome"], answer["value"]
@@ -232,8 +284,9 @@ def _result(text: str, max_memory: int, what: str) -> Any:
     raise ChildFailure(f"{_sentence(what)} failed ({value}).", "crash")
 
 
-def _memory_failure(max_memory: int, what: str) -> ChildFailure:
-    return ChildFailure(f"{_sentence(what)} needs more than {max_memory / 1e6:.0f} MB of memory.", "memory")
+def _memory_failure(max_memory: int | None, what: str) -> ChildFailure:
+    need = "more memory than is free" if max_memory is None else f"more than {max_memory / 1e6:.0f} MB of memory"
+    return ChildFailure(f"{_sentence(what)} needs {need}.", "memory")
 
 
 def _sentence(what: str) -> str:
@@ -272,8 +325,8 @@ def _answer(request: dict[str, Any], answers: int) -> dict[str, Any]:
     try:
         function = getattr(importlib.import_module(f"{__package__}.{module}"), name)
         os.write(answers, _READY)
-        # A little later than the parent, which says it better.
-        _allow_seconds(request["max_seconds"] + 1.0)
+        # A little later than the parent, which says it better. Zero: without a bound.
+        _allow_seconds(0.0 if request["max_seconds"] is None else request["max_seconds"] + 1.0)
         with _memory_limit(request["max_memory"]):
             result = function(**request["arguments"])
             json.dumps(result, allow_nan=False)
@@ -332,9 +385,9 @@ def _allow_seconds(seconds: float) -> None:
 
 
 @contextlib.contextmanager
-def _memory_limit(extra: int) -> Iterator[None]:
-    """Allow `extra` bytes more of address space than this process has now; Linux only."""
-    if sys.platform != "linux":
+def _memory_limit(extra: int | None) -> Iterator[None]:
+    """Allow `extra` bytes more of address space than this process has now, None without a bound; Linux only."""
+    if extra is None or sys.platform != "linux":
         yield
         return
     import resource

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -10,12 +11,15 @@ from . import __version__
 from .cameras.settings import CameraSettings
 from .errors import ProjectError
 from .events import Emit, StageStarted, StopCheck
+from .masks import MasksBeside
 from .masks.settings import MaskSettings
 from .objects.settings import SegmentSettings
 from .photos import extract_frames, is_video
 from .photos.settings import PhotoSettings, VideoSettings
 from .planning import (
     PlanSettings,
+    WorkPlan,
+    choose_photos,
     kept_sizes,
     plan_and_forecast,
     plan_scene,
@@ -29,6 +33,7 @@ from .planning import (
 )
 from .project_folder import ProjectFolder
 from .rasterizer import Device, choose_training_device
+from .scene import PhotoSet
 from .stages import (
     STAGES,
     StageRunner,
@@ -106,7 +111,7 @@ def reconstruct(
     """
     if out.resolve() == photos.resolve():
         raise ProjectError(f"{out} is the photo folder itself. Choose another folder for the project.")
-    with ProjectFolder.create(out) as project:
+    with ProjectFolder.create(out) as project, contextlib.ExitStack() as running:
         runner = StageRunner(project, emit, should_stop)
         if is_video(photos):
             frames = project.path / "frames"
@@ -139,12 +144,17 @@ def reconstruct(
             return project
         training = training_settings(work)
         try:
-            camera_set = cameras_stage(runner, photo_set, settings.cameras, camera_model=settings.camera_model)
+            # Those of an earlier run are kept until the masks stage replaces them.
+            may_start = forecast.masks_beside and "masks" in wanted and runner.key_of("masks") is None
+            beside = running.enter_context(_masks_beside(project, photo_set, work, settings)) if may_start else None
+            camera_set = cameras_stage(
+                runner, photo_set, settings.cameras, camera_model=settings.camera_model, masks_beside=beside
+            )
             plan = plan_scene(work, camera_set)
             project.put("plan", asdict(plan))
             if until == "cameras":
                 return project
-            label_maps = masks_stage(runner, photo_set, camera_set, plan, settings.masks)
+            label_maps = masks_stage(runner, photo_set, plan, settings.masks, beside=beside)
             if until == "masks":
                 return project
             cameras_key = runner.key_of("cameras")
@@ -176,3 +186,17 @@ def reconstruct(
             # The finished stages inform the next forecast, also when the others were stopped.
             update_calibration(project, runner.computed, work, forecast, calibration)
         return project
+
+
+def _masks_beside(
+    project: ProjectFolder, photo_set: PhotoSet, work: WorkPlan, settings: PipelineSettings
+) -> MasksBeside:
+    """Return what makes masks of the photos that the plan will name if all of them get a camera."""
+    names = sorted(photo.name for photo in photo_set.photos)
+    return MasksBeside(
+        project.path / "photos" / "photos.json",
+        photo_set.folder,
+        choose_photos(work, names)[1],
+        project.path / "masks",
+        settings.masks,
+    )

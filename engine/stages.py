@@ -18,7 +18,8 @@ from .cameras.settings import CameraSettings
 from .errors import EnvironmentProblem, FormatError, ProjectError
 from .events import Progress, Warned
 from .files import delete_derived, file_sha256, read_json, record_of, write_json
-from .masks.settings import SAM_MODELS, MaskSettings
+from .masks import MasksBeside
+from .masks.settings import MaskSettings
 from .objects_stage import forget_found_objects, objects_stage
 from .photos import PhotoStatistics
 from .photos.settings import PhotoSettings
@@ -109,7 +110,12 @@ def _require_same_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSe
 
 
 def cameras_stage(
-    runner: StageRunner, photo_set: PhotoSet, settings: CameraSettings, *, camera_model: Path | None
+    runner: StageRunner,
+    photo_set: PhotoSet,
+    settings: CameraSettings,
+    *,
+    camera_model: Path | None,
+    masks_beside: MasksBeside | None = None,
 ) -> CameraSet:
     """Estimate the cameras of the photos, or read them from `camera_model`. If they change, training is no longer done.
 
@@ -120,6 +126,8 @@ def cameras_stage(
     settings : CameraSettings
     camera_model : Path or None
         Folder of a COLMAP model, or a ``transforms.json``, to read instead of estimating.
+    masks_beside : MasksBeside or None
+        Started when cameras are estimated.
     """
     from .scene import read_camera_set, write_camera_set
 
@@ -140,6 +148,8 @@ def cameras_stage(
             for old in folder.glob("sfm-*"):
                 if old != work_folder:
                     delete_derived(folder, old.name)
+            if masks_beside is not None:
+                masks_beside.start()
             camera_set = estimate_cameras(
                 photo_set, work_folder, settings, emit=runner.emit, should_stop=runner.should_stop
             )
@@ -177,9 +187,24 @@ def _hashes_of_model(model: Path | None) -> list[list[str]]:
 
 
 def masks_stage(
-    runner: StageRunner, photo_set: PhotoSet, camera_set: CameraSet, plan: ScenePlan, settings: MaskSettings
+    runner: StageRunner,
+    photo_set: PhotoSet,
+    plan: ScenePlan,
+    settings: MaskSettings,
+    *,
+    beside: MasksBeside | None = None,
 ) -> dict[str, Path]:
-    """Segment the photos that the plan names and return the files of their label maps by photo; none, no stage."""
+    """Segment the photos that the plan names and return the files of their label maps by photo; none, no stage.
+
+    Parameters
+    ----------
+    runner : StageRunner
+    photo_set : PhotoSet
+    plan : ScenePlan
+    settings : MaskSettings
+    beside : MasksBeside or None
+        What the cameras stage may have started. It is ended, and the stage makes the label maps that are missing.
+    """
     from .masks import label_map_path, read_label_map
 
     folder = runner.project.path / "masks"
@@ -187,32 +212,34 @@ def masks_stage(
         return {}
 
     def compute() -> dict[str, Any]:
-        from .masks import card_encodes, load_sam, make_masks
+        from .masks import SegmentAnything, card_encodes, load_sam, make_masks, sam_threads
         from .models import gpu_provider_is_installed
 
         start = time.perf_counter()
-        may_use_gpu = True
-        if gpu_provider_is_installed():
-            # First in a process of its own: a driver that crashes would end the run.
-            may_use_gpu, sentence = card_encodes()
-            if not may_use_gpu:
-                runner.emit(Warned(sentence))
-        # The default model takes as long for the clicks of a photo as for encoding the next, which runs beside them;
-        # the encoders of the others take longer.
-        sam = load_sam(settings.model, threads=1 if settings.model == SAM_MODELS[0] else 2, may_use_gpu=may_use_gpu)
+        made_before = beside.end() if beside is not None else None
+        if made_before is not None and made_before.problem:
+            runner.emit(Warned(f"Not all photos were segmented beside the cameras: {made_before.problem}"))
+
+        def load() -> SegmentAnything:
+            may_use_gpu = True
+            if gpu_provider_is_installed():
+                # First in a process of its own: a driver that crashes would end the run.
+                may_use_gpu, sentence = card_encodes()
+                if not may_use_gpu:
+                    runner.emit(Warned(sentence))
+            return load_sam(settings.model, threads=sam_threads(settings), may_use_gpu=may_use_gpu)
+
         # Label maps are replaced one by one.
         runner.before_replacing_outputs("masks")
-        made = make_masks(
-            photo_set,
-            camera_set,
-            plan.mask_photos,
-            folder,
-            settings,
-            sam,
-            emit=runner.emit,
-            should_stop=runner.should_stop,
+        make_masks(
+            photo_set, plan.mask_photos, folder, settings, load, emit=runner.emit, should_stop=runner.should_stop
         )
-        return {"n_photos": len(made), "seconds_per_photo": (time.perf_counter() - start) / max(1, len(made))}
+        seconds = time.perf_counter() - start
+        figures: dict[str, Any] = {"n_photos": len(plan.mask_photos)}
+        if made_before is not None:
+            seconds += made_before.seconds
+            figures["beside"] = asdict(made_before)
+        return {**figures, "seconds_per_photo": seconds / len(plan.mask_photos)}
 
     hashes = [[photo.name, photo.sha256] for photo in photo_set.photos if photo.name in plan.mask_photos]
     paths = {name: label_map_path(folder, name) for name in plan.mask_photos}

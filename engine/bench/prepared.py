@@ -90,7 +90,7 @@ def prepare_masks(
     with ProjectFolder.create(out) as project:
         runner = StageRunner(project, emit, should_stop)
         plan = plan_scene(work, prepared.camera_set)
-        label_maps = masks_stage(runner, prepared.photo_set, prepared.camera_set, plan, settings.masks)
+        label_maps = masks_stage(runner, prepared.photo_set, plan, settings.masks)
         masks_key = runner.key_of("masks") if label_maps else prepared.cameras_key
         return replace(prepared, label_maps=label_maps, masks_key=masks_key), project
 

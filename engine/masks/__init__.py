@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
+    from .beside import MasksBeside, sam_threads
     from .embeddings import EmbeddingFolder
     from .encoder import card_encodes
     from .mask_geometry import box_ious, mask_box, mask_iou
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Embedding",
     "EmbeddingFolder",
+    "MasksBeside",
     "SegmentAnything",
     "card_encodes",
     "label_map_path",
@@ -27,6 +29,7 @@ __all__ = [
     "mask_box",
     "mask_iou",
     "read_label_map",
+    "sam_threads",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -9,7 +9,7 @@ SAM's embeddings of these photos are stored beside the label maps, for later cli
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from ..errors import Cancelled, MaskError
 from ..events import Emit, Progress, StopCheck
 from ..photos import load_pixels
 from ..project_folder import stage_key
-from ..scene import CameraSet, Photo, PhotoSet
+from ..scene import Photo, PhotoSet
 from ..settings import to_dict
 from .automatic import segment_everything
 from .embeddings import EmbeddingFolder
@@ -33,11 +33,10 @@ _METHOD_VERSION = 2
 
 def make_masks(
     photo_set: PhotoSet,
-    camera_set: CameraSet,
     names: Sequence[str],
     folder: Path,
     settings: MaskSettings,
-    sam: SegmentAnything,
+    load: Callable[[], SegmentAnything],
     *,
     emit: Emit,
     should_stop: StopCheck,
@@ -47,14 +46,13 @@ def make_masks(
     Parameters
     ----------
     photo_set : PhotoSet
-    camera_set : CameraSet
-        Registered photos. Label maps of photos without a camera cannot be used.
     names : sequence of str
         Photo names.
     folder : Path
         The project's ``masks`` folder.
     settings : MaskSettings
-    sam : SegmentAnything
+    load : callable
+        Returns the SAM; called if a label map is missing or out of date.
     emit : Emit
         Receives what encodes the photos, and a `Progress` of stage ``masks`` per photo.
     should_stop : StopCheck
@@ -63,7 +61,7 @@ def make_masks(
     Raises
     ------
     MaskError
-        When one of `names` is not a registered photo.
+        When one of `names` is not in `photo_set`.
     PhotoError
         When a photo can no longer be read.
     Cancelled
@@ -74,30 +72,41 @@ def make_masks(
     About 2.5 CPU seconds per photo, 1.8 in bfloat16, half of them on each of two cores.
     """
     photos = {photo.name: photo for photo in photo_set.photos}
-    registered = {camera.photo for camera in camera_set.cameras}
     for name in names:
-        if name not in photos or name not in registered:
-            raise MaskError(
-                f"{name} is not a registered photo of {photo_set.folder}; only registered photos can have masks."
-            )
+        if name not in photos:
+            raise MaskError(f"{name} is not a photo of {photo_set.folder}, so it cannot have masks.")
     paths = {name: label_map_path(folder, name) for name in names}
     stale = [name for name in names if read_recipe(paths[name]) != _recipe(photos[name], settings)]
     if stale:
-        emit(Progress("masks", 0.0, message=sam.device))
+        _make(stale, photos, photo_set.folder, folder, settings, load(), emit, should_stop)
+    emit(Progress("masks", 1.0, 0.0, message=f"{len(names)} label maps, {len(names) - len(stale)} of them kept"))
+    return paths
+
+
+def _make(
+    names: Sequence[str],
+    photos: Mapping[str, Photo],
+    photo_folder: Path,
+    folder: Path,
+    settings: MaskSettings,
+    sam: SegmentAnything,
+    emit: Emit,
+    should_stop: StopCheck,
+) -> None:
+    """Write the label maps of `names`."""
+    emit(Progress("masks", 0.0, message=sam.device))
     start = time.perf_counter()
     # More pixels than the encoder and the label map use would only cost memory.
     max_side = max(settings.max_side, INPUT_SIDE)
     with ThreadPoolExecutor(max_workers=1) as pool:
-        embeddings = _encode_ahead(stale, photo_set.folder, EmbeddingFolder(folder), sam, max_side, pool)
-        for n_done, name in enumerate(stale):
+        embeddings = _encode_ahead(names, photo_folder, EmbeddingFolder(folder), sam, max_side, pool)
+        for n_done, name in enumerate(names):
             if should_stop():
-                raise Cancelled(f"Stopped after {n_done} of {len(stale)} label maps; the next run continues there.")
-            seconds_left = (time.perf_counter() - start) / n_done * (len(stale) - n_done) if n_done else None
-            emit(Progress("masks", n_done / len(stale), seconds_left, message=f"Segments of {name}"))
+                raise Cancelled(f"Stopped after {n_done} of {len(names)} label maps; the next run continues there.")
+            seconds_left = (time.perf_counter() - start) / n_done * (len(names) - n_done) if n_done else None
+            emit(Progress("masks", n_done / len(names), seconds_left, message=f"Segments of {name}"))
             labels = segment_everything(next(embeddings), sam, settings, should_stop=should_stop)
-            write_label_map(paths[name], labels, recipe=_recipe(photos[name], settings))
-    emit(Progress("masks", 1.0, 0.0, message=f"{len(names)} label maps, {len(names) - len(stale)} of them kept"))
-    return paths
+            write_label_map(label_map_path(folder, name), labels, recipe=_recipe(photos[name], settings))
 
 
 def _encode_ahead(

@@ -486,19 +486,22 @@ def work_plan_as_dict(work: WorkPlan) -> dict[str, Any]:
 def plan_scene(work: WorkPlan, camera_set: CameraSet) -> ScenePlan:
     """Name the test photos and the photos that get masks, among the photos with a camera."""
     names = [camera.photo for camera in camera_set.cameras]
-    every = PRESETS[work.preset].measurement.held_out_every
-    held_out = tuple(names[every // 2 :: every]) if every else ()
-    wanted = min(work.n_mask_photos, len(names))
-    mask_photos: tuple[str, ...] = ()
-    if wanted == len(names):
-        mask_photos = tuple(sorted(names))
-    elif wanted:
-        evaluated = evenly_spaced(held_out, max(1, wanted // 6)) if held_out else ()
-        trained = evenly_spaced([name for name in names if name not in held_out], wanted - len(evaluated))
-        mask_photos = tuple(sorted({*evaluated, *trained}))
+    held_out, mask_photos = choose_photos(work, names)
     left_out = work.left_out
     if work.n_held_out and not held_out:
         left_out += (
             LeftOut("test photos", f"only {len(names)} photos could be placed, too few to exclude one from training"),
         )
     return ScenePlan(held_out, mask_photos, work.features, left_out)
+
+
+def choose_photos(work: WorkPlan, names: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the test photos and the photos that get masks among `names`, the photos with a camera in sorted order."""
+    every = PRESETS[work.preset].measurement.held_out_every
+    held_out = tuple(names[every // 2 :: every]) if every else ()
+    wanted = min(work.n_mask_photos, len(names))
+    if wanted in (0, len(names)):
+        return held_out, tuple(sorted(names[:wanted]))
+    evaluated = evenly_spaced(held_out, max(1, wanted // 6)) if held_out else ()
+    trained = evenly_spaced([name for name in names if name not in held_out], wanted - len(evaluated))
+    return held_out, tuple(sorted({*evaluated, *trained}))

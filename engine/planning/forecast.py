@@ -175,6 +175,8 @@ class Forecast:
         Number of earlier runs on this machine that corrected the forecast.
     device : str
         What training is forecast for, see `TrainingDevice.name`.
+    masks_beside : bool
+        Whether masks can be made while the cameras are estimated: there is another core, and memory for both.
     """
 
     stages: tuple[StageForecast, ...]
@@ -182,14 +184,27 @@ class Forecast:
     cores: int
     n_runs: int
     device: str = "cpu"
+    masks_beside: bool = False
 
     @property
     def seconds(self) -> tuple[float, float, float]:
         """Wall seconds of all stages: low, expected, high. Errors of stages are independent, so their squares add."""
-        middle = sum(stage.seconds for stage in self.stages)
+        middle = sum(stage.seconds for stage in self.stages) - self.saved_seconds
         low = math.sqrt(sum((stage.seconds - stage.low) ** 2 for stage in self.stages))
         high = math.sqrt(sum((stage.high - stage.seconds) ** 2 for stage in self.stages))
         return max(0.0, middle - low), middle, middle + high
+
+    @property
+    def saved_seconds(self) -> float:
+        """Wall seconds of the masks stage that pass while the cameras are estimated.
+
+        One core is busy during the serial share of the cameras' work; the others make masks.
+        """
+        stages = {stage.stage: stage for stage in self.stages}
+        if not self.masks_beside or not {"cameras", "masks"} <= stages.keys():
+            return 0.0
+        rate = wall_share("masks", self.cores) / wall_share("masks", self.cores - 1)
+        return min(stages["masks"].seconds, rate * _SERIAL_SHARE["cameras"] * stages["cameras"].cpu_seconds)
 
     @property
     def largest(self) -> StageForecast:
@@ -393,12 +408,16 @@ def forecast_work(
     stages = ["photos", "cameras"]
     stages += ["masks"] if work.n_mask_photos else []
     stages += ["training"] + (["objects"] if n_prompts else []) + ["report"]
+    expected = tuple(_forecast_stage(stage, work, settings, machine, calibration, n_prompts) for stage in stages)
+    needed = sum(stage.memory for stage in expected if stage.stage in ("cameras", "masks"))
+    fits = machine.free_bytes is None or needed <= machine.free_bytes
     return Forecast(
-        tuple(_forecast_stage(stage, work, settings, machine, calibration, n_prompts) for stage in stages),
+        expected,
         machine.free_bytes,
         machine.cores,
         calibration.n_runs,
         work.device.name,
+        masks_beside=fits and machine.cores > 1 and work.n_mask_photos > 0 and not work.poses_given,
     )
 
 

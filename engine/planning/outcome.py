@@ -34,7 +34,8 @@ def update_calibration(
 
     Notes
     -----
-    The number of matched pairs is taken from the plan.
+    The number of matched pairs is taken from the plan. Of masks that were made beside the cameras, the CPU time and the
+    memory are compared: their wall time is that of both stages.
     """
     if work.preset == "test":
         return  # Its seconds are start-up time, which says nothing about the formulas.
@@ -46,12 +47,19 @@ def update_calibration(
             continue
         if stage == "training" and record["figures"].get("device", "cpu") != forecast.device:
             continue  # The plan expected that it would be reused.
+        beside = record["figures"].get("beside")
+        if beside is not None and beside["n_kept"]:
+            continue
         formula = expected[stage].model_cpu_seconds
         cpu, wall = record["cpu_seconds"], record["wall_seconds"]
         outcome = outcome_name(stage, forecast.device)
         calibration.add_outcome(outcome, "cpu", formula=formula, actual=cpu)
-        calibration.add_outcome(outcome, "wall", formula=cpu * wall_share(outcome, forecast.cores), actual=wall)
-        calibration.add_outcome(outcome, "memory", formula=expected[stage].model_memory, actual=record["peak_memory"])
+        peak = record["peak_memory"]
+        if beside is None:
+            calibration.add_outcome(outcome, "wall", formula=cpu * wall_share(outcome, forecast.cores), actual=wall)
+        elif beside["peak_memory"] is not None:
+            peak = max(beside["peak_memory"], peak or 0)
+        calibration.add_outcome(outcome, "memory", formula=expected[stage].model_memory, actual=peak)
         updated = True
     if updated:
         calibration.n_runs += 1

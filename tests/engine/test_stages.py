@@ -35,7 +35,9 @@ def test_card_whose_driver_crashes_is_not_used_for_masks_and_that_is_told(
     def load_sam(name: str, *, threads: int, may_use_gpu: bool) -> None:
         asked.append(may_use_gpu)
 
-    def make_masks(*_: object, **__: object) -> dict[str, Path]:
+    def make_masks(*given: Any, **_: object) -> dict[str, Path]:
+        load = given[-1]
+        load()
         path = label_map_path(tmp_path / "project" / "masks", NAME)
         write_label_map(path, np.ones((4, 5), np.int32))
         return {NAME: path}
@@ -50,7 +52,7 @@ def test_card_whose_driver_crashes_is_not_used_for_masks_and_that_is_told(
     events: list[Event] = []
     with ProjectFolder.create(tmp_path / "project") as project:
         runner = StageRunner(project, events.append, never_stop)
-        masks_stage(runner, photos, None, plan, MaskSettings())  # type: ignore[arg-type]
+        masks_stage(runner, photos, plan, MaskSettings())
     warnings = [event.message for event in events if isinstance(event, Warned)]
     if isinstance(answer, Exception):
         assert asked == [False]

@@ -17,7 +17,6 @@ from engine.masks.sam import Embedding
 from engine.masks.settings import MaskSettings
 from engine.masks.stage import make_masks
 from engine.masks.storage import read_label_map
-from engine.scene.camera import Camera, CameraSet
 from engine.scene.photo import Photo, PhotoSet
 from tests.engine.masks.shapes import shapes_picture
 
@@ -37,12 +36,6 @@ def folder(tmp_path: Path) -> Path:
 def _photos(folder: Path) -> PhotoSet:
     photos = (Photo(name, 640, 480, None, file_sha256(folder / "photos" / name)) for name in NAMES)
     return PhotoSet(folder / "photos", tuple(photos), ())
-
-
-def _cameras() -> CameraSet:
-    cameras = tuple(Camera(name, 640, 480, "PINHOLE", (500.0, 500.0, 320.0, 240.0), np.eye(4)) for name in NAMES)
-    empty = np.zeros((0, 3))
-    return CameraSet(cameras, (), empty.astype(np.float32), empty.astype(np.uint8), float("nan"), np.eye(4), True)
 
 
 class _Counting:
@@ -70,11 +63,10 @@ def _run(folder: Path, sam: _Counting, settings: MaskSettings = FEW_CLICKS, stop
     events: list[Event] = []
     paths = make_masks(
         _photos(folder),
-        _cameras(),
         NAMES,
         folder / "masks",
         settings,
-        sam,  # type: ignore[arg-type]
+        lambda: sam,  # type: ignore[arg-type, return-value]
         emit=events.append,
         should_stop=lambda: sam.encoded >= stop_after,
     )
@@ -144,15 +136,14 @@ def test_label_maps_of_another_method_are_never_mixed_with_new_ones(
     assert counting.encoded == 2  # embeddings do not depend on the clicks
 
 
-def test_photo_that_is_not_registered_is_rejected(folder: Path) -> None:
-    with pytest.raises(MaskError, match="c.png is not a registered photo"):
+def test_photo_that_is_not_in_the_set_is_rejected(folder: Path) -> None:
+    with pytest.raises(MaskError, match="c.png is not a photo of .*photos"):
         make_masks(
             _photos(folder),
-            _cameras(),
             ["c.png"],
             folder / "masks",
             FEW_CLICKS,
-            _Counting(),  # type: ignore[arg-type]
+            _Counting,  # type: ignore[arg-type]
             emit=lambda event: None,
             should_stop=lambda: False,
         )

@@ -137,10 +137,11 @@ def test_outcomes_without_information_are_ignored(tmp_path: Path) -> None:
     assert calibration.outcomes == {}
 
 
-def finished_project(folder: Path, *, continued: bool) -> ProjectFolder:
+def finished_project(folder: Path, *, continued: bool, beside: dict[str, float] | None = None) -> ProjectFolder:
     project = ProjectFolder.create(folder)
+    figures = {} if beside is None else {"beside": beside}
     project.finish_stage(
-        "masks", "key", wall_seconds=300.0, cpu_seconds=400.0, figures={}, peak_memory=2_000_000_000,
+        "masks", "key", wall_seconds=300.0, cpu_seconds=400.0, figures=figures, peak_memory=2_000_000_000,
         continued=continued,
     )  # fmt: skip
     return project
@@ -170,6 +171,23 @@ def test_stage_that_an_earlier_run_had_begun_is_ignored(tmp_path: Path) -> None:
     forecast = forecast_work(plan, training, MACHINE, calibration)
     update_calibration(finished_project(tmp_path / "p", continued=True), ["masks"], plan, forecast, calibration)
     assert calibration.outcomes == {} and calibration.n_runs == 0
+
+
+@pytest.mark.parametrize("n_kept", [0, 1])
+def test_masks_made_beside_the_cameras_tell_their_cpu_time_and_memory_alone(n_kept: int, tmp_path: Path) -> None:
+    calibration = load(tmp_path / "calibration.json", Speed())
+    plan = work(32)
+    forecast = forecast_work(plan, training_settings(plan), MACHINE, calibration)
+    beside = {"seconds": 90.0, "n_kept": n_kept, "peak_memory": 3e9}
+    project = finished_project(tmp_path / "p", continued=False, beside=beside)
+    update_calibration(project, ["masks"], plan, forecast, calibration)
+    if n_kept:
+        assert calibration.outcomes == {}
+        return
+    assert calibration.correction("masks", "wall").mean == 0
+    assert calibration.correction("masks", "cpu").mean != 0
+    masks = next(stage for stage in forecast.stages if stage.stage == "masks")
+    assert 0 < calibration.correction("masks", "memory").mean <= math.log(3e9 / masks.model_memory)
 
 
 def test_benchmark_measures_plausible_values() -> None:

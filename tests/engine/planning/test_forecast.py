@@ -78,7 +78,24 @@ def test_ranges_contain_the_expectation_and_the_sum_is_more_certain_than_its_par
     for stage in total.stages:
         assert stage.low < stage.seconds < stage.high and stage.memory_low < stage.memory < stage.memory_high
     low, middle, high = total.seconds
-    assert sum(stage.low for stage in total.stages) < low < middle < high < sum(stage.high for stage in total.stages)
+    saved = total.saved_seconds
+    assert sum(stage.low for stage in total.stages) - saved < low < middle
+    assert middle < high < sum(stage.high for stage in total.stages) - saved
+
+
+def test_masks_beside_the_cameras_shorten_the_whole_where_there_is_a_core_and_memory(known: Calibration) -> None:
+    plan, kept = work(32), work(32, poses_given=True)
+    two = forecast(plan, known)
+    masks, cameras = (next(one for one in two.stages if one.stage == name) for name in ("masks", "cameras"))
+    assert two.masks_beside and 0 < two.saved_seconds <= masks.seconds
+    assert two.seconds[1] == pytest.approx(sum(stage.seconds for stage in two.stages) - two.saved_seconds)
+    one_core = forecast_work(plan, training_settings(plan), replace(MACHINE, cores=1), known)
+    many = forecast_work(plan, training_settings(plan), replace(MACHINE, cores=16), known)
+    assert not one_core.masks_beside and one_core.saved_seconds == 0
+    assert many.saved_seconds > two.saved_seconds
+    assert not forecast(plan, known, free=cameras.memory + masks.memory - 1).masks_beside
+    assert not forecast(work(32, PlanSettings(wants_objects=False)), known).masks_beside
+    assert not forecast(kept, known).masks_beside
 
 
 def test_more_cores_shorten_wall_time_but_not_cpu_time(known: Calibration) -> None:

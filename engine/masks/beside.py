@@ -1,0 +1,151 @@
+"""Label maps that a process of its own makes while the cameras are estimated.
+
+A label map depends on its photo only, and COLMAP places the photos on one core. The child makes label maps of the
+photos that will need some if all are placed; the masks stage then makes those that are missing. A child that is killed
+loses one photo's work.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import logging
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ..child_process import ChildBeside, child_beside
+from ..errors import HeritageError
+from ..events import never_stop
+from ..machine import PeakMemory
+from ..settings import to_dict
+from .settings import SAM_MODELS, MaskSettings
+from .storage import label_map_path
+
+__all__ = ["BesideCost", "MasksBeside", "make_masks_in_child", "sam_threads"]
+
+_LOG = logging.getLogger(__name__)
+_NICENESS = 10
+"""The cameras come first where both want a core."""
+
+
+@dataclass(frozen=True)
+class BesideCost:
+    """What the child took.
+
+    Attributes
+    ----------
+    seconds : float
+        Wall seconds.
+    peak_memory : int or None
+        Bytes, None for a child that did not finish or where the system does not report it.
+    n_kept : int
+        Label maps that were there before, of an earlier run.
+    problem : str
+        Why it made nothing more, as a sentence; empty when nothing failed.
+    """
+
+    seconds: float
+    n_kept: int
+    peak_memory: int | None = None
+    problem: str = ""
+
+
+class MasksBeside:
+    """Makes label maps in a child process from `start` to `end`; a context at whose end the child is dead.
+
+    Parameters
+    ----------
+    photos_file : Path
+        The project's ``photos.json``.
+    photo_folder : Path
+    names : sequence of str
+        Photos to segment.
+    folder : Path
+        The project's ``masks`` folder.
+    settings : MaskSettings
+    """
+
+    def __init__(
+        self, photos_file: Path, photo_folder: Path, names: Sequence[str], folder: Path, settings: MaskSettings
+    ) -> None:
+        self._arguments = {
+            "photos_file": str(photos_file),
+            "photo_folder": str(photo_folder),
+            "names": list(names),
+            "folder": str(folder),
+            "settings": to_dict(settings),
+        }
+        self._context = contextlib.ExitStack()
+        self._child: ChildBeside | None = None
+        self._label_maps = [label_map_path(folder, name) for name in names]
+        self._started, self._n_kept = 0.0, 0
+
+    def __enter__(self) -> MasksBeside:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._context.close()
+
+    def start(self) -> None:
+        """Start the child."""
+        self._n_kept = sum(path.exists() for path in self._label_maps)
+        work = child_beside("masks.beside:make_masks_in_child", self._arguments, what="segmenting photos")
+        self._child = self._context.enter_context(work)
+        self._started = time.perf_counter()
+
+    def end(self) -> BesideCost | None:
+        """End the child and return what it took, None when none was started. It may have made only some label maps."""
+        if self._child is None:
+            return None
+        child, self._child = self._child, None
+        seconds = time.perf_counter() - self._started
+        try:
+            answer = child.end()
+        except HeritageError as error:
+            # What keeps the photos from being segmented stops the masks stage too, which says it as an error.
+            _LOG.warning("No more label maps were made beside the cameras: %s", error)
+            return BesideCost(seconds, self._n_kept, problem=str(error))
+        return BesideCost(n_kept=self._n_kept, **(answer or {"seconds": seconds}))
+
+
+def make_masks_in_child(
+    photos_file: str, photo_folder: str, names: list[str], folder: str, settings: dict[str, Any]
+) -> dict[str, Any]:
+    """Make label maps and return `seconds` and `peak_memory` of `BesideCost`.
+
+    The parameters are those of `MasksBeside` as JSON values.
+
+    Raises
+    ------
+    HeritageError
+        As `make_masks` and `load_sam`.
+    """
+    from ..scene import read_photo_set
+    from .sam import load_sam
+    from .stage import make_masks
+
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
+    start, chosen = time.perf_counter(), MaskSettings(**settings)
+    with PeakMemory.of() as peak:
+        photo_set = replace(read_photo_set(Path(photos_file)), folder=Path(photo_folder))
+        # Cards are left to the masks stage, which tries them first and tells what encodes.
+        load = functools.partial(load_sam, chosen.model, threads=sam_threads(chosen), may_use_gpu=False)
+        make_masks(photo_set, names, Path(folder), chosen, load, emit=lambda event: None, should_stop=never_stop)
+    return {"seconds": time.perf_counter() - start, "peak_memory": peak.bytes}
+
+
+def sam_threads(settings: MaskSettings) -> int:
+    """Return the worker threads of SAM in the masks stage.
+
+    The default model takes as long for the clicks of a photo as for encoding the next, which runs beside them; the
+    encoders of the others take longer.
+    """
+    return 1 if settings.model == SAM_MODELS[0] else 2

