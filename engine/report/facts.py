@@ -24,7 +24,11 @@ _FIGURES: dict[str, Schema] = {
         "reprojection_error": _NUMBER,
         "poses_given": optional(bool),
     },
-    "masks": {"n_photos": _NUMBER, "seconds_per_photo": _NUMBER},
+    "masks": {
+        "n_photos": _NUMBER,
+        "seconds_per_photo": _NUMBER,
+        "beside": optional({"seconds": float, "peak_memory": (float, None)}),
+    },
     "training": {
         "curve": optional([{str: (float, None)}]),
         "held_out": optional(([str], None)),
@@ -131,13 +135,15 @@ def _forecast(forecast: dict[str, Any] | None, records: dict[str, dict[str, Any]
     rows = []
     for expected in (forecast or {}).get("stages", ()):
         record = records.get(expected["stage"]) or {}
+        beside = record.get("figures", {}).get("beside") or {}
         rows.append(
             {
                 **{name: expected[name] for name in ("stage", "seconds", "low", "high")},
                 **{name: expected[name] for name in ("memory", "memory_low", "memory_high")},
                 "actual_seconds": record.get("wall_seconds"),
-                "actual_memory": record.get("peak_memory"),
+                "actual_memory": beside.get("peak_memory") or record.get("peak_memory"),
                 "continued": bool(record.get("continued")),
+                "beside_seconds": beside.get("seconds"),
             }
         )
     return rows

@@ -296,7 +296,8 @@ def _forecast(rows: list[dict[str, Any]]) -> Html:
 def _actual_time(row: dict[str, Any]) -> str:
     if row["actual_seconds"] is None:
         return "not done yet" if row["stage"] != "report" else "being written"
-    return _duration(row["actual_seconds"]) + (" (continued)" if row["continued"] else "")
+    beside = "" if row["beside_seconds"] is None else f" after {_duration(row['beside_seconds'])} beside the cameras"
+    return _duration(row["actual_seconds"]) + beside + (" (continued)" if row["continued"] else "")
 
 
 def _memory(value: Any) -> str:
