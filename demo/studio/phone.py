@@ -7,7 +7,7 @@ Pixels are counted as in COLMAP, with the centre of the top left one at (0.5, 0.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -40,6 +40,10 @@ class Phone:
     margin: int = 16
     quality: int = 90
     subsampling: int = 0
+
+    def scaled(self, factor: int) -> Phone:
+        """Return the same phone with `factor` times as many pixels along each side."""
+        return replace(self, width=factor * self.width, height=factor * self.height, margin=factor * self.margin)
 
     @property
     def focal(self) -> float:

@@ -42,10 +42,15 @@ def main(folder: Path, description: str) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, help="random seed of camera path, exposures and noise (default: 0)"
     )
+    parser.add_argument("--scale", type=int, default=1, help="times the size of the photos (default: 1)")
     parser.add_argument("--only", type=int, nargs="+", help="render these photos only, by number")
     parser.add_argument("--masks-only", action="store_true", help="write the ground truth and stop")
     arguments = parser.parse_args()
 
+    if arguments.scale < 1:
+        parser.error(f"--scale must be at least 1, got {arguments.scale}")
+
+    phone = scene.phone.scaled(arguments.scale)
     photos, masks = prepare_folders(arguments.out)
     views = plan(scene.walks, scene.centre, arguments.views, arguments.seed)
     names = {
@@ -53,19 +58,19 @@ def main(folder: Path, description: str) -> None:
         for i, place in enumerate(scene.places, start=1)
     }
     try:
-        write_truth(views, names, scene.phone, arguments.out / "truth")
+        write_truth(views, names, phone, arguments.out / "truth")
     except FileExistsError as error:
         parser.error(str(error))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene.build()
-    camera(scene.phone)
+    camera(phone)
     order = arguments.only or useful_order(len(views))
 
     with mask_rendering():
         for index in order:
             path = masks / f"{views[index].name}.png"
             if not path.exists():
-                save_ids(render_ids(views[index], scene.phone), path)
+                save_ids(render_ids(views[index], phone), path)
     if arguments.masks_only:
         return
 
@@ -74,8 +79,8 @@ def main(folder: Path, description: str) -> None:
         path = photos / f"{views[index].name}.jpg"
         if not path.exists():
             started = time.perf_counter()
-            pixels = render_photo(views[index], scene.phone, arguments.seed + index, (arguments.seed, index))
-            scene.phone.save_photo(pixels, path, f"{scene.title}, synthetic, CC0")
+            pixels = render_photo(views[index], phone, arguments.seed + index, (arguments.seed, index))
+            phone.save_photo(pixels, path, f"{scene.title}, synthetic, CC0")
             print(f"{path.name} {done}/{len(order)} {time.perf_counter() - started:.0f} s", flush=True)
 
 
