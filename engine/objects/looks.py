@@ -149,13 +149,13 @@ def build_looks(context: SegmentationContext) -> Looks:
             rows = context.detector.describe_crops(pixels, boxes, crops)
             described.append(np.zeros((len(crops), 0), np.float32) if rows is None else rows)
         context.tell(done / len(sightings), "Describing what may be objects")
-    rows = np.concatenate(described).astype(np.float32) if described else np.zeros((0, 1), np.float32)
+    rows = (np.concatenate(described) if described else np.zeros((0, 1))).astype(np.float16)  # as they are kept
     proposal, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
     sides = np.array([one[2] for one in found], np.float32).reshape(-1, _N_SIDES)
     # Where a photo cuts off a proposal that others show whole, it is not described.
     kept = np.flatnonzero(whole | ~np.isin(proposal, proposal[whole]))
-    photos = tuple(found[k][1] for k in kept)
-    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, sides[kept], rows[kept])
+    rows, photos = rows[kept].astype(np.float32), tuple(found[k][1] for k in kept)
+    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, sides[kept], rows)
 
 
 def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:

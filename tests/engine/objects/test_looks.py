@@ -94,10 +94,9 @@ def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photo
     first, again = (load_or_build_looks(context_of(blobs, photos, detector, folder=folder)) for _ in range(2))
     assert detector.n_shown == len(first.proposal) > 0
     assert again.photo == first.photo
-    for name in ("members", "probability", "like", "proposal", "box"):
+    # The first answer is that of later ones, also after a kill between them.
+    for name in ("members", "probability", "like", "proposal", "box", "described"):
         np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
-    # Stored with 16 bits.
-    np.testing.assert_allclose(again.described, first.described, atol=1e-3)
 
 
 @pytest.mark.parametrize(("name", "value"), [("like", 1000), ("like", -1), ("proposal", 1000), ("photo", "no.jpg")])
