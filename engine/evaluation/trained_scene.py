@@ -179,7 +179,7 @@ class TrainedScene:
 
     def photos(self, settings: SegmentSettings) -> Photos:
         """Return the photos at the size that the models get."""
-        return Photos(self.photo_folder, settings.photo_side, self._sam_factory, self._embeddings)
+        return Photos(self.photo_folder, settings, self._sam_factory, self._embeddings)
 
     def new_scene(self) -> Scene:
         """Return the scene without anything that was rendered before."""

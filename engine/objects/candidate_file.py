@@ -10,7 +10,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from ..errors import FormatError, PromptError
 from ..files import delete_derived, read_json, write_json
@@ -30,8 +29,6 @@ _SCHEMA = {
     "refused": [{"text": str, "message": str}],
     "candidates": [{"number": int, "text": str, "score": float, "photo": str}],
 }
-_PICTURE_SIDE = 256  # by definition
-"""Longest side of a candidate's picture in pixels."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +84,7 @@ def _picture(pixels: Pixels, mask: Mask) -> Pixels:
     x, y, width, height = cv2.boundingRect(inside.astype(np.uint8))
     margin = max(width, height) // 2
     rows, columns = slice(max(0, y - margin), y + height + margin), slice(max(0, x - margin), x + width + margin)
-    picture = Image.fromarray(np.where(inside[..., None], pixels, pixels // 2)[rows, columns])
-    picture.thumbnail((_PICTURE_SIDE, _PICTURE_SIDE))
-    return np.asarray(picture)
+    return np.where(inside[..., None], pixels, pixels // 2)[rows, columns]
 
 
 def load_candidate(project: Path, number: int) -> StoredCandidate:

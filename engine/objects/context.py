@@ -111,7 +111,7 @@ def load_context(
     scene = scene_on(device, load_gaussians(project.path / "gaussians"), emit)
     return SegmentationContext(
         Views(scene, cameras, render_side=settings.render_side),
-        Photos(photo_folder_of(project), settings.photo_side, sam_factory, EmbeddingFolder(project.path / "masks")),
+        Photos(photo_folder_of(project), settings, sam_factory, EmbeddingFolder(project.path / "masks")),
         label_maps_of(project.path, cameras),
         settings,
         detector_factory,

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from ..errors import PromptError
 from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
+from .graph import N_NEIGHBOURS
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
 from .views import View, Views
@@ -121,8 +122,8 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     """Return the connected parts of points, [M, 3], that a mask shows, bool [M]; all if the mask shows none of them.
 
     `weights`, [M], are the pixels of the mask that each point contributes. Points are connected through neighbouring
-    cells of a grid, as wide as a tenth of the radius of what the mask shows, and at least twice the usual distance
-    between neighbours. Kept are the part with the largest total weight, and every other one with at least a tenth of
+    cells of a grid, as wide as a tenth of the radius of what the mask shows, and at least as far as the neighbours of
+    a point usually reach. Kept are the part with the largest total weight, and every other one with at least a tenth of
     it: an occluder may split an object in two.
     """
     total = float(weights.sum())
@@ -130,8 +131,8 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
         return np.ones(len(points), bool)
     share = weights.astype(np.float64) / total
     radius = float(np.sqrt(share @ ((points - share @ points) ** 2).sum(axis=1)))
-    neighbours = cKDTree(points).query(points, k=min(4, len(points)))[0][:, -1]
-    cell = max(_PART * radius, 2 * float(np.median(neighbours)), float(np.finfo(np.float32).eps))
+    farthest = cKDTree(points).query(points, k=min(N_NEIGHBOURS + 1, len(points)))[0][:, -1]
+    cell = max(_PART * radius, float(np.median(farthest)), float(np.finfo(np.float32).eps))
     keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     # On no axis farther than one cell: the 26 cells around.
     pairs = cKDTree(keys).query_pairs(1, p=np.inf, output_type="ndarray")

@@ -24,27 +24,22 @@ from .arrays import Float32, Int32, Int64, Mask
 from .views import OUTER, Views, spread_cameras
 from .votes import THRESHOLD, Votes
 
-__all__ = ["SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
+__all__ = ["MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
 
-_VERSION = "graph 3"
+_VERSION = "graph 4"
 
-_N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Nearest neighbours that a Gaussian is linked to."""
 
-_SEGMENT_WEIGHT = 0.02  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Weight of the link of a Gaussian to a segment, for each pixel that it contributes to it."""
+_PIXEL_WEIGHT = 0.02  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""Weight of the link of a Gaussian to a segment, for each pixel that it contributes to it. Before any evidence, every
+Gaussian is background with the weight of one pixel."""
 
-_BACKGROUND_WEIGHT = 0.03  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Weight with which every Gaussian is background before any evidence."""
-
-_MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it."""
 
-_MIN_PIXELS = 0.05  # by definition
-"""Smallest contribution of a Gaussian to a segment that is kept, in pixels."""
-
-_TOLERANCE = 1e-4  # by definition
-"""Residual of a solution that the user sees."""
+_TOLERANCE = 1e-3  # by definition
+"""Largest residual of a solution, relative to the right-hand side."""
 
 _SMALLEST = np.float32(np.finfo(np.float32).tiny)
 """Smallest divisor: a solved object has no residual."""
@@ -85,22 +80,21 @@ class SceneGraph:
 
     @cached_property
     def _links(self) -> csr_matrix:
-        links = csr_matrix(_SEGMENT_WEIGHT * self.segments @ diags(self.is_segment.astype(np.float32)))
+        links = csr_matrix(_PIXEL_WEIGHT * self.segments @ diags(self.is_segment.astype(np.float32)))
         return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]), dtype=np.float32)
 
-    def solve(self, votes: Votes, strictness: float | Float32, *, tolerance: float = _TOLERANCE) -> Float32:
+    def solve(self, votes: Votes, strictness: float | Float32) -> Float32:
         """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
 
         `votes` are of shape [N, K], or [N, 1] for one object at K values of `strictness`: the weight of a pixel beside
-        the object relative to one inside of it, above 0. Every membership falls as it rises. `tolerance` is the largest
-        residual relative to the right-hand side.
+        the object relative to one inside of it, above 0. Every membership falls as it rises.
 
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
         votes S for the object and B against it, and lambda the strictness, by conjugate gradients with the diagonal as
         preconditioner. SciPy's solve one system at a time, so that each step reads all links for one object alone.
         """
         padding = ((0, len(self.photo)), (0, 0))
-        against = np.pad((_BACKGROUND_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
+        against = np.pad((_PIXEL_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
         inside = np.broadcast_to(np.pad(votes.inside.astype(np.float32), padding), against.shape)
         diagonal = np.asarray(self._links.sum(axis=1), np.float32) + inside + against
         diagonal[diagonal <= 0] = 1
@@ -108,7 +102,7 @@ class SceneGraph:
         residual: Float32 = inside
         scaled = residual / diagonal
         direction, size = scaled, _dot(residual, scaled)
-        enough = tolerance**2 * _dot(inside, inside)
+        enough = _TOLERANCE**2 * _dot(inside, inside)
         for _ in range(_MAX_STEPS):
             if (_dot(residual, residual) <= enough).all():
                 break
@@ -164,7 +158,7 @@ def bounded(membership: Float32, means: Float32) -> Float32:
     if not members.any():
         return np.zeros_like(membership)
     distances = np.linalg.norm(means - np.median(means[members], axis=0), axis=1)
-    return np.where(distances <= _MAX_RADII * np.quantile(distances[members], 1 - 2 * OUTER), membership, np.float32(0))
+    return np.where(distances <= MAX_RADII * np.quantile(distances[members], 1 - 2 * OUTER), membership, np.float32(0))
 
 
 def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, should_stop: StopCheck) -> SceneGraph:
@@ -185,7 +179,7 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
         segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
         masks = np.eye(len(segments), dtype=np.float32)[np.searchsorted(segments, labels)]
         votes = views.scene.votes(view.frame, masks * view.within[..., None])
-        columns.append(csr_matrix(np.where(votes >= _MIN_PIXELS, votes, np.float32(0))))
+        columns.append(csr_matrix(np.where(votes >= THRESHOLD, votes, np.float32(0))))
         photo += [number] * len(segments)
     photos = tuple(camera.photo for camera in cameras)
     return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
@@ -196,7 +190,7 @@ def _neighbours(views: Views) -> csr_matrix:
     from sklearn.neighbors import kneighbors_graph
 
     gaussians, directions = views.scene.gaussians, views.directions
-    n_neighbours = min(_N_NEIGHBOURS, len(gaussians) - 1)
+    n_neighbours = min(N_NEIGHBOURS, len(gaussians) - 1)
     if n_neighbours < 1:
         return csr_matrix((len(gaussians), len(gaussians)), dtype=np.float32)
     links = kneighbors_graph(gaussians.means, n_neighbours).tocoo()

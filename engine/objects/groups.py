@@ -12,12 +12,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .arrays import Float32, Int64, Mask
+from .graph import MAX_RADII, N_NEIGHBOURS
 from .views import Views
 
 __all__ = ["build_groups"]
-
-_MIN_OPACITY = 0.1  # chosen on museum_room
-"""Opacity above which a Gaussian takes part in forming groups. Fainter ones float in free space."""
 
 _SAMPLE_SIZE = 12_000  # chosen on museum_room, store_room
 """Gaussians that are clustered. Every other Gaussian joins the groups of its nearest neighbour in the sample."""
@@ -25,30 +23,21 @@ _SAMPLE_SIZE = 12_000  # chosen on museum_room, store_room
 _MIN_GROUP_SHARE = 1 / 240  # chosen on museum_room, store_room
 """Smallest group as a share of the sample. Of 40,000 Gaussians of a room the smallest exhibit has 240."""
 
-_POSITION_WEIGHT = 0.3  # chosen on museum_room, store_room
-"""Weight of a position, in units of `Views.length_unit`, relative to a feature of unit length."""
-
-_N_NEIGHBOURS = 8  # chosen on museum_room, store_room
-"""Nearest neighbours that a Gaussian is linked to."""
-
-_MAX_DISTANCE = 3.0  # chosen on museum_room, store_room
-"""Largest distance from the scene's median along an axis, in units of `Views.length_unit`. Objects are not farther."""
-
 
 def build_groups(views: Views) -> Mask:
     """Return K nested groups of the Gaussians of a scene, bool [K, N]: two of them are nested or disjoint.
 
-    Ward's linkage (1963) of feature and position on 12,000 Gaussians, restricted to the graph of each Gaussian's 8
-    nearest neighbours, so that only connected Gaussians are merged. A node of the tree is a group if it and its sibling
-    have the minimum size; a smaller sibling is a fragment that the larger one absorbs.
+    Ward's linkage (1963) of features and positions, in units of twice `Views.length_unit`, on 12,000 Gaussians that are
+    not far from the middle of the scene, restricted to the graph of each Gaussian's nearest neighbours, so that only
+    connected Gaussians are merged. A node of the tree is a group if it and its sibling have the minimum size; a smaller
+    sibling is a fragment that the larger one absorbs.
     """
     means = views.scene.gaussians.means
-    positions = ((means - np.median(means, axis=0)) / views.length_unit).astype(np.float32)
-    points = np.hstack([views.directions, _POSITION_WEIGHT * positions])
-    inside = np.abs(positions).max(axis=1) < _MAX_DISTANCE
-    near = np.flatnonzero(inside & (views.scene.gaussians.opacities > _MIN_OPACITY))
-    sample = np.random.default_rng(0).permutation(near)[:_SAMPLE_SIZE]
-    place, spans = _cluster(points[sample], means[sample], max(5, round(_MIN_GROUP_SHARE * len(sample))))
+    positions = ((means - views.middle) / views.length_unit).astype(np.float32)
+    points = np.hstack([views.directions, positions / 2])
+    inside = np.linalg.norm(positions, axis=1) < MAX_RADII
+    sample = np.random.default_rng(0).permutation(np.flatnonzero(inside))[:_SAMPLE_SIZE]
+    place, spans = _cluster(points[sample], means[sample], max(N_NEIGHBOURS, round(_MIN_GROUP_SHARE * len(sample))))
     places = np.full(len(means), -1)
     grouped = place >= 0
     if grouped.any():
@@ -62,7 +51,7 @@ def _cluster(points: Float32, means: Float32, min_size: int) -> tuple[Int64, Int
     from sklearn.cluster import ward_tree
     from sklearn.neighbors import kneighbors_graph
 
-    graph = kneighbors_graph(means, min(_N_NEIGHBOURS, len(means) - 1)) if len(means) > 1 else csr_matrix((1, 1))
+    graph = kneighbors_graph(means, min(N_NEIGHBOURS, len(means) - 1)) if len(means) > 1 else csr_matrix((1, 1))
     graph = graph + graph.T
     place = np.full(len(points), -1)
     spans: list[tuple[int, int]] = []

@@ -12,10 +12,10 @@ from ..masks import mask_iou
 from .arrays import Float32, Mask
 from .context import SegmentationContext
 from .graph import bounded
-from .views import MAX_OBJECT_EXTENT, Views
+from .views import SAME_IOU, Views
 from .votes import THRESHOLD, MaskEvidence, Votes, count_votes
 
-__all__ = ["NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels", "corrected", "fit_of", "isolate_object", "overlap"]
+__all__ = ["NONE_BEHIND", "NONE_LEFT", "FoundObject", "Levels", "corrected", "fit_of", "is_same", "isolate_object"]
 
 NONE_BEHIND = "No Gaussian of the scene lies behind what was found in the photos. Choose another photo or prompt."
 NONE_LEFT = "Nothing is left of the object: the excluded clicks removed all of it. Click elsewhere."
@@ -25,9 +25,6 @@ _FACTORS = 4.0 ** np.array([2, 1, 0, -1, -2], np.float32)  # by definition
 
 _ALONE = np.ones(1, np.float32)  # by definition
 """That of the object alone."""
-
-_SAME_LEVEL_IOU = 0.9  # by definition
-"""IoU above which two levels are the same."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +66,9 @@ def fit_of(item: MaskEvidence, members: Mask, views: Views) -> float:
     return mask_iou(views.visible_share(item.view, members) > THRESHOLD, item.mask)
 
 
-def overlap(first: Mask, second: Mask) -> float:
-    """Return the number of common Gaussians of two objects, bool [N], as a share of the smaller one."""
-    smaller = min(int(first.sum()), int(second.sum()))
-    return int((first & second).sum()) / smaller if smaller else 0.0
+def is_same(first: Mask, second: Mask) -> bool:
+    """Return whether two results, bool [N], show the same object: more than half of the smaller one is common."""
+    return int((first & second).sum()) > THRESHOLD * min(int(first.sum()), int(second.sum()))
 
 
 def isolate_object(context: SegmentationContext, evidence: Sequence[MaskEvidence]) -> FoundObject:
@@ -120,7 +116,7 @@ def _distinct(memberships: Float32, views: Views) -> Levels:
     kept = [middle]
     for number in sorted(range(len(memberships)), key=lambda number: abs(number - middle)):
         members = memberships[number] >= THRESHOLD
-        same = any(mask_iou(members, memberships[other] >= THRESHOLD) > _SAME_LEVEL_IOU for other in kept)
-        if members.any() and not same and views.extent(members) <= MAX_OBJECT_EXTENT:
+        same = any(mask_iou(members, memberships[other] >= THRESHOLD) > SAME_IOU for other in kept)
+        if members.any() and not same and views.extent(members) <= 1:
             kept.append(number)
     return Levels(tuple(memberships[number] for number in sorted(kept)), sorted(kept).index(middle))

@@ -21,18 +21,12 @@ from ..project_folder import stage_key
 from .arrays import Float32, Float64, Int32, Mask
 from .context import SegmentationContext
 from .proposals import Proposals, find_proposals
-from .views import spread_cameras
+from .views import MIN_VISIBLE_PIXELS, spread_cameras
 from .votes import THRESHOLD, MaskEvidence
 
 __all__ = ["Looks", "build_looks", "load_or_build_looks"]
 
-_VERSION = "looks 2"
-
-_N_SIDES = 4  # by definition
-"""Sides of a box: x0, y0, x1, y1."""
-
-_MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
-"""Smallest area of an object in a view's frame, in pixels. A smaller area does not show what the object is."""
+_VERSION = "looks 3"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
@@ -44,14 +38,14 @@ _N_USUAL = 10  # by definition
 """Proposals with the usual log-odds that the mean of a scene counts in addition: few proposals, which may all show the
 object, say little about what all of the scene resembles."""
 
-_LIKELY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_LIKELY = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
 _LEAST_ODDS = 2.4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Log-odds, less the contrast, that give a score of 0.5. Of 130 absent words, 4 % score more."""
 
-_MIN_SCORE = 1e-3  # by definition
-"""Scores are clipped to this and to one minus this, so that their log-odds are finite."""
+_MIN_SCORE = float(np.finfo(np.float16).eps)
+"""Scores are clipped to this, of descriptions that are kept with 16 bits, and to one minus this: finite log-odds."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +53,9 @@ class Looks:
     """K proposals, and how a detector describes them in photos: S sightings.
 
     `members`, `probability` and `like` are those of `Proposals`; the sightings of ``like[k]`` describe proposal k.
-    `proposal`, [S], and `photo` tell whose and where a sighting is, and `box`, [S, 4], where in the photo: x0, y0, x1,
-    y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`; D is 0 for a detector
-    that describes no crops.
+    `proposal`, [S], and `photo` tell whose and where a sighting is, and `box`, [S, 2, 2], where in the photo: the
+    corners x0, y0 and x1, y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`; D
+    is 0 for a detector that describes no crops.
     """
 
     members: Mask
@@ -104,7 +98,7 @@ class Looks:
             numbers = np.flatnonzero(np.array(self.photo) == camera.photo)
             rows[numbers] = 0
             for found in context.detector.detect(context.photos.pixels(camera), text):
-                overlaps = box_ious(self.box[numbers], np.asarray(found.box, np.float32))
+                overlaps = box_ious(self.box[numbers].reshape(len(numbers), -1), np.asarray(found.box, np.float32))
                 fitting = numbers[overlaps >= THRESHOLD]
                 rows[fitting] = np.maximum(rows[fitting], (1 + found.score) / 2)
         return rows
@@ -117,7 +111,7 @@ class Looks:
     def evidence(self, number: int, score: float, context: SegmentationContext) -> MaskEvidence:
         """Return the members of a proposal as evidence, with where the photo that shows them largest shows them."""
         members, views = self.members[number], context.views
-        sizes = np.where(self.proposal == self.like[number], np.prod(self.box[:, 2:] - self.box[:, :2], axis=1), 0)
+        sizes = np.where(self.proposal == self.like[number], np.prod(self.box[:, 1] - self.box[:, 0], axis=1), 0)
         view = views.of(views.cameras.by_photo[self.photo[int(sizes.argmax())]])
         return MaskEvidence(view, next(views.visible_masks(view, members[None])), score, members=members)
 
@@ -141,7 +135,7 @@ def build_looks(context: SegmentationContext) -> Looks:
             inside = view.to_photo(mask).astype(np.uint8)
             inside = cv2.resize(inside, (width, height), interpolation=cv2.INTER_NEAREST) > 0
             box = mask_box(inside)
-            if mask.sum() >= _MIN_VISIBLE_PIXELS and box is not None:
+            if mask.sum() >= MIN_VISIBLE_PIXELS and box is not None:
                 crops.append(inside)
                 boxes.append(box)
                 found.append((number, photo, box, min(box[:2]) > 0 and box[2] < width and box[3] < height))
@@ -151,11 +145,11 @@ def build_looks(context: SegmentationContext) -> Looks:
         context.tell(done / len(sightings), "Describing what may be objects")
     rows = (np.concatenate(described) if described else np.zeros((0, 1))).astype(np.float16)  # as they are kept
     proposal, whole = np.array([one[0] for one in found], np.int32), np.array([one[3] for one in found], bool)
-    sides = np.array([one[2] for one in found], np.float32).reshape(-1, _N_SIDES)
+    corners = np.array([one[2] for one in found], np.float32).reshape(-1, 2, 2)
     # Where a photo cuts off a proposal that others show whole, it is not described.
     kept = np.flatnonzero(whole | ~np.isin(proposal, proposal[whole]))
     rows, photos = rows[kept].astype(np.float32), tuple(found[k][1] for k in kept)
-    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, sides[kept], rows)
+    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, corners[kept], rows)
 
 
 def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:
@@ -179,7 +173,7 @@ _SPECS = {
     "like": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),
-    "box": ArraySpec("float32", ("s", _N_SIDES), finite=True),
+    "box": ArraySpec("float32", ("s", 2, 2), finite=True),  # by definition
     "described": ArraySpec("float16", ("s", "d"), finite=True),
 }
 

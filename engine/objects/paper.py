@@ -29,7 +29,7 @@ from .evidence import (
     require_mask,
 )
 from .graph import bounded
-from .lifting import NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, overlap
+from .lifting import NONE_BEHIND, NONE_LEFT, FoundObject, Levels, fit_of, is_same
 from .prompts import ClickPrompt, Prompt, TextPrompt
 from .settings import PaperSettings
 from .views import View, erode_mask, spread_cameras
@@ -38,9 +38,6 @@ from .votes import BELOW_HALF, THRESHOLD, MaskEvidence, count_votes
 __all__ = ["find_objects_of_paper", "nothing_found"]
 
 log = logging.getLogger(__name__)
-
-_N_DIRECTION_ROUNDS = 3  # chosen on museum_room
-"""Times that the outliers of a mean direction are removed."""
 
 _QUARTER = 1 / 4  # by definition
 
@@ -72,7 +69,7 @@ def find_objects_of_paper(context: SegmentationContext, prompt: Prompt, settings
         membership = _completed(candidate, context.means, settings)
         membership = np.where(removed, np.minimum(membership, BELOW_HALF), membership)
         one = replace(candidate, levels=Levels((membership,)))
-        if one.members.any() and not any(overlap(one.members, o.members) > settings.same_object for o in found):
+        if one.members.any() and not any(is_same(one.members, o.members) for o in found):
             found.append(one)
         context.part(1, 2).tell(number / len(candidates), "Isolating")
     if not found:
@@ -99,7 +96,7 @@ def _candidates(
         one = FoundObject(
             Levels((membership,)), item.score, fit_of(item, membership >= THRESHOLD, context.views), (item,)
         )
-        alike = (k for k, other in enumerate(candidates) if overlap(other.members, one.members) > settings.same_object)
+        alike = (k for k, other in enumerate(candidates) if is_same(other.members, one.members))
         same = next(alike, None)
         if same is None:
             candidates.append(one)
@@ -220,17 +217,19 @@ def _agreement(candidate: FoundObject, searched: set[str], context: Segmentation
 def mean_direction(features: Float32, cosine: float, start: Float32 | None = None) -> Float32 | None:
     """Return the mean direction, [D], of features of a mask's pixels, [P, D], all at unit length, without outliers.
 
-    In each of three rounds, features with a cosine below `cosine` to the direction so far are left out. The first is
-    `start`, [D], e.g. the feature of the clicked pixel, or the mean of all. None if there are none or they cancel out.
+    Features with a cosine below `cosine` to the direction so far are left out, until these stay the same. The first
+    direction is `start`, [D], e.g. the feature of the clicked pixel, or the mean of all. None if there are no features
+    or they cancel out.
     """
     if len(features) == 0:
         return None
     direction = normalized(features.mean(axis=0)) if start is None else start
-    for _ in range(_N_DIRECTION_ROUNDS):
+    kept = np.zeros(len(features), bool)
+    for _ in features:
         near = features @ direction >= cosine
-        if not near.any():
+        if not near.any() or (near == kept).all():
             break
-        direction = normalized(features[near].mean(axis=0))
+        kept, direction = near, normalized(features[near].mean(axis=0))
     return direction if np.abs(direction).sum() > 0 else None
 
 

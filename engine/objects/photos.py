@@ -12,6 +12,7 @@ import numpy as np
 from ..photos import load_pixels
 from ..scene import Camera
 from .arrays import Mask, Pixels, Place
+from .settings import SegmentSettings
 
 if TYPE_CHECKING:
     from ..masks import Embedding, EmbeddingFolder, SegmentAnything
@@ -20,22 +21,30 @@ __all__ = ["Photos", "SamFactory"]
 
 SamFactory = Callable[[], "SegmentAnything"]
 
-_MAX_CACHED = 32  # by definition
-"""Photos whose pixels, 3 MB each, and embeddings of SAM, 4 MB each, are cached in memory at most."""
-
 
 class Photos:
-    """Photos of a folder, reduced to `side` pixels on the longer side for the models.
+    """Photos of a folder, reduced to `photo_side` pixels on the longer side for the models.
 
-    Each is read, and encoded by SAM, once as long as the cache holds it. `sam_factory` is called when SAM is first
-    needed; `embeddings` caches what it encodes on disk.
+    Each is read, and encoded by SAM, once as long as the cache holds it, which has place for `n_vote_views` photos: 3
+    MB of pixels each, and 4 MB of SAM's embeddings. `sam_factory` is called when SAM is first needed; `embeddings`
+    caches what it encodes on disk.
     """
 
     def __init__(
-        self, folder: Path, side: int, sam_factory: SamFactory, embeddings: EmbeddingFolder | None = None
+        self,
+        folder: Path,
+        settings: SegmentSettings,
+        sam_factory: SamFactory,
+        embeddings: EmbeddingFolder | None = None,
     ) -> None:
-        self._folder, self._side, self._sam_factory, self._on_disk = folder, side, sam_factory, embeddings
-        self._pixels, self._embedding = lru_cache(_MAX_CACHED)(self._load), lru_cache(_MAX_CACHED)(self._encode)
+        self._folder, self._side, self._sam_factory, self._on_disk = (
+            folder,
+            settings.photo_side,
+            sam_factory,
+            embeddings,
+        )
+        cached = lru_cache(settings.n_vote_views)
+        self._pixels, self._embedding = cached(self._load), cached(self._encode)
 
     @cached_property
     def _sam(self) -> SegmentAnything:

@@ -20,12 +20,13 @@ from ..scene import Polished
 from ..training import AloneTarget, train_alone
 from .arrays import Mask
 from .settings import SegmentSettings
-from .views import THRESHOLD, View, Views, erode_mask, spread_cameras
+from .views import MIN_VISIBLE_PIXELS, THRESHOLD, View, Views, erode_mask, inner_box, spread_cameras
 
 __all__ = ["polish"]
 
-_MIN_SHARE, _FULL_SHARE = 0.2, 0.7  # chosen on museum_room
-"""Share of a pixel that the object contributes in the scene at which its target coverage starts to rise, and is 1."""
+_MIN_SHARE = 0.3  # chosen on museum_room
+"""Share of a pixel that the object contributes in the scene at which its target coverage starts to rise; it is 1 at one
+minus this."""
 
 _OCCLUDER_DISTANCE = 0.25  # chosen on museum_room
 """Distance in front of the object, in its radii, from which on other Gaussians hide it. What is closer is the wall or
@@ -33,12 +34,6 @@ support that a Gaussian of the object reaches into."""
 
 _RIM_PIXELS = 2  # chosen on museum_room
 """Width in pixels of the edge that may be translucent. Inside of it, pixels that mostly show the object are opaque."""
-
-_MIN_VISIBLE_PIXELS = 30  # chosen on museum_room
-"""Smallest area of the object in a view that is used, in pixels."""
-
-_MIN_ALPHA = 0.02  # chosen on museum_room
-"""Alpha from which on a pixel of the object rendered alone is trained on."""
 
 _MARGIN_PIXELS = 8  # by definition
 """Margin around the object in the part of a view that is rendered."""
@@ -53,7 +48,7 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
     Returns None without `polish_steps`, without `members`, bool [N], and if no view shows them; raises `Cancelled`.
 
     Let s be the share of a pixel that the members contribute in the whole scene. The target coverage is
-    (s - 0.2) / 0.5, clipped to [0, 1], and the target colour is the members' own blended colour, divided by s and
+    (s - 0.3) / 0.4, clipped to [0, 1], and the target colour is the members' own blended colour, divided by s and
     multiplied by the coverage. No photo is needed, and no colour of the background is mixed in. Pixels in which other
     Gaussians are clearly in front of the object do not count. Figures: docs/polished_objects.md.
     """
@@ -62,7 +57,7 @@ def polish(views: Views, members: Mask, settings: SegmentSettings, *, should_sto
         return None
     gaussians = views.scene.gaussians
     trained = replace(gaussians[rows], features=None)
-    low, high = np.percentile(trained.means, [2, 98], axis=0)
+    low, _, high = inner_box(trained.means)
     occluder_distance = _OCCLUDER_DISTANCE * float(np.linalg.norm(high - low)) / 2
     sh = np.where(members[:, None, None], gaussians.sh, np.float32(0))
     sh[~members, 0] = _BLACK_SH
@@ -86,17 +81,17 @@ def _targets(view: View, scene: Scene, alone: Scene, members: Mask, occluder_dis
     channels = np.column_stack([members.astype(np.float32), scene.depth_of(frame)])
     in_scene = scene.render(frame, color=True, channels=channels)
     share = in_scene.channels[..., 3]
-    if (share > THRESHOLD).sum() < _MIN_VISIBLE_PIXELS:
+    if (share > THRESHOLD).sum() < MIN_VISIBLE_PIXELS:
         return []
     isolated = alone.render(frame, channels=alone.depth_of(frame)[:, None])
     # Mean depths are compared, times both alphas, which may be 0.
     farthest = (isolated.channels[..., 0] - occluder_distance * isolated.alpha) * in_scene.alpha
     hidden = (share < THRESHOLD) & (in_scene.channels[..., 4] * isolated.alpha < farthest)
-    alpha = np.clip((share - _MIN_SHARE) / (_FULL_SHARE - _MIN_SHARE), 0, 1)
+    alpha = np.clip((share - _MIN_SHARE) / (1 - 2 * _MIN_SHARE), 0, 1)
     alpha[erode_mask(share > THRESHOLD, _RIM_PIXELS)] = 1
     image = in_scene.channels[..., :3] * (alpha / np.maximum(share, _MIN_SHARE))[..., None]
     # Only the part of the view that shows the object is rendered.
-    box = mask_box((isolated.alpha > _MIN_ALPHA) | (share > _MIN_SHARE))
+    box = mask_box((isolated.alpha > _MIN_SHARE) | (share > _MIN_SHARE))
     assert box is not None, "the object is visible in this view"
     left, top = (max(0, side - _MARGIN_PIXELS) for side in box[:2])
     right, bottom = min(frame.width, box[2] + _MARGIN_PIXELS), min(frame.height, box[3] + _MARGIN_PIXELS)

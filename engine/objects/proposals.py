@@ -18,37 +18,26 @@ from .arrays import SETS_TOGETHER, Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
 from .graph import SceneGraph, bounded
 from .groups import build_groups
+from .views import MIN_VISIBLE_PIXELS, SAME_IOU
 from .votes import THRESHOLD, Votes, votes_of_known
 
 __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
 
-_MIN_SEGMENT_SHARE = 0.001  # chosen on museum_room
-"""Smallest segment that is solved, as a share of its photo."""
-
-_TOLERANCE = 0.01  # by definition
-"""Residual of solutions (`SceneGraph.solve`): only where they cross one half is asked."""
-
-_SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""IoU above which two proposals are one: the one that agrees better with the segments."""
-
 _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two proposals look alike."""
 
-_WELL_SEEN = 0.25  # by definition
-"""Share of its largest area from which on a photo shows a set well enough to be asked."""
-
 _WEIGHTS = (
     0.8,
-    -1.2,
-    2.5,
-    0.45,
+    -1.6,
+    1.8,
+    0.6,
 )  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weights of isolation, unusual extent, agreement and share of the scene in the log-odds that a set is an object."""
 
-_CONSTANT = -1.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+_CONSTANT = -0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """What is added to the log-odds."""
 
-_USUAL_EXTENT = 0.15  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+_USUAL_EXTENT = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Extent (`Views.extent`) of a usual object."""
 
 LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
@@ -77,12 +66,11 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     are less), its extent, for each photo that shows it well the IoU of the set with the solved segment of the photo
     that fits it best, and its share of the Gaussians, the log-odds of being an object are
 
-        0.8 ln(links / leaving) - 1.2 ln(extent / 0.15)^2 + 2.5 mean IoU + 0.45 ln(share) - 1.6
+        0.8 ln(links / leaving) - 1.6 ln(extent / 0.1)^2 + 1.8 mean IoU + 0.6 ln(share) - 0.5
     """
     views, graph = context.views, context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
-    photos = np.bincount(graph.photo, weights=pixels, minlength=len(graph.photos))
-    segments = np.flatnonzero((pixels >= _MIN_SEGMENT_SHARE * photos[graph.photo]) & graph.is_segment)
+    segments = np.flatnonzero((pixels >= MIN_VISIBLE_PIXELS) & graph.is_segment)
     solved, kept = _solved(context, segments, build_groups(views))
     of_segments = kept < len(segments)
     shown = graph.shown(solved)
@@ -94,7 +82,7 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement, share] + _CONSTANT)
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
-    first = _first_alike(graph.iou(solved[likely], solved[likely]), _SAME_IOU)
+    first = _first_alike(graph.iou(solved[likely], solved[likely]), SAME_IOU)
     chosen = likely[first == np.arange(len(likely))]
     chosen = chosen[np.argsort(-probability[chosen], kind="stable")]
     sets = solved[chosen]
@@ -152,7 +140,7 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
         together = groups[max(0, start - passed) : max(0, stop - passed)].T
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
-        memberships = graph.solve(both, context.settings.strictness, tolerance=_TOLERANCE).T
+        memberships = graph.solve(both, context.settings.strictness).T
         members = np.stack([bounded(membership, context.means) for membership in memberships]) >= THRESHOLD
         return csr_matrix(members, dtype=np.float32)
 
@@ -189,5 +177,5 @@ def _agreement(iou: Float32, photo: Int32, shown: Float32) -> Float64:
     first = np.flatnonzero(np.diff(photo, prepend=-1))
     if len(first):
         best[:, photo[first]] = np.maximum.reduceat(iou, first, axis=1)
-    seen = shown >= _WELL_SEEN * shown.max(axis=1, initial=0, keepdims=True)
+    seen = shown >= THRESHOLD * shown.max(axis=1, initial=0, keepdims=True)
     return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)

@@ -13,7 +13,7 @@ from .arrays import Mask, Place
 from .context import SegmentationContext
 from .evidence import evidence_of_places, find_evidence, require_known
 from .graph import bounded
-from .lifting import FoundObject, Levels, isolate_object, overlap
+from .lifting import FoundObject, Levels, is_same, isolate_object
 from .looks import load_or_build_looks
 from .paper import find_objects_of_paper, nothing_found
 from .prompts import Prompt, TextPrompt
@@ -96,7 +96,7 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     # The best first, without versions of better ones.
     different: list[int] = []
     for number in np.argsort(-scores, kind="stable"):
-        same = (overlap(looks.members[number], looks.members[k]) > settings.same_object for k in different)
+        same = (is_same(looks.members[number], looks.members[k]) for k in different)
         if len(different) < settings.max_objects and not any(same):
             different.append(int(number))
     least = max(settings.least_score, settings.relative_score * float(scores.max()))

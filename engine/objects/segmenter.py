@@ -23,7 +23,7 @@ from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
 from .evidence import evidence_of_clicks, find_evidence
-from .lifting import FoundObject, Levels, corrected, isolate_object, overlap
+from .lifting import FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .polishing import polish
 from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
@@ -31,15 +31,13 @@ from .segment import NoMatchError, find_everything, find_objects
 from .settings import SegmentSettings
 from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
 from .trash import delete_object, keep_version
+from .views import OUTER
 from .votes import BELOW_HALF, THRESHOLD
 
 __all__ = ["BACKGROUND", "Segmenter", "TextResult"]
 
 BACKGROUND = "background"
 """Prompt kind, name and id of the background."""
-
-_MIN_REMAINING_SHARE = 0.05  # chosen on museum_room
-"""Smallest share of an object's Gaussians that a correction may leave. Less than that are fragments."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +163,7 @@ class Segmenter:
         before = membership_in(self.project.path, record, len(context.means))
         membership = corrected(context, evidence_of_clicks(clicks, excluded, context), before)
         n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
-        if n_left < max(1.0, _MIN_REMAINING_SHARE * n_before):
+        if n_left < max(1.0, OUTER * n_before):
             raise PromptError(f"Nothing would be left of {record.name!r}, so it was not changed. Click elsewhere.")
         correction = {"clicks": [asdict(one) for one in clicks], "not": [asdict(one) for one in excluded]}
         changed = replace(record, level=0, levels=(), refined=(*record.refined, correction))
@@ -211,9 +209,9 @@ class Segmenter:
             raise PromptError("No object was found in front of the background of this scene. Click on an object.")
         new: list[FoundObject] = []
         kept: dict[str, None] = {}
-        least, stored = self.settings.same_object, {key: one >= THRESHOLD for key, one in existing.items()}
+        stored = {key: one >= THRESHOLD for key, one in existing.items()}
         for number, item in enumerate(found, start=1):
-            same = [key for key, members in stored.items() if overlap(item.members, members) > least]
+            same = [key for key, members in stored.items() if is_same(item.members, members)]
             kept |= dict.fromkeys(same)
             if not same:
                 new.append(replace(item, name=item.name or f"object {number}"))

@@ -19,8 +19,7 @@ class SegmentSettings:
     (`engine.objects.graph`) and are proposals; an object is polished in as many views.
 
     `strictness` is the weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0:
-    smaller values give larger objects. Two results are one object when their Gaussians overlap by more than the share
-    `same_object`, 0 to 1, of the smaller one.
+    smaller values give larger objects.
 
     Each proposal is cut out of at most `n_crop_views` photos. When everything looks less than `least_score`, 0 to 1,
     like a text, the text is not found; otherwise what scores at least `relative_score`, 0 to 1, of the best score is an
@@ -28,12 +27,11 @@ class SegmentSettings:
     (`engine.objects.polishing`) in `polish_steps` training steps; 0 keeps them as they are in the scene.
     """
 
-    n_text_views: int = 12  # chosen on room_1, room_2, room_3, room_4, room_6, room_7
+    n_text_views: int = 8  # chosen on museum_room
     photo_side: int = 1024  # by definition
     render_side: int = 480  # chosen on museum_room
     n_vote_views: int = 24  # chosen on museum_room
     strictness: float = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-    same_object: float = 0.4  # chosen on museum_room
     n_crop_views: int = 4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     least_score: float = 0.5  # by definition
     relative_score: float = 0.85  # chosen on museum_room
@@ -48,7 +46,6 @@ class SegmentSettings:
         for name in ("least_score", "relative_score"):
             require(self, name, 0 <= getattr(self, name) <= 1, "between 0 and 1")
         require(self, "strictness", self.strictness > 0, "above 0")
-        require(self, "same_object", 0 < self.same_object <= 1, "above 0 and at most 1")
         require(self, "polish_steps", self.polish_steps >= 0, "at least 0")
 
 
@@ -56,7 +53,7 @@ class SegmentSettings:
 class PaperSettings(SegmentSettings):
     """Settings of the published method (`engine.objects.paper`).
 
-    Of the other settings it uses the sizes, `n_text_views`, `same_object`, `relative_score` and `max_objects`. A
+    Of the other settings it uses the sizes, `n_text_views`, `relative_score` and `max_objects`. A
     Gaussian belongs when its feature has at least the `cosine`, -1 to 1, with that of the mask. `erode_pixels` are
     removed along the border of a mask before its feature is read, because features mix at silhouettes. Gaussians
     farther than `outlier_iqr` interquartile ranges from the quartiles on any axis are ignored for the convex hull
@@ -78,7 +75,6 @@ BETTER = SegmentSettings()
 """One solve on the graph of the scene for each object."""
 
 PAPER = PaperSettings(
-    n_text_views=8,  # chosen on museum_room
     relative_score=0.6,  # chosen on museum_room
     polish_steps=0,  # by definition
     cosine=0.7,  # published: Dahaghin et al. 2024

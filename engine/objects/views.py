@@ -15,17 +15,20 @@ from ..pictures import Scene, normalized
 from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import SETS_TOGETHER, Float32, Floats, Int32, Mask
 
-__all__ = ["MAX_OBJECT_EXTENT", "OUTER", "THRESHOLD", "View", "Views", "erode_mask", "inner_box", "spread_cameras"]
+__all__ = [
+    "MIN_VISIBLE_PIXELS", "OUTER", "SAME_IOU", "THRESHOLD", "View", "Views",
+    "erode_mask", "inner_box", "spread_cameras",
+]  # fmt: skip
 
 THRESHOLD = 0.5  # by definition
 """Membership from which on a Gaussian belongs to an object, until the user moves the slider, and share of a pixel from
 which on the pixel does."""
 
-MAX_OBJECT_EXTENT = 1.2  # chosen on museum_room
-"""Largest extent of an object, relative to `Views.length_unit`. Anything longer is a wall, a floor or a table."""
+SAME_IOU = 0.95  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
+"""IoU above which two sets of Gaussians are the same."""
 
-_LEAST_UNIT = 0.4  # by definition
-"""Smallest unit of lengths, relative to the distance of the cameras from the scene."""
+MIN_VISIBLE_PIXELS = 60  # chosen on museum_room
+"""Smallest area in a view's frame that shows what an object is, in pixels."""
 
 OUTER = 0.05  # by definition
 """Share of the Gaussians of a set, at each end of an axis, that its box leaves out."""
@@ -85,15 +88,14 @@ class Views:
 
     @cached_property
     def length_unit(self) -> float:
-        """The unit of lengths in the scene, world units: the mean distance of the cameras from their centre.
-
-        It is at least 0.4 of their median distance from the middle of the Gaussians, since a few neighbouring photos
-        say nothing about the size of what they show.
-        """
+        """The unit of lengths, world units: the median distance of the cameras from the middle of the Gaussians."""
         centers = np.stack([camera.center for camera in self.cameras.cameras])
-        spread = np.linalg.norm(centers - centers.mean(axis=0), axis=1).mean()
-        middle = np.median(self.scene.gaussians.means, axis=0)
-        return float(max(spread, _LEAST_UNIT * np.median(np.linalg.norm(centers - middle, axis=1)))) or 1.0
+        return float(np.median(np.linalg.norm(centers - self.middle, axis=1))) or 1.0
+
+    @cached_property
+    def middle(self) -> Float32:
+        """The median of the positions of the Gaussians, [3]."""
+        return np.median(self.scene.gaussians.means, axis=0)
 
     def of(self, camera: Camera) -> View:
         """Return the view of a photo."""

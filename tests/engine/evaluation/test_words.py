@@ -20,6 +20,7 @@ from engine.events import never_stop
 from engine.objects.lifting import Levels
 from engine.objects.photos import Photos
 from engine.objects.segment import find_objects
+from engine.objects.settings import BETTER
 from tests.engine.evaluation.blob_truth import write_truth
 from tests.engine.objects.fakes import FakeDetector, FakeSam
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
@@ -123,7 +124,7 @@ def test_words_of_true_masks_are_those_that_the_detector_scores_highest(
 ) -> None:
     folder = write_truth(blobs, tmp_path / "truth", prompts=TWINS, absent=("ghost",))
     truth = read_ground_truth(folder, list(blobs.labels))
-    photos = Photos(blobs.write_photos(tmp_path / "photos"), 1024, lambda: FakeSam(blobs))  # type: ignore[arg-type,return-value]
+    photos = Photos(blobs.write_photos(tmp_path / "photos"), BETTER, lambda: FakeSam(blobs))  # type: ignore[arg-type,return-value]
     cameras = {camera.photo: camera for camera in blobs.cameras.cameras[:5]}
     looked_at: set[str] = set()
     pixels_of = Photos.pixels

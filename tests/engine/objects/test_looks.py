@@ -43,7 +43,7 @@ class BoxDetector(FakeDetector):
 
 @pytest.fixture
 def photos(blobs: BlobScene, tmp_path: Path) -> Photos:
-    return Photos(blobs.write_photos(tmp_path / "photos"), 160, lambda: FakeSam(blobs))
+    return Photos(blobs.write_photos(tmp_path / "photos"), SETTINGS, lambda: FakeSam(blobs))
 
 
 def context_of(scene: BlobScene, photos: Photos, detector: FakeDetector, **given: Any) -> SegmentationContext:

@@ -42,7 +42,7 @@ def find(blobs: BlobScene, tmp_path: Path) -> Callable[..., list[FoundObject]]:
         sam_factory = given.pop("sam_factory", lambda: FakeSam(scene))
         context = SegmentationContext(
             Views(Scene(scene.gaussians), scene.cameras, render_side=settings.render_side),
-            Photos(scene.write_photos(tmp_path / "photos"), settings.photo_side, sam_factory),  # type: ignore[arg-type]
+            Photos(scene.write_photos(tmp_path / "photos"), settings, sam_factory),  # type: ignore[arg-type]
             given.pop("label_maps", {}),  # type: ignore[arg-type]
             settings,
             **{"detector_factory": lambda: FakeDetector(scene), **given},  # type: ignore[arg-type]
