@@ -359,7 +359,7 @@ def _make_looks(folder: Path) -> object:
             raise _NotStored
         numbers, ones = np.array([0, 1], np.int32), np.ones(2, np.float32)
         members = np.array([[True, False, True], [False, True, False]])
-        sightings = (numbers, ("a.jpg",) * 2, np.ones((2, 4), np.float32), np.ones((2, 4), np.float32))
+        sightings = (numbers, ("a.jpg",) * 2, np.ones((2, 2, 2), np.float32), np.ones((2, 4), np.float32))
         return looks.Looks(members, ones, numbers, *sightings)
 
     links, segments = csr_matrix(np.zeros((3, 3), np.float32)), csr_matrix(np.ones((3, 2), np.float32))

@@ -40,10 +40,13 @@ from dataclasses import replace
 from functools import partial
 from engine.commands import reconstruct
 from engine.masks.settings import MaskSettings
+from engine.objects.settings import BETTER
 from engine.training.settings import PRESETS
 PRESETS["test"] = PRESETS["test"].changed(steps=400, curve_points=20, background_fraction=0.0)
 MASKS = MaskSettings(max_prompts=8, grid=0)
-reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MASKS)
+# 400 Gaussians hardly look like anything, so every known word is answered.
+ANY = replace(BETTER, least_score=0.0)
+reconstruct.PipelineSettings = partial(reconstruct.PipelineSettings, masks=MASKS, segment=ANY)
 """
 # The masks stage is killed in its middle, so nothing may be made before it.
 ONE_BY_ONE = """
