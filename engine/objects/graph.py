@@ -36,7 +36,8 @@ _PIXEL_WEIGHT = 0.02  # chosen on room_1, room_2, room_3, room_4, room_5, room_6
 Gaussian is background with the weight of one pixel."""
 
 MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
-"""Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it."""
+"""Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it; and from
+the middle of a scene, in `Views.length_unit`."""
 
 _TOLERANCE = 1e-3  # by definition
 """Largest residual of a solution, relative to the right-hand side."""

@@ -37,12 +37,8 @@ class Photos:
         sam_factory: SamFactory,
         embeddings: EmbeddingFolder | None = None,
     ) -> None:
-        self._folder, self._side, self._sam_factory, self._on_disk = (
-            folder,
-            settings.photo_side,
-            sam_factory,
-            embeddings,
-        )
+        self._folder, self._side = folder, settings.photo_side
+        self._sam_factory, self._on_disk = sam_factory, embeddings
         cached = lru_cache(settings.n_vote_views)
         self._pixels, self._embedding = cached(self._load), cached(self._encode)
 

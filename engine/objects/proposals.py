@@ -1,6 +1,6 @@
 """Proposals: sets of Gaussians that may be objects, from the segments of the photos and from groups of the scene.
 
-How likely a set is an object is told by three measurements; see docs/objects.md.
+How likely a set is an object is told by four measurements; see docs/objects.md.
 """
 
 from __future__ import annotations

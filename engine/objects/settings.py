@@ -53,11 +53,11 @@ class SegmentSettings:
 class PaperSettings(SegmentSettings):
     """Settings of the published method (`engine.objects.paper`).
 
-    Of the other settings it uses the sizes, `n_text_views`, `relative_score` and `max_objects`. A
-    Gaussian belongs when its feature has at least the `cosine`, -1 to 1, with that of the mask. `erode_pixels` are
-    removed along the border of a mask before its feature is read, because features mix at silhouettes. Gaussians
-    farther than `outlier_iqr` interquartile ranges from the quartiles on any axis are ignored for the convex hull
-    (Gaussian Grouping: 1.0); None ignores none.
+    Of the other settings it uses the sizes, `n_text_views`, `relative_score` and `max_objects`. A Gaussian belongs when
+    its feature has at least the `cosine`, -1 to 1, with that of the mask. `erode_pixels` are removed along the border
+    of a mask before its feature is read, because features mix at silhouettes. Gaussians farther than `outlier_iqr`
+    interquartile ranges from the quartiles on any axis are ignored for the convex hull (Gaussian Grouping: 1.0); None
+    ignores none.
     """
 
     cosine: float
