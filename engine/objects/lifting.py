@@ -111,7 +111,7 @@ def _union(
 
 
 def _distinct(memberships: Float32, views: Views) -> Levels:
-    """Return the levels that differ from those nearer to the middle one, the object, and are at most one `length_unit` long."""
+    """Return the levels that differ from those nearer to the middle one, the object, at most one `length_unit` long."""
     middle = len(memberships) // 2
     kept = [middle]
     for number in sorted(range(len(memberships)), key=lambda number: abs(number - middle)):
