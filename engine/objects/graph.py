@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bmat, csr_matrix, diags, hstack
+from scipy.sparse import csr_matrix, diags, hstack
 
 from ..errors import Cancelled
 from ..events import StopCheck
@@ -80,9 +80,12 @@ class SceneGraph:
         return np.diff(self.photo, prepend=-1) == 0
 
     @cached_property
-    def _links(self) -> csr_matrix:
-        links = csr_matrix(_PIXEL_WEIGHT * self.segments @ diags(self.is_segment.astype(np.float32)))
-        return csr_matrix(bmat([[self.neighbours, links], [links.T, None]]), dtype=np.float32)
+    def _between(self) -> tuple[csr_matrix, csr_matrix]:
+        """Links from Gaussians to segments, [N, M], over the root of all links of the segment, and back, [M, N]."""
+        links = csr_matrix(_PIXEL_WEIGHT * self.segments[:, np.flatnonzero(self.is_segment)], dtype=np.float32)
+        roots = np.sqrt(np.maximum(np.asarray(links.sum(axis=0), np.float32).ravel(), _SMALLEST))
+        links = csr_matrix(links @ diags(1 / roots), dtype=np.float32)
+        return links, csr_matrix(links.T)
 
     def solve(self, votes: Votes, strictness: float | Float32) -> Float32:
         """Return the memberships of the Gaussians in K objects, in [0, 1], shape [N, K].
@@ -91,30 +94,35 @@ class SceneGraph:
         the object relative to one inside of it, above 0. Every membership falls as it rises.
 
         Solves (L + S + lambda B) x = S 1 for Gaussians and segments together, with the Laplacian L of the links, the
-        votes S for the object and B against it, and lambda the strictness, by conjugate gradients with the diagonal as
-        preconditioner. SciPy's solve one system at a time, so that each step reads all links for one object alone.
+        votes S for the object and B against it, and lambda the strictness. No segment votes, so that each is the mean
+        of its Gaussians by their links; put in, this leaves the Gaussians (the Schur complement), for which conjugate
+        gradients need fewer steps, with the diagonal as preconditioner. SciPy's solve one system at a time, so that
+        each step reads all links for one object alone.
         """
-        padding = ((0, len(self.photo)), (0, 0))
-        against = np.pad((_PIXEL_WEIGHT + strictness * votes.outside).astype(np.float32), padding)
-        inside = np.broadcast_to(np.pad(votes.inside.astype(np.float32), padding), against.shape)
-        diagonal = np.asarray(self._links.sum(axis=1), np.float32) + inside + against
-        diagonal[diagonal <= 0] = 1
-        solution: Float32 = np.zeros_like(inside)
-        residual: Float32 = inside
-        scaled = residual / diagonal
-        direction, size = scaled, _dot(residual, scaled)
-        enough = _TOLERANCE**2 * _dot(inside, inside)
+        to_segments, to_gaussians = self._between
+        # The rows of L sum to 0: a Gaussian's links to segments, and from there back to all Gaussians.
+        links = self.neighbours.sum(axis=1) + to_segments @ to_gaussians.sum(axis=1)
+        inside = votes.inside.astype(np.float32)
+        against = _PIXEL_WEIGHT + strictness * votes.outside
+        degrees = (np.asarray(links) + inside + against).astype(np.float32)
+        diagonal = degrees - np.asarray(to_segments.multiply(to_segments).sum(axis=1), np.float32)
+        residual = np.broadcast_to(inside, degrees.shape).copy()
+        solution, scratch = np.zeros_like(degrees), np.empty_like(degrees)
+        direction = residual / diagonal
+        enough, size = _TOLERANCE**2 * _dot(residual, residual), _dot(residual, direction)
         for _ in range(_MAX_STEPS):
             if (_dot(residual, residual) <= enough).all():
                 break
-            product = diagonal * direction - self._links @ direction
+            product = np.multiply(degrees, direction, out=scratch) - self.neighbours @ direction
+            product -= to_segments @ (to_gaussians @ direction)
             length = (size / np.maximum(_dot(direction, product), _SMALLEST)).astype(np.float32)
-            solution = solution + length * direction
-            residual = residual - length * product
-            scaled = residual / diagonal
+            solution += np.multiply(length, direction, out=scratch)
+            residual -= np.multiply(length, product, out=scratch)
+            scaled = np.divide(residual, diagonal, out=scratch)
             before, size = size, _dot(residual, scaled)
-            direction = scaled + size / np.maximum(before, _SMALLEST) * direction
-        return np.clip(solution[: len(votes.inside)], 0, 1)
+            direction *= size / np.maximum(before, _SMALLEST)
+            direction += scaled
+        return np.clip(solution, 0, 1)
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
         """Return the graph without the links to segments, those between Gaussians, or features in their weights."""

@@ -1,6 +1,6 @@
 """Proposals: sets of Gaussians that may be objects, from the segments of the photos and from groups of the scene.
 
-How likely a set is an object is told by four measurements; see docs/objects.md.
+How likely a set is an object is told by five measurements; see docs/objects.md.
 """
 
 from __future__ import annotations
@@ -26,18 +26,7 @@ __all__ = ["LEAST_PROBABILITY", "Proposals", "apart", "find_proposals"]
 _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """IoU above which two proposals look alike."""
 
-_WEIGHTS = (
-    0.8,
-    -1.6,
-    1.8,
-    0.6,
-)  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
-"""Weights of isolation, unusual extent, agreement and share of the scene in the log-odds that a set is an object."""
-
-_CONSTANT = -0.5  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
-"""What is added to the log-odds."""
-
-_USUAL_EXTENT = 0.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+_USUAL_EXTENT = 0.12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Extent (`Views.extent`) of a usual object."""
 
 LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
@@ -63,10 +52,11 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     """Return each segment of each photo, and each group, solved like a mask; raises `Cancelled` when the user stops.
 
     With the weights of the links between Gaussians that leave a set, of all links of the set (or of the rest, if they
-    are less), its extent, for each photo that shows it well the IoU of the set with the solved segment of the photo
-    that fits it best, and its share of the Gaussians, the log-odds of being an object are
+    are less) and of the leaving ones times the height at which they leave, its share of the Gaussians, its extent, and,
+    for each photo that shows it well, the IoU of the set with the solved segment of the photo that fits it best, the
+    log-odds of being an object are
 
-        0.8 ln(links / leaving) - 1.6 ln(extent / 0.1)^2 + 1.8 mean IoU + 0.6 ln(share) - 0.5
+        (ln(links / leaving) + ln(share)) / 2 + 2 (ln(leaving / rising) + mean IoU - ln(extent / 0.12)^2 - 1)
     """
     views, graph = context.views, context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
@@ -79,7 +69,8 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
     share = np.log(np.asarray(solved.mean(axis=1)).ravel())
-    probability = expit(np.array(_WEIGHTS) @ [_isolation(solved, graph), unusual, agreement, share] + _CONSTANT)
+    isolation, standing = _isolation(solved, graph, context.means[:, 2])
+    probability = expit((isolation + share) / 2 + 2 * (standing + agreement - unusual - 1))
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(graph.iou(solved[likely], solved[likely]), SAME_IOU)
@@ -155,17 +146,34 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
     return sets[kept], kept
 
 
-def _isolation(sets: csr_matrix, graph: SceneGraph) -> Float64:
-    """Return ln(links / leaving links) of each set, [K], by their weights, both with the links of one more Gaussian.
+def _isolation(sets: csr_matrix, graph: SceneGraph, heights: Floats) -> tuple[Float64, Float64]:
+    """Return ln(links / leaving) and ln(leaving / rising) of each set, [K] both, with the links of one more Gaussian.
 
-    This is the negative logarithm of the conductance: links are those of the set or of the rest, whichever are less.
+    They are sums of the weights of links. The first is the negative logarithm of the conductance: links are those of
+    the set or of the rest, whichever are less. In the second, each leaving link counts by the height of the member that
+    it leaves, from 0 for the lowest to 1 for the highest: an object leaves its surroundings at its foot, a part of an
+    object anywhere. `heights`, [N], are those of the Gaussians.
     """
     degrees = np.asarray(graph.neighbours.sum(axis=1)).ravel()
     usual = degrees.mean()
     every = sets @ degrees
-    inner = np.asarray((sets @ graph.neighbours).multiply(sets).sum(axis=1)).ravel()
     fewer = np.minimum(every, degrees.sum() - every)
-    return np.asarray(np.log((fewer + usual) / (every - inner + usual)), np.float64)
+    leaving = csr_matrix(sets.multiply(degrees) - (sets @ graph.neighbours).multiply(sets))
+    rising = leaving.multiply(_relative_heights(sets, heights))
+    all_leaving, all_rising = (np.asarray(links.sum(axis=1), np.float64).ravel() + usual for links in (leaving, rising))
+    return np.log((fewer + usual) / all_leaving), np.log(all_leaving / all_rising)
+
+
+def _relative_heights(sets: csr_matrix, heights: Floats) -> csr_matrix:
+    """Return the height of each member of K sets, none empty, 0 for the lowest to 1 for the highest, [K, N].
+
+    In a flat set, all are the highest: it leaves its surroundings everywhere.
+    """
+    of_members, starts, sizes = heights[sets.indices], sets.indptr[:-1], np.diff(sets.indptr)
+    highest = np.maximum.reduceat(of_members, starts)
+    span = np.maximum(highest - np.minimum.reduceat(of_members, starts), np.finfo(np.float32).tiny)
+    relative = 1 - (np.repeat(highest, sizes) - of_members) / np.repeat(span, sizes)
+    return csr_matrix((relative, sets.indices, sets.indptr), shape=sets.shape)
 
 
 def _agreement(iou: Float32, photo: Int32, shown: Float32) -> Float64:

@@ -69,6 +69,23 @@ def test_the_whole_scene_is_no_proposal(blobs: BlobScene) -> None:
     assert found.members.mean(axis=1).max() < 0.9
 
 
+def test_what_stands_on_the_floor_is_likelier_an_object_than_the_same_hanging_from_a_ceiling(blobs: BlobScene) -> None:
+    upside_down = blobs.gaussians.means * np.array([1, 1, -1], np.float32)
+    context = context_of(blobs)
+
+    class UpsideDown(SegmentationContext):
+        means = upside_down
+
+    standing, hanging = find_proposals(context), find_proposals(UpsideDown(**vars(context)))
+    for part in (RED, TWIN, BLUE):
+        best = [
+            max(zip((iou(one, blobs.part == part) for one in found.members), found.probability, strict=True))
+            for found in (standing, hanging)
+        ]
+        assert min(overlap for overlap, _ in best) > 0.9
+        assert best[0][1] > best[1][1]
+
+
 @pytest.mark.parametrize("factor", [0.002, 50.0])
 def test_what_is_far_smaller_or_larger_than_a_usual_object_is_no_proposal(factor: float, blobs: BlobScene) -> None:
     context = context_of(blobs)
