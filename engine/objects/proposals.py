@@ -29,7 +29,7 @@ _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, r
 _USUAL_EXTENT = 0.12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Extent (`Views.extent`) of a usual object."""
 
-LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+LEAST_PROBABILITY = 0.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Probability from which on a set may be an object."""
 
 
