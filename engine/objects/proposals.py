@@ -69,7 +69,8 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
     share = np.log(np.asarray(solved.mean(axis=1)).ravel())
-    isolation, standing = _isolation(solved, graph, context.means[:, 2])
+    heights = context.means[:, 2]  # Z is up
+    isolation, standing = _isolation(solved, graph, heights)
     probability = expit((isolation + share) / 2 + 2 * (standing + agreement - unusual - 1))
     likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
