@@ -105,7 +105,8 @@ class SceneGraph:
         inside = votes.inside.astype(np.float32)
         against = _PIXEL_WEIGHT + strictness * votes.outside
         degrees = (np.asarray(links) + inside + against).astype(np.float32)
-        diagonal = degrees - np.asarray(to_segments.multiply(to_segments).sum(axis=1), np.float32)
+        own = np.asarray(to_segments.multiply(to_segments).sum(axis=1), np.float32)
+        diagonal = np.maximum(degrees - own, _PIXEL_WEIGHT)  # it is no less; rounding can make it so
         residual = np.broadcast_to(inside, degrees.shape).copy()
         solution, scratch = np.zeros_like(degrees), np.empty_like(degrees)
         direction = residual / diagonal
@@ -115,7 +116,9 @@ class SceneGraph:
                 break
             product = np.multiply(degrees, direction, out=scratch) - self.neighbours @ direction
             product -= to_segments @ (to_gaussians @ direction)
-            length = (size / np.maximum(_dot(direction, product), _SMALLEST)).astype(np.float32)
+            curvature = _dot(direction, product)
+            # Rounding alone makes it negative: such a column is left as it is.
+            length = np.divide(size, curvature, out=np.zeros_like(size), where=curvature > _SMALLEST)
             solution += np.multiply(length, direction, out=scratch)
             residual -= np.multiply(length, product, out=scratch)
             scaled = np.divide(residual, diagonal, out=scratch)

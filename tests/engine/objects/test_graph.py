@@ -62,6 +62,50 @@ def test_without_votes_for_an_object_nothing_belongs(graph: SceneGraph) -> None:
     assert solved(graph, Votes(nothing, nothing)).max() == 0
 
 
+def exact(graph: SceneGraph, votes: Votes, strictness: float = 0.6) -> np.ndarray:
+    """The membership as docs/objects.md states it: a direct solve in float64, with the segments as unknowns."""
+    links = 0.02 * graph.segments.toarray().astype(float)[:, graph.is_segment]
+    n, m = links.shape
+    weights = np.block([[graph.neighbours.toarray(), links], [links.T, np.zeros((m, m))]])
+    inside, outside = (np.pad(one[:, 0].astype(float), (0, m)) for one in (votes.inside, votes.outside))
+    against = strictness * outside + 0.02 * (np.arange(n + m) < n)
+    return np.linalg.solve(np.diag(weights.sum(axis=1) + inside + against) - weights, inside)[:n]
+
+
+def test_membership_solves_the_system_that_the_documentation_states(
+    blobs: BlobScene, views: Views, graph: SceneGraph
+) -> None:
+    one = count_votes(views, mask_of(blobs, views, RED, 0), graph.pixels)
+    votes = Votes(one.inside[:, None], one.outside[:, None])
+    np.testing.assert_allclose(graph.solve(votes, 0.6)[:, 0], exact(graph, votes), atol=0.01)
+
+
+def filled_by_one(pixels: float) -> SceneGraph:
+    """24 photos, in each of which one Gaussian alone fills `pixels` of a segment; 49 others hang on it in a chain."""
+    segments = np.random.default_rng(0).uniform(0, 5, (50, 48)).astype(np.float32)
+    segments[:, 1::2], segments[0] = 0, 0
+    segments[0, 1::2] = pixels
+    chain = np.diag(np.r_[0.001, np.full(48, 0.9)], k=1)
+    photo = np.repeat(np.arange(24), 2).astype(np.int32)
+    neighbours = csr_matrix((chain + chain.T).astype(np.float32))
+    return SceneGraph(neighbours, csr_matrix(segments), photo, tuple(f"{k}.jpg" for k in range(24)))
+
+
+@pytest.mark.parametrize("pixels", [1.0, 480.0 * 480.0])
+@pytest.mark.parametrize("against", [0.0, 1.0])
+def test_a_gaussian_that_fills_all_photos_has_the_membership_of_its_weak_votes(pixels: float, against: float) -> None:
+    graph, one = filled_by_one(pixels), np.eye(50, 1, dtype=np.float32)
+    votes = Votes(one, against * one)
+    np.testing.assert_allclose(graph.solve(votes, 0.6)[:, 0], exact(graph, votes), atol=0.02)
+
+
+def test_memberships_are_finite_where_float32_cannot_solve_the_system() -> None:
+    inside = np.zeros((50, 2), np.float32)
+    inside[0, 0], inside[10, 1] = 1, 5
+    found = filled_by_one(1e10).solve(Votes(inside, np.zeros_like(inside)), 0.6)
+    assert ((found >= 0) & (found <= 1)).all()
+
+
 def test_pixels_that_show_a_set_are_those_of_its_gaussians_in_each_photo(blobs: BlobScene, graph: SceneGraph) -> None:
     sets = csr_matrix(np.stack([blobs.part == BLUE, blobs.part == RED, blobs.part > 0]), dtype=np.float32)
     shown = graph.shown(sets)
