@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags, hstack
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import Cancelled
 from ..events import StopCheck
@@ -24,7 +25,10 @@ from .arrays import Float32, Int32, Int64, Mask
 from .views import OUTER, Views, spread_cameras
 from .votes import THRESHOLD, Votes
 
-__all__ = ["MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
+__all__ = [
+    "LEAST_PART", "MAX_RADII", "N_NEIGHBOURS",
+    "SceneGraph", "bounded", "build_graph", "load_or_build_graph",
+]  # fmt: skip
 
 _VERSION = "graph 4"
 
@@ -38,6 +42,9 @@ Gaussian is background with the weight of one pixel."""
 MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it; and from
 the middle of a scene, in `Views.length_unit`."""
+
+LEAST_PART = 0.1  # chosen on museum_room
+"""Smallest weight of a connected part of an object relative to the heaviest: an occluder may split an object in two."""
 
 _TOLERANCE = 1e-3  # by definition
 """Largest residual of a solution, relative to the right-hand side."""
@@ -126,6 +133,21 @@ class SceneGraph:
             direction *= size / np.maximum(before, _SMALLEST)
             direction += scaled
         return np.clip(solution, 0, 1)
+
+    def memberships(self, votes: Votes, strictness: float | Float32) -> Float32:
+        """Return those of `solve`, [K, N], but 0 in light parts of what belongs to an object.
+
+        Links between Gaussians connect parts. Those stay that have at least `LEAST_PART` of the votes for the object of
+        the heaviest; all, where there are no links.
+        """
+        solved = np.ascontiguousarray(self.solve(votes, strictness).T)
+        for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
+            members = np.flatnonzero(membership >= THRESHOLD)
+            if self.neighbours.nnz and len(members):
+                part = connected_components(self.neighbours[members][:, members], directed=False)[1]
+                weights = np.bincount(part, weights=inside[members])
+                membership[members[(weights < LEAST_PART * weights.max())[part]]] = 0
+        return solved
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:
         """Return the graph without the links to segments, those between Gaussians, or features in their weights."""

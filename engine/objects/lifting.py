@@ -106,7 +106,7 @@ def _union(
     for item in (item for item in evidence if item.excluded == excluded):
         votes = count_votes(context.views, item, graph.pixels)
         column = Votes(votes.inside[:, None], votes.outside[:, None])
-        highest = np.maximum(highest, graph.solve(column, context.settings.strictness * factors).T)
+        highest = np.maximum(highest, graph.memberships(column, context.settings.strictness * factors))
     return highest
 
 

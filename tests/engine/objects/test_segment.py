@@ -11,18 +11,20 @@ from PIL import Image
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
 from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.context import SegmentationContext
-from engine.objects.lifting import FoundObject
+from engine.objects.lifting import FoundObject, isolate_object
 from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
 from engine.objects.segment import NoMatchError, find_objects
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
 from engine.objects.views import Views
+from engine.objects.votes import MaskEvidence, Votes, count_votes
 from engine.pictures.render import render_view
 from engine.pictures.scene import Scene
+from engine.scene.camera import PinholeCamera
 from engine.scene.polished import load_polished
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
-from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, make_scene
+from tests.engine.pictures.blob_scene import BLUE, FLOOR, RED, TWIN, BlobScene, as_pinhole, make_scene
 
 SMALL = replace(PAPER, photo_side=160, render_side=160, erode_pixels=1)
 SMALL_BETTER = replace(BETTER, photo_side=160, render_side=160, polish_steps=3)
@@ -235,6 +237,26 @@ def test_object_of_two_materials_is_found_as_a_whole_from_its_mask(find, blobs: 
     prompt = MaskPrompt("view_4.png", mask)
     (paper,), (better,) = find(prompt, scene=scene), find(prompt, scene=scene, settings=SMALL_BETTER)
     assert overlap(better, scene, BLUE) > 0.9 > overlap(paper, scene, BLUE)
+
+
+def test_what_photos_take_for_a_part_of_the_object_but_nothing_connects_with_it_is_left_out(blobs: BlobScene) -> None:
+    # SAM made one segment of both red balls in every photo, and the asking picture shows only one of them.
+    fused = {photo: np.where(labels == TWIN, RED, labels) for photo, labels in blobs.labels.items()}
+    views = Views(Scene(blobs.gaussians), blobs.cameras, render_side=160)
+    photos = Photos(Path(), SMALL_BETTER, not_needed)  # type: ignore[arg-type]
+    context = SegmentationContext(views, photos, fused, SMALL_BETTER, not_needed)  # type: ignore[arg-type]
+    shown = blobs.labels["view_1.png"] == RED
+    rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
+    whole = as_pinhole(blobs.cameras.cameras[1])
+    K = whole.K - np.array([[0, 0, columns[0]], [0, 0, rows[0]], [0, 0, 0]])
+    view = views.from_anywhere(PinholeCamera(whole.viewmat, K, int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1))
+    mask = shown[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    evidence = MaskEvidence(view, view.from_photo(mask), 1.0, given=True)
+    graph, votes = context.graph, count_votes(views, evidence, context.graph.pixels)
+    solved = graph.solve(Votes(votes.inside[:, None], votes.outside[:, None]), SMALL_BETTER.strictness)[:, 0] >= 0.5
+    assert solved[blobs.part == TWIN].mean() > 0.5, "the solve alone takes the other ball, too"
+    found = isolate_object(context, [evidence])
+    assert not found.members[blobs.part == TWIN].any() and overlap(found, blobs, RED) > 0.9
 
 
 def test_membership_is_in_0_to_1_and_tightens_monotonically(find, blobs: BlobScene) -> None:
