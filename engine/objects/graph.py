@@ -134,19 +134,19 @@ class SceneGraph:
             direction += scaled
         return np.clip(solution, 0, 1)
 
-    def memberships(self, votes: Votes, strictness: float | Float32) -> Float32:
-        """Return those of `solve`, [K, N], but 0 in light parts of what belongs to an object.
+    def memberships(self, votes: Votes, strictness: float | Float32, weights: Float32) -> Float32:
+        """Return those of `solve`, [K, N], but 0 in small parts of what belongs to an object.
 
-        Links between Gaussians connect parts. Those stay that have at least `LEAST_PART` of the votes for the object of
-        the heaviest; all, where there are no links.
+        Links between Gaussians connect parts. Those stay whose `weights`, [N, K] or [N, 1], add up to at least
+        `LEAST_PART` of those of the heaviest; all, where there are no links.
         """
         solved = np.ascontiguousarray(self.solve(votes, strictness).T)
-        for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
+        for membership, weight in zip(solved, np.broadcast_to(weights.T, solved.shape), strict=True):
             members = np.flatnonzero(membership >= THRESHOLD)
             if self.neighbours.nnz and len(members):
                 part = connected_components(self.neighbours[members][:, members], directed=False)[1]
-                weights = np.bincount(part, weights=inside[members])
-                membership[members[(weights < LEAST_PART * weights.max())[part]]] = 0
+                of_part = np.bincount(part, weights=weight[members])
+                membership[members[(of_part < LEAST_PART * of_part.max())[part]]] = 0
         return solved
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:

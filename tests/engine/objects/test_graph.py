@@ -114,13 +114,13 @@ def test_of_an_object_in_parts_the_light_ones_are_left_out() -> None:
     inside = np.array([[50, 50, 5, 5, 9]], np.float32).T
     votes = Votes(inside, np.zeros_like(inside))
     assert (graph.solve(votes, 1.0) > 0.9).all()
-    kept = graph.memberships(votes, 1.0)[0]
+    kept = graph.memberships(votes, 1.0, inside)[0]
     # The lightest part that stays has a tenth of the weight of the heaviest.
     assert (kept[:4] > 0.9).all() and kept[4] == 0
     unlinked = graph.without("neighbours")
-    assert (unlinked.memberships(votes, 1.0) > 0.9).all(), "without links there are no parts"
+    assert (unlinked.memberships(votes, 1.0, inside) > 0.9).all(), "without links there are no parts"
     nothing = Votes(np.zeros_like(inside), inside)
-    assert not graph.memberships(nothing, 1.0).any()
+    assert not graph.memberships(nothing, 1.0, inside).any()
 
 
 def test_pixels_that_show_a_set_are_those_of_its_gaussians_in_each_photo(blobs: BlobScene, graph: SceneGraph) -> None:
