@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from ..errors import PromptError
 from .arrays import Float32, Floats, Mask, Place
 from .context import SegmentationContext
-from .graph import LEAST_PART, N_NEIGHBOURS
+from .graph import N_NEIGHBOURS
 from .prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, camera_of_prompt, load_mask
 from .settings import PAPER
 from .views import View, Views
@@ -36,6 +36,9 @@ __all__ = [
     "require_known",
     "require_mask",
 ]
+
+_PART = 0.1  # chosen on museum_room
+"""Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""
 
 
 def find_evidence(prompt: ClickPrompt | BoxPrompt | MaskPrompt, context: SegmentationContext) -> list[MaskEvidence]:
@@ -129,14 +132,14 @@ def connected_parts(points: Float32, weights: Floats) -> Mask:
     share = weights.astype(np.float64) / total
     radius = float(np.sqrt(share @ ((points - share @ points) ** 2).sum(axis=1)))
     farthest = cKDTree(points).query(points, k=min(N_NEIGHBOURS + 1, len(points)))[0][:, -1]
-    cell = max(LEAST_PART * radius, float(np.median(farthest)), float(np.finfo(np.float32).eps))
+    cell = max(_PART * radius, float(np.median(farthest)), float(np.finfo(np.float32).eps))
     keys, cell_of = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     # On no axis farther than one cell: the 26 cells around.
     pairs = cKDTree(keys).query_pairs(1, p=np.inf, output_type="ndarray")
     links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(keys), len(keys)))
     part = connected_components(links, directed=False)[1][cell_of.reshape(-1)]
     weight = np.bincount(part, weights=weights)
-    return np.asarray((weight >= LEAST_PART * weight.max())[part] & (weight > 0)[part])
+    return np.asarray((weight >= _PART * weight.max())[part] & (weight > 0)[part])
 
 
 def clicks_by_photo(clicks: Sequence[Point], context: SegmentationContext) -> list[tuple[View, list[Place]]]:

@@ -25,10 +25,7 @@ from .arrays import Float32, Int32, Int64, Mask
 from .views import OUTER, Views, spread_cameras
 from .votes import THRESHOLD, Votes
 
-__all__ = [
-    "LEAST_PART", "MAX_RADII", "N_NEIGHBOURS",
-    "SceneGraph", "bounded", "build_graph", "load_or_build_graph",
-]  # fmt: skip
+__all__ = ["MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
 
 _VERSION = "graph 4"
 
@@ -43,8 +40,8 @@ MAX_RADII = 3.0  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, roo
 """Distance from the middle of an object beyond which nothing belongs, in radii that hold nine tenths of it; and from
 the middle of a scene, in `Views.length_unit`."""
 
-LEAST_PART = 0.1  # chosen on museum_room
-"""Smallest weight of a connected part of an object relative to the heaviest: an occluder may split an object in two."""
+_LEAST_PART = 0.01  # chosen on museum_room, store_room
+"""Votes of a connected part relative to those of the heaviest, from which on it belongs to an object."""
 
 _TOLERANCE = 1e-3  # by definition
 """Largest residual of a solution, relative to the right-hand side."""
@@ -134,19 +131,19 @@ class SceneGraph:
             direction += scaled
         return np.clip(solution, 0, 1)
 
-    def memberships(self, votes: Votes, strictness: float | Float32, weights: Float32) -> Float32:
-        """Return those of `solve`, [K, N], but 0 in small parts of what belongs to an object.
+    def memberships(self, votes: Votes, strictness: float | Float32) -> Float32:
+        """Return those of `solve`, [K, N], but 0 in light parts of what belongs to an object.
 
-        Links between Gaussians connect parts. Those stay whose `weights`, [N, K] or [N, 1], add up to at least
-        `LEAST_PART` of those of the heaviest; all, where there are no links.
+        Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes that the heaviest
+        has for the object; all, where there are no links.
         """
         solved = np.ascontiguousarray(self.solve(votes, strictness).T)
-        for membership, weight in zip(solved, np.broadcast_to(weights.T, solved.shape), strict=True):
+        for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
             members = np.flatnonzero(membership >= THRESHOLD)
             if self.neighbours.nnz and len(members):
                 part = connected_components(self.neighbours[members][:, members], directed=False)[1]
-                of_part = np.bincount(part, weights=weight[members])
-                membership[members[(of_part < LEAST_PART * of_part.max())[part]]] = 0
+                weights = np.bincount(part, weights=inside[members])
+                membership[members[(weights < _LEAST_PART * weights.max())[part]]] = 0
         return solved
 
     def without(self, part: Literal["segments", "neighbours", "features"]) -> SceneGraph:

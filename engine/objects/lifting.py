@@ -101,12 +101,12 @@ def _union(
     context: SegmentationContext, evidence: Sequence[MaskEvidence], factors: Float32, *, excluded: bool
 ) -> Float32:
     """Return the largest membership over the masks of one kind for each of K factors of the strictness, [K, N]."""
-    graph, strictness = context.graph, context.settings.strictness
+    graph = context.graph
     highest = np.zeros((len(factors), len(graph.pixels)), np.float32)
     for item in (item for item in evidence if item.excluded == excluded):
         votes = count_votes(context.views, item, graph.pixels)
         column = Votes(votes.inside[:, None], votes.outside[:, None])
-        highest = np.maximum(highest, graph.memberships(column, strictness * factors, column.inside))
+        highest = np.maximum(highest, graph.memberships(column, context.settings.strictness * factors))
     return highest
 
 

@@ -132,7 +132,7 @@ def _solved(context: SegmentationContext, segments: Int64, groups: Mask) -> tupl
         together = groups[max(0, start - passed) : max(0, stop - passed)].T
         votes = (graph.votes_of(segments[start:stop]), votes_of_known(together, graph.pixels[:, None]))
         both = Votes(np.hstack([one.inside for one in votes]), np.hstack([one.outside for one in votes]))
-        memberships = graph.memberships(both, context.settings.strictness, graph.pixels[:, None])
+        memberships = graph.memberships(both, context.settings.strictness)
         members = np.stack([bounded(membership, context.means) for membership in memberships]) >= THRESHOLD
         return csr_matrix(members, dtype=np.float32)
 

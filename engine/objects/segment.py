@@ -126,8 +126,7 @@ def find_everything(context: SegmentationContext) -> list[FoundObject]:
     graph, looks = context.graph, load_or_build_looks(context)
     chosen = apart(looks.members, (looks.probability - LEAST_PROBABILITY) * np.cbrt(looks.members.sum(axis=1)))
     members, names = looks.members[chosen].T, looks.names(chosen, context)
-    pixels = graph.pixels[:, None]
-    solved = graph.memberships(votes_of_known(members, pixels), context.settings.strictness, pixels)
+    solved = graph.memberships(votes_of_known(members, graph.pixels[:, None]), context.settings.strictness)
     objects: list[FoundObject] = []
     taken = np.zeros(len(context.means), bool)
     # What stands on something larger keeps its Gaussians.

@@ -111,16 +111,16 @@ def test_of_an_object_in_parts_the_light_ones_are_left_out() -> None:
     links = csr_matrix((np.ones(2, np.float32), ([0, 2], [1, 3])), shape=(5, 5))
     fused = csr_matrix(np.column_stack([np.zeros(5), np.full(5, 1e6)]).astype(np.float32))
     graph = SceneGraph(csr_matrix(links + links.T), fused, np.zeros(2, np.int32), ("photo",))
-    inside = np.array([[50, 50, 5, 5, 9]], np.float32).T
+    inside = np.array([[50, 50, 0.5, 0.5, 0.9]], np.float32).T
     votes = Votes(inside, np.zeros_like(inside))
     assert (graph.solve(votes, 1.0) > 0.9).all()
-    kept = graph.memberships(votes, 1.0, inside)[0]
-    # The lightest part that stays has a tenth of the weight of the heaviest.
+    kept = graph.memberships(votes, 1.0)[0]
+    # The lightest part that stays has a hundredth of the weight of the heaviest.
     assert (kept[:4] > 0.9).all() and kept[4] == 0
     unlinked = graph.without("neighbours")
-    assert (unlinked.memberships(votes, 1.0, inside) > 0.9).all(), "without links there are no parts"
+    assert (unlinked.memberships(votes, 1.0) > 0.9).all(), "without links there are no parts"
     nothing = Votes(np.zeros_like(inside), inside)
-    assert not graph.memberships(nothing, 1.0, inside).any()
+    assert not graph.memberships(nothing, 1.0).any()
 
 
 def test_pixels_that_show_a_set_are_those_of_its_gaussians_in_each_photo(blobs: BlobScene, graph: SceneGraph) -> None:
