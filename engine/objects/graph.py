@@ -134,8 +134,8 @@ class SceneGraph:
     def memberships(self, votes: Votes, strictness: float | Float32) -> Float32:
         """Return those of `solve`, [K, N], but 0 in light parts of what belongs to an object.
 
-        Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes that the heaviest
-        has for the object; all, where there are no links.
+        Links between Gaussians connect parts. Those stay that have at least `_LEAST_PART` of the votes for the object
+        that the heaviest has; all, where there are no links.
         """
         solved = np.ascontiguousarray(self.solve(votes, strictness).T)
         for membership, inside in zip(solved, np.broadcast_to(votes.inside.T, solved.shape), strict=True):
