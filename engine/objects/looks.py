@@ -26,7 +26,7 @@ from .votes import THRESHOLD, MaskEvidence
 
 __all__ = ["Looks", "build_looks", "load_or_build_looks"]
 
-_VERSION = "looks 6"
+_VERSION = "looks 7"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
