@@ -145,6 +145,13 @@ class Detector(Protocol):
         """
         ...
 
+    def whole_odds(self, described: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what each row of `described`, [n, D], adds to the log-odds of being one whole thing, [n].
+
+        Negative for a part of a thing and for several things. Zero when the detector cannot tell.
+        """
+        ...
+
     def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
         """Return words for one object that several photos show, each with a confidence 0 to 1, best first.
 

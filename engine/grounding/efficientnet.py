@@ -1,4 +1,4 @@
-"""EfficientNet-Lite2 in torch: logits of 1,000 classes per picture or per cell of the last feature map.
+"""EfficientNet-Lite2 in torch: features, and logits of 1,000 classes, per picture or per cell of the last feature map.
 
 References
 ----------
@@ -17,9 +17,10 @@ from torch.nn import functional
 
 from ..errors import ModelFileError
 
-__all__ = ["INPUT_SIDE", "EfficientNetLite2"]
+__all__ = ["INPUT_SIDE", "N_FEATURES", "EfficientNetLite2"]
 
 INPUT_SIDE = 260  # by definition
+N_FEATURES = 1280  # by definition
 # The Lite models were trained on (RGB - 127) / 128.
 _MEAN, _DEVIATION = 127.0, 128.0  # by definition
 _BATCH_NORM_EPSILON = 1e-3  # by definition
@@ -111,13 +112,18 @@ class EfficientNetLite2:
         return functional.relu6(self._head(x), inplace=True).float()
 
     @torch.inference_mode()
-    def logits(self, pictures: Tensor) -> Tensor:
-        """Return class logits, shape [B, 1000], of `pictures` as in `features`."""
-        return functional.linear(self.features(pictures).mean(dim=(2, 3)), self._class_weight, self._class_bias)
+    def pooled(self, pictures: Tensor) -> Tensor:
+        """Return the mean of the last feature map, shape [B, 1280], of `pictures` as in `features`."""
+        return self.features(pictures).mean(dim=(2, 3))
+
+    @torch.inference_mode()
+    def classes(self, pooled: Tensor) -> Tensor:
+        """Return class logits, shape [B, 1000], of what `pooled` returned."""
+        return functional.linear(pooled, self._class_weight, self._class_bias)
 
     @torch.inference_mode()
     def class_map(self, features: Tensor) -> Tensor:
-        """Return the logits of each cell, shape [B, 1000, h, w]; their mean over the cells equals `logits`.
+        """Return the logits of each cell, shape [B, 1000, h, w]; their mean over the cells equals `classes`.
 
         The head averages over cells and then applies a linear layer; the two operations commute (Zhou et al., "Learning
         Deep Features for Discriminative Localization", 2016, equation 2).

@@ -216,6 +216,10 @@ class GroundingDino:
         """Raise an error: `describe_crops` returns no descriptions; see `Detector.score_descriptions`."""
         raise NotImplementedError(f"{self.name} returns no descriptions")
 
+    def whole_odds(self, described: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Raise an error: `describe_crops` returns no descriptions; see `Detector.whole_odds`."""
+        raise NotImplementedError(f"{self.name} returns no descriptions")
+
     def name_descriptions(self, described: NDArray[np.float32]) -> list[tuple[str, float]]:
         """Return an empty list: this model has no words of its own; see `Detector.name_descriptions`."""
         return []

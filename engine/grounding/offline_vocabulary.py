@@ -24,10 +24,11 @@ from ..masks import mask_box
 from ..models import locate, models_folder
 from ..processor import multiplies_bfloat16
 from .detector import Detection, PromptCheck
-from .efficientnet import INPUT_SIDE, EfficientNetLite2
+from .efficientnet import INPUT_SIDE, N_FEATURES, EfficientNetLite2
 from .row_cache import RowCache
 from .sentences import SentenceEncoder
 from .vocabulary import N_CLASSES, Vocabulary
+from .wholeness import whole_odds
 from .windows import find_windows
 
 __all__ = ["OfflineVocabulary"]
@@ -50,10 +51,10 @@ _MIN_SCORE = 0.05  # chosen on museum_room
 _MIN_SEGMENT_FRACTION = 0.001  # chosen on museum_room
 _MAX_SEGMENT_FRACTION = 0.5  # chosen on museum_room
 _MAX_CACHED_ROWS = 20_000  # by definition
-"""Largest number of crops whose probabilities are kept in memory, 4 KB each."""
+"""Largest number of crops whose features are kept in memory, 5 KB each."""
 
 _MAX_CACHED_PHOTOS = 200  # by definition
-"""Largest number of photos whose segments' probabilities are stored on disk, about 160 KB each. A text prompt uses
+"""Largest number of photos whose segments' features are stored on disk, about 200 KB each. A text prompt uses
 eight photos of a scene."""
 
 
@@ -79,10 +80,10 @@ class OfflineVocabulary:
         weights = locate("efficientnet-lite2", cache)
         self._classifier = EfficientNetLite2(weights, bfloat16=multiplies_bfloat16())
         self._segment_cache = RowCache(
-            derived / f"segments-{weights.stem}", width=N_CLASSES, max_files=_MAX_CACHED_PHOTOS
+            derived / f"features-{weights.stem}", width=N_FEATURES, max_files=_MAX_CACHED_PHOTOS
         )
-        # Class probabilities do not depend on the prompt, so they are cached for further prompts on the same photos.
-        self._probabilities: OrderedDict[str, Float32] = OrderedDict()
+        # Features do not depend on the prompt, so they are cached for further prompts on the same photos.
+        self._features: OrderedDict[str, Float32] = OrderedDict()
 
     def check_prompt(self, prompt: str) -> PromptCheck:
         """Return whether `prompt` matches a class, with the matching or the nearest classes.
@@ -148,17 +149,20 @@ class OfflineVocabulary:
         if masks is not None and len(masks) != len(corners):
             raise ValueError(f"{len(corners)} boxes and {len(masks)} masks")
         described = (
-            self._classify(pixels, corners, None) if masks is None else self.describe_crops(pixels, boxes, masks)
+            self._probabilities(self._pooled(pixels, corners, None))
+            if masks is None
+            else self.describe_crops(pixels, boxes, masks)
         )
         return self.score_descriptions(described, prompt)
 
     def describe_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> Float32:
-        """Return the probabilities of the classes on white and with dimmed surroundings, [n, 2000].
+        """Return the probabilities of the classes on white and with dimmed surroundings, and `whole_odds`, [n, 2001].
 
         See `Detector.describe_crops`. The white background keeps the outline, the dimmed one the surroundings.
         """
-        corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
-        return np.hstack([self._classify(pixels, corners, masks, dimmed=dimmed) for dimmed in (False, True)])
+        features = self.features_of_crops(pixels, boxes, masks)
+        rows = self._probabilities(features.reshape(-1, N_FEATURES)).reshape(-1, 2 * N_CLASSES)
+        return np.hstack([rows, whole_odds(features)[:, None]])
 
     def score_descriptions(self, described: Float32, prompt: str) -> list[float]:
         """Return the score of each row of class probabilities; see `Detector.score_descriptions`.
@@ -169,7 +173,7 @@ class OfflineVocabulary:
             When the prompt is empty or not known.
         """
         class_weights = self._class_weights(prompt)
-        rows = described.reshape(-1, N_CLASSES)
+        rows = _rows(described)
         scores = np.array([_score(_total_probability(row, class_weights)) for row in rows])
         return [float(score) for score in scores.reshape(len(described), -1).mean(axis=1)] if len(rows) else []
 
@@ -182,9 +186,22 @@ class OfflineVocabulary:
         """
         if len(described) == 0:
             return []
-        mean = described.reshape(-1, N_CLASSES).mean(axis=0)
+        mean = _rows(described).mean(axis=0)
         best = np.argsort(-mean, kind="stable")[:5]
         return [(self._vocabulary.name(int(index)), _score(float(mean[index]))) for index in best]
+
+    def whole_odds(self, described: Float32) -> Float32:
+        """Return the last column of the descriptions; see `Detector.whole_odds`."""
+        return described[:, -1]
+
+    def features_of_crops(self, pixels: Pixels, boxes: ArrayLike, masks: Sequence[NDArray[np.bool_]]) -> Float32:
+        """Return the pooled features of each mask, first on white, then with dimmed surroundings, [n, 2560]."""
+        corners = [_as_box(box) for box in np.asarray(boxes, np.float64).reshape(-1, 4)]
+        return np.hstack([self._pooled(pixels, corners, masks, dimmed=dimmed) for dimmed in (False, True)])
+
+    def _probabilities(self, features: Float32) -> Float32:
+        """Return the probabilities of the classes, [n, 1000]."""
+        return np.asarray(self._classifier.classes(torch.from_numpy(features)).softmax(dim=1).numpy(), np.float32)
 
     def _class_weights(self, prompt: str) -> dict[int, float]:
         class_weights = self._vocabulary.class_weights(prompt)
@@ -207,14 +224,14 @@ class OfflineVocabulary:
         masks = [labels == segment_id for segment_id in segment_ids[suitable]]
         boxes = [_box_of(mask) for mask in masks]
         detections = []
-        rows = self._classify(pixels, boxes, masks, disk_cache=self._segment_cache)
+        rows = self._probabilities(self._pooled(pixels, boxes, masks, disk_cache=self._segment_cache))
         for segment_id, box, row in zip(segment_ids[suitable], boxes, rows, strict=True):
             best_class = max(class_weights, key=lambda index: row[index])
             score = _score(_total_probability(row, class_weights))
             detections.append(Detection(box, score, self._vocabulary.name(best_class), int(segment_id)))
         return detections
 
-    def _classify(
+    def _pooled(
         self,
         pixels: Pixels,
         boxes: list[Box],
@@ -223,15 +240,15 @@ class OfflineVocabulary:
         disk_cache: RowCache | None = None,
         dimmed: bool = False,
     ) -> Float32:
-        """Return the class probabilities of each crop, shape [n, 1000]."""
+        """Return the pooled features of each crop, shape [n, 1280]."""
         if not boxes:
-            return np.zeros((0, N_CLASSES), np.float32)
+            return np.zeros((0, N_FEATURES), np.float32)
         digest = sha256(np.ascontiguousarray(pixels).data)
         digest.update(repr((pixels.shape, boxes, *(["dimmed"] if dimmed else []))).encode())
         for mask in masks or ():
             digest.update(np.packbits(mask).data)
         key = digest.hexdigest()
-        if key not in self._probabilities:
+        if key not in self._features:
             rows = None if disk_cache is None else disk_cache.get(key)
             if rows is None or len(rows) != len(boxes):
                 shown: Sequence[NDArray[np.bool_] | None] = masks or [None] * len(boxes)
@@ -241,29 +258,34 @@ class OfflineVocabulary:
                 rows = np.concatenate(self._run_classifier(crops))
                 if disk_cache is not None:
                     disk_cache.put(key, rows)
-            self._probabilities[key] = rows
-            while sum(len(rows) for rows in self._probabilities.values()) > _MAX_CACHED_ROWS:
-                self._probabilities.popitem(last=False)
-        return self._probabilities[key]
+            self._features[key] = rows
+            while sum(len(rows) for rows in self._features.values()) > _MAX_CACHED_ROWS:
+                self._features.popitem(last=False)
+        return self._features[key]
 
     def _run_classifier(self, crops: Sequence[Callable[[], Pixels]]) -> list[Float32]:
-        """Return class probabilities of what `crops` return, in batches, each computed by one thread.
+        """Return the pooled features of what `crops` return, in batches, each computed by one thread.
 
         Threads within one operation wait for each other by spinning, which wastes CPU time in the small layers of this
         network; see docs/design_notes/grounding.md.
         """
 
-        def classify(batch: Sequence[Callable[[], Pixels]]) -> Float32:
+        def pooled(batch: Sequence[Callable[[], Pixels]]) -> Float32:
             pictures = torch.from_numpy(np.stack([crop() for crop in batch])).permute(0, 3, 1, 2).float()
-            return np.asarray(self._classifier.logits(pictures).softmax(dim=1).numpy(), np.float32)
+            return np.asarray(self._classifier.pooled(pictures).numpy(), np.float32)
 
         batches = [crops[start : start + _BATCH_SIZE] for start in range(0, len(crops), _BATCH_SIZE)]
         threads = torch.get_num_threads()
         try:
             with ThreadPoolExecutor(max_workers=threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
-                return list(pool.map(classify, batches))
+                return list(pool.map(pooled, batches))
         finally:
             torch.set_num_threads(threads)
+
+
+def _rows(described: Float32) -> Float32:
+    """Return the class probabilities of each crop and background, [2n, 1000], or [n, 1000] of boxes without masks."""
+    return described[:, : described.shape[1] // N_CLASSES * N_CLASSES].reshape(-1, N_CLASSES)
 
 
 def _total_probability(row: Float32, class_weights: dict[int, float]) -> float:

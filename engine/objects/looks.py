@@ -26,7 +26,7 @@ from .votes import THRESHOLD, MaskEvidence
 
 __all__ = ["Looks", "build_looks", "load_or_build_looks"]
 
-_VERSION = "looks 7"
+_VERSION = "looks 8"
 
 _CONTRAST = 0.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Weight of the mean log-odds of all proposals, which are subtracted: what all of the scene resembles says little."""
@@ -38,11 +38,11 @@ _N_USUAL = 10  # by definition
 """Proposals with the usual log-odds that the mean of a scene counts in addition: few proposals, which may all show the
 object, say little about what all of the scene resembles."""
 
-_LIKELY = 0.4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+_LIKELY = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Weight of the log-odds of being an object at all: of a whole and its parts, which look alike, the likelier one."""
 
-_LEAST_ODDS = 2.8  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
-"""Log-odds, less the contrast, that give a score of 0.5. Of 490 absent words, 4 % score more."""
+_LEAST_ODDS = 3.1  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+"""Log-odds, less the contrast, that give a score of 0.5. Of 230 absent words, 4 % score more."""
 
 _MIN_SCORE = float(np.finfo(np.float16).eps)
 """Scores are clipped to this, of descriptions that are kept with 16 bits, and to one minus this: finite log-odds."""
@@ -52,14 +52,15 @@ _MIN_SCORE = float(np.finfo(np.float16).eps)
 class Looks:
     """K proposals, and how a detector describes them in photos: S sightings.
 
-    `members`, `probability` and `like` are those of `Proposals`; the sightings of ``like[k]`` describe proposal k.
+    `members` and `like` are those of `Proposals`; the sightings of ``like[k]`` describe proposal k. `odds`, [K], are
+    the log-odds of being an object: half of those of the set, and what the detector tells of how whole it looks.
     `proposal`, [S], and `photo` tell whose and where a sighting is, and `box`, [S, 2, 2], where in the photo: the
-    corners x0, y0 and x1, y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`; D
-    is 0 for a detector that describes no crops.
+    corners x0, y0 and x1, y1 in the pixels of `Photos.pixels`. `described`, [S, D], is by `Detector.describe_crops`;
+    D is 0 for a detector that describes no crops, and `odds` are then those of the set.
     """
 
     members: Mask
-    probability: Float32
+    odds: Float32
     like: Int32
     proposal: Int32
     photo: tuple[str, ...]
@@ -85,9 +86,7 @@ class Looks:
         odds = logit(np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE))
         described = odds[count > 0]
         resembled = (described.sum() + _N_USUAL * _USUAL_ODDS) / (len(described) + _N_USUAL)
-        # Of a large, isolated object the probability is rounded to 1.
-        smallest = np.finfo(np.float32).eps
-        odds += _LIKELY * logit(np.clip(self.probability, smallest, 1 - smallest)) - _CONTRAST * resembled - _LEAST_ODDS
+        odds += _LIKELY * self.odds - _CONTRAST * resembled - _LEAST_ODDS
         return np.where(count > 0, expit(odds), 0.0)
 
     def _boxed(self, text: str, context: SegmentationContext) -> Float64:
@@ -148,8 +147,15 @@ def build_looks(context: SegmentationContext) -> Looks:
     corners = np.array([one[2] for one in found], np.float32).reshape(-1, 2, 2)
     # Where a photo cuts off a proposal that others show whole, it is not described.
     kept = np.flatnonzero(whole | ~np.isin(proposal, proposal[whole]))
-    rows, photos = rows[kept].astype(np.float32), tuple(found[k][1] for k in kept)
-    return Looks(sets.members, sets.probability, sets.like, proposal[kept], photos, corners[kept], rows)
+    rows, photos, proposal = rows[kept].astype(np.float32), tuple(found[k][1] for k in kept), proposal[kept]
+    odds = sets.odds
+    if rows.size:
+        count, total = (
+            np.bincount(proposal, weights, minlength=len(odds))[sets.like]
+            for weights in (None, context.detector.whole_odds(rows))
+        )
+        odds = (odds / 2 + total / np.maximum(count, 1)).astype(np.float32)
+    return Looks(sets.members, odds, sets.like, proposal, photos, corners[kept], rows)
 
 
 def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:
@@ -169,7 +175,7 @@ def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[
 
 _SPECS = {
     "members": ArraySpec("uint8", ("k", "bytes")),
-    "probability": ArraySpec("float32", ("k",), finite=True),
+    "odds": ArraySpec("float32", ("k",), finite=True),
     "like": ArraySpec("int32", ("k",)),
     "proposal": ArraySpec("int32", ("s",)),
     "photo": ArraySpec("str", ("s",)),

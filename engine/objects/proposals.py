@@ -1,6 +1,6 @@
 """Proposals: sets of Gaussians that may be objects, from the segments of the photos and from groups of the scene.
 
-How likely a set is an object is told by five measurements; see docs/objects.md.
+How likely a set is an object is told by five measurements, and in `looks` by how it looks; see docs/objects.md.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
-from scipy.special import expit
+from scipy.special import logit
 
 from .arrays import SETS_TOGETHER, Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
@@ -30,20 +30,20 @@ _USUAL_EXTENT = 0.12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6
 """Extent (`Views.extent`) of a usual object."""
 
 LEAST_PROBABILITY = 0.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
-"""Probability from which on a set may be an object."""
+"""Probability from which on a set may be an object, before and after it was looked at."""
 
 
 @dataclass(frozen=True)
 class Proposals:
     """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
 
-    `members`, [K, N], may overlap: a part and its whole are two proposals. `probability`, [K], is that of being an
-    object, at least `LEAST_PROBABILITY`, in descending order. `like`, [K], is the number of a likelier proposal that
-    looks the same, or of the proposal itself. `shown`, [K, P], are the pixels that show each set in each photo.
+    `members`, [K, N], may overlap: a part and its whole are two proposals. `odds`, [K], are the log-odds of being an
+    object, in descending order. `like`, [K], is the number of a likelier proposal that looks the same, or of the
+    proposal itself. `shown`, [K, P], are the pixels that show each set in each photo.
     """
 
     members: Mask
-    probability: Float32
+    odds: Float32
     like: Int32
     shown: Float32
 
@@ -71,15 +71,15 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     share = np.log(np.asarray(solved.mean(axis=1)).ravel())
     heights = context.means[:, 2]  # Z is up
     isolation, standing = _isolation(solved, graph, heights)
-    probability = expit((isolation + share) / 2 + 2 * (standing + agreement - unusual - 1))
-    likely = np.flatnonzero((probability >= LEAST_PROBABILITY) & (shown.max(axis=1, initial=0) > 0))
+    odds = (isolation + share) / 2 + 2 * (standing + agreement - unusual - 1)
+    likely = np.flatnonzero((odds >= logit(LEAST_PROBABILITY)) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(graph.iou(solved[likely], solved[likely]), SAME_IOU)
     chosen = likely[first == np.arange(len(likely))]
-    chosen = chosen[np.argsort(-probability[chosen], kind="stable")]
+    chosen = chosen[np.argsort(-odds[chosen], kind="stable")]
     sets = solved[chosen]
     like = _first_alike(graph.iou(sets, sets), _ALIKE_IOU)
-    return Proposals(sets.toarray() > 0, probability[chosen].astype(np.float32), like, shown[chosen])
+    return Proposals(sets.toarray() > 0, odds[chosen].astype(np.float32), like, shown[chosen])
 
 
 def apart(members: Mask, gains: Floats) -> list[int]:

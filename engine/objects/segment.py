@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import expit
 
 from ..errors import PromptError
 from ..scene import Camera, PinholeCamera
@@ -118,13 +119,12 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
 def find_everything(context: SegmentationContext) -> list[FoundObject]:
     """Return the objects of a scene without its background, in descending order of score; no two overlap.
 
-    Of the proposals (`engine.objects.proposals`), those are chosen that do not overlap and have the largest sum of
-    probabilities of being an object, each less the least one and times the cube root of its Gaussians: without it, two
-    halves would add up to more than the whole. Names are suggested by the detector; without one the score is 0. Raises
-    `Cancelled` when the user stops.
+    Of the proposals (`engine.objects.looks`), those are chosen that do not overlap and have the largest sum of
+    probabilities of being an object, each less the least one. Names are suggested by the detector; without one the
+    score is 0. Raises `Cancelled` when the user stops.
     """
     graph, looks = context.graph, load_or_build_looks(context)
-    chosen = apart(looks.members, (looks.probability - LEAST_PROBABILITY) * np.cbrt(looks.members.sum(axis=1)))
+    chosen = apart(looks.members, expit(looks.odds) - LEAST_PROBABILITY)
     members, names = looks.members[chosen].T, looks.names(chosen, context)
     solved = graph.memberships(votes_of_known(members, graph.pixels[:, None]), context.settings.strictness)
     objects: list[FoundObject] = []

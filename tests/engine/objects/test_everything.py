@@ -49,6 +49,18 @@ def test_every_object_is_found_once_and_the_floor_is_not(blobs: BlobScene, tmp_p
     assert fractions == sorted(fractions)
 
 
+def test_what_does_not_look_whole_is_no_object(blobs: BlobScene, tmp_path: Path) -> None:
+    project, _ = look(blobs, tmp_path)
+
+    class Doubtful(FakeDetector):
+        def whole_odds(self, described):  # type: ignore[no-untyped-def]
+            return np.where(described.argmax(axis=1) == BLUE, np.float32(-9), np.float32(0))
+
+    found = find_everything(segmenter_of(project, blobs, SMALL, detector_factory=lambda: Doubtful(blobs)).context)
+    best = {part: max(overlap(one.members, blobs.part == part) for one in found) for part in (RED, TWIN, BLUE)}
+    assert best[RED] > 0.9 and best[TWIN] > 0.9 and best[BLUE] < 0.5
+
+
 def test_parts_that_the_segments_show_as_one_are_one_object(blobs: BlobScene, tmp_path: Path) -> None:
     features = blobs.gaussians.features.copy()
     left = (blobs.part == BLUE) & (blobs.gaussians.means[:, 0] < 0)

@@ -73,7 +73,7 @@ def test_each_object_is_a_proposal_and_a_text_chooses_those_that_look_like_it(
 def test_a_certain_object_is_not_every_word(blobs: BlobScene, photos: Photos) -> None:
     context = context_of(blobs, photos, FakeDetector(blobs))
     looks = build_looks(context)
-    certain = replace(looks, probability=np.ones_like(looks.probability))
+    certain = replace(looks, odds=np.full_like(looks.odds, 16))
     assert certain.scores("ghost", context).max() < 0.5
 
 
@@ -95,7 +95,7 @@ def test_proposals_are_described_once_and_stored(blobs: BlobScene, photos: Photo
     assert detector.n_shown == len(first.proposal) > 0
     assert again.photo == first.photo
     # The first answer is that of later ones, also after a kill between them.
-    for name in ("members", "probability", "like", "proposal", "box", "described"):
+    for name in ("members", "odds", "like", "proposal", "box", "described"):
         np.testing.assert_array_equal(getattr(again, name), getattr(first, name))
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import logit
 
 from engine.errors import Cancelled
 from engine.events import Event, Progress
@@ -33,12 +34,12 @@ def iou(one: np.ndarray, other: np.ndarray) -> float:
 
 def test_each_object_is_a_likely_proposal(blobs: BlobScene) -> None:
     found = proposals_of(blobs)
-    assert (found.probability >= LEAST_PROBABILITY).all() and (np.diff(found.probability) <= 0).all()
+    assert (found.odds >= logit(LEAST_PROBABILITY) - 1e-6).all() and (np.diff(found.odds) <= 0).all()
     assert found.shown.shape == (len(found.members), len(blobs.labels)) and found.shown.any(axis=1).all()
     for part in (RED, TWIN, BLUE):
         best = int(np.argmax([iou(one, blobs.part == part) for one in found.members]))
         assert iou(found.members[best], blobs.part == part) > 0.9
-        assert found.probability[best] > 0.5
+        assert found.odds[best] > 0
 
 
 def test_a_set_that_many_segments_lead_to_is_one_proposal(blobs: BlobScene) -> None:
@@ -79,7 +80,7 @@ def test_what_stands_on_the_floor_is_likelier_an_object_than_the_same_hanging_fr
     standing, hanging = find_proposals(context), find_proposals(UpsideDown(**vars(context)))
     for part in (RED, TWIN, BLUE):
         best = [
-            max(zip((iou(one, blobs.part == part) for one in found.members), found.probability, strict=True))
+            max(zip((iou(one, blobs.part == part) for one in found.members), found.odds, strict=True))
             for found in (standing, hanging)
         ]
         assert min(overlap for overlap, _ in best) > 0.9
