@@ -127,6 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     bias, weights = fit(measured)
     header = f"bias and weights of {len(measured)} rooms, see benchmarks/rooms/wholeness.py"
     np.savetxt(options.out, [bias, *weights], "%.4g", header=header)
+    print("Kept looks have odds of the former weights: raise _VERSION in engine/objects/looks.py.")
     return 0
 
 

@@ -34,7 +34,9 @@ class SegmentSettings:
     strictness: float = 0.6  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     n_crop_views: int = 4  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
     least_score: float = 0.5  # by definition
-    relative_score: float = 0.85  # chosen on museum_room
+    relative_score: float = (
+        0.92  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms, museum_room
+    )
     max_objects: int = 8  # by definition
     polish_steps: int = 200  # chosen on museum_room
 
