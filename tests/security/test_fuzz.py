@@ -75,6 +75,7 @@ NOT_REACHED = {
     "engine/models/onnx_weights.py": "a weight file with a SHA-256 in the catalogue",
     "engine/grounding/efficientnet.py": "a weight file with a SHA-256 in the catalogue",
     "engine/grounding/vocabulary.py:_read_rows": "our own word lists",
+    "engine/grounding/wholeness.py:_fit": "our own weights",
     "engine/installation/locked.py": "our own locked requirements",
     "engine/installation/pip_command.py:Pip.offered": "what pip printed",
     "engine/installation/bundle.py:write_bundle": "the files that pip has just downloaded",
