@@ -18,10 +18,11 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_matrix
 from scipy.special import expit
 
+from engine.errors import HeritageError
 from engine.evaluation.gaussian_truth import gaussian_truth
 from engine.evaluation.ground_truth import read_ground_truth
 from engine.events import never_stop
-from engine.files import ArraySpec, keep_arrays, read_kept_arrays
+from engine.files import ArraySpec, atomic_write, keep_arrays, read_kept_arrays
 from engine.grounding.offline_vocabulary import OfflineVocabulary
 from engine.grounding.wholeness import WEIGHTS_FILE
 from engine.objects import load_context
@@ -79,8 +80,9 @@ def measure(room: Path) -> Measured:
         looks = build_looks(context)
         iou = context.graph.iou(csr_matrix(looks.members, dtype=np.float32), things).max(axis=1)
         n = np.bincount(looks.proposal, minlength=len(looks.odds))
-        total = csr_matrix((np.ones(len(looks.proposal)), (looks.proposal, range(len(looks.proposal)))))
-        features = (total @ looks.described) / np.maximum(n, 1)[: total.shape[0], None]
+        rows = looks.proposal, np.arange(len(looks.proposal))
+        total = csr_matrix((np.ones(len(looks.proposal)), rows), shape=(len(n), len(looks.proposal)))
+        features = (total @ looks.described) / np.maximum(n, 1)[:, None]
         seen = n[looks.like] > 0
         arrays = {"odds": looks.odds[seen], "features": features[looks.like[seen]], "iou": iou[seen]}
         arrays = {name: np.asarray(value, np.float32) for name, value in arrays.items()}
@@ -119,14 +121,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("rooms", nargs="+", type=Path, metavar="ROOM", help="folder with project and truth")
     parser.add_argument("--out", type=Path, default=WEIGHTS_FILE, help="file of the weights (default: %(default)s)")
     options = parser.parse_args(arguments)
-    measured = [measure(room) for room in options.rooms]
+    try:
+        measured = [measure(room) for room in options.rooms]
+    except HeritageError as error:
+        parser.error(str(error))
     left_out = [fit(measured[:k] + measured[k + 1 :]) for k in range(len(measured))] if len(measured) > 1 else []
     losses = [log_loss(room, *fitted) for room, fitted in zip(measured, left_out, strict=False)]
     if losses:
         print(f"log-loss of the IoU in rooms left out: {np.mean(losses):.3f}")
     bias, weights = fit(measured)
     header = f"bias and weights of {len(measured)} rooms, see benchmarks/rooms/wholeness.py"
-    np.savetxt(options.out, [bias, *weights], "%.4g", header=header)
+    with atomic_write(options.out) as stream:
+        np.savetxt(stream, [bias, *weights], "%.4g", header=header)
     print("Kept looks have odds of the former weights: raise _VERSION in engine/objects/looks.py.")
     return 0
 

@@ -18,7 +18,7 @@ from scipy.special import expit, logit
 from ..files import ArraySpec, keep_arrays, read_kept_arrays
 from ..masks import box_ious, mask_box
 from ..project_folder import stage_key
-from .arrays import Float32, Float64, Int32, Mask
+from .arrays import Float32, Float64, Floats, Int32, Int64, Mask
 from .context import SegmentationContext
 from .proposals import Proposals, find_proposals
 from .views import MIN_VISIBLE_PIXELS, spread_cameras
@@ -76,11 +76,7 @@ class Looks:
         """
         describes = self.described.shape[1] > 0
         score = context.detector.score_descriptions(self.described, text) if describes else self._boxed(text, context)
-        rows = np.asarray(score, np.float64)
-        known = ~np.isnan(rows)
-        count = np.bincount(self.proposal[known], minlength=len(self.members))[self.like]
-        total = np.bincount(self.proposal[known], rows[known], minlength=len(self.members))[self.like]
-        mean = total / np.maximum(count, 1)
+        count, mean = _count_and_mean(self.proposal, np.asarray(score, np.float64), self.like)
         if not describes or not mean.any():
             return np.asarray(mean, np.float64)
         odds = logit(np.clip(mean, _MIN_SCORE, 1 - _MIN_SCORE))
@@ -150,12 +146,16 @@ def build_looks(context: SegmentationContext) -> Looks:
     rows, photos, proposal = rows[kept].astype(np.float32), tuple(found[k][1] for k in kept), proposal[kept]
     odds = sets.odds
     if rows.size:
-        count, total = (
-            np.bincount(proposal, weights, minlength=len(odds))[sets.like]
-            for weights in (None, context.detector.whole_odds(rows))
-        )
-        odds = (odds / 2 + total / np.maximum(count, 1)).astype(np.float32)
+        _, told = _count_and_mean(proposal, context.detector.whole_odds(rows), sets.like)
+        odds = (odds / 2 + told).astype(np.float32)
     return Looks(sets.members, odds, sets.like, proposal, photos, corners[kept], rows)
+
+
+def _count_and_mean(proposal: Int32, values: Floats, like: Int32) -> tuple[Int64, Float64]:
+    """Return how many `values` of sightings, without NaN, each of K proposals has, and their mean or 0, [K] both."""
+    known = ~np.isnan(values)
+    count = np.bincount(proposal[known], minlength=len(like))[like]
+    return count, np.bincount(proposal[known], values[known], minlength=len(like))[like] / np.maximum(count, 1)
 
 
 def _sightings(context: SegmentationContext, sets: Proposals) -> dict[str, list[int]]:
