@@ -70,7 +70,7 @@ def test_value_out_of_bounds_names_field_bound_and_value() -> None:
         ("masks", "paper", "d9f564a2500661d4"),
         ("objects", "paper", "c164d88450991d39"),
         ("objects", "released", "b14d820d52fd8729"),
-        ("objects", "better", "8f8d292eeb2a4e65"),
+        ("objects", "better", "4d85913e57ac653a"),
         ("cameras", "default", "92b02c74ee1f6bd3"),
         ("photos", "default", "d2f415905ce9d631"),
     ],
