@@ -61,7 +61,7 @@ def trainer_of(n: int, degree: int, has_features: bool) -> GpuTrainer:
     if has_features:
         values["features"] = np.ascontiguousarray(arrays["channels"][:, 3:], np.float32)
     limits = StepLimits((0.0, 0.0, 4.5), 100.0, 1e-5, 2.0, 50.0, 13.8)
-    settings = StepSettings(lambda_opacity=0.01, lambda_scale=0.002, limits=limits, unit_features=True)
+    settings = StepSettings(lambda_scale=0.002, limits=limits, unit_features=True)
     gpu = open_adapter()
     trainer = GpuTrainer(gpu, GpuParameters(gpu, values), settings)
     trainer.add_photo(camera(), np.random.default_rng(2).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8))
@@ -100,8 +100,8 @@ def measure(n: int, case: str) -> dict[str, float]:
         if clustering is None:
             rates.pop("features", None)
         made = StepPlan(
-            0, rates, degree, lambda_ray=0.01 if clustering else 0.0, clustering=clustering, neighbours=regulariser,
-            noise=PositionNoise(1e-6, MAX_WALK, 0, step),
+            0, rates, degree, lambda_opacity=0.01, lambda_ray=0.01 if clustering else 0.0, clustering=clustering,
+            neighbours=regulariser, noise=PositionNoise(1e-6, MAX_WALK, 0, step),
         )  # fmt: skip
         made.sort()
         return made

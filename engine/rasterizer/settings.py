@@ -151,8 +151,8 @@ class StepSettings:
         Weight of 1 - SSIM in the loss, 0 to 1; that of the mean |x - y| is 1 - lambda_dssim.
     lambda_exposure : float
         Weight of the sum of the squares of a photo's exposure.
-    lambda_opacity, lambda_scale : float
-        Weights of the mean opacity, and of the mean scale in world units.
+    lambda_scale : float
+        Weight of the mean scale in world units.
     limits : StepLimits, optional
         Applied after each step. Without them, quats are not normalised either.
     beta1, beta2, eps : float
@@ -166,7 +166,6 @@ class StepSettings:
 
     lambda_dssim: float = 0.2
     lambda_exposure: float = 0.0
-    lambda_opacity: float = 0.0
     lambda_scale: float = 0.0
     limits: StepLimits | None = None
     beta1: float = 0.9
@@ -178,7 +177,7 @@ class StepSettings:
 
     def __post_init__(self) -> None:
         require(self, "lambda_dssim", 0.0 <= self.lambda_dssim <= 1.0, "between 0 and 1")
-        for name in ("lambda_exposure", "lambda_opacity", "lambda_scale"):
+        for name in ("lambda_exposure", "lambda_scale"):
             require(self, name, getattr(self, name) >= 0.0, "at least 0")
         require(self, "beta1", 0.0 <= self.beta1 < 1.0, "at least 0 and below 1")
         require(self, "beta2", 0.0 <= self.beta2 < 1.0, "at least 0 and below 1")

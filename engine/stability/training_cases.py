@@ -142,7 +142,7 @@ def _photos() -> list[TrainingCase]:
     def exposed(gain: float) -> Callable[[], Capture]:
         return lambda: _known().with_gains([gain] * 12, points=gain)
 
-    two = photos([0, 1, 2], 1)
+    two, loss = photos([0, 1, 2], 1), PRESETS["standard"].loss
     twice = [i for i in range(12) for _ in range(2)]
     return [
         _finishes(
@@ -172,7 +172,7 @@ def _photos() -> list[TrainingCase]:
             "the balls without a floor",
             _without_floor,
             undisturbed_floor(SIMILAR_RUN_DB),
-            SETTINGS.changed(lambda_opacity=PRESETS["standard"].loss.lambda_opacity),
+            SETTINGS.changed(lambda_opacity=loss.lambda_opacity, lambda_opacity_end=loss.lambda_opacity_end),
             check=stays_empty,
         ),
         _finishes(

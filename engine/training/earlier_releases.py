@@ -42,7 +42,7 @@ def former_settings(settings: TrainingSettings, *, preset: str, n_training: int)
     schedule = PRESETS[preset].schedule
     interval = max(1, PRESETS[preset].appearance.sh_interval * steps // schedule.steps)
     values = {**to_dict(settings), **former}
-    del values["lambda_exposure"], values["dropout"]
+    del values["lambda_exposure"], values["dropout"], values["lambda_opacity_end"]
     if settings.loss.dropout:
         values["sh_degree"] = PRESETS[preset].appearance.sh_degree
     return [

@@ -34,7 +34,6 @@ def step_settings(inputs: Inputs) -> StepSettings:
     return StepSettings(
         lambda_dssim=settings.loss.lambda_dssim,
         lambda_exposure=settings.appearance.lambda_exposure if settings.appearance.exposure else 0.0,
-        lambda_opacity=settings.loss.lambda_opacity,
         lambda_scale=settings.loss.lambda_scale / extent,
         limits=limits,
         unit_features=settings.features.feature_init == "unit",
@@ -89,6 +88,7 @@ def plan_of_step(
         schedule.sh_degree(step, state.sh_limit),
         exposure_rate=schedule.exposure_rate(step) if appearance.exposure else None,
         centred=schedule.trained_on(step) if appearance.exposure else (),
+        lambda_opacity=schedule.lambda_opacity(step),
         lambda_ray=lambda_ray,
         clustering=clustering,
         neighbours=regulariser,

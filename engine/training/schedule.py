@@ -135,6 +135,11 @@ class Schedule:
         """Return the fraction of the Gaussians that are left out of the picture of the step."""
         return self._settings.loss.dropout * step / self._settings.schedule.steps
 
+    def lambda_opacity(self, step: int) -> float:
+        """Return the weight of the mean opacity at the step."""
+        loss, grow_from = self._settings.loss, self._settings.growth.grow_from
+        return loss.lambda_opacity if step < grow_from * self._settings.schedule.steps else loss.lambda_opacity_end
+
     def generator(self, step: int, purpose: int) -> torch.Generator:
         """Return a fresh random generator for one `purpose` at one step."""
         state = np.random.SeedSequence((self._settings.seed, step, purpose)).generate_state(1, np.uint64)[0]

@@ -149,9 +149,11 @@ class LossSettings:
     ----------
     lambda_dssim : float
         Share of 1 - SSIM in the photometric loss, 0 to 1.
-    lambda_opacity, lambda_scale : float
-        Weights of the mean opacity and of the mean scale (per extent). Without the first, Gaussians as black as the
-        background cover it.
+    lambda_opacity, lambda_opacity_end : float
+        Weights of the mean opacity before Gaussians are first added, and from then on. Without them, Gaussians as black
+        as the background cover it; where the second is large, all stay translucent, and masks show less of an object.
+    lambda_scale : float
+        Weight of the mean scale (per extent).
     dropout : float
         Fraction of the Gaussians that are left out of a training picture at the last step; it rises from 0 with the
         steps. See `densify.drop`.
@@ -159,12 +161,13 @@ class LossSettings:
 
     lambda_dssim: float = 0.2  # published: Kerbl et al. 2023
     lambda_opacity: float = 0.01  # chosen on museum_room, stability_scenes
+    lambda_opacity_end: float = 0.0001  # chosen on more_rooms, stability_scenes
     lambda_scale: float = 0.002  # chosen on museum_room
     dropout: float = 0.0  # chosen on museum_room
 
     def __post_init__(self) -> None:
         require_fraction(self, "lambda_dssim")
-        require_at_least(self, 0, "lambda_opacity", "lambda_scale")
+        require_at_least(self, 0, "lambda_opacity", "lambda_opacity_end", "lambda_scale")
         require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and less than 1")
 
 
@@ -411,14 +414,19 @@ class TrainingSettings:
         """Return these settings for `n_training` training photos.
 
         With fewer than `MIN_PHOTOS_TO_CHOOSE`, bands of colour cannot be tried. All bands are then used, one more after
-        each quarter of the steps, and Gaussians are dropped, so that none fits a single photo. Settings without trials
-        or bands are returned as they are.
+        each quarter of the steps, Gaussians are dropped, so that none fits a single photo, and the weight of the mean
+        opacity does not fall. Settings without trials or bands are returned as they are.
         """
         tries = self.appearance.trial_fraction > 0 and self.appearance.sh_degree > 0
         if not tries or n_training >= MIN_PHOTOS_TO_CHOOSE:
             return self
         interval = max(1, self.schedule.steps // (_FEW_PHOTOS_SH_DEGREE + 1))
-        return self.changed(sh_degree=_FEW_PHOTOS_SH_DEGREE, sh_interval=interval, dropout=_FEW_PHOTOS_DROPOUT)
+        return self.changed(
+            sh_degree=_FEW_PHOTOS_SH_DEGREE,
+            sh_interval=interval,
+            dropout=_FEW_PHOTOS_DROPOUT,
+            lambda_opacity_end=self.loss.lambda_opacity,
+        )
 
     def trial_steps(self, n_training: int) -> int:
         """Return the steps of a trial in a run with `n_training` training photos; 0 where none is made."""
@@ -468,7 +476,8 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
     TrainingPreset(
         "test", "A few seconds of training, for tests.",
         _STANDARD.changed(
-            steps=60, rounds=0, lambda_opacity=0.0, max_gaussians=400, sh_degree=0, max_side=64,  # by definition
+            steps=60, rounds=0, max_gaussians=400, sh_degree=0, max_side=64,  # by definition
+            lambda_opacity=0.0, lambda_opacity_end=0.0,  # by definition
             coarse_levels=1, curve_points=3, grow_interval=10, checkpoint_interval=20,  # by definition
             grow_factor=1.3, clustering_interval=2, clustering_pixels=1024,  # by definition
             regularisation_interval=4,  # by definition
@@ -499,7 +508,8 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
             steps=30_000, start_opacity=0.1, sh_degree=3, sh_interval=1000,  # published: Kerbl et al. 2023
             lr_means=1.6e-4, lr_means_end=1.6e-6, lr_scales=0.005, lr_quats=0.001,  # published: Kerbl et al. 2023
             lr_opacity=0.05, lr_sh=0.0025, lr_sh_rest=0.000125,  # published: Kerbl et al. 2023
-            max_gaussians=1_000_000, lambda_opacity=0.01, lambda_scale=0.01,  # published: Kheradmand et al. 2024
+            max_gaussians=1_000_000, lambda_scale=0.01,  # published: Kheradmand et al. 2024
+            lambda_opacity=0.01, lambda_opacity_end=0.01,  # published: Kheradmand et al. 2024
             growth_strategy="opacity", grow_interval=100,  # published: Kheradmand et al. 2024
             grow_from=500 / 30_000, grow_until=25_000 / 30_000,  # published: Kheradmand et al. 2024
             max_side=980, lr_features=0.0025, feature_init="paper",  # published: Dahaghin et al. 2024

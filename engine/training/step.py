@@ -63,8 +63,8 @@ def step_loss(
     loss = photometric_loss(image, level.target, lambda_dssim=settings.loss.lambda_dssim)
     if settings.appearance.exposure:
         loss = loss + settings.appearance.lambda_exposure * state.exposure[view].square().sum()
-    if settings.loss.lambda_opacity > 0:
-        loss = loss + settings.loss.lambda_opacity * opacities.mean()
+    if lambda_opacity := schedule.lambda_opacity(step):
+        loss = loss + lambda_opacity * opacities.mean()
     if settings.loss.lambda_scale > 0:
         loss = loss + settings.loss.lambda_scale / extent * values["log_scales"].exp().mean()
     if evaluates_clustering:

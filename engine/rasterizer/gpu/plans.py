@@ -35,6 +35,8 @@ class StepPlan:
         Learning rate of the exposures, which otherwise keep values and moments.
     centred : sequence of int
         Views whose mean exposure is subtracted after the step.
+    lambda_opacity : float
+        Weight of the mean opacity.
     lambda_ray : float
         Weight of the disagreement of features along rays; needs `StepSettings.unit_features`.
     clustering : ClusteringSample, optional
@@ -53,6 +55,7 @@ class StepPlan:
     sh_degree: int
     exposure_rate: float | None = None
     centred: Sequence[int] = ()
+    lambda_opacity: float = 0.0
     lambda_ray: float = 0.0
     clustering: ClusteringSample | None = None
     neighbours: NeighbourSample | PaperSample | None = None

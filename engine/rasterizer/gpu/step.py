@@ -460,7 +460,7 @@ class GpuTrainer:
             neighbours = neighbours_of(neighbours, self.gpu, self.parameters, self._pool)
         loss = PhotoLoss(
             photo.pixels, photo.n_valid, settings.lambda_dssim, photo.by_features, photo.view, settings.lambda_exposure,
-            settings.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
+            plan.lambda_opacity, settings.lambda_scale, plan.lambda_ray, settings.detached_features,
             plan.clustering, plan.dropout, neighbours,
         )  # fmt: skip
         frame.set_photo(loss)

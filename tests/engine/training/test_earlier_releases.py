@@ -13,7 +13,7 @@ PLANNED = PRESETS["standard"]
 
 def without_later_settings(settings: TrainingSettings) -> dict[str, Any]:
     values = to_dict(settings)
-    del values["lambda_exposure"], values["dropout"]
+    del values["lambda_exposure"], values["dropout"], values["lambda_opacity_end"]
     return values
 
 

@@ -89,16 +89,19 @@ def test_transparent_gaussians_walk_as_on_the_processor_by_draws_of_seed_step_an
 def test_gaussians_are_left_out_of_a_picture_as_on_the_processor(
     size: float, opened_gpu: Gpu, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings, seed = StepSettings(lambda_opacity=0.3), 11
+    lambda_opacity, seed = 0.3, 11
     cpu = start(size=size)
     cpu.values["opacity_logits"][:60] = torch.linspace(1.0, 9.0, 60)  # some reach the largest opacity
     cpu.n_background = 20
     values = arrays(cpu)
     runs = []
     for _ in range(2):
-        trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values, n_background=20), settings)
+        trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, values, n_background=20))
         trainer.add_photo(VIEW, photo(VIEW))
-        plans = [StepPlan(0, RATES, 3, dropout=Dropout(0.4, MAX_RAISED_OPACITY, seed, step)) for step in range(3)]
+        plans = [
+            StepPlan(0, RATES, 3, lambda_opacity=lambda_opacity, dropout=Dropout(0.4, MAX_RAISED_OPACITY, seed, step))
+            for step in range(3)
+        ]
         runs.append((trainer, trainer.steps(plans)))
     (trainer, losses), (other, again) = runs
     assert losses == again and same(trainer, other)
@@ -113,7 +116,7 @@ def test_gaussians_are_left_out_of_a_picture_as_on_the_processor(
         rendered = drop(opacities, 0.4, n_background=20, generator=torch.Generator())
         assert 50 < int((rendered == 0.0).sum()) < 150
         raster = render(cpu.values, VIEW, backend="cpu", sh_degree=3, opacities=rendered)
-        loss = photometric_loss(raster.image, Target(photo(VIEW))) + settings.lambda_opacity * opacities.mean()
+        loss = photometric_loss(raster.image, Target(photo(VIEW))) + lambda_opacity * opacities.mean()
         loss.backward()
         cpu.step(dict(RATES))
         expected.append(loss.item())

@@ -21,6 +21,7 @@ from ..scenes import camera
 from .test_gpu_training import RATES, arrays, assert_same_moments, photo, same, start
 
 VIEW = camera(64, 48)
+LAMBDA_OPACITY = 0.3
 LAMBDA_RAY = 0.5
 EXTENT = 2.0
 LIMITS = StepLimits(
@@ -29,7 +30,9 @@ LIMITS = StepLimits(
 )  # fmt: skip
 
 
-def cpu_backward(cpu: CpuParameters, settings: StepSettings, ray: float, by: np.ndarray | None = None) -> torch.Tensor:
+def cpu_backward(
+    cpu: CpuParameters, settings: StepSettings, opacity: float, ray: float, by: np.ndarray | None = None
+) -> torch.Tensor:
     """Compute the gradients of a step on the processor and return the loss, without the part that `by` belongs to."""
     cpu.track()
     channels = torch.nn.functional.normalize(cpu.values["features"], dim=1, eps=1e-9)
@@ -39,7 +42,7 @@ def cpu_backward(cpu: CpuParameters, settings: StepSettings, ray: float, by: np.
         opacities=opacities,
     )  # fmt: skip
     loss = photometric_loss(raster.image[..., :3], Target(photo(VIEW)))
-    loss = loss + settings.lambda_opacity * opacities.mean()
+    loss = loss + opacity * opacities.mean()
     loss = loss + settings.lambda_scale * cpu.values["log_scales"].exp().mean()
     transmittance = raster.transmittance.detach() if settings.detached_features else raster.transmittance
     loss = loss + ray * ray_disagreement(raster.image[..., 3:], transmittance)
@@ -50,17 +53,17 @@ def cpu_backward(cpu: CpuParameters, settings: StepSettings, ray: float, by: np.
 
 @pytest.mark.parametrize("detached", [False, True])
 def test_terms_of_opacity_scale_and_rays_are_those_of_the_processor(detached: bool, opened_gpu: Gpu) -> None:
-    settings = StepSettings(unit_features=True, detached_features=detached, lambda_opacity=0.3, lambda_scale=0.5)
-    trainers = []
+    settings = StepSettings(unit_features=True, detached_features=detached, lambda_scale=0.5)
+    plan, trainers = StepPlan(0, RATES, 3, lambda_opacity=LAMBDA_OPACITY, lambda_ray=LAMBDA_RAY), []
     for _ in range(2):
         trainer = GpuTrainer(opened_gpu, GpuParameters(opened_gpu, arrays(start(n_features=4))), settings)
         trainer.add_photo(VIEW, photo(VIEW))
-        trainers.append((trainer, trainer.steps([StepPlan(0, RATES, 3, lambda_ray=LAMBDA_RAY)] * 3)))
+        trainers.append((trainer, trainer.steps([plan] * 3)))
     (trainer, losses), (other, again) = trainers
     assert losses == again and same(trainer, other)
     cpu, expected = start(n_features=4), []
     for _ in range(3):
-        expected.append(cpu_backward(cpu, settings, LAMBDA_RAY).item())
+        expected.append(cpu_backward(cpu, settings, LAMBDA_OPACITY, LAMBDA_RAY).item())
         cpu.step(dict(RATES))
     np.testing.assert_allclose(losses, expected, rtol=1e-5)
     assert_same_moments(trainer, cpu)
@@ -113,7 +116,7 @@ def test_gaussian_whose_gradient_overflows_alone_is_left_out_of_the_step(opened_
     trainer, values, by = broken_gradient(opened_gpu)
     trainer.steps([StepPlan(0, RATES, 3)])
     cpu, counts = start(n_features=3), Counter[str]()
-    cpu_backward(cpu, trainer.settings, 0.0, by)
+    cpu_backward(cpu, trainer.settings, 0.0, 0.0, by)
     guards.step_finite_rows(cpu, lambda: cpu.step(dict(RATES)), counts)
     assert trainer.guards["gaussians_not_updated"] == counts["gaussians_not_updated"] > 0
     found, expected = trainer.parameters.values(), arrays(cpu)

@@ -32,7 +32,8 @@ VIEWS = [camera(64, 48), camera(64, 48, off_center=False)]
 EXTENT = 2.0
 CENTER = (0.1, 0.0, 2.0)
 SETTINGS = TrainingSettings().changed(
-    steps=1000, sh_interval=3, lambda_opacity=0.05, lambda_scale=0.05, exposure=True, lambda_ray=0.05,
+    steps=1000, sh_interval=3, lambda_opacity=0.05, lambda_opacity_end=0.01, grow_from=0.005, lambda_scale=0.05,
+    exposure=True, lambda_ray=0.05,
     lambda_clustering=1e-4, clustering_interval=2, clustering_pixels=500, regularisation_interval=3,
 )  # fmt: skip
 
@@ -75,8 +76,9 @@ def plan(step: int, schedule: Schedule, levels: list[Level], neighbours: torch.T
         del rates["features"]
     return StepPlan(
         view, rates, schedule.sh_degree(step), exposure_rate=SETTINGS.optimiser.lr_exposure,
-        centred=schedule.trained_on(step), lambda_ray=0.0 if clustering is None else features.lambda_ray,
-        clustering=clustering, neighbours=regulariser,
+        centred=schedule.trained_on(step), lambda_opacity=schedule.lambda_opacity(step),
+        lambda_ray=0.0 if clustering is None else features.lambda_ray, clustering=clustering,
+        neighbours=regulariser,
     )  # fmt: skip
 
 
@@ -91,9 +93,8 @@ def test_steps_with_all_terms_are_those_of_the_processors_trainer(opened_gpu: Gp
         guards.MAX_ASPECT, guards.MAX_LOGIT,
     )  # fmt: skip
     settings = StepSettings(
-        lambda_dssim=SETTINGS.loss.lambda_dssim, lambda_opacity=SETTINGS.loss.lambda_opacity,
-        lambda_scale=SETTINGS.loss.lambda_scale / EXTENT, lambda_exposure=SETTINGS.appearance.lambda_exposure,
-        unit_features=True, limits=limits,
+        lambda_dssim=SETTINGS.loss.lambda_dssim, lambda_scale=SETTINGS.loss.lambda_scale / EXTENT,
+        lambda_exposure=SETTINGS.appearance.lambda_exposure, unit_features=True, limits=limits,
     )  # fmt: skip
     before = arrays(state.parameters)
     exposures = GpuExposures(opened_gpu, np.zeros((2, 3), np.float32))
