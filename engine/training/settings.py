@@ -414,19 +414,14 @@ class TrainingSettings:
         """Return these settings for `n_training` training photos.
 
         With fewer than `MIN_PHOTOS_TO_CHOOSE`, bands of colour cannot be tried. All bands are then used, one more after
-        each quarter of the steps, Gaussians are dropped, so that none fits a single photo, and the weight of the mean
-        opacity does not fall. Settings without trials or bands are returned as they are.
+        each quarter of the steps, and Gaussians are dropped, so that none fits a single photo. Settings without trials
+        or bands are returned as they are.
         """
         tries = self.appearance.trial_fraction > 0 and self.appearance.sh_degree > 0
         if not tries or n_training >= MIN_PHOTOS_TO_CHOOSE:
             return self
         interval = max(1, self.schedule.steps // (_FEW_PHOTOS_SH_DEGREE + 1))
-        return self.changed(
-            sh_degree=_FEW_PHOTOS_SH_DEGREE,
-            sh_interval=interval,
-            dropout=_FEW_PHOTOS_DROPOUT,
-            lambda_opacity_end=self.loss.lambda_opacity,
-        )
+        return self.changed(sh_degree=_FEW_PHOTOS_SH_DEGREE, sh_interval=interval, dropout=_FEW_PHOTOS_DROPOUT)
 
     def trial_steps(self, n_training: int) -> int:
         """Return the steps of a trial in a run with `n_training` training photos; 0 where none is made."""
