@@ -348,7 +348,9 @@ def _cut(inputs: TrainingInput, number: int) -> TrainingInput:
 
 
 def _refusals() -> list[TrainingCase]:
-    large_weight = partial(measure_training, partial(_input, _known, SETTINGS.changed(lambda_opacity=1e25)))
+    large_weight = partial(
+        measure_training, partial(_input, _known, SETTINGS.changed(lambda_opacity=1e25, lambda_opacity_end=1e25))
+    )
     return [
         _refused(
             "other_size",

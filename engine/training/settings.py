@@ -150,13 +150,12 @@ class LossSettings:
     lambda_dssim : float
         Share of 1 - SSIM in the photometric loss, 0 to 1.
     lambda_opacity, lambda_opacity_end : float
-        Weights of the mean opacity before Gaussians are first added, and from then on. Without them, Gaussians as black
-        as the background cover it; where the second is large, all stay translucent, and masks show less of an object.
+        Weights of the mean opacity until Gaussians are first added, and then. Without them, Gaussians as black as the
+        background cover it; a large second one leaves all translucent, so that masks show less of an object.
     lambda_scale : float
         Weight of the mean scale (per extent).
     dropout : float
-        Fraction of the Gaussians that are left out of a training picture at the last step; it rises from 0 with the
-        steps. See `densify.drop`.
+        Fraction of the Gaussians that are left out of a training picture at the last step, from 0 on: `densify.drop`.
     """
 
     lambda_dssim: float = 0.2  # published: Kerbl et al. 2023
@@ -471,11 +470,10 @@ PRESET_LIST: tuple[TrainingPreset, ...] = (
     TrainingPreset(
         "test", "A few seconds of training, for tests.",
         _STANDARD.changed(
-            steps=60, rounds=0, max_gaussians=400, sh_degree=0, max_side=64,  # by definition
-            lambda_opacity=0.0, lambda_opacity_end=0.0,  # by definition
-            coarse_levels=1, curve_points=3, grow_interval=10, checkpoint_interval=20,  # by definition
-            grow_factor=1.3, clustering_interval=2, clustering_pixels=1024,  # by definition
-            regularisation_interval=4,  # by definition
+            steps=60, rounds=0, lambda_opacity=0.0, lambda_opacity_end=0.0, max_gaussians=400,  # by definition
+            sh_degree=0, max_side=64, coarse_levels=1, curve_points=3, grow_interval=10,  # by definition
+            checkpoint_interval=20, grow_factor=1.3, clustering_interval=2,  # by definition
+            clustering_pixels=1024, regularisation_interval=4,  # by definition
         ),
         offered=False,
     ),
