@@ -58,7 +58,7 @@ VARIANTS = {
         Variant("no-dropout", {"dropout": 0.0}, features=False),
         Variant("dropout", {"dropout": 0.15}, features=False),
         Variant("scale-weight-0.01", {"lambda_scale": 0.01}, features=False),
-        Variant("no-opacity-prior", {"lambda_opacity": 0.0}, features=False),
+        Variant("no-opacity-prior", {"lambda_opacity": 0.0, "lambda_opacity_end": 0.0}, features=False),
         Variant("no-scale-prior", {"lambda_scale": 0.0}, features=False),
         Variant("no-noise", {"noise": 0.0}, features=False),
     )

@@ -150,12 +150,12 @@ class LossSettings:
     lambda_dssim : float
         Share of 1 - SSIM in the photometric loss, 0 to 1.
     lambda_opacity, lambda_opacity_end : float
-        Weights of the mean opacity until Gaussians are first added, and then. Without them, Gaussians as black as the
+        Weights of the mean opacity before and after Gaussians are first added. Without them, Gaussians as black as the
         background cover it; a large second one leaves all translucent, so that masks show less of an object.
     lambda_scale : float
         Weight of the mean scale (per extent).
     dropout : float
-        Fraction of the Gaussians that are left out of a training picture at the last step, from 0 on: `densify.drop`.
+        Fraction of the Gaussians left out of the last training picture; it rises from 0, see `densify.drop`.
     """
 
     lambda_dssim: float = 0.2  # published: Kerbl et al. 2023
