@@ -212,14 +212,15 @@ def _require_whole(folder: Path) -> object:
 def _write_label_map(folder: Path) -> None:
     from engine.masks.storage import write_label_map
 
-    write_label_map(folder / "a.jpg.npz", np.arange(12, dtype=np.int32).reshape(3, 4), recipe="recipe")
+    labels, odds = np.arange(12, dtype=np.int32).reshape(3, 4), np.linspace(-1, 1, 11, dtype=np.float32)
+    write_label_map(folder / "a.jpg.npz", labels, odds, recipe="recipe")
 
 
 def _read_label_map(folder: Path) -> object:
-    from engine.masks.storage import read_label_map, read_recipe
+    from engine.masks.storage import read_recipe, read_segments
 
     read_recipe(folder / "a.jpg.npz")
-    return read_label_map(folder / "a.jpg.npz")
+    return read_segments(folder, ["a.jpg"])
 
 
 def _write_scene(folder: Path) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .mask_geometry import box_ious, mask_box, mask_iou
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
-    from .storage import label_map_path, read_label_map
+    from .storage import label_map_path, read_label_map, read_segments
 
 __all__ = [
     "Embedding",
@@ -29,6 +29,7 @@ __all__ = [
     "mask_box",
     "mask_iou",
     "read_label_map",
+    "read_segments",
     "sam_threads",
 ]
 
