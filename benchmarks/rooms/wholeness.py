@@ -25,7 +25,7 @@ from engine.events import never_stop
 from engine.files import ArraySpec, atomic_write, keep_arrays, read_kept_arrays
 from engine.grounding.offline_vocabulary import OfflineVocabulary
 from engine.grounding.wholeness import WEIGHTS_FILE
-from engine.objects import SegmentationContext, load_context
+from engine.objects import load_context
 from engine.objects.looks import build_looks
 from engine.objects.settings import BETTER
 from engine.project_folder import ProjectFolder, stage_key
@@ -70,10 +70,13 @@ class _Features(OfflineVocabulary):
 def measure(room: Path) -> Measured:
     """Return what `fit` needs of a room, measured once."""
     context = load_context(ProjectFolder.open_existing(room / "project"), BETTER, _Features, None)
-    file, recipe = room / "wholeness.npz", stage_key("wholeness 3", context.graph.key, context.whole_odds.tolist())
+    file, recipe = room / "wholeness.npz", stage_key("wholeness 2", context.graph.key)
     arrays = read_kept_arrays(file, recipe, _SPECS)
     if arrays is None:
-        things = csr_matrix(things_of(context, room), dtype=np.float32)
+        cameras = context.views.cameras
+        truth = read_ground_truth(room / "truth", [one.photo for one in cameras.cameras], cameras.unregistered)
+        labels = gaussian_truth(context.views.scene, cameras, truth, never_stop)
+        things = csr_matrix(np.stack([labels == k for k in range(len(truth.objects))]), dtype=np.float32)
         looks = build_looks(context)
         iou = context.graph.iou(csr_matrix(looks.members, dtype=np.float32), things).max(axis=1)
         n = np.bincount(looks.proposal, minlength=len(looks.odds))
@@ -85,14 +88,6 @@ def measure(room: Path) -> Measured:
         arrays = {name: np.asarray(value, np.float32) for name, value in arrays.items()}
         keep_arrays(file, recipe, arrays)
     return Measured(arrays["odds"], arrays["features"], arrays["iou"])
-
-
-def things_of(context: SegmentationContext, room: Path) -> NDArray[np.bool_]:
-    """Return which Gaussians make up each true object of a room, [n, N]."""
-    cameras = context.views.cameras
-    truth = read_ground_truth(room / "truth", [one.photo for one in cameras.cameras], cameras.unregistered)
-    labels = gaussian_truth(context.views.scene, cameras, truth, never_stop)
-    return np.stack([labels == k for k in range(len(truth.objects))])
 
 
 def fit(rooms: Sequence[Measured]) -> tuple[float, Floats]:
@@ -120,12 +115,6 @@ def log_loss(room: Measured, bias: float, weights: Floats) -> float:
     return float(np.mean(np.logaddexp(0, logits) - room.iou * logits))
 
 
-def write_weights(path: Path, bias: float, weights: Floats, of: str) -> None:
-    """Write a bias and weights, one number a line."""
-    with atomic_write(path) as stream:
-        np.savetxt(stream, [bias, *weights], "%.4g", header=f"bias and weights of {of}")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure the rooms, fit, and write the weights."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.rooms.wholeness", description=__doc__)
@@ -141,7 +130,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if losses:
         print(f"log-loss of the IoU in rooms left out: {np.mean(losses):.3f}")
     bias, weights = fit(measured)
-    write_weights(options.out, bias, weights, f"{len(measured)} rooms, see benchmarks/rooms/wholeness.py")
+    header = f"bias and weights of {len(measured)} rooms, see benchmarks/rooms/wholeness.py"
+    with atomic_write(options.out) as stream:
+        np.savetxt(stream, [bias, *weights], "%.4g", header=header)
     print("Kept looks have odds of the former weights: raise _VERSION in engine/objects/looks.py.")
     return 0
 

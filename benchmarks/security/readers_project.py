@@ -363,7 +363,7 @@ def _make_looks(folder: Path) -> object:
         return looks.Looks(members, ones, numbers, *sightings)
 
     links, segments = csr_matrix(np.zeros((3, 3), np.float32)), csr_matrix(np.ones((3, 2), np.float32))
-    graph = SceneGraph(links, segments, np.zeros(2, np.int32), np.arange(2, dtype=np.int32), ("a.jpg",))
+    graph = SceneGraph(links, segments, np.zeros(2, np.int32), ("a.jpg",))
     others: Any = SimpleNamespace(name="detector", scene=SimpleNamespace(gaussians=SimpleNamespace(means=range(3))))
     context = SegmentationContext(others, others, {}, BETTER, lambda: others, folder=folder, kept={"graph": graph})
     with mock.patch.object(looks, "build_looks", build):
@@ -382,8 +382,7 @@ def _link_gaussians(folder: Path) -> object:
             raise _NotStored
         links = csr_matrix(np.array([[0, 1, 0], [1, 0, 2], [0, 2, 0]], np.float32))
         pixels = csr_matrix(np.array([[0, 1, 0], [3, 0, 2], [0, 2, 4]], np.float32))
-        photo, ids = np.array([0, 0, 1], np.int32), np.array([0, 1, 0], np.int32)
-        return graph.SceneGraph(links, pixels, photo, ids, ("a.jpg", "b.jpg"))
+        return graph.SceneGraph(links, pixels, np.array([0, 0, 1], np.int32), ("a.jpg", "b.jpg"))
 
     array, segments = np.zeros((3, 2), np.float32), np.ones((2, 2), np.int32)
     gaussians = SimpleNamespace(means=array, opacities=array, features=array)

@@ -212,15 +212,14 @@ def _require_whole(folder: Path) -> object:
 def _write_label_map(folder: Path) -> None:
     from engine.masks.storage import write_label_map
 
-    labels, odds = np.arange(12, dtype=np.int32).reshape(3, 4), np.linspace(-1, 1, 11, dtype=np.float32)
-    write_label_map(folder / "a.jpg.npz", labels, odds, recipe="recipe")
+    write_label_map(folder / "a.jpg.npz", np.arange(12, dtype=np.int32).reshape(3, 4), recipe="recipe")
 
 
 def _read_label_map(folder: Path) -> object:
-    from engine.masks.storage import read_recipe, read_segments
+    from engine.masks.storage import read_label_map, read_recipe
 
     read_recipe(folder / "a.jpg.npz")
-    return read_segments(folder, ["a.jpg"])
+    return read_label_map(folder / "a.jpg.npz")
 
 
 def _write_scene(folder: Path) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import PromptError, SettingsError
 from ..events import Emit, StopCheck, ignore_events
 from ..gaussians import load_gaussians
-from ..masks import EmbeddingFolder, read_segments
+from ..masks import EmbeddingFolder
 from ..objects import (
     ClickPrompt,
     DetectorFactory,
@@ -28,6 +28,7 @@ from ..objects import (
     Views,
     find_everything,
     find_objects,
+    label_maps_of,
     photo_folder_of,
     scene_on,
 )
@@ -141,8 +142,7 @@ class TrainedScene:
         if not self.looked_at:
             raise SettingsError("Every photo is compared, so none is left to isolate objects from. Use --views all.")
         self._cameras = cameras
-        visible = self._visible_cameras(None).by_photo
-        self._label_maps, self._segment_odds = read_segments(project.path / "masks", visible)
+        self._label_maps = label_maps_of(project.path, self._visible_cameras(None))
         self._embeddings = EmbeddingFolder(project.path / "masks").copied(folder / "embeddings", self.looked_at)
         # What is computed once is kept here, as in a project; the project itself is only read.
         self._folder = folder
@@ -190,7 +190,7 @@ class TrainedScene:
         views = Views(self.new_scene(), self._visible_cameras(prompt_photo), render_side=settings.render_side)
         context = SegmentationContext(
             views, self.photos(settings), self._label_maps, settings, self._detector_factory,
-            should_stop=should_stop, folder=self._folder, segment_odds=self._segment_odds,
+            should_stop=should_stop, folder=self._folder,
         )  # fmt: skip
         if isinstance(settings, PaperSettings):
             return context

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .mask_geometry import box_ious, mask_box, mask_iou
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
-    from .storage import label_map_path, read_label_map, read_segments
+    from .storage import label_map_path, read_label_map
 
 __all__ = [
     "Embedding",
@@ -29,7 +29,6 @@ __all__ = [
     "mask_box",
     "mask_iou",
     "read_label_map",
-    "read_segments",
     "sam_threads",
 ]
 

@@ -24,12 +24,11 @@ from .embeddings import EmbeddingFolder
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MaskSettings
 from .storage import label_map_path, read_recipe, write_label_map
-from .wholeness import whole_odds
 
 __all__ = ["make_masks"]
 
 # Increased when the method changes, so that label maps of an older engine are computed again.
-_METHOD_VERSION = 3
+_METHOD_VERSION = 2
 
 
 def make_masks(
@@ -106,10 +105,8 @@ def _make(
                 raise Cancelled(f"Stopped after {n_done} of {len(names)} label maps; the next run continues there.")
             seconds_left = (time.perf_counter() - start) / n_done * (len(names) - n_done) if n_done else None
             emit(Progress("masks", n_done / len(names), seconds_left, message=f"Segments of {name}"))
-            embedding = next(embeddings)
-            labels = segment_everything(embedding, sam, settings, should_stop=should_stop)
-            odds = whole_odds(embedding, labels, settings.model)
-            write_label_map(label_map_path(folder, name), labels, odds, recipe=_recipe(photos[name], settings))
+            labels = segment_everything(next(embeddings), sam, settings, should_stop=should_stop)
+            write_label_map(label_map_path(folder, name), labels, recipe=_recipe(photos[name], settings))
 
 
 def _encode_ahead(

@@ -8,7 +8,7 @@ from ..lazy_exports import lazy_exports
 
 if TYPE_CHECKING:
     from .candidate_file import CANDIDATES, forget_candidates
-    from .context import DetectorFactory, SegmentationContext, load_context, photo_folder_of, scene_on
+    from .context import DetectorFactory, SegmentationContext, label_maps_of, load_context, photo_folder_of, scene_on
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
     from .polishing import polish
@@ -56,6 +56,7 @@ __all__ = [
     "forget_unreadable_record",
     "is_object_intact",
     "keep_version",
+    "label_maps_of",
     "list_objects",
     "list_trash",
     "load_context",

@@ -7,14 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from ..errors import Cancelled, EnvironmentProblem, FormatError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop, part_of
 from ..pictures import Scene
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, Device, device_words, fallback
-from ..scene import Gaussians
+from ..scene import CameraSet, Gaussians
 from .arrays import Float32, Int32
 from .graph import SceneGraph, load_or_build_graph
 from .photos import Photos, SamFactory
@@ -24,7 +22,7 @@ from .views import Views
 if TYPE_CHECKING:
     from ..grounding import Detector
 
-__all__ = ["DetectorFactory", "SegmentationContext", "load_context", "photo_folder_of", "scene_on"]
+__all__ = ["DetectorFactory", "SegmentationContext", "label_maps_of", "load_context", "photo_folder_of", "scene_on"]
 
 DetectorFactory = Callable[[], "Detector"]
 
@@ -35,10 +33,9 @@ Made = TypeVar("Made")
 class SegmentationContext:
     """A trained scene with what is needed to isolate objects of it.
 
-    `label_maps` are SAM's, [h, w], by photo; there may be none. `segment_odds`, by photo, are the log-odds of their
-    segments 1 to n of showing one whole thing, [n], 0 for other photos. `detector_factory` is called when a detector is
-    first needed; for `emit` and `should_stop` see `engine.events`. What is computed once for all prompts is `kept` in
-    memory, and in the `folder` unless it is None.
+    `label_maps` are SAM's, [h, w], by photo; there may be none. `detector_factory` is called when a detector is first
+    needed; for `emit` and `should_stop` see `engine.events`. What is computed once for all prompts is `kept` in memory,
+    and in the `folder` unless it is None.
     """
 
     views: Views
@@ -49,7 +46,6 @@ class SegmentationContext:
     emit: Emit = ignore_events
     should_stop: StopCheck = never_stop
     folder: Path | None = None
-    segment_odds: Mapping[str, Float32] = field(default_factory=dict)
     kept: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def once(self, name: str, make: Callable[[], Made]) -> Made:
@@ -70,13 +66,6 @@ class SegmentationContext:
         return self.once("graph", lambda: load_or_build_graph(
             file, self.views, self.label_maps, n_views=self.settings.n_vote_views, should_stop=self.should_stop
         ))  # fmt: skip
-
-    @property
-    def whole_odds(self) -> Float32:
-        """Log-odds of the M segments of the graph of showing one whole thing, [M]; 0 where that is not known."""
-        odds_of = [self.segment_odds.get(photo, ()) for photo in self.graph.photos]
-        each = ((odds_of[photo], number) for photo, number in zip(self.graph.photo, self.graph.ids, strict=True))
-        return np.array([odds[number - 1] if 0 < number <= len(odds) else 0 for odds, number in each], np.float32)
 
     @property
     def means(self) -> Float32:
@@ -114,25 +103,21 @@ def load_context(
     `HeritageError` when a part of the project is missing or damaged.
     """
     from ..gaussians import load_gaussians
-    from ..masks import EmbeddingFolder, read_segments
+    from ..masks import EmbeddingFolder
     from ..scene import read_camera_set
 
     project.require_intact("cameras", "training")
     cameras = read_camera_set(project.path / "cameras")
-    label_maps, segment_odds = read_segments(project.path / "masks", cameras.by_photo)
-    if label_maps.keys() - segment_odds:
-        emit(Warned("The masks are of an earlier release: words and Find All know less. Reconstruct again for better."))
     scene = scene_on(device, load_gaussians(project.path / "gaussians"), emit)
     return SegmentationContext(
         Views(scene, cameras, render_side=settings.render_side),
         Photos(photo_folder_of(project), settings, sam_factory, EmbeddingFolder(project.path / "masks")),
-        label_maps,
+        label_maps_of(project.path, cameras),
         settings,
         detector_factory,
         emit,
         should_stop,
         project.path / "groups",
-        segment_odds,
     )
 
 
@@ -154,3 +139,11 @@ def photo_folder_of(project: ProjectFolder) -> Path:
     if not isinstance(folder, str):
         raise FormatError(f"{project.path / 'project.json'} does not say where the photos are. Reconstruct again.")
     return Path(folder)
+
+
+def label_maps_of(project: Path, cameras: CameraSet) -> dict[str, Int32]:
+    """Return the SAM label maps that were made for training, by photo."""
+    from ..masks import label_map_path, read_label_map
+
+    files = {camera.photo: label_map_path(project / "masks", camera.photo) for camera in cameras.cameras}
+    return {photo: read_label_map(file) for photo, file in files.items() if file.is_file()}

@@ -27,7 +27,7 @@ from .votes import THRESHOLD, Votes
 
 __all__ = ["MAX_RADII", "N_NEIGHBOURS", "SceneGraph", "bounded", "build_graph", "load_or_build_graph"]
 
-_VERSION = "graph 5"
+_VERSION = "graph 4"
 
 N_NEIGHBOURS = 12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8
 """Nearest neighbours that a Gaussian is linked to."""
@@ -58,15 +58,14 @@ class SceneGraph:
     """Links of N Gaussians with each other and with the M segments of P `photos`.
 
     `neighbours`, [N, N], are the symmetric weights of the links between Gaussians, and `segments`, [N, M], the pixels
-    that each Gaussian contributes to each segment. `photo`, [M], is the number of the photo of each segment, and `ids`,
-    [M], are those in its label map. Those of a photo are consecutive, and the first of them, which may be empty and has
-    the id 0, is no segment but the rest of the photo. `key` tells what the graph was made of, or is empty.
+    that each Gaussian contributes to each segment. `photo`, [M], is the number of the photo of each segment. Those of a
+    photo are consecutive, and the first of them, which may be empty, is no segment but the rest of the photo. `key`
+    tells what the graph was made of; it is empty if that is not known.
     """
 
     neighbours: csr_matrix
     segments: csr_matrix
     photo: Int32
-    ids: Int32
     photos: tuple[str, ...]
     key: str = ""
 
@@ -82,7 +81,7 @@ class SceneGraph:
     @property
     def is_segment(self) -> Mask:
         """Whether each column of `segments` is a segment, not the rest of its photo, [M]."""
-        return self.ids > 0
+        return np.diff(self.photo, prepend=-1) == 0
 
     @cached_property
     def _between(self) -> tuple[csr_matrix, csr_matrix]:
@@ -202,20 +201,19 @@ def build_graph(views: Views, label_maps: Mapping[str, Int32], *, n_views: int, 
     with_segments = [camera for camera in views.cameras.cameras if camera.photo in label_maps]
     cameras = spread_cameras(with_segments, n_views)
     columns = [csr_matrix((len(views.scene), 0), dtype=np.float32)]
-    ids = [np.zeros(0, np.int32)]
-    for camera in cameras:
+    photo: list[int] = []
+    for number, camera in enumerate(cameras):
         if should_stop():
             raise Cancelled("Stopped while linking the Gaussians to the photos; no object was stored.")
         view = views.of(camera)
         labels = view.labels_from_photo(label_maps[camera.photo])
-        segments = np.union1d([0], labels).astype(np.int32)  # 0 is the rest
+        segments = np.concatenate([[0], np.unique(labels[labels > 0])])  # 0 is the rest
         masks = np.eye(len(segments), dtype=np.float32)[np.searchsorted(segments, labels)]
         votes = views.scene.votes(view.frame, masks * view.within[..., None])
         columns.append(csr_matrix(np.where(votes >= THRESHOLD, votes, np.float32(0))))
-        ids.append(segments)
+        photo += [number] * len(segments)
     photos = tuple(camera.photo for camera in cameras)
-    photo = np.repeat(np.arange(-1, len(photos), dtype=np.int32), [len(one) for one in ids])
-    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), photo, np.concatenate(ids), photos)
+    return SceneGraph(_neighbours(views), csr_matrix(hstack(columns)), np.array(photo, np.int32), photos)
 
 
 def _neighbours(views: Views) -> csr_matrix:
@@ -260,7 +258,6 @@ def load_or_build_graph(
 _MATRICES = ("neighbours", "segments")
 _SPECS = {
     "photo": ArraySpec("int32", ("m",)),
-    "ids": ArraySpec("int32", ("m",)),
     "photos": ArraySpec("str", ("p",)),
     **{f"{name} values": ArraySpec("float32", (f"{name} links",), finite=True) for name in _MATRICES},
     **{f"{name} columns": ArraySpec("int32", (f"{name} links",)) for name in _MATRICES},
@@ -269,7 +266,7 @@ _SPECS = {
 
 
 def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
-    arrays = {"photo": graph.photo, "ids": graph.ids, "photos": np.array(graph.photos, np.str_)}
+    arrays = {"photo": graph.photo, "photos": np.array(graph.photos, np.str_)}
     for name in _MATRICES:
         matrix = getattr(graph, name)
         arrays |= {f"{name} values": matrix.data, f"{name} columns": matrix.indices, f"{name} rows": matrix.indptr}
@@ -278,8 +275,8 @@ def _to_arrays(graph: SceneGraph) -> dict[str, NDArray[np.generic]]:
 
 def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | None:
     """Return the graph; None when the arrays are not its matrices."""
-    photo, ids, photos = arrays["photo"], arrays["ids"], tuple(arrays["photos"].tolist())
-    right = (np.diff(photo, prepend=-1) == (ids == 0)).all() and photo.max(initial=-1) < len(photos)
+    photo, photos = arrays["photo"], tuple(arrays["photos"].tolist())
+    right = np.isin(np.diff(photo, prepend=-1), (0, 1)).all() and photo.max(initial=-1) < len(photos)
     matrices: dict[str, csr_matrix] = {}
     for name, width in zip(_MATRICES, (count, len(photo)), strict=True):
         parts = tuple(arrays[f"{name} {part}"] for part in ("values", "columns", "rows"))
@@ -289,4 +286,4 @@ def _from_arrays(arrays: dict[str, NDArray[Any]], count: int) -> SceneGraph | No
         except ValueError:
             return None
         right = right and not (matrices[name].data < 0).any()
-    return SceneGraph(photo=photo, ids=ids, photos=photos, **matrices) if right else None
+    return SceneGraph(photo=photo, photos=photos, **matrices) if right else None

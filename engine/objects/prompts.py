@@ -17,9 +17,19 @@ from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import Mask
 
 __all__ = [
-    "BoxPrompt", "ClickPrompt", "MaskPrompt", "Point", "Prompt", "TextPrompt", "camera_of_prompt",
-    "describe_prompt", "load_mask", "parse_point", "parse_prompt", "parse_texts",
-]  # fmt: skip
+    "BoxPrompt",
+    "ClickPrompt",
+    "MaskPrompt",
+    "Point",
+    "Prompt",
+    "TextPrompt",
+    "camera_of_prompt",
+    "describe_prompt",
+    "load_mask",
+    "parse_point",
+    "parse_prompt",
+    "parse_texts",
+]
 
 _MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")
 """Formats that Pillow decodes by itself: for some others it starts a program."""

@@ -1,7 +1,6 @@
 """Proposals: sets of Gaussians that may be objects, from the segments of the photos and from groups of the scene.
 
-How likely a set is an object is told by five measurements, by how whole the segments look that fit it, and in `looks`
-by how it looks itself; see docs/objects.md.
+How likely a set is an object is told by five measurements, and in `looks` by how it looks; see docs/objects.md.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ _ALIKE_IOU = 0.75  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, r
 _USUAL_EXTENT = 0.12  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Extent (`Views.extent`) of a usual object."""
 
-LEAST_PROBABILITY = 0.2  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
+LEAST_PROBABILITY = 0.25  # chosen on room_1, room_2, room_3, room_4, room_5, room_6, room_7, room_8, more_rooms
 """Probability from which on a set may be an object, before and after it was looked at."""
 
 
@@ -39,31 +38,25 @@ class Proposals:
     """K sets of Gaussians that may be objects, in a scene with P photos in its graph.
 
     `members`, [K, N], may overlap: a part and its whole are two proposals. `odds`, [K], are the log-odds of being an
-    object, by what is measured of each set; with what its segments tell, they are in descending order. `like`, [K], is
-    the number of a likelier proposal that looks the same, or of the proposal itself. `shown`, [K, P], are the pixels
-    that show each set in each photo. Of each photo that shows a set well, one of the M segments of the graph leads to
-    what fits it best: `fit`, [K, M], has the IoUs with these, divided by the sum of those of the set.
+    object, in descending order. `like`, [K], is the number of a likelier proposal that looks the same, or of the
+    proposal itself. `shown`, [K, P], are the pixels that show each set in each photo.
     """
 
     members: Mask
     odds: Float32
     like: Int32
     shown: Float32
-    fit: csr_matrix
 
 
 def find_proposals(context: SegmentationContext) -> Proposals:
     """Return each segment of each photo, and each group, solved like a mask; raises `Cancelled` when the user stops.
 
     With the weights of the links between Gaussians that leave a set, of all links of the set (or of the rest, if they
-    are less) and of the leaving ones times the height at which they leave, its share of the Gaussians, its extent, for
-    each photo that shows it well, the IoU of the set with the solved segment of the photo that fits it best, the
+    are less) and of the leaving ones times the height at which they leave, its share of the Gaussians, its extent, and,
+    for each photo that shows it well, the IoU of the set with the solved segment of the photo that fits it best, the
     log-odds of being an object are
 
         (ln(links / leaving) + ln(share)) / 2 + 2 (ln(leaving / rising) + mean IoU - ln(extent / 0.12)^2 - 1)
-
-    Left out are sets for which they, and the mean by this IoU of the segments' log-odds of showing one whole thing, add
-    up to less than those of `LEAST_PROBABILITY`.
     """
     views, graph = context.views, context.graph
     pixels = np.asarray(graph.segments.sum(axis=0)).ravel()
@@ -71,21 +64,22 @@ def find_proposals(context: SegmentationContext) -> Proposals:
     solved, kept = _solved(context, segments, build_groups(views))
     of_segments = kept < len(segments)
     shown = graph.shown(solved)
-    fit, agreement = _fit(graph, solved, solved[of_segments], segments[kept[of_segments]], shown)
+    best = graph.iou(solved, solved[of_segments])
+    agreement = _agreement(best, graph.photo[segments[kept[of_segments]]], shown)
     extents = np.array([views.extent(row.toarray().ravel() > 0) for row in solved])
     unusual = np.log(np.maximum(extents, np.finfo(np.float32).tiny) / _USUAL_EXTENT) ** 2
     share = np.log(np.asarray(solved.mean(axis=1)).ravel())
-    isolation, standing = _isolation(solved, graph, context.means[:, 2])  # Z is up
+    heights = context.means[:, 2]  # Z is up
+    isolation, standing = _isolation(solved, graph, heights)
     odds = (isolation + share) / 2 + 2 * (standing + agreement - unusual - 1)
-    with_segments = odds + fit @ context.whole_odds
-    likely = np.flatnonzero((with_segments >= logit(LEAST_PROBABILITY)) & (shown.max(axis=1, initial=0) > 0))
+    likely = np.flatnonzero((odds >= logit(LEAST_PROBABILITY)) & (shown.max(axis=1, initial=0) > 0))
     likely = likely[np.argsort(-agreement[likely], kind="stable")]
     first = _first_alike(graph.iou(solved[likely], solved[likely]), SAME_IOU)
     chosen = likely[first == np.arange(len(likely))]
-    chosen = chosen[np.argsort(-with_segments[chosen], kind="stable")]
+    chosen = chosen[np.argsort(-odds[chosen], kind="stable")]
     sets = solved[chosen]
     like = _first_alike(graph.iou(sets, sets), _ALIKE_IOU)
-    return Proposals(sets.toarray() > 0, odds[chosen].astype(np.float32), like, shown[chosen], fit[chosen])
+    return Proposals(sets.toarray() > 0, odds[chosen].astype(np.float32), like, shown[chosen])
 
 
 def apart(members: Mask, gains: Floats) -> list[int]:
@@ -183,17 +177,14 @@ def _relative_heights(sets: csr_matrix, heights: Floats) -> csr_matrix:
     return csr_matrix((relative, sets.indices, sets.indptr), shape=sets.shape)
 
 
-def _fit(
-    graph: SceneGraph, sets: csr_matrix, solved: csr_matrix, segments: Int64, shown: Float32
-) -> tuple[csr_matrix, Float64]:
-    """Return `Proposals.fit`, and the mean IoU of each set with what fits it, [K]; `segments` lead to `solved`."""
-    iou, photo = graph.iou(sets, solved), graph.photo[segments]
+def _agreement(iou: Float32, photo: Int32, shown: Float32) -> Float64:
+    """Return the mean over the photos that show a set well, [K]: the IoU with the segment that fits best.
+
+    `iou`, [K, S], are those with what S segments lead to, of the photos `photo`, [S], ascending.
+    """
+    best = np.zeros(shown.shape)
+    first = np.flatnonzero(np.diff(photo, prepend=-1))
+    if len(first):
+        best[:, photo[first]] = np.maximum.reduceat(iou, first, axis=1)
     seen = shown >= THRESHOLD * shown.max(axis=1, initial=0, keepdims=True)
-    fit = np.zeros((len(shown), len(graph.photo)), np.float32)
-    for number in np.unique(photo):
-        of_photo, rows = np.flatnonzero(photo == number), np.flatnonzero(seen[:, number])
-        best = of_photo[iou[np.ix_(rows, of_photo)].argmax(axis=1)]
-        fit[rows, segments[best]] = iou[rows, best]
-    total = fit.sum(axis=1, dtype=np.float64)
-    fit /= np.maximum(total, np.finfo(np.float32).tiny)[:, None]
-    return csr_matrix(fit), total / np.maximum(seen.sum(axis=1), 1)
+    return np.asarray((best * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1), np.float64)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from engine.errors import DiskError, MaskError
-from engine.masks.storage import label_map_path, read_label_map, read_recipe, read_segments, write_label_map
+from engine.masks.storage import label_map_path, read_label_map, read_recipe, write_label_map
 
 
 @pytest.mark.parametrize("top", [0, 1, 255, 256, 65_535, 65_536])
@@ -20,21 +20,6 @@ def test_label_map_is_read_as_it_was_written(tmp_path: Path, top: int) -> None:
     assert read.dtype == np.int32 and np.array_equal(read, labels) and read_recipe(path) == "abc"
     assert path == tmp_path / "room one" / "a.jpg.npz"
     assert [entry.name for entry in path.parent.iterdir()] == ["a.jpg.npz"]
-
-
-def test_log_odds_of_segments_are_read_as_they_were_written(tmp_path: Path) -> None:
-    labels, odds = np.array([[0, 2], [1, 3]], np.int32), np.array([0.5, -1.0, 2.0], np.float32)
-    write_label_map(label_map_path(tmp_path, "a.jpg"), labels, odds)
-    write_label_map(label_map_path(tmp_path, "of release 0.1.jpg"), labels)
-    maps, read = read_segments(tmp_path, ["a.jpg", "of release 0.1.jpg", "without masks.jpg"])
-    assert set(maps) == {"a.jpg", "of release 0.1.jpg"} and all(np.array_equal(one, labels) for one in maps.values())
-    assert set(read) == {"a.jpg"} and np.array_equal(read["a.jpg"], odds)
-
-
-def test_a_segment_without_log_odds_is_damage(tmp_path: Path) -> None:
-    write_label_map(tmp_path / "a.jpg.npz", GOOD, np.zeros(1, np.float32))
-    with pytest.raises(MaskError, match=r"a\.jpg\.npz .*Delete it and run `reconstruct` again"):
-        read_segments(tmp_path, ["a.jpg"])
 
 
 def test_photos_that_differ_in_suffix_have_two_label_maps(tmp_path: Path) -> None:

@@ -138,7 +138,7 @@ def trained_project(scene: BlobScene, folder: Path, *, features: bool = True, se
     save_gaussians(project.path / "gaussians", gaussians)
     write_camera_set(project.path / "cameras", scene.cameras)
     for photo, labels in scene.labels.items() if segments else ():
-        write_label_map(label_map_path(project.path / "masks", photo), labels, np.zeros(labels.max(), np.float32))
+        write_label_map(label_map_path(project.path / "masks", photo), labels)
     return project
 
 

@@ -88,8 +88,7 @@ def filled_by_one(pixels: float) -> SceneGraph:
     chain = np.diag(np.r_[0.001, np.full(48, 0.9)], k=1)
     photo = np.repeat(np.arange(24), 2).astype(np.int32)
     neighbours = csr_matrix((chain + chain.T).astype(np.float32))
-    ids = np.tile(np.arange(2, dtype=np.int32), 24)
-    return SceneGraph(neighbours, csr_matrix(segments), photo, ids, tuple(f"{k}.jpg" for k in range(24)))
+    return SceneGraph(neighbours, csr_matrix(segments), photo, tuple(f"{k}.jpg" for k in range(24)))
 
 
 @pytest.mark.parametrize("pixels", [1.0, 480.0 * 480.0])
@@ -111,8 +110,7 @@ def test_of_an_object_in_parts_the_light_ones_are_left_out() -> None:
     # Two linked pairs, and one Gaussian alone; a segment of all of them, with many pixels, makes all belong.
     links = csr_matrix((np.ones(2, np.float32), ([0, 2], [1, 3])), shape=(5, 5))
     fused = csr_matrix(np.column_stack([np.zeros(5), np.full(5, 1e6)]).astype(np.float32))
-    ids = np.arange(2, dtype=np.int32)
-    graph = SceneGraph(csr_matrix(links + links.T), fused, np.zeros(2, np.int32), ids, ("photo",))
+    graph = SceneGraph(csr_matrix(links + links.T), fused, np.zeros(2, np.int32), ("photo",))
     inside = np.array([[50, 50, 0.5, 0.5, 0.9]], np.float32).T
     votes = Votes(inside, np.zeros_like(inside))
     assert (graph.solve(votes, 1.0) > 0.9).all()
@@ -154,7 +152,6 @@ def test_graph_is_kept_and_made_again_when_the_scene_or_the_file_changed(
     assert built == [1]
     assert (kept.neighbours != graph.neighbours).nnz == 0 and (kept.segments != graph.segments).nnz == 0
     np.testing.assert_array_equal(kept.photo, graph.photo)
-    np.testing.assert_array_equal(kept.ids, graph.ids)
     assert kept.photos == graph.photos
     moved = replace(blobs.gaussians, means=blobs.gaussians.means + 1)
     load(Views(Scene(moved), blobs.cameras, render_side=160))

@@ -56,35 +56,6 @@ def test_what_looks_alike_is_told_by_its_likeliest_version(blobs: BlobScene) -> 
     assert max((iou(one, other) for k, one in enumerate(own) for other in own[:k]), default=0.0) <= 0.9
 
 
-def test_a_set_whose_segments_look_like_no_whole_thing_is_left_out(blobs: BlobScene) -> None:
-    unlikely = {
-        photo: np.where(np.arange(1, labels.max() + 1) == BLUE, -20, 0) for photo, labels in blobs.labels.items()
-    }
-    odds = {photo: one.astype(np.float32) for photo, one in unlikely.items()}
-    before, found = proposals_of(blobs), find_proposals(context_of(blobs, segment_odds=odds))
-    blue, red = (blobs.part == part for part in (BLUE, RED))
-    assert max(iou(one, blue) for one in before.members) > 0.9
-    assert max(iou(one, blue) for one in found.members) < 0.5 and max(iou(one, red) for one in found.members) > 0.9
-
-
-def test_segments_that_fit_a_set_weigh_one_together(blobs: BlobScene) -> None:
-    context = context_of(blobs)
-    found, graph = find_proposals(context), context.graph
-    np.testing.assert_allclose(np.asarray(found.fit.sum(axis=1)).ravel(), 1, rtol=1e-5)
-    (red,) = np.flatnonzero([iou(one, blobs.part == RED) > 0.95 for one in found.members])[:1]
-    assert set(graph.ids[found.fit[red].indices]) == {RED}
-    assert not found.fit[:, ~graph.is_segment].nnz
-
-
-def test_log_odds_of_segments_are_in_the_order_of_the_graph(blobs: BlobScene) -> None:
-    photos = list(blobs.labels)
-    odds = {photo: np.arange(1, labels.max() + 1, dtype=np.float32) for photo, labels in blobs.labels.items()}
-    context = context_of(blobs, segment_odds={photo: odds[photo] for photo in photos[1:]})
-    graph = context.graph
-    known = np.array(graph.photos)[graph.photo] != photos[0]
-    np.testing.assert_array_equal(context.whole_odds, np.where(known, graph.ids, 0))
-
-
 def test_an_object_without_segments_is_a_proposal_by_its_group_but_nothing_is_without_any(blobs: BlobScene) -> None:
     labels = {photo: np.where(label == BLUE, 0, label) for photo, label in blobs.labels.items()}
     found = proposals_of(replace(blobs, labels=labels))

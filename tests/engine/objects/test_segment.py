@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 
 from engine.errors import Cancelled, MaskError, ObjectError, PromptError
-from engine.events import Event, Progress, Warned, ignore_events, never_stop
+from engine.events import Event, Progress, ignore_events, never_stop
 from engine.objects.context import SegmentationContext
 from engine.objects.lifting import FoundObject, isolate_object
 from engine.objects.photos import Photos
 from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Prompt, TextPrompt
-from engine.objects.segment import NoMatchError, find_everything, find_objects
+from engine.objects.segment import NoMatchError, find_objects
 from engine.objects.settings import BETTER, PAPER, SegmentSettings
 from engine.objects.storage import list_objects, load_membership
 from engine.objects.views import Views
@@ -375,19 +375,6 @@ def test_votes_use_the_projects_label_maps(blobs: BlobScene, tmp_path: Path) -> 
     members = load_membership(project.path, record.id) >= 0.5
     truth = blobs.part == RED
     assert (members & truth).sum() / (members | truth).sum() > 0.95
-
-
-def test_masks_of_release_0_1_are_used_with_a_warning_that_they_tell_less(blobs: BlobScene, tmp_path: Path) -> None:
-    from engine.masks.storage import label_map_path, write_label_map
-
-    project, events = trained_project(blobs, tmp_path), list[Event]()
-    assert segmenter_of(project, blobs, SMALL_BETTER, emit=events.append).context.label_maps and not events
-    for photo, labels in blobs.labels.items():
-        write_label_map(label_map_path(project.path / "masks", photo), labels)
-    context = segmenter_of(project, blobs, SMALL_BETTER, emit=events.append).context
-    (warned,) = events
-    assert isinstance(warned, Warned) and "Reconstruct again" in warned.message
-    assert not context.whole_odds.any() and len(find_everything(context))
 
 
 def test_unknown_word_is_refused_before_any_crop_is_described(find, blobs: BlobScene) -> None:
