@@ -24,18 +24,10 @@ from .views import View, Views
 from .votes import THRESHOLD, MaskEvidence
 
 __all__ = [
-    "clicks_by_photo",
-    "connected_members",
-    "connected_parts",
-    "evidence_of_clicks",
-    "evidence_of_exclusions",
-    "evidence_of_places",
-    "find_evidence",
-    "pixel_of",
-    "places_in",
-    "require_known",
-    "require_mask",
-]
+    "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
+    "evidence_of_exclusions", "evidence_of_places", "find_evidence", "pixel_of", "places_in",
+    "require_known", "require_mask",
+]  # fmt: skip
 
 _PART = 0.1  # chosen on museum_room
 """Smallest weight of a connected part relative to the heaviest, and width of a cell relative to the object's radius."""

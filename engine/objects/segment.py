@@ -103,10 +103,14 @@ def _find_named(context: SegmentationContext, text: str) -> list[FoundObject]:
     least = max(settings.least_score, settings.relative_score * float(scores.max()))
     wanted = [number for number in different if scores[number] >= least]
     nearest = [number for number in different if scores[number] >= THRESHOLD * scores.max()]
-    found = []
-    for done, number in enumerate(wanted or nearest, start=1):
-        found.append(isolate_object(context, [looks.evidence(number, float(scores[number]), context)]))
-        context.tell(done / len(wanted or nearest), "Isolating")
+    answers, members, found = wanted or nearest, looks.members, []
+    for done, number in enumerate(answers, start=1):
+        # Of its versions that score nearly as much, the likeliest whole object; none that is also another answer.
+        near = np.flatnonzero(scores >= settings.relative_score * scores[number])
+        versions = [k for k in near if [one for one in answers if is_same(members[k], members[one])] == [number]]
+        likeliest = int(max(versions, key=lambda k: float(looks.odds[k])))
+        found.append(isolate_object(context, [looks.evidence(likeliest, float(scores[number]), context)]))
+        context.tell(done / len(answers), "Isolating")
     if not wanted:
         raise NoMatchError(
             f"Nothing in the photos looks enough like {text!r} (best match {found[0].score:.2f}, needed "

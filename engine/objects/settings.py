@@ -21,10 +21,11 @@ class SegmentSettings:
     `strictness` is the weight of a pixel beside an object relative to one inside of it (`SceneGraph.solve`), above 0:
     smaller values give larger objects.
 
-    Each proposal is cut out of at most `n_crop_views` photos. When everything looks less than `least_score`, 0 to 1,
-    like a text, the text is not found; otherwise what scores at least `relative_score`, 0 to 1, of the best score is an
-    object, but at most `max_objects` are. Before an object is stored, its Gaussians are polished alone
-    (`engine.objects.polishing`) in `polish_steps` training steps; 0 keeps them as they are in the scene.
+    Each proposal is cut out of at most `n_crop_views` photos. When everything looks less than `least_score`, 0 to
+    1, like a text, the text is not found; otherwise what scores at least `relative_score`, 0 to 1, of the best
+    score is an object, but at most `max_objects` are. Of versions of an object with such scores, it is the
+    likeliest whole one. Before an object is stored, its Gaussians are polished alone (`engine.objects.polishing`)
+    in `polish_steps` training steps; 0 keeps them as they are in the scene.
     """
 
     n_text_views: int = 8  # chosen on museum_room

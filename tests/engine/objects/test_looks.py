@@ -10,8 +10,10 @@ import pytest
 from engine.errors import Cancelled
 from engine.events import Event, Progress
 from engine.objects.context import SegmentationContext
-from engine.objects.looks import build_looks, load_or_build_looks
+from engine.objects.looks import Looks, build_looks, load_or_build_looks
 from engine.objects.photos import Photos
+from engine.objects.prompts import TextPrompt
+from engine.objects.segment import find_objects
 from engine.objects.settings import BETTER
 from engine.objects.views import Views
 from engine.pictures.scene import Scene
@@ -138,3 +140,32 @@ def test_making_looks_can_be_stopped_and_reports_progress(blobs: BlobScene, phot
     build_looks(context_of(blobs, photos, detector, emit=events.append))
     fractions = [event.fraction for event in events if isinstance(event, Progress)]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("scores", "odds", "expected"),
+    [
+        ([0.80, 0.77, 0.1], [0, 2, 0], [(BLUE,)]),
+        ([0.80, 0.77, 0.1], [2, 0, 0], [(BLUE, RED)]),
+        ([0.80, 0.60, 0.1], [0, 2, 0], [(BLUE, RED)]),
+        ([0.79, 0.80, 0.8], [9, 0, 0], [(BLUE,), (RED,)]),  # both are answers, so what shows both is none
+    ],
+)
+def test_of_versions_that_score_nearly_as_much_the_likeliest_whole_is_the_answer(
+    scores: list[float], odds: list[float], expected: list[tuple[int, ...]], blobs: BlobScene, photos: Photos
+) -> None:
+    class Scored(Looks):
+        def scores(self, text: str, context: SegmentationContext) -> np.ndarray:
+            return np.array(scores)
+
+    context = replace(context_of(blobs, photos, FakeDetector(blobs)), settings=replace(SETTINGS, polish_steps=0))
+    made, parts = build_looks(context), [(BLUE, RED), (BLUE,), (RED,)]
+    members = np.array([np.isin(blobs.part, part) for part in parts])
+    sightings = (made.photo[:1] * 3, made.box[[0, 0, 0]], made.described[[0, 0, 0]])
+    numbers = np.arange(3, dtype=np.int32)
+    context.kept["looks"] = Scored(members, np.array(odds, np.float32), numbers, numbers, *sightings)
+    found = find_objects(context, TextPrompt("blue ball"))
+    assert len(found) == len(expected)
+    for one, part in zip(found, expected, strict=True):
+        assert iou(one.members, np.isin(blobs.part, part)) > 0.8
+        assert one.score == max(scores)
