@@ -15,6 +15,8 @@ PROMPTS ?=
 PRESET ?= standard
 FUZZ_S ?= 600
 DRAW ?=
+SYSTEM ?=
+PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
@@ -115,8 +117,9 @@ hostile: setup ## hostile projects and .blend files in every command and in Blen
 zip: page ## dist/gaussian_heritage.zip, to be installed in Blender
 	$(BLENDER) scripts/build_extension.py
 
-offline-bundle: setup ## dist/gaussian_heritage_offline.zip: a computer like this one sets up the engine from it without a network
-	$(ENGINE) -m engine.installation bundle dist/gaussian_heritage_offline.zip
+offline-bundle: setup ## dist/gaussian_heritage_offline.zip: sets up the engine without a network; SYSTEM=windows|macos|linux PYTHON_VERSION=3.11
+	$(ENGINE) -m engine.installation bundle dist/gaussian_heritage_offline$(if $(SYSTEM),_$(SYSTEM)).zip \
+		$(if $(SYSTEM),--system $(SYSTEM)) $(if $(PYTHON_VERSION),--python-version $(PYTHON_VERSION))
 
 dist/gaussian_heritage_offline.zip: $(wildcard engine/installation/locked-*.txt)
 	$(MAKE) offline-bundle

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from engine.files import atomic_write
-from engine.machine import describe_machine
 from engine.project_folder import ProjectFolder
+from engine.system import describe_machine
 
 _HEAD = (
     "| photo set | stage | forecast s | measured s | measured / forecast "

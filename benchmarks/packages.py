@@ -21,12 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from engine.evaluation import write_section
-from engine.machine import describe_machine
 from engine.objects import list_objects
 from engine.packages import verify_package, write_package
 from engine.packages.bag import write_bag
 from engine.project_folder import ProjectFolder
 from engine.records import EXAMPLE_ADDRESS
+from engine.system import describe_machine
 
 TITLE = "Measured"
 N_ROUNDS = 7

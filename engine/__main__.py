@@ -13,7 +13,7 @@ def start() -> int:
     if sys.version_info < (3, 11):  # noqa: UP036 users may choose any Python
         print(f"Error: {sys.executable} is too old: the engine needs Python 3.11 or newer.", file=sys.stderr)
         return 1
-    from .signal_masks import signals_held_back
+    from .system import signals_held_back
 
     try:
         # The threads of NumPy start here, and must not take the signals of the main thread; see `cli`.

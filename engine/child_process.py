@@ -8,12 +8,10 @@ other work, on cores that are idle (`child_beside`).
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import importlib
 import json
 import logging
 import os
-import signal
 import subprocess
 import sys
 import threading
@@ -25,9 +23,22 @@ from typing import IO, Any, Literal
 from . import errors
 from .errors import Cancelled, HeritageError, is_out_of_memory
 from .events import StopCheck, never_stop
-from .files import parse_json, read_text
+from .files import parse_json
+from .system import (
+    end_children_with_this_process,
+    end_with_parent,
+    exit_cause,
+    ignore_signals_of_the_terminal,
+    kill_group,
+    killed_for_memory,
+    killed_for_time,
+    memory_limited,
+    no_core_dumps,
+    own_group,
+    wall_seconds_limited,
+)
 
-__all__ = ["ChildBeside", "ChildFailure", "child_beside", "end_with_parent", "run_in_child"]
+__all__ = ["ChildBeside", "ChildFailure", "child_beside", "run_in_child"]
 
 _LOG = logging.getLogger(__name__)
 # Not `__name__`, which is `__main__` in the child.
@@ -108,7 +119,7 @@ def run_in_child(
     if should_stop():
         # What asks this process to stop may have ended the child too.
         raise Cancelled(f"Stopped while {what}. The next run continues from here.")
-    if not in_time or process.returncode == -getattr(signal, "SIGALRM", 0):
+    if not in_time or killed_for_time(process.returncode):
         raise ChildFailure(f"{_sentence(what)} took more than {max_seconds:.3g} s.", "time")
     return _outcome(process.returncode, answer.text(), complaints.text(), max_memory, what)
 
@@ -146,7 +157,7 @@ class ChildBeside:
             As `run_in_child`.
         """
         finished = self._process.poll() is not None
-        _kill(self._process)
+        kill_group(self._process)
         self._process.wait()
         if not finished:
             return None
@@ -195,8 +206,7 @@ def _started() -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector
         stderr=subprocess.PIPE,
         bufsize=0,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        start_new_session=True,
-        creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0) | getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        **own_group(),
     )
     assert process.stdin and process.stdout and process.stderr
     answer = _Collector(process.stdout, _MAX_ANSWER_BYTES)
@@ -204,21 +214,11 @@ def _started() -> Iterator[tuple[subprocess.Popen[bytes], _Collector, _Collector
     try:
         yield process, answer, complaints
     finally:
-        _kill(process)
+        kill_group(process)
         process.wait()
         process.stdin.close()
         answer.end()
         complaints.end()
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill the child and its own children, which would keep its pipes open."""
-    if sys.platform == "win32":
-        process.kill()
-    else:
-        # macOS reports a group whose only process has ended with PermissionError.
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
 
 
 def _send(process: subprocess.Popen[bytes], request: bytes) -> None:
@@ -259,14 +259,10 @@ def _outcome(code: int, answer: str, complaints: str, max_memory: int | None, wh
 
 
 def _raise_death(code: int, text: str, max_memory: int | None, what: str) -> None:
-    # Linux kills the largest process with SIGKILL when all memory is used; libraries abort.
-    if code == -getattr(signal, "SIGKILL", 0) or "bad_alloc" in text or is_out_of_memory(RuntimeError(text)):
+    # Libraries abort when memory is full.
+    if killed_for_memory(code) or "bad_alloc" in text or is_out_of_memory(RuntimeError(text)):
         raise _memory_failure(max_memory, what)
-    try:
-        cause = signal.Signals(-code).name
-    except ValueError:
-        cause = f"exit code {code}"
-    raise ChildFailure(f"{_sentence(what)} crashed ({cause}).", "crash")
+    raise ChildFailure(f"{_sentence(what)} crashed ({exit_cause(code)}).", "crash")
 
 
 def _result(text: str, max_memory: int | None, what: str) -> Any:
@@ -301,16 +297,15 @@ def _serve() -> None:
     os.dup2(null, 0)
     os.dup2(2, 1)
     # The parent decides when this process ends, also when a service manager sends SIGTERM to both.
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), signal.SIG_IGN)
-    _die_with_parent()
+    ignore_signals_of_the_terminal()
+    no_core_dumps()
+    end_children_with_this_process()
     stream = os.fdopen(requests, "rb")
     line = stream.readline()
     if not line:
         return
-    threading.Thread(target=_exit_at_end, args=(stream,), daemon=True).start()
-    _allow_seconds(_MAX_START_SECONDS)
+    end_with_parent(stream)
+    wall_seconds_limited(_MAX_START_SECONDS)
     # Not `parse_json`: file names may have characters that are not valid, which it refuses.
     request = json.loads(line)
     data = json.dumps(_answer(request, answers)).encode("ascii")
@@ -326,8 +321,8 @@ def _answer(request: dict[str, Any], answers: int) -> dict[str, Any]:
         function = getattr(importlib.import_module(f"{__package__}.{module}"), name)
         os.write(answers, _READY)
         # A little later than the parent, which says it better. Zero: without a bound.
-        _allow_seconds(0.0 if request["max_seconds"] is None else request["max_seconds"] + 1.0)
-        with _memory_limit(request["max_memory"]):
+        wall_seconds_limited(0.0 if request["max_seconds"] is None else request["max_seconds"] + 1.0)
+        with memory_limited(request["max_memory"]):
             result = function(**request["arguments"])
             json.dumps(result, allow_nan=False)
     except HeritageError as error:
@@ -345,62 +340,6 @@ def _answer(request: dict[str, Any], answers: int) -> dict[str, Any]:
 def _valid(text: str) -> str:
     """Return `text` with escapes for characters that are not valid; file names may have some."""
     return text.encode("utf-8", errors="backslashreplace").decode("utf-8")
-
-
-def end_with_parent(pipe: IO[bytes]) -> None:
-    """Let this process end when the process that started it dies.
-
-    Parameters
-    ----------
-    pipe : binary file
-        Reading end of a pipe that the parent holds open and does not write to. It is read in a thread.
-    """
-    _die_with_parent()
-    threading.Thread(target=_exit_at_end, args=(pipe,), daemon=True).start()
-
-
-def _die_with_parent() -> None:
-    """Let the kernel kill this process when its parent dies, and forbid core dumps."""
-    if sys.platform == "linux":
-        # `_exit_at_end` does the same on other systems, but not while a library holds the interpreter lock.
-        pr_set_pdeathsig = 1
-        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL, 0, 0, 0)
-    if sys.platform != "win32":
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-
-
-def _exit_at_end(stream: IO[bytes]) -> None:
-    """End this process when the pipe from the parent closes, because the parent died."""
-    stream.read()
-    os._exit(1)
-
-
-def _allow_seconds(seconds: float) -> None:
-    """Let the kernel end this process after `seconds`, even when the parent is dead and a library never returns."""
-    if sys.platform != "win32":
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_REAL, seconds)
-
-
-@contextlib.contextmanager
-def _memory_limit(extra: int | None) -> Iterator[None]:
-    """Allow `extra` bytes more of address space than this process has now, None without a bound; Linux only."""
-    if extra is None or sys.platform != "linux":
-        yield
-        return
-    import resource
-
-    pages = int(read_text(Path("/proc/self/statm"), advice="Report this error.").split()[0])
-    before = soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    allowed = [pages * resource.getpagesize() + extra, *(one for one in before if one != resource.RLIM_INFINITY)]
-    resource.setrlimit(resource.RLIMIT_AS, (min(allowed), hard))
-    try:
-        yield
-    finally:
-        # The answer about an exhausted memory needs some memory.
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 if __name__ == "__main__":

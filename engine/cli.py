@@ -11,8 +11,7 @@ from .commands import COMMANDS, warn_of_deprecated_options
 from .doctor import missing_package
 from .errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, is_out_of_memory
 from .events import Emit, ErrorEvent, StopCheck
-from .signal_masks import signals_held_back
-from .stop_on_signal import StopOnSignal
+from .system import StopOnSignal, end_children_with_this_process, signals_held_back
 from .terminal import EventOutput
 
 __all__ = ["main"]
@@ -56,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     output = EventOutput(json_lines=options.events, log=project / "log.jsonl" if project else None)
     try:
         warn_of_deprecated_options(options, output)
+        end_children_with_this_process()
         with StopOnSignal() as should_stop:
             if options.uses_cameras:
                 # While pycolmap is imported, its handlers take the place of ours for some milliseconds. Here no other

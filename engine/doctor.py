@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
-import os
 import platform
 import shutil
 import sys
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .errors import EnvironmentProblem, HeritageError
+from .system import describe_system, total_memory, usable_cores
 
 __all__ = ["Check", "examine", "missing_package"]
 
@@ -67,7 +67,7 @@ def examine() -> list[Check]:
     checks += [_package(module, distribution) for module, distribution in _REQUIRED_PACKAGES.items()]
     if all(check.ok for check in checks):
         checks += [_gpu(), _encoding(), *_models()]
-    checks += [_heic(), _npm(), _disk(), _machine()]
+    checks += [_heic(), _disk(), _machine()]
     return checks
 
 
@@ -123,11 +123,6 @@ def _heic() -> Check:
     return Check("HEIC photos", True, False, "readable")
 
 
-def _npm() -> Check:
-    found = shutil.which("npm")
-    return Check("npm", found is not None, False, "found" if found else "missing; pip brings it when it is needed")
-
-
 def _disk() -> Check:
     try:
         free = shutil.disk_usage(Path.cwd()).free / 1e9
@@ -137,7 +132,8 @@ def _disk() -> Check:
 
 
 def _machine() -> Check:
-    detail = f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}"
-    if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        detail += f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 1e9:.0f} GB memory"
+    detail = f"{len(usable_cores())} cores, {describe_system()}"
+    memory = total_memory()
+    if memory is not None:
+        detail += f", {memory / 1e9:.0f} GB memory"
     return Check("machine", True, False, detail)

@@ -1,7 +1,7 @@
 """Open a URL by https and by nothing else, also after redirects.
 
 Proxies are taken from the environment (``HTTPS_PROXY``, ``NO_PROXY``), as usual in Python. Certificates are those of
-the system, or of ``SSL_CERT_FILE``.
+the system, or of ``SSL_CERT_FILE``. The settings of another client may say otherwise, see `Connection`.
 """
 
 from __future__ import annotations
@@ -11,25 +11,82 @@ import ssl
 import string
 import urllib.error
 import urllib.request
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import quote, urljoin, urlsplit
 
 from .errors import ModelFileError
 
-__all__ = ["open_https"]
+__all__ = ["Connection", "open_https"]
 
 _TIMEOUT_SECONDS = 30.0
 _MAX_REDIRECTS = 10
 _REDIRECTS = (301, 302, 303, 307, 308)
 
 
-def open_https(url: str, headers: dict[str, str]) -> http.client.HTTPResponse:
+@dataclass(frozen=True)
+class Connection:
+    """How servers are reached.
+
+    Attributes
+    ----------
+    certificates : tuple of Path
+        Files with certificates that are trusted beside those of the system. Those that do not exist are left out.
+    proxy : str
+        URL of a proxy; empty for that of the environment.
+    no_proxy : str
+        Hosts that are asked without it, divided by commas.
+    verify : bool
+        Whether a server must prove who it is. False only for files whose content is checked by a known hash.
+    plain_http : bool
+        Whether http is allowed too, for such files alone.
+    """
+
+    certificates: tuple[Path, ...] = ()
+    proxy: str = ""
+    no_proxy: str = ""
+    verify: bool = True
+    plain_http: bool = False
+
+    def context(self) -> ssl.SSLContext:
+        """Return the settings of TLS; raises `OSError` when a file of certificates cannot be read."""
+        context = ssl.create_default_context()
+        for file in self.certificates:
+            if file.is_file():
+                context.load_verify_locations(file)
+        if not self.verify:
+            context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+        return context
+
+    def proxies(self, host: str) -> dict[str, str] | None:
+        """Return the proxies for a host by scheme; None for those of the environment."""
+        if not self.proxy:
+            return None
+        without = (name.strip().lstrip(".") for name in self.no_proxy.split(","))
+        if any(name and (host == name or host.endswith(f".{name}")) for name in without):
+            return {}
+        return {"https": self.proxy, "http": self.proxy}
+
+
+def open_https(
+    url: str,
+    headers: Mapping[str, str],
+    *,
+    secrets: Mapping[str, str] | None = None,
+    connection: Connection | None = None,
+) -> http.client.HTTPResponse:
     """Return the response to a GET request; redirects are followed.
 
     Parameters
     ----------
     url : str
-    headers : dict
+    headers : mapping
         Sent with the request, and after a redirect to another host too; never put secrets into them.
+    secrets : mapping, optional
+        Headers that only the host of `url` gets.
+    connection : Connection, optional
+        By default, that of the environment.
 
     Raises
     ------
@@ -40,25 +97,29 @@ def open_https(url: str, headers: dict[str, str]) -> http.client.HTTPResponse:
     """
     # Not the default opener: it speaks http, ftp and file too, keeps the proxies of its first use, and reads the body
     # of a redirect, whatever its size.
+    connection = connection or Connection()
     opener = urllib.request.OpenerDirector()
     for handler in (
-        urllib.request.ProxyHandler(),
-        urllib.request.HTTPSHandler(context=ssl.create_default_context()),
+        urllib.request.ProxyHandler(connection.proxies(urlsplit(url).hostname or "")),
+        urllib.request.HTTPSHandler(context=connection.context()),
         urllib.request.HTTPErrorProcessor(),
         urllib.request.HTTPDefaultErrorHandler(),
+        *([urllib.request.HTTPHandler()] if connection.plain_http else []),
     ):
         opener.add_handler(handler)
+    schemes = ("https", "http") if connection.plain_http else ("https",)
     address = url
     for _ in range(_MAX_REDIRECTS):
-        if urlsplit(address).scheme != "https":
+        if urlsplit(address).scheme not in schemes:
             leads_to = "" if address == url else f" redirects to {address[:200]!r}, which"
             raise ModelFileError(
                 f"{url}{leads_to} is not an https address, so nothing was fetched from it: others could read or change "
                 "the file on its way. Get it from a colleague and use `models fetch NAME --from FOLDER`."
             )
+        sent = {**headers, **(secrets or {})} if urlsplit(address).netloc == urlsplit(url).netloc else dict(headers)
         try:
             response: http.client.HTTPResponse = opener.open(
-                urllib.request.Request(address, headers=headers), timeout=_TIMEOUT_SECONDS
+                urllib.request.Request(address, headers=sent), timeout=_TIMEOUT_SECONDS
             )
             return response
         except urllib.error.HTTPError as error:

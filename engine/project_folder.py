@@ -8,12 +8,11 @@ Blender reads project folders too.
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import json
 import os
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import IO, Any
@@ -33,6 +32,7 @@ from .files import (
     write_json,
 )
 from .project_versions import MIGRATIONS, PROJECT_VERSION, SCHEMAS
+from .system import try_lock
 from .visible_text import visible
 
 __all__ = ["PROJECT_FILE", "SCENE_OUTPUT", "ProjectFolder", "hold_mark", "stage_key"]
@@ -42,8 +42,6 @@ SCENE_OUTPUT = "gaussians/scene.ply"
 """Output of training that the objects refer to, as `ProjectFolder.recorded_outputs` names it."""
 
 _LOCK_FILE = "lock"
-_HELD = (errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES)
-"""Errors of a lock that another program holds; others mean that the disk has no locks."""
 _MAX_LOCK_BYTES = 300
 """Size of a lock with the longest name of a computer."""
 _OURS = (_LOCK_FILE, "log.jsonl", "trash")
@@ -315,7 +313,7 @@ def _open_locked(file: Path) -> IO[str] | None:
     """Return `file` opened and locked until it is closed, even by kill -9; None when another program holds it."""
     stream = file.open("a+", encoding="utf-8")
     try:
-        if _try_lock(stream):
+        if try_lock(stream):
             return stream
     except OSError:
         stream.close()
@@ -345,31 +343,3 @@ def _holder(lock: Path) -> str:
             host = visible(stream.readline(_MAX_LOCK_BYTES).partition(" ")[0].strip())
         return f" on the computer {host}" if host not in ("", socket.gethostname()) else ""
     return ""
-
-
-def _lock_function() -> Callable[[IO[str]], None]:
-    try:
-        import fcntl
-    except ImportError:
-        import msvcrt
-
-        def lock_windows(stream: IO[str]) -> None:
-            stream.seek(0)
-            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-
-        return lock_windows
-
-    def lock_posix(stream: IO[str]) -> None:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-    return lock_posix
-
-
-def _try_lock(stream: IO[str]) -> bool:
-    try:
-        _lock_function()(stream)
-    except OSError as error:
-        if error.errno in _HELD:
-            return False
-        raise
-    return True

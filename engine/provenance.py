@@ -14,6 +14,7 @@ from typing import Any
 
 from . import __version__
 from .files import Schema, optional
+from .system import describe_system, run_text, usable_cores
 
 __all__ = ["RUN", "code_version", "describe_run", "software_versions"]
 
@@ -63,7 +64,7 @@ def describe_run(settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
         "software": software_versions(),
         "commit": commit,
         "changed": changed,
-        "machine": f"{platform.system()} {platform.machine()}, {_cores()} cores",
+        "machine": f"{describe_system()}, {len(usable_cores())} cores",
     }
     if settings is not None:
         run |= {"settings": dict(settings), "seed": settings.get("seed")}
@@ -89,7 +90,8 @@ def code_version() -> tuple[str | None, bool | None]:
     Both are None where the code is no checkout of git, as in the installed extension: there the version of the engine
     in `software_versions` names the code.
     """
-    commit = _git("rev-parse", "HEAD")
+    # Without a checkout, git is not started: on a Mac without developer tools, a dialog would ask to install it.
+    commit = _git("rev-parse", "HEAD") if (_ROOT / ".git").exists() else None
     if commit is None or _git("ls-files", "--error-unmatch", "engine/provenance.py") is None:
         return None, None
     return commit, _git("status", "--porcelain", "--untracked-files=no", "--", "engine") != ""
@@ -99,16 +101,7 @@ def _git(*words: str) -> str | None:
     """Return the output of git in the folder of the code; None when it fails or there is no git."""
     environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0"}
     try:
-        done = subprocess.run(
-            ["git", *words], cwd=_ROOT, env=environment, capture_output=True, text=True, timeout=_GIT_SECONDS,
-            check=False, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired, UnicodeDecodeError):
+        done = run_text(["git", *words], folder=_ROOT, environment=environment, timeout=_GIT_SECONDS)
+    except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout.strip() if done.returncode == 0 else None
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

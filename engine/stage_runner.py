@@ -11,9 +11,9 @@ from typing import Any
 from .errors import Cancelled, HeritageError
 from .events import Emit, StageFinished, StageStarted, StopCheck, Warned
 from .files import delete_derived
-from .machine import PeakMemory, cpu_seconds
 from .project_folder import ProjectFolder
 from .provenance import describe_run
+from .system import PeakMemory, cpu_seconds
 
 __all__ = ["Outputs", "StageRunner"]
 

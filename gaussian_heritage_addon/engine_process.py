@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 from ..engine.errors import EnvironmentProblem
 from ..engine.installation import EngineEnvironment
+from ..engine.system import python_in, unsupported, with_utf8
 
 __all__ = ["PYTHON_VARIABLE", "engine_command", "engine_environment", "extension_root", "find_python"]
 
@@ -55,16 +55,18 @@ def find_python(preferred: str, environ: Mapping[str, str], root: Path, installe
             if python.is_file():
                 return python
             raise EnvironmentProblem(f"The engine's Python set in {source} does not exist: {path}. Choose another one.")
-    python = root / ".venv" / "engine" / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    python = python_in(root / ".venv" / "engine")
     if python.is_file():
         return python
     state = installed.state()
     if state == "ready":
         return installed.python
+    if problem := unsupported():
+        raise EnvironmentProblem(problem)
     raise EnvironmentProblem(f"{_PROBLEMS[state]} in the sidebar or in Preferences > Add-ons > Gaussian Heritage.")
 
 
-def engine_environment(environ: Mapping[str, str], root: Path, cache: Path) -> dict[str, str]:
+def engine_environment(environ: Mapping[str, str], root: Path) -> dict[str, str]:
     """Return the environment variables of an engine process.
 
     Parameters
@@ -73,18 +75,14 @@ def engine_environment(environ: Mapping[str, str], root: Path, cache: Path) -> d
         Environment variables of this process.
     root : Path
         Value of PYTHONPATH, so that ``python -m engine`` runs the engine of this extension.
-    cache : Path
-        Folder for compiled kernels. Outside the extension, because an upgrade replaces the extension's folder.
     """
     # Blender may set PYTHONHOME to its own Python; another interpreter cannot start with it.
     kept = {name: value for name, value in environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
     return {
-        **kept,
+        **with_utf8(kept),
         "PYTHONPATH": str(root),
         "PYTHONUNBUFFERED": "1",
-        "PYTHONIOENCODING": "utf-8",
         "PYTHONDONTWRITEBYTECODE": "1",
-        "NUMBA_CACHE_DIR": str(cache),
     }
 
 

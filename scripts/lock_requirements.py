@@ -54,10 +54,7 @@ LOCKS = {
     "installation.txt": (
         "3.11",
         {
-            ROOT
-            / "engine"
-            / "models"
-            / "locked-node.txt": "npm, where Node.js is not installed: needed once, to fetch the mask model",
+            REQUIREMENTS / "locked-node.txt": "npm, where Node.js is not installed, to build the page of the server",
             ENGINE / "locked-pip.txt": "pip, for a Python that brings none",
         },
     ),

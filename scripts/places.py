@@ -6,11 +6,14 @@ Standard library only, because the scripts that import this module run before an
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
-__all__ = ["PACKAGES", "ROOT", "blender_environments", "environment_folder", "python_of"]
+__all__ = ["PACKAGES", "ROOT", "blender_environments", "environment_folder", "program_of", "python_of"]
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+from engine.system import program_in, python_in  # noqa: E402 it imports the standard library alone
 
 PACKAGES = ("engine", "gaussian_heritage_addon", "operators")
 """The packages of the extension."""
@@ -23,7 +26,12 @@ def environment_folder(name: str) -> Path:
 
 def python_of(name: str) -> Path:
     """Return the path of an environment's Python, which need not exist."""
-    return environment_folder(name) / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    return python_in(environment_folder(name))
+
+
+def program_of(name: str, program: str) -> Path:
+    """Return the path of a program of an environment."""
+    return program_in(environment_folder(name), program)
 
 
 def blender_environments() -> list[str]:

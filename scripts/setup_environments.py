@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -32,6 +31,7 @@ from engine.installation import (  # noqa: E402 as above
     run_logged,
     torch_source,
 )
+from engine.system import replace_file, run_text  # noqa: E402 as above
 
 ENGINE_REQUIREMENTS = ROOT / "engine" / "installation"
 REQUIREMENTS = ROOT / "requirements"
@@ -166,7 +166,7 @@ def write_stamp(path: Path, stamp: dict[str, str]) -> None:
     """Write the stamp atomically, so that a killed process leaves no partial stamp."""
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps(stamp), encoding="utf-8")
-    os.replace(temporary, path)
+    replace_file(temporary, path)
 
 
 def install_torch(environment: Environment, torch: str, log: Path) -> None:
@@ -190,7 +190,7 @@ def drop_other_torch(torch: str, log: Path) -> None:
     """Uninstall the other build of torch, because pip takes 2.13.0+cpu and 2.13.0+cu130 for the same version."""
     code = "import torch; print('cpu' if torch.version.cuda is None else 'cuda')"
     python = python_of("engine")
-    answer = subprocess.run([str(python), "-c", code], capture_output=True, text=True, check=False)
+    answer = run_text([python, "-c", code])
     if answer.returncode == 0 and answer.stdout.strip() != torch:
         print(f"engine: torch is built for {answer.stdout.strip()}, {torch} is wanted", flush=True)
         Pip(python, log).uninstall("torch")

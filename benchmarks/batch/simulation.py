@@ -18,12 +18,12 @@ from distributed import Client, LocalCluster
 
 from engine.cameras.settings import CameraSettings
 from engine.events import ignore_events
-from engine.machine import Machine
 from engine.photos import inspect_photos, read_photos
 from engine.photos.settings import PhotoSettings
 from engine.planning.calibration import REFERENCE, Calibration
 from engine.planning.decisions import PlanSettings, WorkPlan, plan_work, training_settings
 from engine.planning.forecast import StageForecast, forecast_work
+from engine.system import Machine
 
 __all__ = ["simulation_table"]
 

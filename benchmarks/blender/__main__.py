@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine.formats import write_ply
-from engine.machine import describe_machine
 from engine.scene import Gaussians, read_camera_set
+from engine.system import describe_machine
 
 from .likeness import engine_picture, psnr
 from .window import ROOT, BlenderWindow, python_of

@@ -14,9 +14,9 @@ from engine.evaluation.results import Evaluation, Row, Word
 from engine.evaluation.settings import EvaluationSettings, PromptKind
 from engine.events import Emit, StopCheck
 from engine.files import finite_or_null, read_json, write_json
-from engine.machine import cpu_seconds, describe_machine
 from engine.objects import DetectorFactory, SamFactory
 from engine.project_folder import ProjectFolder, stage_key
+from engine.system import cpu_seconds, describe_machine
 
 from .results import METHODS, VERSION
 

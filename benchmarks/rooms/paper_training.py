@@ -29,11 +29,11 @@ from engine.evaluation.settings import EvaluationSettings, PromptKind
 from engine.events import ignore_events, never_stop
 from engine.files import finite_or_null, read_json, write_json
 from engine.grounding import load_default_detector
-from engine.machine import describe_machine
 from engine.masks import load_default_sam
 from engine.planning import PlanSettings, choose_sizes, plan_work, training_settings
 from engine.project_folder import ProjectFolder
 from engine.rasterizer import choose_training_device
+from engine.system import describe_machine
 
 from ..documents import put_into
 from .draws import CHOOSING_ROOMS

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from engine.errors import EnvironmentProblem, HeritageError
 from engine.files import file_sha256, read_json, write_json
-from engine.machine import cpu_seconds
+from engine.system import cpu_seconds
 
 from .draws import Room
 from .repository import Repository

@@ -21,8 +21,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from engine.machine import describe_machine
 from engine.planning.benchmark import calibrate
+from engine.system import describe_machine
 
 from .kills_engine import shorten_stages
 from .kills_fixture import KINDS, Fixture, Kind

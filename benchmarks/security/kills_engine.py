@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from engine.signal_masks import signals_held_back
+from engine.system import signals_held_back
 
 # As in `engine.__main__`: threads that libraries start must not take signals.
 with signals_held_back():

@@ -406,8 +406,8 @@ class _ThreeGaussians:
 
 
 def _calibration(folder: Path, *, again: bool = True) -> object:
-    from engine.machine import Machine
     from engine.planning.calibration import Benchmark, load_calibration
+    from engine.system import Machine
 
     def measure() -> Benchmark:
         if again:

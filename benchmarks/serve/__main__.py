@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from engine.evaluation import write_section
-from engine.machine import describe_machine
+from engine.system import describe_machine
 
 from .page import page_rows
 from .server import Row, server_rows

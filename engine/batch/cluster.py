@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 from collections.abc import Iterator
 
 import dask
 from distributed import Client, Nanny, Scheduler, SpecCluster
 
 from ..errors import EnvironmentProblem
-from ..machine import describe_machine
+from ..system import describe_machine, usable_cores
 from .engine_process import CORES_VARIABLE
 from .settings import BatchSettings
 
@@ -66,7 +65,7 @@ def connected_client(settings: BatchSettings) -> Iterator[Client]:
 
 def _local_cluster(settings: BatchSettings) -> SpecCluster:
     machine = describe_machine()
-    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(machine.cores))
+    cores = list(usable_cores())
     free = machine.free_bytes or _ONE_WORKER_BYTES
     n = settings.workers or max(1, min(len(cores), free // _BYTES_PER_WORKER))
     threads = settings.threads or max(1, len(cores) // n)

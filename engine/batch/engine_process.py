@@ -9,9 +9,9 @@ from __future__ import annotations
 import contextlib
 import os
 import runpy
-import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -19,11 +19,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from ..child_process import end_with_parent
 from ..errors import DiskError
 from ..events import Event, Metric, StageFinished, from_json_line, to_json_line
 from ..jobs import JobState
-from ..machine import cpu_seconds
+from ..system import (
+    STOP_VARIABLE,
+    cpu_seconds,
+    end_children_with_this_process,
+    end_with_parent,
+    kill_group,
+    no_core_dumps,
+    own_group,
+    request_stop,
+    use_cores,
+)
 
 __all__ = ["CORES_VARIABLE", "EngineProcess"]
 
@@ -33,6 +42,7 @@ CORES_VARIABLE = "GAUSSIAN_HERITAGE_CORES"
 _ROOT = Path(__file__).resolve().parents[2]
 _MODULE = f"{__package__}.engine_process"
 _CPU_SECONDS = "process_cpu_seconds"
+_STOP = "stop"
 _MAX_LINE = 1 << 20
 _KEPT_ERRORS = 4096
 
@@ -53,6 +63,7 @@ class EngineProcess:
     """
 
     process: subprocess.Popen[bytes]
+    _folder: tempfile.TemporaryDirectory[str]
     state: JobState = field(default_factory=JobState)
     computed: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
@@ -76,6 +87,7 @@ class EngineProcess:
             When it cannot be started.
         """
         paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        folder = tempfile.TemporaryDirectory(prefix="gaussian-heritage-")
         try:
             process = subprocess.Popen(
                 # -P: a file in the current folder must not pass for a module of ours.
@@ -83,13 +95,13 @@ class EngineProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-                start_new_session=True,
-                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), STOP_VARIABLE: str(Path(folder.name, _STOP))},
+                **own_group(),
             )
         except OSError as error:
+            folder.cleanup()
             raise DiskError(f"{sys.executable} could not be started: {error.strerror or error}. Check it.") from error
-        run = cls(process)
+        run = cls(process, folder)
         assert process.stdout is not None and process.stderr is not None
         run._readers = [
             threading.Thread(target=run._read_events, args=(process.stdout, on_event), daemon=True),
@@ -102,8 +114,9 @@ class EngineProcess:
     def stop(self) -> None:
         """Ask the engine to stop at its next safe point."""
         self.stopped = True
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            self.process.send_signal(getattr(signal, "CTRL_BREAK_EVENT", signal.SIGINT))
+        # The folder is gone when the engine has ended.
+        with contextlib.suppress(OSError):
+            request_stop(Path(self._folder.name, _STOP))
 
     def wait(self) -> int:
         """Wait for the end and return the exit code; negative: killed by the signal of this number."""
@@ -113,7 +126,8 @@ class EngineProcess:
                 reader.join()
         finally:
             if self.process.poll() is None:
-                self.process.kill()
+                kill_group(self.process)
+            self._folder.cleanup()
             assert self.process.stdin is not None
             self.process.stdin.close()
         return code
@@ -148,15 +162,17 @@ class EngineProcess:
 
 def _use_cores(numbers: str) -> None:
     """Keep this process and the threads that it starts on these cores, where the system can do that."""
-    if numbers and hasattr(os, "sched_setaffinity"):
+    if numbers:
         with contextlib.suppress(ValueError, OSError):  # cores that this machine does not have
-            os.sched_setaffinity(0, {int(number) for number in numbers.split(",")})
+            use_cores(int(number) for number in numbers.split(","))
 
 
 def _main() -> int:
     """Run the engine in this process, the child, and say at the end what it took."""
     # Before NumPy and torch count the cores.
     _use_cores(os.environ.get(CORES_VARIABLE, ""))
+    no_core_dumps()
+    end_children_with_this_process()
     end_with_parent(sys.stdin.buffer)
     code, begin = 0, time.perf_counter()
     try:

@@ -9,8 +9,8 @@ import os
 from pathlib import Path, PurePosixPath
 from typing import TypedDict
 
-from ..errors import DiskError, FormatError, ProjectError
-from ..files import TEMPORARY_PREFIX, atomic_write, delete_derived, path_within, read_bytes
+from ..errors import FormatError, ProjectError
+from ..files import TEMPORARY_PREFIX, atomic_write, delete_derived, path_within, read_bytes, write_problem
 from ..photos import picture_files
 from ..project_folder import PROJECT_FILE
 
@@ -110,7 +110,7 @@ def unpack(files: Files, folder: Path) -> None:
                 stream.write(content)
             os.utime(path, ns=(changed, changed))
     except OSError as error:
-        raise DiskError(f"{folder} cannot be written: {error.strerror or error}. Free some space.") from error
+        raise write_problem(folder, error) from error
 
 
 def mirror(files: Files, project: Path) -> None:

@@ -20,7 +20,7 @@ from distributed import get_worker
 from .. import __version__
 from ..errors import DiskError, EnvironmentProblem, HeritageError, ProjectInUse
 from ..events import ErrorEvent, Event, Finished, Metric, Progress, to_json_line
-from ..files import check, delete_derived
+from ..files import check, delete_derived, write_problem
 from ..project_folder import ProjectFolder
 from ..stages import STAGES
 from .engine_process import EngineProcess
@@ -86,9 +86,7 @@ def run_stage(request: dict[str, Any], bundle: Bundle | None = None) -> dict[str
             try:
                 scratch = Path(tempfile.mkdtemp(prefix="batch-", dir=worker.local_directory))
             except OSError as error:
-                raise DiskError(
-                    f"{worker.local_directory} cannot be written: {error.strerror or error}. Free some space."
-                ) from error
+                raise write_problem(Path(worker.local_directory), error) from error
             photos, out = scratch / "photos", scratch / "project"
             unpack(bundle["photos"], photos)
             unpack(bundle["project"], out)

@@ -14,7 +14,6 @@ from ..cameras.settings import CameraSettings
 from ..errors import Cancelled, EnvironmentProblem
 from ..events import Emit, Event, Metric, Preview, Progress, StageFinished, StageStarted, StopCheck
 from ..gaussians import load_gaussians
-from ..machine import describe_machine
 from ..pipeline import PipelineSettings
 from ..planning import (
     Calibration,
@@ -33,6 +32,7 @@ from ..project_folder import PROJECT_FILE, ProjectFolder
 from ..rasterizer import choose_training_device
 from ..scene import Gaussians
 from ..settings import to_dict
+from ..system import describe_machine
 from ..training import gaussians_so_far, latest_run, measure_quality, read_progress
 from ..training.settings import PRESETS, TrainingSettings
 from .prepared import PreparedScene, prepare, prepare_masks, read_prepared, train_prepared

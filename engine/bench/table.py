@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,8 +11,8 @@ from .. import __version__
 from ..evaluation import write_section
 from ..evaluation.settings import IN_SAMPLE_PHOTO_SETS, IN_SAMPLE_SCENES, MARKS
 from ..files import atomic_write, finite_or_null, write_json
-from ..machine import describe_machine
 from ..report import compare_curves
+from ..system import describe_machine, describe_system
 from .comparison import Row, pareto_front, savings
 
 __all__ = ["markdown", "write_comparison"]
@@ -139,7 +138,7 @@ def _body(rows: Sequence[Row], *, command: str, mark: str) -> str:
     return (
         f"```\n{command}\n```\n\n{mark}\n\n{markdown(rows)}\n\n"
         f"Errors on {measured}. Gaussian Heritage {__version__}, {machine.cores} cores, "
-        f"{platform.system()} {platform.machine()}{_cards(rows)}."
+        f"{describe_system()}{_cards(rows)}."
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import os
 import sqlite3
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,6 +17,7 @@ from ..files import delete_derived, read_json, write_json
 from ..project_folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
 from ..settings import to_dict
+from ..system import replace_file
 from .colmap import pycolmap
 from .colmap_calls import opened_database, require_free_space, threads_for_colmap, translated, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
@@ -168,7 +168,7 @@ def _create_database(workspace: SfmWorkspace) -> None:
             first = first_of_group.pop(image.name.split("/")[0], None)
             if first is not None:
                 database.update_camera(_lens(database.read_camera(image.camera_id), first, workspace))
-    os.replace(unfinished, workspace.database)
+    replace_file(unfinished, workspace.database)
 
 
 def _lens(guess: pycolmap.Camera, copy: WorkingCopy, workspace: SfmWorkspace) -> pycolmap.Camera:

@@ -6,12 +6,13 @@ COLMAP does not notice the end of a file: it goes on with zeros, for as many rec
 from __future__ import annotations
 
 import mmap
+import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import CameraError
-from ..files import opened
+from ..files import mapped, opened
 from .colmap import pycolmap
 
 __all__ = ["require_whole_files"]
@@ -55,14 +56,15 @@ def require_whole_files(folder: Path, advice: str) -> None:
         if name not in _REQUIRED and not file.exists():
             continue
         with opened(file, advice=advice) as stream:
-            if file.stat().st_size < _COUNT.size:
+            size = stream.seek(0, os.SEEK_END)
+        if size < _COUNT.size:
+            raise CameraError(f"{file} ends too early. {advice}")
+        with mapped(file, advice=advice) as data:
+            end = _end(data, end_of_record)
+            if end is None or end > len(data):
                 raise CameraError(f"{file} ends too early. {advice}")
-            with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                end = _end(data, end_of_record)
-                if end is None or end > len(data):
-                    raise CameraError(f"{file} ends too early. {advice}")
-                if end < len(data):
-                    raise CameraError(f"{file} has {len(data) - end:,} bytes more than its content needs. {advice}")
+            if end < len(data):
+                raise CameraError(f"{file} has {len(data) - end:,} bytes more than its content needs. {advice}")
 
 
 def _end(data: mmap.mmap, end_of_record: Callable[[mmap.mmap, int], int]) -> int | None:

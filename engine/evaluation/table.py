@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import platform
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Literal
 
 from .. import __version__
 from ..files import atomic_write
-from ..machine import describe_machine
+from ..system import describe_machine, describe_system
 from .document import write_section
 from .picture import curve_picture
 from .results import Evaluation, Row, Word, mean_of
@@ -136,7 +135,7 @@ def write_evaluation(path: Path, evaluation: Evaluation, *, title: str, command:
             stream.write(curve_picture(evaluation))
         parts.append(f"![IoU against CPU seconds]({image.name})")
     parts.append(_conditions(evaluation))
-    parts.append(f"Gaussian Heritage {__version__}, {machine.cores} cores, {platform.system()} {platform.machine()}.")
+    parts.append(f"Gaussian Heritage {__version__}, {machine.cores} cores, {describe_system()}.")
     heading = f"{title}, {_PROMPTED_BY[kind]}"
     write_section(path, introduction=INTRODUCTION, title=heading, body="\n\n".join(parts), closing=MEANINGS)
 

@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from .deleting import delete_derived
     from .kept_arrays import keep_arrays, read_kept_arrays
     from .paths import is_inner_name, object_file, path_within, require_no_links_out
-    from .reading import opened, parse_json, read_bytes, read_json, read_text
+    from .reading import mapped, opened, parse_json, read_bytes, read_json, read_text
     from .recorded import FILE_RECORD, FileRecord, is_as_recorded, record_of
     from .replacing import finish_replacements, replace_together
     from .schema import Schema, check, optional
     from .stored_package import StoredPackage, opened_package, write_zip
     from .versions import Migration, read_versioned
-    from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json
+    from .writing import TEMPORARY_PREFIX, atomic_write, file_sha256, finite_or_null, write_json, write_problem
 
 __all__ = [
     "FILE_RECORD",
@@ -39,6 +39,7 @@ __all__ = [
     "is_as_recorded",
     "is_inner_name",
     "keep_arrays",
+    "mapped",
     "object_file",
     "opened",
     "opened_package",
@@ -56,6 +57,7 @@ __all__ = [
     "replace_together",
     "require_no_links_out",
     "write_json",
+    "write_problem",
     "write_zip",
 ]
 

@@ -19,7 +19,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..machine import free_memory
+from ..system import free_memory
 from .reading import opened
 
 __all__ = ["ArraySpec", "read_array", "read_arrays"]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from ..errors import DiskError
+from ..system import delete_file, delete_tree
 from .paths import path_within
 
 __all__ = ["delete_derived"]
@@ -31,10 +31,11 @@ def delete_derived(folder: Path, *names: str) -> None:
     path = path_within(folder, *names)
     try:
         if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
+            delete_tree(path)
         else:
-            path.unlink(missing_ok=True)
+            delete_file(path)
     except FileNotFoundError:
         pass  # another process deleted it meanwhile
     except OSError as error:
-        raise DiskError(f"Could not delete {path}: {error.strerror or error}. Close programs that use it.") from error
+        which, why = error.filename or path, error.strerror or error
+        raise DiskError(f"Could not delete {which}: {why}. Close programs that use it, then run again.") from error

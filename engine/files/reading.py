@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import mmap
 import re
 import stat
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from typing import IO, Any, NoReturn
 from ..errors import FormatError
 from .schema import Schema, check
 
-__all__ = ["opened", "parse_json", "read_bytes", "read_json", "read_text"]
+__all__ = ["mapped", "opened", "parse_json", "read_bytes", "read_json", "read_text"]
 
 _MAX_TEXT_BYTES = 16 << 20
 _MAX_DECODED_BYTES = 192 << 20
@@ -51,6 +52,16 @@ def opened(path: Path, *, advice: str) -> Iterator[IO[bytes]]:
     # ValueError: a null character in the name.
     except (OSError, ValueError) as error:
         raise FormatError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}. {advice}") from error
+
+
+@contextlib.contextmanager
+def mapped(path: Path, *, advice: str) -> Iterator[mmap.mmap]:
+    """Map a file that is not empty into memory, for reading; raises `FormatError` as `opened` does.
+
+    The file is opened anew: on Windows, mapping an open file moves its position, which readers of it do not expect.
+    """
+    with opened(path, advice=advice) as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        yield data
 
 
 def read_bytes(path: Path, *, max_bytes: int, advice: str) -> bytes:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from ..errors import FormatError
+from ..system import change_time_ns
 from .schema import Schema
 from .writing import file_sha256
 
@@ -54,12 +55,13 @@ def is_as_recorded(path: Path, record: FileRecord) -> bool:
 
 
 def _sha256(path: Path, found: os.stat_result) -> str:
-    identity = (str(path), found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns)
+    changed = change_time_ns(path, found)
+    identity = (str(path), found.st_ino, found.st_size, found.st_mtime_ns, changed)
     known = _hashes.get(identity)
     if known is not None:
         return known
     digest = file_sha256(path)
-    if time.time() - max(found.st_mtime, found.st_ctime) > _SETTLED_SECONDS:
+    if time.time() - max(found.st_mtime_ns, changed) / 1e9 > _SETTLED_SECONDS:
         if len(_hashes) >= _MAX_REMEMBERED:
             _hashes.clear()
         _hashes[identity] = digest

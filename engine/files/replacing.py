@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from ..errors import DiskError
+from ..system import delete_file, replace_file
 from .deleting import delete_derived
-from .writing import TEMPORARY_PREFIX
+from .writing import TEMPORARY_PREFIX, write_problem
 
 __all__ = ["finish_replacements", "replace_together"]
 
@@ -46,11 +46,9 @@ def replace_together(folder: Path, *, optional: Collection[str] = ()) -> Iterato
         for name in optional:
             if not (new / name).exists():
                 (new / name).touch()
-        os.replace(new, folder / _COMPLETE)
+        replace_file(new, folder / _COMPLETE)
     except OSError as error:
-        raise DiskError(
-            f"Could not write {folder}: {error.strerror or error}. Free some space or choose another folder."
-        ) from error
+        raise write_problem(folder, error) from error
     finally:
         if new.is_dir():
             delete_derived(folder, _NEW)
@@ -77,11 +75,11 @@ def _publish(folder: Path) -> None:
         names = sorted(path.name for path in complete.iterdir() if path.is_file() and not path.is_symlink())
         names.sort(key=lambda name: name.endswith(".json"))
         for name in reversed(names):
-            (folder / name).unlink(missing_ok=True)
+            delete_file(folder / name)
         for name in names:
             # An empty file stands for one that is only deleted.
             if (complete / name).stat().st_size:
-                os.replace(complete / name, folder / name)
+                replace_file(complete / name, folder / name)
     except OSError as error:
         raise DiskError(
             f"Could not replace the files of {folder}: {error.strerror or error}. Close programs that use them, then "

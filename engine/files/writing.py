@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..errors import DiskError
+from ..system import advice_for, delete_file, replace_file
 
-__all__ = ["TEMPORARY_PREFIX", "atomic_write", "file_sha256", "finite_or_null", "write_json"]
+__all__ = ["TEMPORARY_PREFIX", "atomic_write", "file_sha256", "finite_or_null", "write_json", "write_problem"]
 
 TEMPORARY_PREFIX = ".writing-"
 
@@ -45,15 +46,20 @@ def atomic_write(path: Path, mode: str = "wb") -> Iterator[IO[Any]]:
             stream.flush()
             os.fsync(stream.fileno())
         temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, path)
+        replace_file(temporary, path)
         temporary = None
     except OSError as error:
-        raise DiskError(
-            f"Could not write {path}: {error.strerror or error}. Free some space or choose another folder."
-        ) from error
+        raise write_problem(path, error) from error
     finally:
         if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            # What cannot be deleted now is deleted by the next run in this project.
+            with contextlib.suppress(OSError):
+                delete_file(temporary)
+
+
+def write_problem(path: Path, error: OSError) -> DiskError:
+    """Return the error to raise when `path` could not be written: with the reason, and what to do about it."""
+    return DiskError(f"Could not write {path}: {error.strerror or error}. {advice_for(error, path)}")
 
 
 def _umask() -> int:

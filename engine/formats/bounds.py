@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError
-from ..machine import free_memory
 from ..scene import Gaussians
+from ..system import free_memory
 
 __all__ = ["require_memory", "usable_rows"]
 

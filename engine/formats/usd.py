@@ -22,6 +22,7 @@ from .. import __version__
 from ..errors import DiskError, EnvironmentProblem, FormatError
 from ..files import TEMPORARY_PREFIX
 from ..scene import Gaussians
+from ..system import replace_file
 from .ply import check_finite
 from .transform import transform_gaussians
 
@@ -146,7 +147,7 @@ def _save(layer: Any, path: Path) -> None:
                 raise OSError("OpenUSD could not write it")
             with temporary.open("rb+") as stream:
                 os.fsync(stream.fileno())
-            os.replace(temporary, path)
+            replace_file(temporary, path)
     except (OSError, Tf.ErrorException) as error:
         reason = getattr(error, "strerror", None) or error
         raise DiskError(f"Could not write {path}: {reason}. Free some space or choose another folder.") from error

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..errors import Cancelled, HeritageError
 from ..events import Emit, ErrorEvent, Event, Finished, Progress, StopCheck, Warned, to_json_line
-from ..stop_on_signal import StopOnSignal
+from ..system import SYSTEMS, StopOnSignal, end_children_with_this_process
 from .environment import EngineEnvironment, default_folder
 
 
@@ -34,8 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     remove = commands.add_parser("remove", help="delete it")
     remove.add_argument("--folder", type=Path, default=default_folder(), help="(default: %(default)s)")
     remove.set_defaults(run=_remove)
-    bundle = commands.add_parser("bundle", help="write an offline bundle for computers like this one")
+    bundle = commands.add_parser("bundle", help="write an offline bundle for this kind of computer or another")
     bundle.add_argument("out", type=Path, metavar="FILE.zip")
+    bundle.add_argument("--system", choices=tuple(SYSTEMS), help="what it is for (default: computers like this one)")
+    bundle.add_argument("--python-version", metavar="3.N", help="Python that it is for (default: that of --python)")
     bundle.add_argument("--python", type=Path, default=Path(sys.executable), help="(default: %(default)s)")
     bundle.add_argument("--torch", choices=("cpu", "cuda"), default="cpu", help="(default: %(default)s)")
     bundle.set_defaults(run=_bundle)
@@ -44,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     emit: Emit = _print_json if options.events else _print_text
     try:
+        end_children_with_this_process()
         with StopOnSignal() as should_stop:
             options.run(options, emit, should_stop)
     except HeritageError as error:
@@ -75,7 +78,10 @@ def _bundle(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> 
     from ..models import models_folder
     from .bundle import write_bundle
 
-    bundle = write_bundle(options.out.absolute(), options.python, models_folder(), options.torch, emit)
+    bundle = write_bundle(
+        options.out.absolute(), options.python, models_folder(), options.torch, emit,
+        system=SYSTEMS[options.system] if options.system else None, version=options.python_version,
+    )  # fmt: skip
     size = bundle.file.stat().st_size / 1e6
     emit(Finished(f"{bundle.file}: {size:.0f} MB, for {bundle.platform} with Python {bundle.python}"))
 

@@ -1,15 +1,13 @@
 """The offline bundle: one file from which a computer without a network installs the engine.
 
 A zip with ``bundle.json`` (what it is for, and the SHA-256 of each file), ``wheels/`` and ``models/``. It serves one
-operating system, processor and version of Python: those it was made on.
+operating system, processor and version of Python, and can be made on any other.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import platform
-import sys
 import tempfile
 import zipfile
 from collections.abc import Mapping
@@ -21,12 +19,14 @@ from ..errors import EnvironmentProblem, FormatError, HeritageError
 from ..events import Emit, Progress
 from ..files import atomic_write, file_sha256, parse_json
 from ..models.catalogue import CATALOGUE
+from ..system import System, package_system, this_system, unsupported
 from .locked import locked_arguments, locked_file
 from .pip_command import Pip
-from .pythons import usable, version_text
+from .pythons import VERSIONS, usable, version_text
+from .target import Target
 from .torch_builds import torch_source
 
-__all__ = ["Bundle", "this_platform", "write_bundle"]
+__all__ = ["Bundle", "write_bundle"]
 
 _INFO = "bundle.json"
 _SCHEMA = {"version": int, "platform": str, "python": str, "torch": str, "files": {str: str}}
@@ -34,11 +34,6 @@ _VERSION = 1
 _MAX_INFO_BYTES = 1 << 20
 _ADVICE = "Copy it again, or make it again with `make offline-bundle`."
 _CHUNK = 1 << 20
-
-
-def this_platform() -> str:
-    """Return the operating system and processor, for example ``linux-x86_64``."""
-    return f"{sys.platform}-{platform.machine().lower()}"
 
 
 @dataclass(frozen=True)
@@ -49,7 +44,7 @@ class Bundle:
     ----------
     file : Path
     platform : str
-        As `this_platform`.
+        As `system.package_system`.
     python : str
         Version of Python, for example ``3.11``.
     torch : str
@@ -72,8 +67,6 @@ class Bundle:
         ------
         FormatError
             When the file is not an offline bundle, or is damaged.
-        EnvironmentProblem
-            When it is for another kind of computer.
         """
         if not file.is_file():  # opening a named pipe would wait for its other end
             raise FormatError(f"{file} is not a file. Choose the offline bundle.")
@@ -86,13 +79,15 @@ class Bundle:
         info = parse_json(text, _SCHEMA, source=f"{_INFO} in {file}", advice=_ADVICE)
         if info["version"] != _VERSION:
             raise FormatError(f"{file} was made for another version of Gaussian Heritage. Make it again with this one.")
-        bundle = cls(file, info["platform"], info["python"], info["torch"], info["files"])
-        if bundle.platform != this_platform():
+        return cls(file, info["platform"], info["python"], info["torch"], info["files"])
+
+    def require_this_system(self) -> None:
+        """Raise `EnvironmentProblem` when the bundle is for another kind of computer."""
+        if self.platform != package_system():
             raise EnvironmentProblem(
-                f"{file} is for {bundle.platform}, and this computer is {this_platform()}. Make a bundle on a computer "
-                "of the same kind."
+                f"{self.file} is for {self.platform}, and this computer is {package_system()}. Make a bundle for it: "
+                "`make offline-bundle SYSTEM=windows`, macos or linux, on any computer."
             )
-        return bundle
 
     def unpack(self, folder: Path, emit: Emit) -> None:
         """Unpack all files into `folder`, verifying each.
@@ -130,38 +125,59 @@ class Bundle:
                 raise FormatError(f"{self.file} is damaged: {target.name} has another SHA-256. {_ADVICE}")
 
 
-def write_bundle(out: Path, python: Path, models: Path, build: str, emit: Emit) -> Bundle:
-    """Write a bundle for computers like this one.
+def write_bundle(
+    out: Path,
+    python: Path,
+    models: Path,
+    build: str,
+    emit: Emit,
+    *,
+    system: System | None = None,
+    version: str | None = None,
+) -> Bundle:
+    """Write a bundle for computers like this one, or for another system.
 
     Parameters
     ----------
     out : Path
         Zip file; replaced if it exists.
     python : Path
-        A Python with pip, of the version that the bundle is for.
+        A Python with pip.
     models : Path
         Folder with the model files, as `models.models_folder`.
     build : {"cpu", "cuda"}
         Build of torch.
     emit : Emit
+    system : System, optional
+        What the bundle is for; by default, this computer.
+    version : str, optional
+        Version of Python that the bundle is for, for example "3.11"; by default, that of `python`.
 
     Raises
     ------
     EnvironmentProblem
-        When a package cannot be downloaded.
+        When a package cannot be downloaded, or this computer is none that the engine runs on and `system` is not given.
     DiskError
         When `out` or the folder for temporary files cannot be written.
     """
     interpreter = usable(python)
     if interpreter is None:
         raise EnvironmentProblem(f"{python} cannot be used: the engine needs a 64-bit CPython 3.11, 3.12 or 3.13.")
+    system, version = system or this_system(), version or version_text(interpreter.version)
+    if system is None:
+        raise EnvironmentProblem(unsupported())
+    if version not in map(version_text, VERSIONS):
+        raise EnvironmentProblem(f"The engine has no packages for Python {version}. Choose 3.11, 3.12 or 3.13.")
     with tempfile.TemporaryDirectory(prefix="gaussian-heritage-bundle-") as name:
-        wheels = Path(name) / "wheels"
+        wheels, target = Path(name) / "wheels", Target(system, version)
         pip = Pip(python, Path(name) / "pip.log")
-        emit(Progress("bundle", 0.0, message="Downloading the packages"))
-        pip.download(locked_arguments(locked_file("engine")), wheels)
-        pip.download(locked_arguments(locked_file("pip")), wheels)
-        source = torch_source(pip, build)
+        emit(Progress("bundle", 0.0, message=f"Downloading the packages for {system.title}, Python {version}"))
+        for part in ("engine", "pip"):
+            # pip evaluates conditions for the Python that it runs in.
+            chosen = Path(name) / f"{part}.txt"
+            chosen.write_text(target.requirements(locked_file(part)), encoding="utf-8")
+            pip.download([*target.arguments, *locked_arguments(chosen)], wheels)
+        source = torch_source(pip, build, target)
         emit(Progress("bundle", 0.4, message=f"Downloading {source.what}"))
         pip.download(source.arguments, wheels, one_index=source.one_index)
         content = {f"wheels/{file.name}": file for file in sorted(wheels.iterdir())}
@@ -171,7 +187,7 @@ def write_bundle(out: Path, python: Path, models: Path, build: str, emit: Emit) 
             raise EnvironmentProblem(f"{', '.join(missing)} is not in {models}. Run: python -m engine models fetch")
         hashes = {key: file_sha256(file) for key, file in content.items()}
         info = {
-            "version": _VERSION, "platform": this_platform(), "python": version_text(interpreter.version),
+            "version": _VERSION, "platform": system.packages, "python": version,
             "torch": source.build, "files": hashes,
         }  # fmt: skip
         with atomic_write(out) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:

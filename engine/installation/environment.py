@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from ..errors import DiskError, FormatError, ProjectError
-from ..files import delete_derived, read_json, write_json
+from ..files import delete_derived, read_json, read_text, write_json
+from ..system import engine_folder, python_in
 from .locked import fingerprint, locked_file
 
 __all__ = ["FOLDER_VARIABLE", "EngineEnvironment", "State", "default_folder"]
@@ -21,7 +21,7 @@ FOLDER_VARIABLE = "GAUSSIAN_HERITAGE_ENGINE"  # by definition
 
 State = Literal["missing", "incomplete", "outdated", "ready"]
 
-_STAMP, _MARK = "installed.json", "gaussian_heritage_engine.txt"
+_STAMP, _MARK, _VENV = "installed.json", "gaussian_heritage_engine.txt", "pyvenv.cfg"
 _SCHEMA = {"made_from": str, "python": str, "torch": str}
 _MARK_TEXT = "The Python environment of Gaussian Heritage's engine. Remove it in Blender's preferences.\n"
 
@@ -33,14 +33,7 @@ def default_folder() -> Path:
     """
     if configured := os.environ.get(FOLDER_VARIABLE):
         return Path(configured)
-    home = Path.home()
-    if sys.platform == "win32":
-        data = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        data = home / "Library" / "Application Support"
-    else:
-        data = Path(os.environ.get("XDG_DATA_HOME") or home / ".local" / "share")
-    return data / "gaussian-heritage" / "engine"
+    return engine_folder()
 
 
 @dataclass(frozen=True)
@@ -50,7 +43,7 @@ class EngineEnvironment:
     Attributes
     ----------
     folder : Path
-        Contains the virtual environment ``environment``, and the log ``installation.log``.
+        Contains the virtual environment ``env``, and the log ``installation.log``.
     """
 
     folder: Path
@@ -58,12 +51,12 @@ class EngineEnvironment:
     @property
     def root(self) -> Path:
         """The virtual environment."""
-        return self.folder / "environment"
+        return self.folder / "env"
 
     @property
     def python(self) -> Path:
         """Its interpreter."""
-        return self.root / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+        return python_in(self.root)
 
     @property
     def log(self) -> Path:
@@ -73,7 +66,8 @@ class EngineEnvironment:
     def state(self) -> State:
         """Return whether the engine can run here.
 
-        "incomplete" after an installation that was stopped or failed, "outdated" when another version of the engine,
+        "incomplete" after an installation that was stopped or failed, or when the Python that it is made from is gone,
+        as after an update of Blender, "outdated" when another version of the engine,
         with other requirements, made it. Blender asks at each redraw, so files are only read again after a change:
         reading may wait for a disk that a job is writing to.
         """
@@ -81,13 +75,9 @@ class EngineEnvironment:
 
     def _changed(self) -> tuple[int, ...]:
         """Return numbers that differ whenever `state` may have changed."""
-        times = []
-        for file in (self.folder / _MARK, self.folder / _STAMP, self.python):
-            try:
-                times.append(file.stat().st_mtime_ns)
-            except OSError:
-                times.append(0)
-        return tuple(times)
+        own = [self.folder / _MARK, self.folder / _STAMP, self.python, self.root / _VENV]
+        times = [_time_of(file) for file in own]
+        return (*times, *(_time_of(folder) for folder in _base_of(self.root, times[-1])))
 
     def begin(self) -> None:
         """Mark the folder as ours and as incomplete.
@@ -148,10 +138,31 @@ def _state(engine: EngineEnvironment, changed: tuple[int, ...]) -> State:
         stamp = read_json(engine.folder / _STAMP, _SCHEMA, advice="")
     except FormatError:
         return "incomplete"
-    if not engine.python.is_file():
+    if not engine.python.is_file() or not all(folder.is_dir() for folder in _base_of(engine.root, changed[3])):
         return "incomplete"
     current = stamp["made_from"] == _fingerprint(stamp["python"], stamp["torch"])
     return "ready" if current else "outdated"
+
+
+@functools.lru_cache(maxsize=4)
+def _base_of(environment: Path, changed: int) -> tuple[Path, ...]:
+    """Return the folder of the Python that an environment was made from; empty when it is not stated.
+
+    On Windows the environment's own interpreter is a program that starts that one: its file alone proves nothing.
+    """
+    try:
+        text = read_text(environment / _VENV, advice="")
+    except FormatError:
+        return ()
+    entries = (line.partition("=") for line in text.splitlines())
+    return tuple(Path(value.strip()) for name, sign, value in entries if sign and name.strip() == "home")
+
+
+def _time_of(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _fingerprint(python: str, build: str) -> str:

@@ -6,31 +6,36 @@ created anew.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from ..errors import EnvironmentProblem
 from ..events import Emit, ErrorEvent, Event, Finished, Progress, StageStarted, StopCheck, Warned, from_json_line
 from ..files import delete_derived
+from ..system import library_folder, missing_runtime, run_text, takes_path, unsupported
 from .bundle import Bundle
 from .contents import DISK_GB
-from .environment import EngineEnvironment
+from .environment import FOLDER_VARIABLE, EngineEnvironment
 from .locked import locked_arguments, locked_file, pinned, pins_in
 from .pip_command import Pip, run_logged
 from .pip_wheel import fetch_pip
 from .pythons import Interpreter, find_pythons, usable, version_text
 from .torch_builds import TorchSource, default_build, torch_source
 
-__all__ = ["install"]
+__all__ = ["LONGEST_PATH", "install"]
 
 STAGE = "set-up"
 _SHARES = {"environment": 0.04, "packages": 0.50, "torch": 0.30, "models": 0.16}  # by definition
 """Share of each step of the progress, by the time that it takes."""
+
+LONGEST_PATH = PurePath(
+    "Lib/site-packages/torch-2.13.0.dist-info/licenses/third_party/kineto/libkineto/third_party/dynolog/third_party/"
+    "prometheus-cpp/3rdparty/civetweb/src/third_party/duktape-1.8.0/LICENSE.txt"
+)
+"""The longest path of a package's file in an environment on Windows, tried before anything is downloaded."""
 
 _COLLECTING = re.compile(r"\s*Collecting ([\w.-]+)")
 _DOWNLOADING = re.compile(r"\s*Downloading (\S+) (\([\d.]+ [kMG]B\))")
@@ -84,7 +89,8 @@ def install(
     Raises
     ------
     EnvironmentProblem
-        When no Python fits, the disk has too little space, or a package cannot be installed.
+        When the packages do not exist for this computer, no Python fits, the disk has too little space, paths below the
+        folder would be too long, or a package cannot be installed.
     FormatError
         When the bundle is not one, or is damaged.
     ProjectError
@@ -96,11 +102,18 @@ def install(
     """
     emit = _without_repeats(emit)
     emit(StageStarted(STAGE))
+    if problem := unsupported() or missing_runtime():
+        raise EnvironmentProblem(problem)
     packed = Bundle.read(bundle) if bundle is not None else None
+    if packed is not None:
+        packed.require_this_system()
     wanted = packed.torch if packed is not None else default_build() if build == "auto" else build
-    if not environment.root.exists():
+    is_new = not environment.root.exists()
+    if is_new:
         _require_space(environment, wanted)
     environment.begin()
+    if is_new:
+        _require_short_path(environment)
     unpacked = environment.folder / "unpacked"
     try:
         wheels = models = None
@@ -111,6 +124,8 @@ def install(
         try:
             version, source = _install_packages(run, pythons, wanted, packed)
         except _Damaged:
+            if is_new:
+                raise
             # What an earlier installation left.
             delete_derived(environment.folder, environment.root.name)
             version, source = _install_packages(run, pythons, wanted, packed)
@@ -229,7 +244,7 @@ def _pip_install(run: _Run, step: str, arguments: Sequence[object], *, one_index
     """Install packages and report each that is downloaded, and how many are installed."""
     files = [Path(str(one)) for one in arguments if isinstance(one, Path)]
     wanted = max(1, sum(len(pins_in(file)) for file in files))
-    packages = run.environment.root / ("Lib" if os.name == "nt" else "lib")
+    packages = library_folder(run.environment.root)
     before, collected, message = _count_packages(packages), 0, "Installing the packages"
 
     def read(line: str) -> None:
@@ -293,6 +308,15 @@ def _require_space(environment: EngineEnvironment, build: str) -> None:
         )
 
 
+def _require_short_path(environment: EngineEnvironment) -> None:
+    """Raise when the longest file of a package would not fit, as with long names of users on Windows."""
+    if not takes_path(environment.folder, environment.root.name / LONGEST_PATH):
+        raise EnvironmentProblem(
+            f"Files of PyTorch below {environment.folder} would have longer paths than this system allows. Name a "
+            f"folder with a shorter path in the environment variable {FOLDER_VARIABLE}, for example C:\\heritage, "
+            "start Blender again, and set up the engine there."
+        )
+
+
 def _works(command: Sequence[object]) -> bool:
-    words = [str(word) for word in command]
-    return subprocess.run(words, capture_output=True, stdin=subprocess.DEVNULL, check=False).returncode == 0
+    return run_text(command).returncode == 0

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..errors import Cancelled, DiskError, EnvironmentProblem
 from ..files import parse_json
+from ..system import no_window, run_text, with_utf8
 
 __all__ = ["ONE_INDEX", "Pip", "run_logged"]
 
@@ -78,7 +79,8 @@ def run_logged(
                 stdin=subprocess.DEVNULL,
                 stdout=record,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, **(variables or {})},
+                env=with_utf8({**os.environ, **(variables or {})}),
+                **no_window(),
             )
         except OSError as error:
             raise EnvironmentProblem(f"{command[0]} could not be started: {error.strerror or error}.") from error
@@ -167,17 +169,18 @@ class Pip:
         problem = f"the other {package} could not be removed"
         run_logged([self.python, "-m", "pip", "uninstall", "--yes", package], self._log, problem)
 
-    def offered(self, arguments: Sequence[object], *, one_index: bool = False) -> dict[str, Any] | None:
-        """Return pip's report of the one package that it would install, None when it finds none within 20 s."""
-        command = [self.python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
+    def offered(
+        self, arguments: Sequence[object], *, one_index: bool = False, elsewhere: bool = False
+    ) -> dict[str, Any] | None:
+        """Return pip's report of the one package that it would install, None when it finds none within 20 s.
+
+        With `elsewhere`, `arguments` name another kind of computer, for which pip only installs into a folder.
+        """
+        command: list[object] = [self.python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
         command += ["--report", "-", "--retries", "1", "--timeout", "20", *self._sources, *arguments]
-        answer = subprocess.run(
-            [str(part) for part in command],
-            capture_output=True,
-            text=True,
-            check=False,
-            env={**os.environ, **(ONE_INDEX if one_index else {})},
-        )
+        if elsewhere:
+            command += ["--target", self._log.parent / "nowhere"]
+        answer = run_text(command, environment={**os.environ, **(ONE_INDEX if one_index else {})})
         if answer.returncode:
             return None
         report = parse_json(answer.stdout, _REPORT, source="pip's report", advice="Update pip.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -9,6 +10,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from ..system import package_system, run_text
 
 __all__ = ["VERSIONS", "Interpreter", "find_python", "find_pythons", "usable", "version_text"]
 
@@ -18,7 +21,8 @@ VERSIONS = ((3, 11), (3, 12), (3, 13))  # by definition
 _PROBE = """
 import importlib.util, platform, struct, sys
 has = [importlib.util.find_spec(name) is not None for name in ("venv", "ensurepip")]
-print(platform.python_implementation(), *sys.version_info[:2], 8 * struct.calcsize("P"), *has, sys.executable, sep="|")
+print(platform.python_implementation(), *sys.version_info[:2], 8 * struct.calcsize("P"), *has, platform.machine(),
+      ascii(sys.executable), sep="|")
 """
 _MAX_SECONDS = 30  # by definition
 
@@ -96,7 +100,7 @@ def _candidates(major: int, minor: int) -> Iterator[list[str]]:
         yield ["py", f"-{major}.{minor}"]
     uv = shutil.which("uv")
     if uv:
-        answer = subprocess.run([uv, "python", "find", f"{major}.{minor}"], capture_output=True, text=True, check=False)
+        answer = run_text([uv, "python", "find", f"{major}.{minor}"])
         if answer.returncode == 0:
             yield [answer.stdout.strip()]
 
@@ -104,17 +108,19 @@ def _candidates(major: int, minor: int) -> Iterator[list[str]]:
 def _probe(command: list[str]) -> Interpreter | None:
     """Return the Python that `command` starts; None when it does not, or is no 64-bit CPython with `venv`."""
     try:
-        answer = subprocess.run(
-            [*command, "-c", _PROBE],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=_MAX_SECONDS,
-            stdin=subprocess.DEVNULL,
-        )
+        answer = run_text([*command, "-c", _PROBE], timeout=_MAX_SECONDS)
     except (OSError, subprocess.TimeoutExpired):
         return None
-    words = answer.stdout.strip().split("|")
-    if answer.returncode or len(words) != 7 or words[0] != "CPython" or words[3:5] != ["64", "True"]:
+    words = answer.stdout.strip().split("|", 7)
+    # Of the same processor as this Python: on Windows for ARM and on Apple chips, others run too, with other packages.
+    own = [package_system().partition("-")[2]]
+    if (
+        answer.returncode
+        or len(words) != 8
+        or words[0] != "CPython"
+        or words[3:5] != ["64", "True"]
+        or [word.lower() for word in words[6:7]] != own
+    ):
         return None
-    return Interpreter(Path(words[6]), (int(words[1]), int(words[2])), words[5] == "True")
+    # In ASCII, since another Python writes its path in the code page of the system.
+    return Interpreter(Path(ast.literal_eval(words[7])), (int(words[1]), int(words[2])), words[5] == "True")

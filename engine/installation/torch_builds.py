@@ -7,15 +7,14 @@ hashes are not known.
 
 from __future__ import annotations
 
-import ctypes.util
-import shutil
-import sys
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import EnvironmentProblem
+from ..system import has_nvidia_driver, package_system
 from .locked import hashes_in, locked_arguments, locked_file, pinned
 from .pip_command import Pip
+from .target import Target
 
 __all__ = ["TorchSource", "default_build", "torch_source"]
 
@@ -47,14 +46,10 @@ class TorchSource:
 
 def default_build() -> str:
     """Return "cuda" where this computer has an NVIDIA driver, else "cpu"; on macOS, "cpu" includes Apple's GPU."""
-    if sys.platform == "darwin":
-        return "cpu"
-    library = "nvcuda" if sys.platform == "win32" else "cuda"
-    has_driver = shutil.which("nvidia-smi") is not None or ctypes.util.find_library(library) is not None
-    return "cuda" if has_driver else "cpu"
+    return "cuda" if has_nvidia_driver() else "cpu"
 
 
-def torch_source(pip: Pip, build: str) -> TorchSource:
+def torch_source(pip: Pip, build: str, target: Target | None = None) -> TorchSource:
     """Return where `build` comes from.
 
     Parameters
@@ -62,6 +57,8 @@ def torch_source(pip: Pip, build: str) -> TorchSource:
     pip : Pip
         Its Python decides which files fit.
     build : {"cpu", "cuda"}
+    target : Target, optional
+        The computer that it is for; by default, this one.
 
     Returns
     -------
@@ -73,22 +70,29 @@ def torch_source(pip: Pip, build: str) -> TorchSource:
     EnvironmentProblem
         When no index that can be reached has torch for this Python.
     """
-    torch = pinned(locked_file("torch"))
+    torch, others = pinned(locked_file("torch")), [] if target is None else target.arguments
+    # PyPI's torch for Linux is the one for CUDA.
+    is_linux = (package_system() if target is None else target.system.packages).startswith("linux")
     index = PYTORCH_INDEX + ("cu130" if build == "cuda" else "cpu")
-    own = TorchSource(build, (*_ALONE, "--index-url", index, torch), True, f"torch ({build}) from {index}{_UNVERIFIED}")
-    if build == "cuda" and sys.platform == "win32":
+    own = TorchSource(
+        build, (*others, *_ALONE, "--index-url", index, torch), True, f"torch ({build}) from {index}{_UNVERIFIED}"
+    )
+    if build == "cuda" and not is_linux:
         return own
     with_cuda = TorchSource(
-        "cuda", (*locked_arguments(locked_file("torch")), "--requirement", locked_file("cuda")), False, "torch (cuda)"
+        "cuda",
+        (*others, *locked_arguments(locked_file("torch")), "--requirement", locked_file("cuda")),
+        False,
+        "torch (cuda)",
     )
     if build == "cuda":
         return with_cuda
-    offered = pip.offered([*_ALONE, torch])
-    if offered is not None and not _needs_cuda(offered):
+    offered = pip.offered([*others, *_ALONE, torch], elsewhere=target is not None)
+    if offered is not None and not (is_linux and _needs_cuda(offered)):
         if _sha256_of(offered) in hashes_in(locked_file("torch")):
-            return TorchSource("cpu", tuple(locked_arguments(locked_file("torch"))), False, "torch (cpu)")
-        return TorchSource("cpu", (*_ALONE, torch), False, f"torch (cpu){_UNVERIFIED}")
-    if pip.offered(own.arguments, one_index=True) is not None:
+            return TorchSource("cpu", (*others, *locked_arguments(locked_file("torch"))), False, "torch (cpu)")
+        return TorchSource("cpu", (*others, *_ALONE, torch), False, f"torch (cpu){_UNVERIFIED}")
+    if pip.offered(own.arguments, one_index=True, elsewhere=target is not None) is not None:
         return own
     if offered is None:
         raise EnvironmentProblem(
@@ -99,9 +103,9 @@ def torch_source(pip: Pip, build: str) -> TorchSource:
 
 
 def _needs_cuda(offered: dict[str, Any]) -> bool:
-    """Return whether the torch of pip's report requires the packages of CUDA on this computer."""
+    """Return whether the torch of pip's report requires the packages of CUDA on Linux."""
     names = offered["metadata"].get("requires_dist", [])
-    return sys.platform == "linux" and any(name.startswith(("nvidia-", "triton", "cuda-")) for name in names)
+    return any(name.startswith(("nvidia-", "triton", "cuda-")) for name in names)
 
 
 def _sha256_of(offered: dict[str, Any]) -> str:

@@ -1,8 +1,8 @@
 """Engine jobs: start, poll without blocking, cancel, and attach again after Blender was closed. Does not import bpy.
 
 A job has a folder with ``job.json`` (its process and command), ``events.jsonl`` (the engine's standard output) and
-``errors.txt`` (its standard error); a file ``taken`` says that the user has seen its end. It writes to files instead of
-pipes and runs in its own session, so that it continues when Blender ends.
+``errors.txt`` (its standard error); a file ``taken`` says that the user has seen its end, a file ``stop`` asks it to
+stop. It writes to files instead of pipes and runs in a group of its own, so that it continues when Blender ends.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import signal
 import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,15 +19,26 @@ from typing import Any
 
 from .. import events
 from ..errors import DiskError, EnvironmentProblem, FormatError, ProjectError
-from ..files import atomic_write, delete_derived, opened, path_within, read_json, write_json
-from .running_processes import process_runs
+from ..files import atomic_write, delete_derived, opened, optional, path_within, read_json, write_json
+from ..system import (
+    STOP_VARIABLE,
+    is_cheap_to_recognise,
+    kill_group,
+    kill_recognised,
+    own_group,
+    process_runs,
+    request_stop,
+    start_time,
+)
 
 __all__ = ["Job", "JobState", "format_seconds"]
 
 _LOG = logging.getLogger(__name__)
-_JOB, _EVENTS, _ERRORS, _TAKEN = "job.json", "events.jsonl", "errors.txt", "taken"
-_RECORD = {"kind": str, "subject": str, "pid": int, "command": [str]}
+_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP = "job.json", "events.jsonl", "errors.txt", "taken", "stop"
+_RECORD = {"kind": str, "subject": str, "pid": int, "command": [str], "started": optional((int, None))}
 _MAX_PID = 1 << 31
+_RECOGNISE_SECONDS = 5.0
+"""Seconds between two looks for the process of an earlier session, where that takes a process of its own (macOS)."""
 _LOG_INTERVAL = 15.0
 """Seconds between two log lines about the same stage."""
 _MAX_READ = 1 << 20
@@ -143,7 +152,9 @@ class Job:
         self.subject: str = record["subject"]
         self._pid: int = record["pid"]
         self.command: list[str] = record["command"]
+        self._started: int | None = record.get("started")
         self._process = process
+        self._recognised_at, self._recognised = -_RECOGNISE_SECONDS, True
         self._state = JobState()
         self._offset = 0
         self._skips_line = False
@@ -176,13 +187,10 @@ class Job:
         earlier = cls.attach(folder)
         if earlier is not None and earlier.poll().running:
             raise ProjectError(f"A job is still working on {earlier.subject}. Wait for it or cancel it first.")
-        own_group: dict[str, Any] = {"start_new_session": True}
-        if sys.platform == "win32":
-            own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             # Opening them would follow a link.
-            for name in (_JOB, _EVENTS, _ERRORS, _TAKEN):
+            for name in (_JOB, _EVENTS, _ERRORS, _TAKEN, _STOP):
                 delete_derived(folder, name)
             with (folder / _EVENTS).open("wb") as output, (folder / _ERRORS).open("wb") as errors:
                 process = subprocess.Popen(
@@ -190,15 +198,18 @@ class Job:
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=errors,
-                    env=dict(environment),
+                    env={**environment, STOP_VARIABLE: str(folder.absolute() / _STOP)},
                     cwd=folder,
-                    **own_group,
+                    **own_group(),
                 )
         except OSError as error:
             raise DiskError(
                 f"{command[0]} could not be started in {folder}: {error.strerror or error}. Check both paths."
             ) from error
-        record = {"kind": kind, "subject": subject, "pid": process.pid, "command": list(command)}
+        record = {
+            "kind": kind, "subject": subject, "pid": process.pid, "command": list(command),
+            "started": start_time(process.pid),
+        }  # fmt: skip
         try:
             write_json(folder / _JOB, record)
         except DiskError:
@@ -240,8 +251,7 @@ class Job:
         all_read = self._read_events()
         if alive and self._kill_at is not None and time.monotonic() > self._kill_at:
             self._kill_at = None
-            with contextlib.suppress(EnvironmentProblem):  # reported by `cancel`
-                self._signal(kill=True)
+            self._kill()
         if not alive and all_read:
             self._state.running = False
             if not self._state.finished and not self._state.error:
@@ -270,15 +280,27 @@ class Job:
         return (self.folder / _TAKEN).exists()
 
     def cancel(self, grace_seconds: float = 10.0) -> None:
-        """Interrupt the job, and let `poll` kill it if it still runs after `grace_seconds`.
+        """Ask the job to stop at its next safe point, and let `poll` kill it if it still runs after `grace_seconds`.
 
         Raises
         ------
+        DiskError
+            When the folder of the job cannot be written.
         EnvironmentProblem
-            When the system does not tell whether the process is still this job.
+            When the system does not tell whether the process is still this job, so that it cannot be killed.
         """
         if self.poll().running:
-            self._signal(kill=False)
+            try:
+                request_stop(self.folder / _STOP)
+            except OSError as error:
+                raise DiskError(
+                    f"{self.folder} cannot be written: {error.strerror or error}. Check the disk, then cancel again."
+                ) from error
+            if self._runs() is None:
+                raise EnvironmentProblem(
+                    f"The job on {self.subject} was asked to stop. The system does not tell whether process "
+                    f"{self._pid} is still this job: if it goes on, end it with the system's own tools."
+                )
             self._kill_at = time.monotonic() + grace_seconds
 
     def wait(self, interval: float = 0.05) -> JobState:
@@ -331,25 +353,23 @@ class Job:
     def _is_alive(self) -> bool:
         if self._process is not None:
             return self._process.poll() is None
-        return process_runs(self._pid, self.command, self.folder) is not False
+        now = time.monotonic()
+        if is_cheap_to_recognise() or now - self._recognised_at >= _RECOGNISE_SECONDS:
+            self._recognised_at, self._recognised = now, self._runs() is not False
+        return self._recognised
 
-    def _signal(self, *, kill: bool) -> None:
-        if self._process is None:
-            is_this_job = process_runs(self._pid, self.command, self.folder)
-            if is_this_job is None:
-                raise EnvironmentProblem(
-                    f"The system does not tell whether process {self._pid} is still the job on {self.subject}. End it "
-                    "with the system's own tools."
-                )
-            if not is_this_job:
-                return
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            if sys.platform == "win32":
-                os.kill(self._pid, signal.SIGTERM if kill else signal.CTRL_BREAK_EVENT)
-            # A job leads its group of processes, since `start` gave it a session of its own.
-            elif os.getpgid(self._pid) == self._pid:
-                # The whole process group: a stage may have started subprocesses.
-                os.killpg(self._pid, signal.SIGKILL if kill else signal.SIGINT)
+    def _runs(self) -> bool | None:
+        """Return whether the process is still this job; None when the system does not tell."""
+        if self._process is not None:
+            return self._process.poll() is None
+        return process_runs(self._pid, self.command, self.folder, self._started)
+
+    def _kill(self) -> None:
+        """Kill the process, and those that a stage may have started."""
+        if self._process is not None:
+            kill_group(self._process)
+        else:
+            kill_recognised(self._pid, self.command, self.folder, self._started)
 
 
 def format_seconds(seconds: float) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DiskError, FormatError
 from ..files import path_within, read_json, write_json
+from ..system import name_in_order
 
 __all__ = ["WaitingJob"]
 
@@ -43,7 +43,7 @@ class WaitingJob:
         DiskError
             When the folder cannot be written.
         """
-        file = folder / f"{time.time_ns():020d}.json"
+        file = folder / f"{name_in_order(path.name for path in folder.glob('*.json'))}.json"
         write_json(file, {"kind": kind, "subject": str(subject), "command": list(command)})
         return cls(kind, subject, tuple(command), file)
 

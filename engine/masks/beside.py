@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +20,8 @@ from typing import Any
 from ..child_process import ChildBeside, child_beside
 from ..errors import HeritageError
 from ..events import never_stop
-from ..machine import PeakMemory
 from ..settings import to_dict
+from ..system import PeakMemory, lower_priority
 from .settings import SAM_MODELS, MaskSettings
 from .storage import label_map_path
 
@@ -131,8 +130,7 @@ def make_masks_in_child(
     from .sam import load_sam
     from .stage import make_masks
 
-    if hasattr(os, "nice"):
-        os.nice(_NICENESS)
+    lower_priority(_NICENESS)
     start, chosen = time.perf_counter(), MaskSettings(**settings)
     with PeakMemory.of() as peak:
         photo_set = replace(read_photo_set(Path(photos_file)), folder=Path(photo_folder))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .fetching import fetch
     from .onnx_session import gpu_provider_is_installed, open_gpu_session, open_session
     from .onnx_weights import read_onnx_weights
-    from .packages import folder_contains, npm_command
+    from .packages import folder_contains
 
 __all__ = [
     "CATALOGUE",
@@ -24,7 +24,6 @@ __all__ = [
     "gpu_provider_is_installed",
     "locate",
     "models_folder",
-    "npm_command",
     "open_gpu_session",
     "open_session",
     "read_onnx_weights",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import http.client
-import os
 import re
 import time
 import urllib.error
@@ -12,8 +11,9 @@ from pathlib import Path
 
 from ..errors import Cancelled, DiskError, EnvironmentProblem, HeritageError, ModelFileError
 from ..events import Emit, Progress, StopCheck
-from ..files import file_sha256, opened
+from ..files import file_sha256, opened, write_problem
 from ..https import open_https
+from ..system import replace_file
 from .cache import OFFLINE_VARIABLE
 from .catalogue import ModelFile
 from .partial import PartialFile
@@ -73,7 +73,7 @@ def download_file(model: ModelFile, folder: Path, *, emit: Emit, should_stop: St
         size, sha256 = part.size(), file_sha256(part.data)
         with opened(part.data, advice="Run the same command again.") as content:
             check_received(model, path, size, sha256, content=content, origin=model.source)
-        os.replace(part.data, path)
+        replace_file(part.data, path)
     except ModelFileError:
         part.discard()
         raise
@@ -227,6 +227,4 @@ def _network_problem(model: ModelFile, reason: str) -> EnvironmentProblem:
 
 
 def _disk_problem(part: PartialFile, error: OSError) -> DiskError:
-    return DiskError(
-        f"Could not write {part.data}: {error.strerror or error}. Free some space or choose another folder."
-    )
+    return write_problem(part.data, error)

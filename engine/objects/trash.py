@@ -6,7 +6,6 @@ trash takes a project that is open for writing, and raises `DiskError` when a fi
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +16,7 @@ from ..errors import DiskError, FormatError, ObjectError
 from ..files import TEMPORARY_PREFIX, delete_derived, object_file, optional, path_within, read_json, write_json
 from ..project_folder import SCENE_OUTPUT, ProjectFolder
 from ..records import RECORD_FILE, ObjectRecord, new_id, new_name, read_record, recorded_files, write_record
+from ..system import replace_file
 from .storage import list_objects, load_object, object_ids, taken_ids
 
 __all__ = ["Trashed", "delete_object", "discard_object", "empty_trash", "keep_version", "list_trash", "restore_object"]
@@ -94,7 +94,7 @@ def _scene(project: ProjectFolder) -> str | None:
 def _move(source: Path, target: Path) -> None:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        os.replace(source, target)
+        replace_file(source, target)
     except OSError as error:
         reason = error.strerror or error
         raise DiskError(f"Could not move {source} to {target}: {reason}. Close programs that use it.") from error

@@ -12,13 +12,23 @@ from typing import Any
 
 from PIL import Image
 
-from ..errors import DiskError, ObjectError, ProjectError
+from ..errors import ObjectError, ProjectError
 from ..events import StopCheck, never_stop
-from ..files import TEMPORARY_PREFIX, atomic_write, delete_derived, finite_or_null, path_within, write_json, write_zip
+from ..files import (
+    TEMPORARY_PREFIX,
+    atomic_write,
+    delete_derived,
+    finite_or_null,
+    path_within,
+    write_json,
+    write_problem,
+    write_zip,
+)
 from ..pictures import Backend
 from ..project_content import report_file
 from ..project_folder import ProjectFolder
 from ..records import EXAMPLE_ADDRESS, Picture, crm_json_ld, dublin_core_xml, iiif_manifest, lido_xml, new_id
+from ..system import replace_file
 from .bag import PAYLOAD, write_bag
 from .captures import add_exif, photo_file
 from .crate import media_type, write_crate
@@ -121,7 +131,7 @@ def write_package(
                 write_zip(stream, made, name=stem)
         else:
             delete_derived(out, stem)
-            os.replace(made, target)
+            replace_file(made, target)
     return target
 
 
@@ -144,9 +154,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
         made.mkdir()
         yield made
     except OSError as error:
-        raise DiskError(
-            f"Could not write {out}: {error.strerror or error}. Free some space or choose another."
-        ) from error
+        raise write_problem(out, error) from error
     finally:
         delete_derived(out, made.name)
 

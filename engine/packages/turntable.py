@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from ..cameras import training_pinhole
 from ..errors import Cancelled, DiskError, EnvironmentProblem, ProjectError
 from ..events import StopCheck, never_stop
-from ..files import delete_derived
+from ..files import delete_derived, write_problem
 from ..pictures import Backend, Scene, render_view, write_png
 from ..report import PAPER_WHITE, best_seen_from, orbit_cameras, picture_sheet, render_alone
 from ..scene import Camera, Gaussians, PinholeCamera
+from ..system import replace_file
 
 __all__ = ["FILMS", "N_PICTURES", "SHEET", "Turn", "turn_of_object", "turn_of_scene", "write_films", "write_sheet"]
 
@@ -203,9 +204,9 @@ def _write_film(path: Path, codec: str, frames: Sequence[Pixels]) -> None:
         film.release()
         if not temporary.is_file() or temporary.stat().st_size == 0:
             raise DiskError(f"Could not write {path}. Free some space or choose another folder.")
-        os.replace(temporary, path)
+        replace_file(temporary, path)
     except OSError as error:
-        raise DiskError(f"Could not write {path}: {error.strerror or error}. Free some space.") from error
+        raise write_problem(path, error) from error
     finally:
         delete_derived(path.parent, temporary.name)
 

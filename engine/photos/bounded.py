@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from typing import Any
 from ..child_process import ChildFailure, run_in_child
 from ..errors import PhotoError
 from ..events import StopCheck, never_stop
+from ..system import cpu_seconds_limited
 from ..visible_text import visible
 from .memory_budget import DECODING
 from .pixels import PhotoHeader, photo_errors
@@ -123,13 +122,7 @@ def call_in_child(
 
 def limited_call(module: str, name: str, path: str, cpu_seconds: float, arguments: dict[str, Any]) -> Any:
     """Call a function of this package within `cpu_seconds` of CPU time; the child process calls this."""
-    if hasattr(signal, "SIGXCPU"):
-        import resource
-
-        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-        soft = int(time.process_time() + cpu_seconds) + 1
-        # The signal ends the process, also while a library works.
-        resource.setrlimit(resource.RLIMIT_CPU, (soft if hard == resource.RLIM_INFINITY else min(soft, hard), hard))
+    cpu_seconds_limited(cpu_seconds)
     function = getattr(importlib.import_module(f"{__package__}.{module}"), name)
     with photo_errors(Path(path)):
         return function(path, **arguments)

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 
 from ..errors import PhotoError
-from ..machine import free_memory
+from ..system import free_memory
 
 __all__ = ["DECODING", "MemoryBudget"]
 

@@ -6,13 +6,13 @@ bounded far above what cameras and editors write.
 
 from __future__ import annotations
 
-import mmap
 import os
 import re
 from pathlib import Path
 from typing import IO, Literal
 
 from ..errors import PhotoError
+from ..files import mapped
 from ..visible_text import visible
 
 __all__ = ["MAX_EXIF_BYTES", "require_usual_structure"]
@@ -47,7 +47,7 @@ def require_usual_structure(stream: IO[bytes], path: Path) -> None:
     stream.seek(0)
     problem = None
     if start.startswith(b"\xff\xd8"):
-        problem = _problem_of_jpeg(stream)
+        problem = _problem_of_jpeg(stream, path)
     elif start.startswith(b"\x89PNG\r\n\x1a\n"):
         problem = _problem_of_png(stream)
     elif start[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
@@ -63,7 +63,7 @@ def _size(stream: IO[bytes]) -> int:
     return os.fstat(stream.fileno()).st_size
 
 
-def _problem_of_jpeg(stream: IO[bytes]) -> str | None:
+def _problem_of_jpeg(stream: IO[bytes], path: Path) -> str | None:
     """Walk the segments before the first scan."""
     stream.seek(2)
     n_exif = 0
@@ -72,7 +72,7 @@ def _problem_of_jpeg(stream: IO[bytes]) -> str | None:
         if len(head) < 4 or head[0] != 0xFF or head[1] == _END_OF_IMAGE:
             return None
         if head[1] == _START_OF_SCAN:
-            return "has an unusual number of scans" if _has_many_scans(stream, stream.tell() - 4) else None
+            return "has an unusual number of scans" if _has_many_scans(path, stream.tell() - 4) else None
         if head[1] == 0xFF:  # a fill byte
             stream.seek(-3, os.SEEK_CUR)
             continue
@@ -129,12 +129,12 @@ def _problem_of_tiff(stream: IO[bytes], order: Literal["little", "big"], *, is_b
     return None
 
 
-def _has_many_scans(stream: IO[bytes], place: int) -> bool:
+def _has_many_scans(path: Path, place: int) -> bool:
     """Return whether the JPEG has too many scans from `place` on.
 
     Each scan may take a few bytes of the file, and the time for the whole picture.
     """
-    with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+    with mapped(path, advice="Copy it again from the camera.") as data:
         for _ in range(_MAX_JPEG_SCANS):
             found = _MARKER_IN_SCAN.search(data, place)
             if found is None or found.group()[1] == _END_OF_IMAGE:

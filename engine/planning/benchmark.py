@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ..errors import ModelFileError
 from ..events import Emit, Progress, ignore_events, never_stop
-from ..machine import Machine, cpu_seconds
 from ..scene import Gaussians, PinholeCamera
+from ..system import Machine, cpu_seconds
 from ..training.settings import TrainingSettings
 from .calibration import Benchmark, Calibration, load_calibration
 
@@ -76,7 +76,7 @@ def _library_memory() -> int | None:
     """
     engine = str(__package__).rpartition(".")[0]
     modules = ", ".join(f"{engine}.{module}" for module in ("training.loop", "cameras.sfm", "masks.sam"))
-    code = f"import {modules}; from {engine}.machine import peak_memory; print(peak_memory() or 0)"
+    code = f"import {modules}; from {engine}.system import peak_memory; print(peak_memory() or 0)"
     finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     if finished.returncode != 0:
         _LOG.warning("The memory of the libraries is not known: %s", finished.stderr.strip()[-500:])

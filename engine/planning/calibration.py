@@ -17,8 +17,8 @@ from typing import Any
 
 from ..errors import DiskError, FormatError
 from ..files import check, optional, read_json, write_json
-from ..machine import Machine
 from ..project_folder import stage_key
+from ..system import Machine
 
 __all__ = [
     "CALIBRATION_VARIABLE",

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from ..cameras.settings import CameraSettings
-from ..machine import Machine
+from ..system import Machine
 from ..training.settings import TrainingSettings
 from .calibration import Calibration, outcome_name
 from .card_forecast import card_slowdown, card_step_seconds

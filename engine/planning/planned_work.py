@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 from ..cameras.settings import CameraSettings
 from ..events import Emit, StopCheck
 from ..files import check, parse_json
-from ..machine import describe_machine
 from ..photos import PhotoStatistics, inspect_photos, read_photos
 from ..photos.settings import PhotoSettings
 from ..project_folder import ProjectFolder
 from ..rasterizer import Device, choose_training_device
 from ..scene import PhotoSet
+from ..system import describe_machine
 from .benchmark import calibrate
 from .calibration import Calibration
 from .decisions import PlanSettings, WorkPlan, plan_work, training_settings, work_plan_as_dict

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 
 from ..child_process import ChildFailure, run_in_child
 from ..errors import EnvironmentProblem
-from ..machine import card_memory
+from ..system import card_memory
 
 __all__ = [
     "PROCESSOR",

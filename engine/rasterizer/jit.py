@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import tempfile
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from platformdirs import user_cache_path
@@ -18,9 +17,15 @@ os.environ.setdefault("NUMBA_LOOP_VECTORIZE", "0")
 
 import numba  # noqa: E402
 
-__all__ = ["INNER", "JIT", "cache_folder"]
+from ..system import takes_path  # noqa: E402
+
+__all__ = ["INNER", "JIT", "LONGEST_PATH", "cache_folder"]
 
 _log = logging.getLogger(__name__)
+
+LONGEST_PATH = PurePath("rasterizer_" + "0" * 40, "x" * 120)
+"""A path as long as the longest of a file that Numba stores: folder of the package with its hash, name of the kernel with
+its module, version of Python, suffix and a mark of a file that is being written. On Windows paths are limited."""
 
 JIT: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "boundscheck": False}
 """Options of kernels that Python calls. Fast-math is off: with reordered sums, the forward and the backward pass could
@@ -41,15 +46,16 @@ def cache_folder() -> Path:
     return root / f"rasterizer-{digest.hexdigest()[:12]}"
 
 
-def _is_writable(folder: Path) -> bool:
-    """Return whether files can be created in `folder`, which is created if it is missing; log a warning if not."""
+def _takes_kernels(folder: Path) -> bool:
+    """Return whether kernels can be stored in `folder`, which is created if it is missing; log a warning if not."""
+    why = "its path is too long"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        if takes_path(folder, LONGEST_PATH):
             return True
     except OSError as problem:
-        _log.warning("compiled kernels cannot be stored in %s (%s); every start compiles them again", folder, problem)
-        return False
+        why = str(problem)
+    _log.warning("compiled kernels cannot be stored in %s (%s); every start compiles them again", folder, why)
+    return False
 
 
 INNER: dict[str, Any] = {**JIT, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -57,4 +63,4 @@ INNER: dict[str, Any] = {**JIT, "cache": False, "no_cpython_wrapper": True, "no_
 Python and no cache of their own."""
 
 numba.config.CACHE_DIR = str(cache_folder())
-JIT["cache"] = _is_writable(cache_folder())
+JIT["cache"] = _takes_kernels(cache_folder())

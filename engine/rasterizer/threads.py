@@ -11,7 +11,6 @@ at the same time.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -24,6 +23,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from ..system import usable_cores
 from .jit import INNER
 
 __all__ = ["Share", "n_usable_cores", "new_counters", "run_shared", "take_range"]
@@ -56,9 +56,7 @@ def new_counters(n_threads: int | None) -> NDArray[np.int64]:
 
 def n_usable_cores() -> int:
     """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(usable_cores())
 
 
 @lru_cache(maxsize=8)

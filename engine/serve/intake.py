@@ -10,6 +10,7 @@ from pathlib import Path
 from ..errors import FormatError, HeritageError, PhotoError, ProjectError
 from ..files import delete_derived, file_sha256, is_inner_name
 from ..photos.settings import VIDEO_SUFFIXES
+from ..system import replace_file
 from .library import WebProject
 from .settings import PHOTO_TYPES, ServeSettings
 from .small_photos import write_small_photo
@@ -73,13 +74,13 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, settings: Se
     # The readers go by the suffix for HEIC only; the content must be a picture in any case.
     staged = project.cache / f"checked-{upload.name}{Path(name).suffix}"
     project.cache.mkdir(exist_ok=True)
-    os.replace(upload, staged)
+    replace_file(upload, staged)
     try:
         write_small_photo(staged, project.cache / f"{name}.small.jpg")
     except HeritageError as error:
         delete_derived(project.cache, staged.name)
         raise PhotoError(str(error).replace(str(staged), name).replace(staged.name, name)) from error
-    os.replace(staged, project.photos / name)
+    replace_file(staged, project.photos / name)
     project.note_hash(name, sha256)
     return name
 
@@ -104,7 +105,7 @@ def take_in_video(project: WebProject, upload: Path, filename: str) -> Path:
     target = project.videos / name
     if target.exists():
         raise ProjectError(f"{name} was uploaded already. Rename the video if it is another one.")
-    os.replace(upload, target)
+    replace_file(upload, target)
     return target
 
 

@@ -6,7 +6,6 @@ import os
 import re
 import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from ..errors import DiskError, ProjectError
 from ..files import delete_derived, is_inner_name, path_within, read_json, write_json
+from ..system import name_in_order, replace_file
 from .settings import PHOTO_TYPES, ServeSettings
 
 __all__ = ["Library", "NotFound", "WebProject"]
@@ -188,7 +188,7 @@ class Library:
         trash = self.folder / "trash"
         try:
             trash.mkdir(exist_ok=True)
-            project.folder.rename(trash / f"{int(time.time())}-{project.id}")
+            replace_file(project.folder, trash / f"{name_in_order(())}-{project.id}")
         except OSError as error:
             raise DiskError(f"The project could not be deleted: {error.strerror or error}.") from error
 

@@ -12,11 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import HeritageError
+from ..system import limit_memory
 from ..training import read_progress
 from .training_measure import non_finite_values, run_training, same_gaussians
 from .training_scenes import SETTINGS, known_capture, training_input
 
-__all__ = ["MALLOC_ENVIRONMENT", "limit_memory"]
+__all__ = ["MALLOC_ENVIRONMENT"]
 
 MALLOC_ENVIRONMENT = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": "65536", "MALLOC_TRIM_THRESHOLD_": "65536"}
 """Settings of the GNU C library with which large arrays are requested from the system each time, so that a limit on the
@@ -25,19 +26,6 @@ process acts at once."""
 _LAST_STEP_WITHOUT_LIMIT = 45
 _GROWING_SETTINGS = SETTINGS.changed(steps=70, growth_strategy="opacity", grow_factor=2.0, max_gaussians=20_000)
 """The number of Gaussians doubles every 10 steps, from 400 to 20,000. The limit is reached at 6,400."""
-
-
-def limit_memory() -> Callable[[], None]:
-    """Limit the memory of this process to its present size, and return the function that removes the limit."""
-    if sys.platform != "linux":
-        # Other systems have no such limit or do not enforce it.
-        raise MemoryError
-    import resource
-
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize(), before[1]))
-    return lambda: resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 def main(folder: Path) -> None:
@@ -49,7 +37,11 @@ def main(folder: Path) -> None:
 
     def limit_and_continue() -> bool:
         if next(steps) == _LAST_STEP_WITHOUT_LIMIT:
-            remove_limit.append(limit_memory())
+            lift = limit_memory(0)
+            if lift is None:
+                # This system has no such limit.
+                raise MemoryError
+            remove_limit.append(lift)
         return False
 
     answer: dict[str, object] = {"type": None, "message": "", "code": 0}

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..errors import Cancelled
+from ..errors import Cancelled, DiskError
 from ..events import Emit, Metric, Preview, Progress, StopCheck, Warned
 from ..processor import one_thread
 from ..rasterizer import AdamState, compile_kernels
@@ -178,6 +178,7 @@ class _TrainingRun:
         self._first_wall, self._first_done = self.clock.wall, self.schedule.done(self.state.step)
         self._loss = float("nan")
         self._steps_at_once = 1
+        self._warned_of_preview = False
         self._reported = self._previewed = self._stored = time.monotonic()
         if not held_out:
             emit(Warned("There are too few photos for test photos; errors are measured on the training photos."))
@@ -360,7 +361,14 @@ class _TrainingRun:
         level = self.measured.level(len(self.measured.views) // 2, 0)
         image = self._picture(level)
         path = self.checkpoints / PREVIEW_FILE
-        write_picture(path, image)
+        try:
+            write_picture(path, image)
+        except DiskError as error:
+            # A viewer may hold the picture. What the scene needs is written in checkpoints, which report a full disk.
+            if not self._warned_of_preview:
+                self._warned_of_preview = True
+                self.emit(Warned(f"There is no new preview. {error}"))
+            return
         self.emit(Preview(STAGE, str(path)))
 
     def write_checkpoint(self) -> None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from engine.machine import describe_machine
 from engine.planning.benchmark import calibrate
 from engine.planning.calibration import CALIBRATION_VARIABLE, REFERENCE
+from engine.system import describe_machine
 from tests.engine.pictures.blob_scene import BlobScene, make_scene
 
 if TYPE_CHECKING:

@@ -28,14 +28,14 @@ PRESETS["test"] = PRESETS["test"].changed(max_side=192, checkpoint_interval=5)
 STARVING = (
     LARGER
     + """
-from engine.stability.memory_limit import limit_memory
+from engine.system import limit_memory
 from engine.training import loop as module
 whole = module.train
 def starving(*arguments, should_stop, **named):
     asked = iter(range(10**9))
     def ask():
         if next(asked) == 12:
-            limit_memory()
+            limit_memory(0)
         return should_stop()
     return whole(*arguments, should_stop=ask, **named)
 module.train = starving

@@ -62,7 +62,7 @@ MODULES_THAT_READ = {"json", "np", "torch", "Image", "tarfile", "pickle"}
 """``load``, ``loads`` and ``open`` of these read, too."""
 NOT_REACHED = {
     "engine/child_process.py": "what the parent process and the system state",
-    "engine/machine.py": "what the system states",
+    "engine/system/machine.py": "what the system states",
     "engine/rasterizer/jit.py": "our own source code",
     "engine/rasterizer/gpu/": "the memory of the card, and our own source code",
     "engine/lazy_exports.py": "our own source code",
@@ -81,7 +81,7 @@ NOT_REACHED = {
     "engine/installation/bundle.py:write_bundle": "the files that pip has just downloaded",
     "engine/models/packages.py:_run": "what npm or pip printed",
     "engine/models/download.py": "the file that was just received",
-    "engine/jobs/running_processes.py": "what the system states",
+    "engine/system/processes.py": "what the system states",
     "engine/packages/page.py": "our own viewer, and the Gaussians that were just written",
 }
 """Functions that need no entry among the readers, with the reason: mostly what they read instead of an input."""

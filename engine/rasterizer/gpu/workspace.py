@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import EnvironmentProblem
-from ...machine import free_memory
+from ...system import free_memory
 from .adapters import Gpu, translate_card_errors
 from .constants import Constants, Uniform
 from .shaders import SCAN_BLOCK, SORT_BLOCK, kernels_of

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from engine import machine
 from engine.cli import main
+from engine.system import machine
 from tests.engine.command_line import call
 from tests.engine.museum import VIEWS, write_cameras, write_photos
 

@@ -32,8 +32,8 @@ def _complete(engine: EngineEnvironment) -> None:
         ("linux", "XDG_DATA_HOME", "data/gaussian-heritage/engine"),
         ("linux", "", "home/.local/share/gaussian-heritage/engine"),
         ("darwin", "", "home/Library/Application Support/gaussian-heritage/engine"),
-        ("win32", "LOCALAPPDATA", "data/gaussian-heritage/engine"),
-        ("win32", "", "home/AppData/Local/gaussian-heritage/engine"),
+        ("win32", "LOCALAPPDATA", "data/gheritage"),
+        ("win32", "", "home/AppData/Local/gheritage"),
         ("linux", "GAUSSIAN_HERITAGE_ENGINE", "data"),
     ],
 )
@@ -66,6 +66,17 @@ def test_repair_begins_as_incomplete(engine: EngineEnvironment) -> None:
 def test_engine_without_its_python_is_incomplete(engine: EngineEnvironment) -> None:
     _complete(engine)
     engine.python.unlink()
+    assert engine.state() == "incomplete"
+
+
+def test_engine_is_incomplete_when_the_python_it_was_made_from_is_gone(engine: EngineEnvironment) -> None:
+    """As after an update of Blender: on Windows the environment's own python.exe stays."""
+    _complete(engine)
+    base = engine.folder.parent / "Blender" / "python" / "bin"
+    base.mkdir(parents=True)
+    (engine.root / "pyvenv.cfg").write_text(f"home = {base}\nversion = 3.11.9\n", encoding="utf-8")
+    assert engine.state() == "ready"
+    base.rmdir()
     assert engine.state() == "incomplete"
 
 

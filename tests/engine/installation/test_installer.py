@@ -17,8 +17,11 @@ from engine.events import Event, Finished, Progress, never_stop
 from engine.installation import EngineEnvironment, Pip, TorchSource
 from engine.installation import bundle as bundles
 from engine.installation import installer as module
-from engine.installation.bundle import Bundle, this_platform
-from engine.installation.pythons import Interpreter
+from engine.installation.bundle import Bundle
+from engine.installation.locked import locked_file as real_locked_file
+from engine.installation.pythons import Interpreter, usable
+from engine.installation.target import Target
+from engine.system import SYSTEMS, package_system
 
 from .conftest import locked
 
@@ -78,6 +81,92 @@ def test_damaged_package_is_mended_by_a_new_environment(engine: EngineEnvironmen
     assert _runs(engine) and not (engine.root / "old").exists()
 
 
+def test_new_environment_that_cannot_be_used_is_not_made_twice(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_IMPORTS", "import our_package, a_library_that_the_system_lacks")
+    made: list[Path] = []
+    make = module._create_with
+    monkeypatch.setattr(module, "_create_with", lambda run, python: (made.append(python.path), make(run, python)))
+    with pytest.raises(EnvironmentProblem, match="a_library_that_the_system_lacks"):
+        _install(engine)
+    assert len(made) == 1
+
+
+@pytest.mark.parametrize("what", ["unsupported", "missing_runtime"])
+def test_what_the_computer_lacks_is_told_before_anything_is_made(
+    what: str, engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, what, lambda: "Windows lacks msvcp140.dll. Install it.")
+    with pytest.raises(EnvironmentProblem, match=r"lacks msvcp140\.dll"):
+        _install(engine)
+    assert not engine.folder.exists()
+
+
+def test_too_long_paths_are_told_before_anything_is_downloaded(
+    engine: EngineEnvironment, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "takes_path", lambda folder, longest: len(str(folder / longest)) < 200)
+    with pytest.raises(EnvironmentProblem, match="longer paths than this system allows"):
+        _install(engine)
+    assert not engine.root.exists()
+
+
+@pytest.mark.parametrize("page", ["cp932", "cp1253", "cp1255", "cp874"])
+def test_python_is_found_below_a_folder_with_accents_on_any_code_page(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A Python that ignores our environment variables writes in the code page of its system."""
+    path = "C:/Users/Jos\u00e9 \u0141ukasz/python.exe"
+    code = module.usable.__globals__["_PROBE"]
+    script = tmp_path / "python"
+    script.write_text(
+        f"#!{sys.executable}\nimport sys\nsys.stdout.reconfigure(encoding={page!r}, errors='backslashreplace')\n"
+        f"sys.executable = {path!r}\nexec({code!r})\n",
+        encoding="utf-8",
+    )
+    script.chmod(0o755)
+    if package_system().startswith("win32"):
+        pytest.skip("Windows starts no scripts")
+    found = usable(script)
+    assert found is not None and found.path == Path(path)
+
+
+LOCKED = """# Made by a test.
+both==1.0 \\
+    --hash=sha256:aa
+windows-only==2.0 ; sys_platform == 'win32' \\
+    --hash=sha256:bb
+apple-only==3.0 ; platform_machine == 'arm64' and sys_platform == 'darwin' \\
+    --hash=sha256:cc
+old==4.0 ; python_full_version < '3.12' \\
+    --hash=sha256:dd
+"""
+
+
+@pytest.mark.parametrize(
+    ("system", "version", "names"),
+    [
+        ("windows", "3.11", ["both", "windows-only", "old"]), ("windows", "3.13", ["both", "windows-only"]),
+        ("macos", "3.13", ["both", "apple-only"]), ("linux", "3.12", ["both"]),
+    ],
+)  # fmt: skip
+def test_bundle_for_another_system_has_the_packages_of_that_system(
+    system: str, version: str, names: list[str], tmp_path: Path
+) -> None:
+    (tmp_path / "locked.txt").write_text(LOCKED, encoding="utf-8")
+    text = Target(SYSTEMS[system], version).requirements(tmp_path / "locked.txt")
+    assert [line.partition("==")[0] for line in text.splitlines() if "==" in line] == names
+    assert text.count("--hash=sha256:") == len(names) and ";" not in text
+
+
+def test_locked_packages_have_files_for_each_system() -> None:
+    """Each entry of our own list is kept or left out as a whole, with its hashes."""
+    for system in SYSTEMS.values():
+        text = Target(system, "3.11").requirements(real_locked_file("engine"))
+        assert "torch==" not in text and text.count("==") > 30 and "--hash" in text.splitlines()[-1]
+
+
 def test_good_environment_is_kept(engine: EngineEnvironment) -> None:
     _install(engine)
     (engine.root / "kept").touch()
@@ -132,7 +221,7 @@ def _bundle(wheels: Path, **changes: Any) -> Path:
     file = wheels.parent / "bundle.zip"
     contents = {f"wheels/{path.name}": path.read_bytes() for path in wheels.iterdir()}
     info = {
-        "version": 1, "platform": this_platform(), "python": ".".join(map(str, VERSION)), "torch": "cpu",
+        "version": 1, "platform": package_system(), "python": ".".join(map(str, VERSION)), "torch": "cpu",
         "files": {name: bundles.hashlib.sha256(data).hexdigest() for name, data in contents.items()}, **changes,
     }  # fmt: skip
     with zipfile.ZipFile(file, "w") as archive:

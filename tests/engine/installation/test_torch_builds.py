@@ -22,7 +22,11 @@ def _file(metadata: dict[str, list[str]], sha256: str) -> dict[str, Any]:
 
 def _offer(monkeypatch: pytest.MonkeyPatch, configured: Any, own: Any) -> Pip:
     """Let the configured index and the one on pip's command line offer a file, or nothing."""
-    monkeypatch.setattr(Pip, "offered", lambda self, arguments, *, one_index=False: own if one_index else configured)
+
+    def offered(self: Pip, arguments: Any, *, one_index: bool = False, elsewhere: bool = False) -> Any:
+        return own if one_index else configured
+
+    monkeypatch.setattr(Pip, "offered", offered)
     return Pip(Path(sys.executable), Path("log"))
 
 

@@ -15,6 +15,7 @@ import pytest
 
 from engine import errors
 from engine.jobs import job as jobs
+from engine.system import start_time
 
 ROOT = Path(__file__).resolve().parents[3]
 Script = Callable[[str], list[str]]
@@ -91,24 +92,68 @@ def test_error_of_a_killed_job_has_the_exit_code(script: Script, tmp_path: Path)
 WAITS = 'say(Progress("training", 0.1))\nwhile True: time.sleep(0.05)\n'
 
 
-def test_cancel_interrupts_first(script: Script, tmp_path: Path) -> None:
-    handler = """
-def stop(*_):
-    say(ErrorEvent("Stopped. Run the same command again to continue.", "Cancelled"))
-    sys.exit(130)
-signal.signal(signal.SIGINT, stop)
+STOPS = """
+from engine.system import StopOnSignal
+with StopOnSignal() as should_stop:
+    say(Progress("training", 0.1))
+    while not should_stop(): time.sleep(0.02)
+say(ErrorEvent("Stopped. Run the same command again to continue.", "Cancelled"))
+sys.exit(130)
 """
-    job = start(script(handler + WAITS), tmp_path)
+
+
+def test_cancel_lets_the_job_save_its_work_first(script: Script, tmp_path: Path) -> None:
+    job = start(script(STOPS), tmp_path)
     poll_until(job, lambda state: state.fraction > 0)
     job.cancel()
-    assert job.wait().error.startswith("Stopped.")
+    state = job.wait()
+    assert state.error.startswith("Stopped.") and state.error_type == "Cancelled"
 
 
-def test_cancel_kills_a_job_that_ignores_the_interrupt(script: Script, tmp_path: Path) -> None:
-    job = start(script("signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + WAITS), tmp_path)
+def test_cancelled_job_does_not_stop_the_next_one_in_its_folder(script: Script, tmp_path: Path) -> None:
+    test_cancel_lets_the_job_save_its_work_first(script, tmp_path)
+    once = "from engine.system import StopOnSignal\nwith StopOnSignal() as stop: say(Finished(str(stop())))"
+    assert start(script(once), tmp_path).wait().message == "False"
+
+
+def test_cancel_kills_a_job_that_does_not_stop(script: Script, tmp_path: Path) -> None:
+    job = start(script(WAITS), tmp_path)
     poll_until(job, lambda state: state.fraction > 0)
     job.cancel(grace_seconds=0.2)
     assert "stopped unexpectedly" in job.wait().error
+
+
+def test_killed_job_takes_the_programs_that_it_started_with_it(script: Script, tmp_path: Path) -> None:
+    mark = tmp_path / "child"
+    child = f"import os, time; open({str(mark)!r}, 'w').write(str(os.getpid())); time.sleep(600)"
+    job = start(
+        script(f"""
+import os, subprocess
+from engine.system import end_children_with_this_process
+end_children_with_this_process()
+subprocess.Popen([sys.executable, "-c", {child!r}])
+while not os.path.exists({str(mark)!r}) or not open({str(mark)!r}).read(): time.sleep(0.02)
+say(Progress("training", 0.1))
+time.sleep(600)
+"""),
+        tmp_path,
+    )
+    poll_until(job, lambda state: state.fraction > 0, seconds=120.0)
+    job.cancel(grace_seconds=0.0)
+    job.wait()
+    assert ended(int(mark.read_text()))
+
+
+def ended(pid: int) -> bool:
+    """Wait until there is no such process, or only its remains that nobody has collected."""
+    for _ in range(3000):
+        state = Path(f"/proc/{pid}/stat")
+        if Path("/proc").is_dir() and (not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z"):
+            return True
+        if not Path("/proc").is_dir() and start_time(pid) is None:
+            return True
+        time.sleep(0.02)
+    return False
 
 
 def test_running_job_is_found_again_and_stopped(script: Script, tmp_path: Path) -> None:
@@ -119,9 +164,10 @@ def test_running_job_is_found_again_and_stopped(script: Script, tmp_path: Path) 
     assert (again.kind, again.subject, state.fraction, state.running) == ("test", "a vase", 0.1, True)
     with pytest.raises(errors.ProjectError, match="still working on a vase"):
         start(script(WAITS), tmp_path)
-    again.cancel()
+    again.cancel(grace_seconds=0.0)
+    again.poll()
     job.wait()  # Reaps the process, as init does after Blender has ended.
-    assert "KeyboardInterrupt" in again.wait().error
+    assert "stopped unexpectedly" in again.wait().error and not again.poll().running
 
 
 def test_ended_job_is_found_with_its_outputs(script: Script, tmp_path: Path) -> None:
@@ -192,7 +238,7 @@ def test_cancel_does_not_end_a_process_that_a_record_from_elsewhere_names(tmp_pa
         (tmp_path / "job" / "job.json").write_text(json.dumps(record))
         job = jobs.Job.attach(tmp_path / "job")
         job.cancel(grace_seconds=0.0)
-        job._signal(kill=True)
+        job._kill()
         assert not job.poll().running and other.poll() is None
         other.kill()
 
@@ -203,8 +249,8 @@ def test_unknown_process_is_not_ended(script: Script, tmp_path: Path, monkeypatc
     again = jobs.Job.attach(tmp_path / "job")
     assert again.poll().running
     with pytest.raises(errors.EnvironmentProblem, match="does not tell whether process"):
-        again.cancel()
-    assert job.poll().running
+        again.cancel(grace_seconds=0.0)
+    assert again.poll().running and job.poll().running
     job.cancel(grace_seconds=0.0)
     job.wait()
 

@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 
 from engine.files import file_sha256
-from engine.machine import cpu_seconds
 from engine.masks.beside import MasksBeside
 from engine.masks.settings import MaskSettings
 from engine.masks.storage import label_map_path, read_label_map
 from engine.scene import write_photo_set
 from engine.scene.photo import Photo, PhotoSet
+from engine.system import cpu_seconds
 from tests.engine.masks.shapes import shapes_picture
 from tests.engine.models.weights import fetched
 

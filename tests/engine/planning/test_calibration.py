@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from engine.machine import Machine
 from engine.planning.benchmark import measure_speed
 from engine.planning.calibration import REFERENCE, Benchmark, Calibration, Correction, load_calibration
 from engine.planning.decisions import training_settings
 from engine.planning.forecast import forecast_work
 from engine.planning.outcome import update_calibration
 from engine.project_folder import ProjectFolder
+from engine.system import Machine
 
 from .scenes import work
 

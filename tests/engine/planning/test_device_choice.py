@@ -8,7 +8,6 @@ import pytest
 
 from engine.cameras.settings import CameraSettings
 from engine.errors import EnvironmentProblem, SettingsError
-from engine.machine import Machine
 from engine.planning.calibration import REFERENCE, Calibration
 from engine.planning.decisions import PlanSettings, WorkPlan, plan_work, training_settings
 from engine.planning.device_choice import (
@@ -24,6 +23,7 @@ from engine.planning.planned_work import store_forecast
 from engine.planning.training_device import TrainingDevice
 from engine.project_folder import ProjectFolder
 from engine.rasterizer import Card, Device
+from engine.system import Machine
 from engine.training.card_settings import CARD_SIZES
 from engine.training.schedule import Schedule
 from engine.training.settings import PRESETS

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from engine.errors import EnvironmentProblem
-from engine.machine import Machine
 from engine.planning.calibration import REFERENCE, Calibration
 from engine.planning.decisions import PlanSettings, WorkPlan, training_settings
 from engine.planning.forecast import (
@@ -19,6 +18,7 @@ from engine.planning.forecast import (
     training_seconds,
 )
 from engine.planning.memory_check import require_enough_memory
+from engine.system import Machine
 
 from .scenes import work
 

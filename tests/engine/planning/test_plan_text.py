@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from engine.machine import Machine
 from engine.planning.calibration import REFERENCE, Calibration
 from engine.planning.decisions import training_settings
 from engine.planning.forecast import forecast_work
 from engine.planning.plan_text import format_plan
+from engine.system import Machine
 
 from .scenes import work
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from engine.machine import Machine
 from engine.planning.calibration import REFERENCE, Calibration
 from engine.planning.decisions import training_settings, work_plan_as_dict
 from engine.planning.forecast import forecast_as_dict, forecast_work
 from engine.planning.planned_work import store_forecast
 from engine.project_folder import ProjectFolder
+from engine.system import Machine
 
 from .scenes import work
 

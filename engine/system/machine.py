@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import ctypes.util
 import os
 import platform
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
+
+from .kinds import describe_system
+from .text import run_text
 
 __all__ = [
     "Machine",
@@ -19,7 +25,11 @@ __all__ = [
     "cpu_seconds",
     "describe_machine",
     "free_memory",
+    "has_nvidia_driver",
     "peak_memory",
+    "total_memory",
+    "usable_cores",
+    "use_cores",
 ]
 
 _CGROUP = Path("/sys/fs/cgroup")
@@ -49,10 +59,37 @@ class Machine:
     name: str
 
 
+def usable_cores() -> tuple[int, ...]:
+    """Return the numbers of the processor cores that this process may use."""
+    if sys.platform == "linux":
+        return tuple(sorted(os.sched_getaffinity(0)))
+    return tuple(range(os.cpu_count() or 1))
+
+
+def use_cores(numbers: Iterable[int]) -> None:
+    """Keep this process and the threads that it starts on these cores, where the system can do that.
+
+    Raises
+    ------
+    OSError
+        When this machine does not have them.
+    """
+    if sys.platform == "linux":
+        os.sched_setaffinity(0, set(numbers))
+
+
+def has_nvidia_driver() -> bool:
+    """Return whether this computer has a driver for NVIDIA's graphics cards."""
+    if sys.platform == "darwin":
+        return False
+    library = "nvcuda" if sys.platform == "win32" else "cuda"
+    return shutil.which("nvidia-smi") is not None or ctypes.util.find_library(library) is not None
+
+
 def describe_machine() -> Machine:
     """Return the properties of this machine, with the memory that is free now."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    name = f"{platform.system()} {platform.machine()} {_processor()}, {cores} cores"
+    cores = len(usable_cores())
+    name = f"{describe_system()} {_processor()}, {cores} cores"
     return Machine(cores, free_memory(), "cpu", name)
 
 
@@ -78,10 +115,12 @@ def card_memory(name: str) -> int | None:
     if name.startswith("NVIDIA"):
         command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader,nounits"]
         try:
-            text = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout
+            done = run_text(command, timeout=10)
         except (OSError, subprocess.SubprocessError):
             return None
-        rows = (line.rpartition(",") for line in text.splitlines())
+        if done.returncode:
+            return None
+        rows = (line.rpartition(",") for line in done.stdout.splitlines())
         found = [int(size) << 20 for card, _, size in rows if card.strip() == name and size.strip().isdecimal()]
         return min(found, default=None)
     sizes = [_text(file).strip() for file in _GRAPHICS.glob("card*/device/mem_info_vram_total")]
@@ -169,7 +208,24 @@ def _kibibytes(file: str, name: str) -> int | None:
     return next((1024 * int(words[1]) for words in found), None)
 
 
+def total_memory() -> int | None:
+    """Return the bytes of memory that this machine has, None where the system does not report them."""
+    if sys.platform == "win32":
+        status = _status_of_windows()
+        return None if status is None else int(status.total)
+    if "SC_PHYS_PAGES" not in os.sysconf_names:
+        return None
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
 def _free_on_windows() -> int | None:
+    status = _status_of_windows()
+    return None if status is None else int(status.available)
+
+
+def _status_of_windows() -> Any:
+    """Return the answer of Windows about its memory, None when there is none."""
+
     class Status(ctypes.Structure):
         _fields_ = [("size", ctypes.c_ulong), ("load", ctypes.c_ulong)] + [
             (name, ctypes.c_ulonglong)
@@ -180,12 +236,12 @@ def _free_on_windows() -> int | None:
     status.size = ctypes.sizeof(Status)
     if not ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status)):  # type: ignore[attr-defined, unused-ignore]
         return None
-    return int(status.available)
+    return status
 
 
 def _free_on_mac() -> int | None:
     try:
-        text = subprocess.run(["vm_stat"], capture_output=True, text=True, check=True, timeout=10).stdout
+        text = run_text(["vm_stat"], timeout=10).stdout
         page = int(text.split("page size of ")[1].split()[0])
         counts = {
             key.strip(): int(value.strip().rstrip("."))

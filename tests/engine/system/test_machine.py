@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.machine import PeakMemory, card_memory, cpu_seconds, describe_machine, free_memory, peak_memory
+from engine.system import PeakMemory, card_memory, cpu_seconds, describe_machine, free_memory, peak_memory
 from tests.conftest import ROOT
 
 
@@ -34,8 +34,8 @@ def test_peak_is_that_of_the_block_and_not_of_earlier_work() -> None:
 
 
 def test_unknown_peak_is_reported_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("engine.machine._reset_peak", lambda: False)
-    monkeypatch.setattr("engine.machine.peak_memory", lambda: 5)
+    monkeypatch.setattr("engine.system.machine._reset_peak", lambda: False)
+    monkeypatch.setattr("engine.system.machine.peak_memory", lambda: 5)
     with PeakMemory.of() as peak:
         pass
     assert peak.bytes is None
@@ -45,10 +45,10 @@ def test_unknown_peak_is_reported_as_none(monkeypatch: pytest.MonkeyPatch) -> No
 def groups(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder of control groups, in which this process is in ``/`` of version 2; 9 MB are free on the machine."""
     (tmp_path / "own").write_text("0::/\n")
-    monkeypatch.setattr("engine.machine._CGROUP", tmp_path)
-    monkeypatch.setattr("engine.machine._OWN_GROUPS", tmp_path / "own")
-    monkeypatch.setattr("engine.machine.sys.platform", "linux")
-    monkeypatch.setattr("engine.machine._kibibytes", lambda file, name: 9_000_000)
+    monkeypatch.setattr("engine.system.machine._CGROUP", tmp_path)
+    monkeypatch.setattr("engine.system.machine._OWN_GROUPS", tmp_path / "own")
+    monkeypatch.setattr("engine.system.machine.sys.platform", "linux")
+    monkeypatch.setattr("engine.system.machine._kibibytes", lambda file, name: 9_000_000)
     return tmp_path
 
 
@@ -95,7 +95,7 @@ def test_limit_of_the_process_leaves_less_free(kind: str) -> None:
     code = f"""
 import resource
 resource.setrlimit(resource.{kind}, (300_000_000, 300_000_000))
-from engine.machine import free_memory
+from engine.system import free_memory
 before = free_memory()
 held = bytearray(100_000_000)
 print(before, free_memory())
@@ -120,7 +120,7 @@ def test_memory_of_a_card_is_what_its_driver_says(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(subprocess, "run", smi)
     assert card_memory("NVIDIA L4") == 20000 << 20, "of two cards of one name, the smaller one"
     assert card_memory("NVIDIA A2") is None
-    monkeypatch.setattr("engine.machine._GRAPHICS", tmp_path)
+    monkeypatch.setattr("engine.system.machine._GRAPHICS", tmp_path)
     assert card_memory("AMD Radeon") is None
     for number in (0, 1):
         device = tmp_path / f"card{number}" / "device"
