@@ -19,7 +19,7 @@ def script(tmp_path: Path) -> Callable[[str], list[str]]:
         # As the engine does: a process started with & in a shell ignores SIGINT by default.
         head += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         head += "def say(event): print(to_json_line(event), flush=True)\n"
-        file.write_text(head + text)
+        file.write_text(head + text, encoding="utf-8")
         return [sys.executable, str(file)]
 
     return make
