@@ -5,32 +5,17 @@ from __future__ import annotations
 import json
 import logging
 import os
-import re
 import sys
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from .errors import Cancelled
 from .events import ErrorEvent, Event, Finished, Metric, Progress, StageFinished, StageStarted, Warned, to_json_line
 from .project_folder import PROJECT_FILE
+from .system import json_printable, printable
 from .visible_text import visible
 
 __all__ = ["EventOutput"]
-
-_NOT_ASCII = re.compile(r"[^\x00-\x7f]")
-
-
-def _printable(text: str, stream: TextIO) -> str:
-    """Return `text` with the characters that `stream` cannot encode as escape sequences."""
-    encoding = stream.encoding or "utf-8"
-    return text.encode(encoding, "backslashreplace").decode(encoding)
-
-
-def _json_printable(line: str, stream: TextIO) -> str:
-    """Return a line of JSON in ASCII, if `stream` has another encoding than UTF-8."""
-    if (stream.encoding or "utf-8").lower().replace("-", "") == "utf8":
-        return line
-    return _NOT_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], line)
 
 
 class _LogLines(logging.Handler):
@@ -91,7 +76,7 @@ class EventOutput:
         self.write_log(line)
         if self._json_lines:
             try:
-                print(_json_printable(line, sys.stdout), flush=True)
+                print(json_printable(line, sys.stdout), flush=True)
             except BrokenPipeError:
                 # The reader (Blender) was closed; the job continues, and later events are in its log.
                 self._json_lines = False
@@ -120,7 +105,7 @@ class EventOutput:
             self._close_bar()
             if event.message:
                 # Lines and columns of the plan and of other tables.
-                print(_printable(visible(event.message, keep="\n\t"), sys.stdout))
+                print(printable(visible(event.message, keep="\n\t"), sys.stdout))
 
     def _progress(self, event: Progress) -> None:
         from tqdm import tqdm
@@ -143,7 +128,7 @@ class EventOutput:
 
     @staticmethod
     def _shown(text: str) -> str:
-        return _printable(visible(text), sys.stderr)
+        return printable(visible(text), sys.stderr)
 
     def _print(self, sentence: str) -> None:
         sentence = self._shown(sentence)

@@ -27,6 +27,7 @@ from ..system import (
     cpu_seconds,
     end_children_with_this_process,
     end_with_parent,
+    json_printable,
     kill_group,
     no_core_dumps,
     own_group,
@@ -181,7 +182,7 @@ def _main() -> int:
     except SystemExit as end:
         code = int(end.code or 0)
     taken = Metric("batch", _CPU_SECONDS, cpu_seconds(), seconds=time.perf_counter() - begin)
-    print(to_json_line(taken), flush=True)
+    print(json_printable(to_json_line(taken), sys.stdout), flush=True)
     return code
 
 

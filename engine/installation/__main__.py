@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..errors import Cancelled, HeritageError
 from ..events import Emit, ErrorEvent, Event, Finished, Progress, StopCheck, Warned, to_json_line
-from ..system import SYSTEMS, StopOnSignal, end_children_with_this_process
+from ..system import SYSTEMS, StopOnSignal, end_children_with_this_process, json_printable, printable
 from .environment import EngineEnvironment, default_folder
 
 
@@ -87,7 +87,7 @@ def _bundle(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> 
 
 
 def _print_json(event: Event) -> None:
-    print(to_json_line(event), flush=True)
+    print(json_printable(to_json_line(event), sys.stdout), flush=True)
 
 
 _last = ""
@@ -100,7 +100,8 @@ def _print_text(event: Event) -> None:
     if message and message != _last and isinstance(event, (Progress, Warned, ErrorEvent, Finished)):
         _last = message
         where = sys.stdout if isinstance(event, Finished) else sys.stderr
-        print(f"Error: {message}" if isinstance(event, ErrorEvent) else message, file=where, flush=True)
+        line = f"Error: {message}" if isinstance(event, ErrorEvent) else message
+        print(printable(line, where), file=where, flush=True)
 
 
 if __name__ == "__main__":

@@ -228,14 +228,18 @@ def _create_with(run: _Run, interpreter: Interpreter) -> None:
 
 
 def _add_pip(run: _Run) -> None:
-    """Install pip with its own wheel, which can be run."""
+    """Install pip with its own wheel."""
     folder = run.environment.folder / "pip"
     wheel = next(run.wheels.glob("pip-*.whl"), None) if run.wheels is not None else None
     try:
         wheel = wheel or fetch_pip(folder)
-        python = run.environment.python
-        command = [python, wheel / "pip", "install", "--no-index", "--no-deps", "--disable-pip-version-check", wheel]
-        run_logged(command, run.environment.log, "pip could not be installed", should_stop=run.should_stop)
+        # Out of the wheel itself, which can be imported. As a module, because pip refuses on Windows to change itself
+        # when it was started in another way.
+        command = [run.environment.python, "-m", "pip", "install", "--no-index", "--no-deps", "--force-reinstall"]
+        run_logged(
+            [*command, "--disable-pip-version-check", wheel], run.environment.log, "pip could not be installed",
+            should_stop=run.should_stop, variables={"PYTHONPATH": str(wheel)},
+        )  # fmt: skip
     finally:
         delete_derived(run.environment.folder, folder.name)
 

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from .replacing import advice_for, delete_file, delete_tree, replace_file
     from .signals import handlers_kept, signals_held_back
     from .stopping import STOP_VARIABLE, StopOnSignal, request_stop
-    from .text import run_text, with_utf8
+    from .text import json_printable, printable, run_text, with_utf8
     from .times import change_time_ns, name_in_order
 
 __all__ = [
@@ -82,6 +82,7 @@ __all__ = [
     "has_nvidia_driver",
     "ignore_signals_of_the_terminal",
     "is_cheap_to_recognise",
+    "json_printable",
     "kill_group",
     "kill_recognised",
     "killed_for_cpu_time",
@@ -99,6 +100,7 @@ __all__ = [
     "own_group",
     "package_system",
     "peak_memory",
+    "printable",
     "process_runs",
     "program_in",
     "python_in",

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 from collections.abc import Mapping, Sequence
+from typing import TextIO
 
 from .processes import no_window
 
-__all__ = ["run_text", "with_utf8"]
+__all__ = ["json_printable", "printable", "run_text", "with_utf8"]
+
+_NOT_ASCII = re.compile(r"[^\x00-\x7f]")
+
+
+def printable(text: str, stream: TextIO) -> str:
+    """Return `text` with the characters that `stream` cannot encode as escape sequences."""
+    encoding = stream.encoding or "utf-8"
+    return text.encode(encoding, "backslashreplace").decode(encoding)
+
+
+def json_printable(line: str, stream: TextIO) -> str:
+    """Return a line of JSON in ASCII, if `stream` has another encoding than UTF-8."""
+    if (stream.encoding or "utf-8").lower().replace("-", "") == "utf8":
+        return line
+    return _NOT_ASCII.sub(lambda found: json.dumps(found[0])[1:-1], line)
 
 
 def with_utf8(environment: Mapping[str, str] | None = None) -> dict[str, str]:
