@@ -26,7 +26,7 @@ help: ## what can be made
 setup: ## make the environments and fetch the model files; again: nothing to do
 	$(PYTHON) scripts/setup_environments.py
 
-demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
+demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a, b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
 
 test: setup page lint contracts engine-tests blender-tests ## set-up, then all checks and tests

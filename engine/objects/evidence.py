@@ -26,7 +26,7 @@ from .votes import THRESHOLD, MaskEvidence
 __all__ = [
     "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
     "evidence_of_exclusions", "evidence_of_places", "find_evidence", "pixel_of", "places_in",
-    "require_known", "require_mask",
+    "UnknownTextError", "require_known", "require_mask",
 ]  # fmt: skip
 
 _PART = 0.1  # chosen on museum_room
@@ -164,8 +164,12 @@ def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     return int(round(float(columns.mean()))), int(round(float(rows.mean())))
 
 
+class UnknownTextError(PromptError):
+    """The detector does not know a text."""
+
+
 def require_known(text: str, context: SegmentationContext) -> None:
-    """Raise `PromptError` for a text that the detector does not know; the message lists the nearest words it knows."""
+    """Raise `UnknownTextError` for a text that the detector does not know; the message lists the nearest words."""
     check = context.detector.check_prompt(text)
     if check.known:
         return
@@ -175,4 +179,4 @@ def require_known(text: str, context: SegmentationContext) -> None:
         sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest)}."
     if "click" not in sentence.lower():
         sentence += " You can click on the object instead."
-    raise PromptError(sentence)
+    raise UnknownTextError(sentence)

@@ -14,6 +14,7 @@ import numpy as np
 from ..errors import FormatError, HeritageError, MaskError, PromptError
 from ..files import opened
 from ..scene import Camera, CameraSet, PinholeCamera
+from ..words import split_texts
 from .arrays import Mask
 
 __all__ = [
@@ -148,8 +149,8 @@ def parse_point(text: str) -> Point:
 
 
 def parse_texts(text: str) -> list[str]:
-    """Return the different texts of a list such as ``"vase;teapot"``. Raises `PromptError` when it is empty."""
-    texts = list(dict.fromkeys(part.strip() for part in text.split(";") if part.strip()))
+    """Return the different texts of a prompt (`engine.words.split_texts`). Raises `PromptError` when it has none."""
+    texts = split_texts(text)
     if not texts:
         raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
     return texts
