@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .word_list import normalised, word_list
+from .word_list import adjectives, normalised, word_list
 
 __all__ = ["join_texts", "split_texts"]
 
@@ -33,24 +33,13 @@ _JOINT = re.compile(
 )
 _LEFT_OVER = re.compile(rf"^(?:(?:{_CONJUNCTIONS})\s+|[\s,.&/+])+|[\s,.&/+]+$|\s+(?:{_CONJUNCTIONS})$", re.IGNORECASE)
 _CONTINUED = re.compile(
-    r"(?:with|without|of|in|on|upon|inside|within|from|for|by|at|near|under|behind|beside|next to|between|left of|right of"
-    r"|to the|made|showing|depicting|that|which|who|whose)\s",
+    r"(?:with|without|of|in|on|upon|inside|within|from|for|by|at|near|under|behind|beside|next to|between|left of"
+    r"|right of|to the|made|showing|depicting|that|which|who|whose)\s",
     re.IGNORECASE,
 )
 """How a text begins that belongs to the one before: "a vase, with two handles"."""
 _COMPLEMENT = re.compile(r"\s(?:with|without|of|from|for|showing|depicting)\s", re.IGNORECASE)
 _BETWEEN = re.compile(r"\sbetween\s", re.IGNORECASE)
-_ADJECTIVES = frozenset(
-    """
-    black white grey gray red green blue yellow brown pink purple violet golden gilded gilt gold silver silvery bronze brass
-    copper iron steel metal tin lead wood wooden glass clay ceramic earthenware stoneware porcelain terracotta stone marble
-    granite alabaster ivory ebony bone leather plastic paper cream beige turquoise cobalt crimson scarlet dark light bright
-    pale large small big little tiny huge tall short long wide narrow thin thick high low round square oval old new ancient
-    antique modern medieval broken cracked damaged left right upper lower first second third greek roman egyptian chinese
-    japanese african persian painted glazed unglazed carved engraved decorated plain striped checked enamelled lacquered
-    """.split()
-)  # fmt: skip
-"""Words that describe an object and name none, unless the vocabulary has them: "a blue and white vase" is one object."""
 _FIXED_PHRASES = (
     "arts and crafts", "pen and ink", "rock and roll", "skull and crossbones", "stars and stripes", "tongue and groove",
     "wattle and daub", "horse and rider", "mother and child", "madonna and child", "virgin and child", "adam and eve",
@@ -71,8 +60,8 @@ class _Part:
 def split_texts(prompt: str) -> list[str]:
     """Return the texts of a prompt that names one or several objects.
 
-    Texts are separated by semicolons, new lines, tabs, full stops, commas, slashes, ``&``, ``+``, dashes between spaces,
-    and by *and* or *or* in English, German or French. They are not where a phrase of the vocabulary holds the separator
+    Texts are separated by semicolons, new lines, tabs, full stops, commas, slashes, ``&``, ``+``, dashes between
+    spaces, and by *and* or *or* in English, German or French. They are not where a phrase of the vocabulary holds the separator
     ("salt and pepper shaker"), where it joins adjectives ("a blue and white vase") or what is said of one object ("a
     vase, with two handles"), in numbers and abbreviations, and in quotation marks, which are removed.
 
@@ -166,8 +155,7 @@ def _belongs(part: _Part, before: str) -> bool:
 
 def _is_adjective(text: str) -> bool:
     words = [word for word in normalised(text).split() if word not in _ARTICLES]
-    known = word_list().classes_of_word
-    return bool(words) and not _PRIVATE.search(text) and all(one in _ADJECTIVES and one not in known for one in words)
+    return bool(words) and not _PRIVATE.search(text) and all(one in adjectives() for one in words)
 
 
 def _restored(part: str, kept: Sequence[str], n_quoted: int) -> list[str]:

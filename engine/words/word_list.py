@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..files import read_text
 
-__all__ = ["ClassWords", "WordList", "normalised", "similarly_spelt", "word_list"]
+__all__ = ["ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt", "word_list"]
 
 _HERE = Path(__file__).parent
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
@@ -98,6 +98,13 @@ def word_list() -> WordList:
         ends = [span.partition("-") for span in spans.split()]
         classes_of_word[word] = {k for first, _, last in ends for k in range(int(first), int(last or first) + 1)}
     return WordList(classes, {word: frozenset(indices) for word, indices in classes_of_word.items()})
+
+
+@functools.cache
+def adjectives() -> frozenset[str]:
+    """Return words that describe an object and name none. Raises `FormatError` as `word_list`."""
+    known = word_list().classes_of_word
+    return frozenset(word for (line,) in _read_rows("adjectives.txt") for word in line.split() if word not in known)
 
 
 def _read_rows(name: str) -> Iterator[list[str]]:

@@ -70,14 +70,21 @@ def test_every_example_is_a_known_word() -> None:
 @pytest.mark.parametrize(
     ("file", "text"),
     [
-        ("README.md", "vase, teapot"), ("engine/cli.py", "vase, teapot"),
-        ("engine/commands/segment.py", "vase, teapot"), ("engine/commands/scene_options.py", "vase, teapot"),
-        ("engine/serve/page/src/views/objects.js", "vase, teapot"), ("gaussian_heritage_addon/objects_panel.py", "vase, teapot"),
-        ("gaussian_heritage_addon/german_tooltips.py", "vase, teapot"), ("operators/import_photos.py", "vase, teapot"),
-        ("operators/isolate.py", "vase"), ("docs/curators.md", "vase, teapot"), ("docs/text_prompts.md", "bowl on the table"),
-        ("README.md", "vase, teapot, shield, mask, obelisk"), ("scripts/demo.py", "vase, teapot"),
+        ("README.md", "vase, teapot"),
+        ("engine/cli.py", "vase, teapot"),
+        ("engine/commands/segment.py", "vase, teapot"),
+        ("engine/commands/scene_options.py", "vase, teapot"),
+        ("engine/serve/page/src/views/objects.js", "vase, teapot"),
+        ("gaussian_heritage_addon/objects_panel.py", "vase, teapot"),
+        ("gaussian_heritage_addon/german_tooltips.py", "vase, teapot"),
+        ("operators/import_photos.py", "vase, teapot"),
+        ("operators/isolate.py", "vase"),
+        ("docs/curators.md", "vase, teapot"),
+        ("docs/text_prompts.md", "bowl on the table"),
+        ("README.md", "vase, teapot, shield, mask, obelisk"),
+        ("scripts/demo.py", "vase, teapot"),
     ],
-)  # fmt: skip
+)
 def test_places_that_show_an_example_are_seen(file: str, text: str) -> None:
     assert (file, text) in examples()
 
