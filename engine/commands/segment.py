@@ -7,12 +7,13 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import SettingsError
+from ..errors import PromptError, SettingsError
 from ..events import Emit, Finished, StopCheck
-from ..objects import object_ids, parse_point, parse_prompt, parse_texts
+from ..objects import object_ids, parse_point, parse_prompt
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, choose_objects_device
+from ..words import split_texts
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
 from .scene_options import add_device_option
@@ -134,7 +135,9 @@ def _texts(
 ) -> tuple[str, dict[str, Any]]:
     from ..objects import CANDIDATES
 
-    texts = parse_texts(options.prompt)
+    texts = split_texts(options.prompt)
+    if not texts:
+        raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
     if options.name is not None and len(texts) > 1:
         raise SettingsError(
             f"--name cannot be combined with several texts: {', '.join(map(repr, texts))}. Without it, each object is "

@@ -26,7 +26,7 @@ from .votes import THRESHOLD, MaskEvidence
 __all__ = [
     "clicks_by_photo", "connected_members", "connected_parts", "evidence_of_clicks",
     "evidence_of_exclusions", "evidence_of_places", "find_evidence", "pixel_of", "places_in",
-    "UnknownTextError", "require_known", "require_mask",
+    "require_known", "require_mask",
 ]  # fmt: skip
 
 _PART = 0.1  # chosen on museum_room
@@ -164,12 +164,8 @@ def pixel_of(view: View, x: float, y: float) -> tuple[int, int]:
     return int(round(float(columns.mean()))), int(round(float(rows.mean())))
 
 
-class UnknownTextError(PromptError):
-    """The detector does not know a text."""
-
-
 def require_known(text: str, context: SegmentationContext) -> None:
-    """Raise `UnknownTextError` for a text that the detector does not know; the message lists the nearest words."""
+    """Raise `PromptError` for a text that the detector does not know; the message lists the nearest words it knows."""
     check = context.detector.check_prompt(text)
     if check.known:
         return
@@ -179,4 +175,4 @@ def require_known(text: str, context: SegmentationContext) -> None:
         sentence = f"{sentence.rstrip('.')}. The nearest words it knows: {', '.join(nearest)}."
     if "click" not in sentence.lower():
         sentence += " You can click on the object instead."
-    raise UnknownTextError(sentence)
+    raise PromptError(sentence)

@@ -17,14 +17,14 @@ from ..events import Emit, StopCheck, Warned
 from ..project_folder import ProjectFolder
 from ..provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..records import ObjectRecord, new_id, new_name
+from ..records import ObjectRecord, found_again, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
 from ..settings import to_dict
-from ..words import normalised, similarly_spelt
+from ..words import called_nearly
 from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
-from .evidence import UnknownTextError, evidence_of_clicks, find_evidence
+from .evidence import evidence_of_clicks, find_evidence
 from .lifting import FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .polishing import polish
@@ -93,7 +93,8 @@ class Segmenter:
             message = str(error)
             if isinstance(prompt, TextPrompt):
                 nearest = error.candidates if isinstance(error, NoMatchError) else ()
-                message += self._called_nearly(prompt.text) if isinstance(error, UnknownTextError) else ""
+                names = [record.name for record in list_objects(self.project.path) if record.id != BACKGROUND]
+                message += called_nearly(prompt.text, names)
                 remember_candidates(self.project.path, prompt.text, message, nearest, context.photos)
             raise PromptError(message) from error
         if isinstance(prompt, TextPrompt):
@@ -268,7 +269,7 @@ class Segmenter:
         records = []
         for item, same in zip(found, existing, strict=True):
             if same is not None:
-                self.emit(Warned(_told_as(item.name or name, same)))
+                self.emit(Warned(found_again(item.name or name, same)))
                 records.append(same)
                 continue
             polished = next(each)
@@ -292,12 +293,6 @@ class Segmenter:
                 if np.array_equal(load_membership(self.project.path, record.id) >= record.threshold, members):
                     return record
         return None
-
-    def _called_nearly(self, text: str) -> str:
-        """Return a sentence about stored objects whose name is spelt like a text; empty without one."""
-        names = [record.name for record in list_objects(self.project.path) if record.prompt.get("kind") != BACKGROUND]
-        alike = similarly_spelt([normalised(text)], names)
-        return f" The scene has an object that is called {' or '.join(map(repr, alike))}." if alike else ""
 
     def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:
         polished = []
@@ -336,10 +331,3 @@ class Segmenter:
             for record in list_objects(self.project.path)
             if record.prompt.get("kind") != BACKGROUND and record.n_scene_gaussians == count
         }
-
-
-def _told_as(name: str, same: ObjectRecord) -> str:
-    """Return a sentence that what was to be stored as `name` is an object that exists."""
-    which = "exists already with" if name == same.name else "has"
-    owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
-    return f"{name!r} {which} exactly {owner}, so no second object was stored."

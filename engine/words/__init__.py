@@ -4,6 +4,6 @@ Standard library only: Blender and the server split prompts as the engine does.
 """
 
 from .splitting import join_texts, split_texts
-from .word_list import normalised, similarly_spelt, word_list
+from .vocabulary_words import called_nearly, normalised, word_list
 
-__all__ = ["join_texts", "normalised", "similarly_spelt", "split_texts", "word_list"]
+__all__ = ["called_nearly", "join_texts", "normalised", "split_texts", "word_list"]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .word_list import adjectives, normalised, word_list
+from .vocabulary_words import adjectives, normalised, word_list
 
 __all__ = ["join_texts", "split_texts"]
 
@@ -61,9 +61,9 @@ def split_texts(prompt: str) -> list[str]:
     """Return the texts of a prompt that names one or several objects.
 
     Texts are separated by semicolons, new lines, tabs, full stops, commas, slashes, ``&``, ``+``, dashes between
-    spaces, and by *and* or *or* in English, German or French. They are not where a phrase of the vocabulary holds the separator
-    ("salt and pepper shaker"), where it joins adjectives ("a blue and white vase") or what is said of one object ("a
-    vase, with two handles"), in numbers and abbreviations, and in quotation marks, which are removed.
+    spaces, and by *and* or *or* in English, German or French. They are not where a phrase of the vocabulary holds the
+    separator ("salt and pepper shaker"), where it joins adjectives ("a blue and white vase") or what is said of one
+    object ("a vase, with two handles"), in numbers and abbreviations, and in quotation marks, which are removed.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def split_texts(prompt: str) -> list[str]:
     return list(texts.values())
 
 
-_FIRST_KEPT = 0xE000
+_FIRST_KEPT = 0xE000  # by definition
 _PRIVATE = re.compile("[\ue000-\uf8ff]")
 
 

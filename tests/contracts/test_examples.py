@@ -29,7 +29,7 @@ _FORMS = [
         r"--prompts?[ =](?P<text>[a-z]+)\b",
         rf"(?:e\.g\.|several:|for example:?|zum Beispiel:?) {_QUOTED}(?=[\"')\s])",
         r"(?:for example:?|zum Beispiel:?) (?P<text>[a-z]+)[.\"']",
-        r"(?:commas|Kommas)[^()\"]* \(`?(?P<text>[^()`]+)`?\)",
+        r"(?:commas|Kommas)[^()\"]* \(`?(?P<text>[^()`*]+)`?\)",
         r"classes of an ImageNet classifier \((?P<text>[^()]+), \.\.\.\)",
         r"^- \*(?P<text>[^*\n]+)\*(?=[,:])",
         r"Type what you look for, for example `(?P<text>[^`]+)`",

@@ -12,7 +12,7 @@ import pytest
 
 from engine.jobs import running_processes as processes
 
-COMMAND = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
+COMMAND = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(600)"]
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows lists processes in another way")
 

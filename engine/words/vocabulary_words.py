@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..files import read_text
 
-__all__ = ["ClassWords", "WordList", "adjectives", "normalised", "similarly_spelt", "word_list"]
+__all__ = ["ClassWords", "WordList", "adjectives", "called_nearly", "normalised", "similarly_spelt", "word_list"]
 
 _HERE = Path(__file__).parent
 _ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
@@ -140,6 +140,12 @@ def similarly_spelt(texts: Iterable[str], words: Iterable[str]) -> list[str]:
     least = max(likeness.values(), default=0.0) - _LIKENESS_SPREAD
     nearest = sorted((word for word in likeness if likeness[word] >= least), key=lambda word: -likeness[word])
     return [by_lower[word] for word in nearest[:_MAX_SUGGESTIONS]]
+
+
+def called_nearly(text: str, names: Iterable[str]) -> str:
+    """Return a sentence about names of objects that a text may be a misspelling of; empty without one."""
+    alike = similarly_spelt([normalised(text)], names)
+    return f" The scene has an object that is called {' or '.join(map(repr, alike))}." if alike else ""
 
 
 def _endings(text: str) -> list[str]:
