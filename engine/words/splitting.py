@@ -12,7 +12,7 @@ from .vocabulary_words import adjectives, normalised, word_list
 __all__ = ["join_texts", "split_texts"]
 
 _QUOTES = ('""', "“”", "„“", "„”", "«»", "»«", "‘’", "‚‘", "''")
-_QUOTED_FORMS = "|".join(rf"{first}(?:[^{last}\n]|{last}(?=\w))+{last}" for first, last in _QUOTES)
+_QUOTED_FORMS = "|".join(rf"{pair[0]}(?:[^{pair[1]}\n]|{pair[1]}(?=\w))+{pair[1]}" for pair in _QUOTES)
 _QUOTED = re.compile(rf"(?<!\w)(?:{_QUOTED_FORMS})(?!\w)")
 _LIST_MARK = re.compile(r"^\s*(?:[-*–—•·]\s+|\(?\d{1,3}[.)]\s+)", re.MULTILINE)
 _FULL_STOP = re.compile(r"(?:(?<=\w\w)|(?<=[^\w\s.]))\.+(?=\s|$)|(?<=[^\W\d]{2})\.(?=[^\W\d]{2})")
@@ -111,7 +111,8 @@ def _known_phrases() -> re.Pattern[str]:
 
 
 def _parts(sentence: str) -> list[_Part]:
-    parts, start, joint = [], 0, ""
+    parts: list[_Part] = []
+    start, joint = 0, ""
     for found in [*_JOINT.finditer(sentence), None]:
         text = sentence[start : found.start() if found else len(sentence)]
         if _LEFT_OVER.sub("", text.strip()):
@@ -181,5 +182,5 @@ def join_texts(texts: Sequence[str]) -> str:
 
 def _quoted(text: str) -> str:
     fitting = (pair for pair in _QUOTES if not set(pair) & set(text))
-    first, last = next(fitting, _QUOTES[0])
-    return f"{first}{text}{last}"
+    pair = next(fitting, _QUOTES[0])
+    return f"{pair[0]}{text}{pair[1]}"
