@@ -28,13 +28,14 @@ help: ## what can be made
 setup: ## make the environments and fetch the model files; again: nothing to do
 	$(PYTHON) scripts/setup_environments.py
 
-demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a;b" PRESET=preview|standard|best
+demo: setup page ## photos to a Blender scene with separate objects; PHOTOS=folder PROMPTS="a, b" PRESET=preview|standard|best
 	$(PYTHON) scripts/demo.py $(if $(PHOTOS),--photos "$(PHOTOS)" --prompts "$(PROMPTS)") --preset $(PRESET)
 
-test: setup page lint contracts engine-tests blender-tests ## set-up, then all checks and tests
+test: setup page ## set-up, then all checks and tests, also after one failed; the last lines say what failed
+	$(ENGINE) scripts/run_tests.py --make "$(MAKE)" lint contracts engine-tests blender-tests
 
 lint: ## format and lint
-	$(ENGINE) -m ruff format --check .
+	$(ENGINE) -m ruff format --check . || { $(ENGINE) -m ruff check .; exit 1; }
 	$(ENGINE) -m ruff check .
 
 contracts: ## import contracts and types

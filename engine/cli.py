@@ -24,7 +24,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m engine",
         description="Photos in, Gaussians and separate objects out.",
-        epilog='example: python -m engine reconstruct photos --out scene --prompts "vase;teapot"',
+        epilog='example: python -m engine reconstruct photos --out scene --prompts "vase, teapot"',
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in COMMANDS:

@@ -18,8 +18,9 @@ __all__ = ["forget_found_objects", "objects_stage"]
 _FOUND_BY_PROMPT = "objects_by_prompt"
 """Name in ``project.json`` of what each prompt has found so far: a killed run continues after it.
 
-``key`` of the stage; ``found``: ids of the objects by text; ``again``: of texts whose objects were damaged, the ids of
-those that are made again, and null in the place of the others; ``before``: ids of all objects when these were noted.
+``key`` of the stage; ``found``: ids of the objects by text, and null in the place of one that existed before;
+``again``: of texts whose objects were damaged, the ids of those that are made again, and null in the place of the
+others; ``before``: ids of all objects when these were noted.
 """
 
 _FIRST_RELEASE: dict[str, Any] = {
@@ -58,7 +59,7 @@ def objects_stage(
     def compute() -> dict[str, Any]:
         from .grounding import load_default_detector
         from .masks import load_sam
-        from .objects import Segmenter
+        from .objects import Segmenter, object_ids
 
         found, again = _found_before(runner, key)
         refused: dict[str, str] = {}
@@ -70,15 +71,22 @@ def objects_stage(
         )  # fmt: skip
         names = {prompt: prompt for prompt in prompts}
         done = tuple(text for text in found if text not in again)
+        existing = set(object_ids(runner.project.path))
+        same: dict[str, list[str]] = {}
         for result in segmenter.segment_each_text(names, skip=done, again=dict(again)):
             if result.refusal:
                 refused[result.text] = result.refusal
                 runner.emit(Warned(result.refusal))
                 continue
             if again.pop(result.text, None) is None:
-                found[result.text] = [record.id for record in result.records]
+                # What existed before may be the user's: it is not this stage's to move to the trash.
+                found[result.text] = [None if one.id in existing else one.id for one in result.records]
+                if known := [one.name for one in result.records if one.id in existing]:
+                    same[result.text] = known
+                existing |= {one.id for one in result.records}
             _note(runner, key, found, again)
-        return {"found": found, "refused": refused, "device": segmenter.device.name}
+        made = {text: [one for one in ids if one is not None] for text, ids in found.items()}
+        return {"found": made, "same": same, "refused": refused, "device": segmenter.device.name}
 
     _forget_damaged_objects(runner, key if prompts else None)
     if prompts:
@@ -93,7 +101,9 @@ def forget_found_objects(runner: StageRunner) -> None:
     runner.project.forget_stages(["objects"])
 
 
-def _note(runner: StageRunner, key: str, found: dict[str, list[str]], again: dict[str, list[str | None]]) -> None:
+def _note(
+    runner: StageRunner, key: str, found: dict[str, list[str | None]], again: dict[str, list[str | None]]
+) -> None:
     from .objects import object_ids
 
     before = object_ids(runner.project.path)
@@ -124,8 +134,8 @@ def _forget_damaged_objects(runner: StageRunner, key: str | None) -> None:
     if not damaged:
         return
     before = project.get(_FOUND_BY_PROMPT)
-    found: dict[str, list[str]] = before["found"] if before is not None and before["key"] == key else {}
-    texts = {one: text for text, ids in found.items() for one in ids if one in damaged}
+    found: dict[str, list[str | None]] = before["found"] if before is not None and before["key"] == key else {}
+    texts = {one: text for text, ids in found.items() for one in ids if one is not None and one in damaged}
     for object_id in damaged:
         what = f"{texts[object_id]!r} is isolated again" if object_id in texts else "isolate the object again"
         runner.emit(Warned(f"A file of objects/{object_id} was damaged; {what}."))
@@ -142,7 +152,7 @@ def _forget_damaged_objects(runner: StageRunner, key: str | None) -> None:
         forget_unreadable_record(project.path, object_id)
 
 
-def _found_before(runner: StageRunner, key: str) -> tuple[dict[str, list[str]], dict[str, list[str | None]]]:
+def _found_before(runner: StageRunner, key: str) -> tuple[dict[str, list[str | None]], dict[str, list[str | None]]]:
     """Return what a killed run of this very stage found, and what is made again.
 
     Objects that it made with other settings go to the trash.
@@ -150,10 +160,10 @@ def _found_before(runner: StageRunner, key: str) -> tuple[dict[str, list[str]], 
     from .objects import discard_object, object_ids
 
     before = runner.project.get(_FOUND_BY_PROMPT) or {"key": key, "found": {}}
-    found: dict[str, list[str]] = before["found"]
+    found: dict[str, list[str | None]] = before["found"]
     if before["key"] == key:
         return found, dict(before.get("again", {}))
     existing = set(object_ids(runner.project.path))
-    for object_id in [one for ids in found.values() for one in ids if one in existing]:
+    for object_id in [one for ids in found.values() for one in ids if one is not None and one in existing]:
         discard_object(runner.project, object_id, why="isolated again with other prompts or settings")
     return {}, {}

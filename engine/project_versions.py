@@ -43,7 +43,12 @@ SCHEMAS: tuple[Schema, ...] = (
         "earlier_outputs": {str: {str: FILE_RECORD}},
         "objects_by_prompt": optional(
             (
-                {"key": str, "found": {str: [str]}, "again": optional({str: [(str, None)]}), "before": optional([str])},
+                {
+                    "key": str,
+                    "found": {str: [(str, None)]},
+                    "again": optional({str: [(str, None)]}),
+                    "before": optional([str]),
+                },
                 None,
             )
         ),

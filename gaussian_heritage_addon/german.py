@@ -244,7 +244,7 @@ TEXTS: dict[str, str] = {
     "Up Axis": "Achse nach oben",
     "Update Engine": "Engine aktualisieren",
     "USD": "USD",
-    "vase; teapot": "Vase; Teekanne",
+    "vase, teapot": "vase, teapot",
     "Verify": "Überprüfen",
     "Video": "Video",
     "Video as Gaussian Scene": "Video als Gauß-Szene",

@@ -183,8 +183,8 @@ TEXTS: dict[str, str] = {
     "Isolate every object of the scene, with suggested names, and the background. Existing objects are kept": (
         "Jedes Objekt der Szene mit einem vorgeschlagenen Namen freistellen, und den Hintergrund. Vorhandene bleiben"
     ),
-    'Isolate the objects named in the prompt (separate several with ";"), or the object clicked on photos': (
-        "Die genannten Objekte freistellen (mehrere durch „;“ trennen) oder das auf Fotos angeklickte"
+    "Isolate the objects named in the prompt (separate several with commas), or the object clicked on photos": (
+        "Die genannten Objekte freistellen (mehrere durch Kommas trennen) oder das auf Fotos angeklickte"
     ),
     "Isolate the thing that is seen at the click as a new object": (
         "Was am Klick zu sehen ist, als neues Objekt freistellen"
@@ -230,11 +230,11 @@ TEXTS: dict[str, str] = {
     "Number of photos to move on, by name": "Um wie viele Fotos es weitergeht, nach Namen geordnet",
     "Number of the candidate": "Nummer des Kandidaten",
     "Number of the distance to remove; 0: everything": "Nummer des Abstands, der entfernt wird; 0: alles",
-    'Objects to isolate at the end, separated by ";" (vase;bust)': (
-        "Objekte, die am Ende freigestellt werden, auf Englisch, durch „;“ getrennt (vase;bust)"
+    "Objects to isolate at the end, in English words, separated by commas (vase, teapot)": (
+        "Objekte, die am Ende freigestellt werden, auf Englisch, durch Kommas getrennt (vase, teapot)"
     ),
-    'Objects to isolate, in words; separate several with ";" (vase;teapot)': (
-        "Freizustellende Objekte in Worten, auf Englisch; mehrere durch „;“ trennen (vase;teapot)"
+    "Objects to isolate, in English words; separate several with commas (vase, teapot)": (
+        "Freizustellende Objekte in Worten, auf Englisch; mehrere durch Kommas trennen (vase, teapot)"
     ),
     "Off: this pixel is not part of the object": "Aus: dieses Pixel gehört nicht zum Objekt",
     "Only the surface that is seen": "Nur die Oberfläche, die zu sehen ist",
@@ -325,7 +325,7 @@ TEXTS: dict[str, str] = {
     "Take them from the object instead of showing them": "Sie vom Objekt wegnehmen, statt sie zu zeigen",
     "Take what the region shows of the object away from it": "Was der Bereich vom Objekt zeigt, wird weggenommen",
     "The known distance in metres": "Der bekannte Abstand in Metern",
-    "The object in words, for example vase": "Das Objekt in Worten, auf Englisch, zum Beispiel vase",
+    "The object in English words, for example vase": "Das Objekt in Worten, auf Englisch, zum Beispiel vase",
     "The origin of each object is that of its file": "Der Ursprung jedes Objekts ist der seiner Datei",
     "The point that becomes the origin": "Der Punkt, der zum Ursprung wird",
     "The surface when something is added, everything when something is taken": (

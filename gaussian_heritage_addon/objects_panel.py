@@ -84,7 +84,7 @@ class HERITAGE_PT_objects(bpy.types.Panel):
         layout = self.layout
         properties: HeritageScene = context.scene.heritage
         column = layout.column(align=True)
-        column.prop(properties, "prompt", text="", placeholder="vase; teapot")
+        column.prop(properties, "prompt", text="", placeholder="vase, teapot")
         isolate = column.column()
         # The next step, until there are objects.
         isolate.scale_y = 1.0 if heritage_objects(context.scene, "OBJECT") else _NEXT_STEP_HEIGHT

@@ -259,7 +259,8 @@ class HeritageScene(bpy.types.PropertyGroup):
     prompt: Annotated[
         str,
         StringProperty(
-            name="Prompt", description='Objects to isolate, in words; separate several with ";" (vase;teapot)'
+            name="Prompt",
+            description="Objects to isolate, in English words; separate several with commas (vase, teapot)",
         ),
     ]
     known_distance: Annotated[

@@ -68,15 +68,16 @@ def _import_scene(project: Path, state: JobState, scene: bpy.types.Scene) -> Non
 
 
 def _import_objects(project: Path, state: JobState, scene: bpy.types.Scene) -> None:
-    new_ids, kept_ids = _ids(state, "objects"), _ids(state, "kept")
+    found, existing = _ids(state, "objects"), _ids(state, "existing")
+    new_ids, kept_ids = [one for one in found if one not in existing], [*_ids(state, "kept"), *existing]
     scene.heritage.project = str(project)
     present = {obj.heritage.object_id for obj in heritage_objects(scene, "OBJECT")}
-    # Objects that "find all" kept in the project may be missing in this file.
+    # Objects of the project that were found again may be missing in this file.
     add_objects(scene, project, [*new_ids, *(object_id for object_id in kept_ids if object_id not in present)])
     deleted = set(_ids(state, "deleted"))
     scene.heritage.deleted = "\n".join(one for one in scene.heritage.deleted.split("\n") if one not in deleted)
     scene.heritage.show = "OBJECTS"
-    show_new_objects(scene, new_ids)
+    show_new_objects(scene, found)
 
 
 def _ids(state: JobState, name: str) -> list[str]:

@@ -69,7 +69,7 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         str,
         StringProperty(
             name="Objects",
-            description='Objects to isolate at the end, separated by ";" (vase;bust)',
+            description="Objects to isolate at the end, in English words, separated by commas (vase, teapot)",
             options={"SKIP_SAVE"},
         ),
     ]

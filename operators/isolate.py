@@ -20,14 +20,17 @@ __all__ = ["CLASSES"]
 
 @blender_properties
 class HERITAGE_OT_isolate(SegmentOperator):
-    """Isolate the objects named in the prompt (separate several with ";"), or the object clicked on photos"""
+    """Isolate the objects named in the prompt (separate several with commas), or the object clicked on photos"""
 
     bl_idname = "heritage.isolate"
     bl_label = "Isolate"
 
     # SKIP_SAVE everywhere: values of one call must not become the defaults of the next.
     prompt: Annotated[
-        str, StringProperty(name="Prompt", description="The object in words, for example vase", options={"SKIP_SAVE"})
+        str,
+        StringProperty(
+            name="Prompt", description="The object in English words, for example vase", options={"SKIP_SAVE"}
+        ),
     ]
     photo: Annotated[
         str,

@@ -4,7 +4,7 @@ Builds the extension, installs it into a separate Blender without a window (bpy 
 import the photo folder, isolate every prompt, export, save, render. Then the engine writes a package of each object,
 which is verified, and a page that shows the scene. Standard library only.
 
-example: python scripts/demo.py --photos my/photos --prompts "vase;teapot"
+example: python scripts/demo.py --photos my/photos --prompts "vase, teapot"
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Run the operators of the extension inside Blender for the demo. Started by scripts/demo.py.
 
-Arguments: extension zip, photo folder, folder for the results, prompts separated by ``;``, preset.
+Arguments: extension zip, photo folder, folder for the results, prompts as in ``--prompts``, preset.
 """
 
 from __future__ import annotations

@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import os
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+PATIENCE = 600.0
+"""Seconds after which a test that waits is taken to hang. A limit says nothing of speed: a busy machine is no fault."""
+
+
+def wait_until(condition: Callable[[], object]) -> None:
+    """Wait until `condition` returns something true."""
+    give_up = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < give_up, "waited for something that did not happen"
+        time.sleep(0.02)
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,8 @@ from ..errors import Cancelled, EnvironmentProblem, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..files import atomic_write, write_json
 from ..stages import STAGES
-from .scene_options import add_device_option, add_no_objects_option, add_preset_option
+from ..words import join_texts
+from .scene_options import add_device_option, add_no_objects_option, add_preset_option, add_prompts_option, prompts_of
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "add_arguments", "project_folder", "run"]
 
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, help="folder of the projects, named as the photo folders, and of the summary"
     )
-    parser.add_argument("--prompts", default="", help='objects to isolate in every scene, e.g. "vase;bust"')
+    add_prompts_option(parser, "objects to isolate in every scene")
     add_preset_option(parser)
     add_device_option(parser)
     add_no_objects_option(parser)
@@ -60,12 +61,11 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     unknown = [stage for stage in gpu_stages if stage not in STAGES]
     if unknown:
         raise SettingsError(f"--gpu-stages names {unknown[0]!r}. The stages are {', '.join(STAGES)}.")
-    if options.no_objects and options.prompts:
-        raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
+    prompts = prompts_of(options)
     arguments = [f"--preset={options.preset}"]
     arguments += [f"--device={options.device}"] if options.device != "auto" else []
     arguments += ["--no-objects"] if options.no_objects else []
-    arguments += [f"--prompts={options.prompts}"] if options.prompts else []
+    arguments += [f"--prompts={join_texts(prompts)}"] if prompts else []
     settings = BatchSettings(
         out=options.out, arguments=tuple(arguments), scheduler=options.scheduler, workers=options.workers,
         threads=options.threads, ship=options.ship, gpu_stages=gpu_stages, tries=options.tries,

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_sam_argument(parser)
     # Not `auto`: tables of several computers are compared, and they hold times.
     add_device_option(parser, "render views and count votes", default="cpu")
-    parser.add_argument("--objects", default="", help='only these objects, e.g. "vase;bust"')
+    parser.add_argument("--objects", default="", help='only these objects, e.g. "vase;teapot"')
     parser.add_argument(
         "--doc", type=Path, metavar="FILE.md", help="also write the section of this scene into this file"
     )

@@ -6,7 +6,6 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..masks.settings import PRESETS as MASK_PRESETS
 from ..pipeline import PipelineSettings, reconstruct
@@ -21,14 +20,16 @@ from .scene_options import (
     add_device_option,
     add_no_objects_option,
     add_preset_option,
+    add_prompts_option,
     add_size_options,
+    prompts_of,
 )
 
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "reconstruct"
 HELP = "Rebuild a scene from a folder of photos; continues where an earlier run stopped."
-EXAMPLE = 'python -m engine reconstruct photos --out scene --prompts "vase;teapot"'
+EXAMPLE = 'python -m engine reconstruct photos --out scene --prompts "vase, teapot"'
 USES_CAMERAS = True
 
 
@@ -36,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add this command's arguments."""
     parser.add_argument("photos", type=Path, help="folder with the photos, or a video")
     parser.add_argument("--out", type=Path, required=True, help="project folder; an unfinished run in it is continued")
-    parser.add_argument("--prompts", default="", help='objects to isolate at the end, e.g. "vase;bust"')
+    add_prompts_option(parser, "objects to isolate at the end")
     add_preset_option(parser)
     add_device_option(parser)
     add_size_options(parser)
@@ -70,11 +71,7 @@ def project_folder(options: argparse.Namespace) -> Path:
 
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Run the pipeline."""
-    prompts = tuple(dict.fromkeys(prompt.strip() for prompt in options.prompts.split(";") if prompt.strip()))
-    if options.prompts and not prompts:
-        raise SettingsError(f'--prompts {options.prompts!r} names no object. Write for example: --prompts "vase;bust".')
-    if options.no_objects and prompts:
-        raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
+    prompts = prompts_of(options)
     settings = PipelineSettings(
         plan=PlanSettings(
             preset=options.preset,
@@ -100,6 +97,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     refused = figures.get("refused", {})
     report = project.path / "report" / "report.html"
     message = f"The scene is in {project.path}, its report in {report}.{_trained_on(project)}"
+    if same := figures.get("same", {}):
+        message += f" Found again, so not stored twice: {', '.join(dict.fromkeys(sum(same.values(), [])))}."
     if refused:
         message += f" Not isolated: {', '.join(refused)}. {' '.join(refused.values())}"
     outputs = {"project": str(project.path), "report": str(report), "objects": figures.get("found", {})}

@@ -5,16 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from ..errors import SettingsError
 from ..planning import PlanSettings
 from ..training.settings import PRESET_LIST
+from ..words import split_texts
 
 __all__ = [
     "add_camera_options",
     "add_device_option",
     "add_no_objects_option",
     "add_preset_option",
+    "add_prompts_option",
     "add_size_options",
     "describe_presets",
+    "prompts_of",
 ]
 
 
@@ -31,6 +35,23 @@ def add_preset_option(parser: argparse.ArgumentParser) -> None:
         default=PlanSettings().preset,
         help=f"how much work. {describe_presets()} (default: %(default)s)",
     )
+
+
+def add_prompts_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add ``--prompts``; `what` says what they are."""
+    parser.add_argument("--prompts", default="", help=f'{what}, in English words, e.g. "vase, teapot"')
+
+
+def prompts_of(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the texts of ``--prompts``. Raises `SettingsError` if it names none, or ``--no-objects`` is given too."""
+    prompts = tuple(split_texts(options.prompts))
+    if options.prompts and not prompts:
+        raise SettingsError(
+            f'--prompts {options.prompts!r} names no object. Write for example: --prompts "vase, teapot".'
+        )
+    if options.no_objects and prompts:
+        raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
+    return prompts
 
 
 def add_device_option(parser: argparse.ArgumentParser, what: str = "train", *, default: str = "auto") -> None:

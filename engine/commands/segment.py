@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import SettingsError
+from ..errors import PromptError, SettingsError
 from ..events import Emit, Finished, StopCheck
-from ..objects import parse_point, parse_prompt, parse_texts
+from ..objects import object_ids, parse_point, parse_prompt
 from ..objects.settings import DEFAULT_PRESET, PRESETS
 from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, choose_objects_device
+from ..words import split_texts
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
 from .scene_options import add_device_option
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     action = parser.add_argument_group(
         "action", "Give exactly one of these options. --refine may be combined with --click."
     )
-    action.add_argument("--prompt", metavar="TEXT", help='name of the object in words; several: "vase;teapot"')
+    action.add_argument("--prompt", metavar="TEXT", help='name of the object in English words; several: "vase, teapot"')
     action.add_argument(
         "--click", action="append", default=[], metavar="PHOTO=x,y",
         help="a pixel of the object, from the photo's top left corner; several, in any photos, mean one object",
@@ -133,19 +135,22 @@ def _texts(
 ) -> tuple[str, dict[str, Any]]:
     from ..objects import CANDIDATES
 
-    texts = parse_texts(options.prompt)
+    texts = split_texts(options.prompt)
+    if not texts:
+        raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
     if options.name is not None and len(texts) > 1:
         raise SettingsError(
-            "--name cannot be combined with several texts. Without it, each object is named after its text."
+            f"--name cannot be combined with several texts: {', '.join(map(repr, texts))}. Without it, each object is "
+            "named after its text. A text in quotation marks is one."
         )
     camera = None if options.seen_from is None else _camera(project.path, options.seen_from)
-    segmenter = _segmenter(project, options, emit, should_stop)
+    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
     records, refused = segmenter.segment_texts(texts, options.name, camera)
-    outputs = _outputs(records, segmenter)
+    message, outputs = _stored(records, before, segmenter)
     if refused:
         outputs["refused"] = refused
         outputs["candidates"] = CANDIDATES
-    return _isolated(records), outputs
+    return message, outputs
 
 
 def _camera(project: Path, view: str) -> Camera | PinholeCamera:
@@ -163,17 +168,17 @@ def _pointed(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
     prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
-    segmenter = _segmenter(project, options, emit, should_stop)
+    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
     records = segmenter.segment(prompt, "object" if options.name is None else options.name)
-    return _isolated(records), _outputs(records, segmenter)
+    return _stored(records, before, segmenter)
 
 
 def _accept(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
-    segmenter = _segmenter(project, options, emit, should_stop)
+    segmenter, before = _segmenter(project, options, emit, should_stop), object_ids(project.path)
     records = segmenter.accept_candidate(options.accept, options.name)
-    return _isolated(records), _outputs(records, segmenter)
+    return _stored(records, before, segmenter)
 
 
 def _refine(
@@ -218,6 +223,18 @@ _ACTIONS = {
     "accept": _accept,
     "refine": _refine,
 }
+
+
+def _stored(records: list[Any], before: Collection[str], segmenter: Segmenter) -> tuple[str, dict[str, Any]]:
+    """Return the message and the outputs for records of objects, of which those in `before` were found again."""
+    new = [record for record in records if record.id not in before]
+    existing = list(dict.fromkeys(record.id for record in records if record.id in before))
+    message, outputs = _isolated(new), _outputs(records, segmenter)
+    if not existing:
+        return message, outputs
+    names = ", ".join(dict.fromkeys(record.name for record in records if record.id in before))
+    found = f"Found again: {names}, with exactly the same Gaussians, so nothing was stored twice."
+    return (f"{message} {found}" if new else found), {**outputs, "existing": existing}
 
 
 def _outputs(records: list[Any], segmenter: Segmenter) -> dict[str, Any]:

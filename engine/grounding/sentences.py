@@ -60,6 +60,10 @@ class SentenceEncoder:
         self._tokenizer.enable_truncation(_MAX_TOKENS)
         self._tokenizer.enable_padding()
 
+    def knows(self, word: str) -> bool:
+        """Return whether a word, in lower case, is one of the frequent English words of the model's tokenizer."""
+        return self._tokenizer.token_to_id(word) is not None
+
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         """Return one unit vector per text.
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 from ..errors import PromptError
 from ..scene import PinholeCamera
+from ..words import join_texts, split_texts
 
 __all__ = [
     "Click",
     "click_arguments",
     "name_arguments",
     "refine_arguments",
-    "split_texts",
     "text_arguments",
 ]
 
@@ -52,11 +52,6 @@ def name_arguments(name: str) -> list[str]:
     return [f"--name={name}"] if name else []
 
 
-def split_texts(prompt: str) -> list[str]:
-    """Return the texts of a prompt such as ``"vase; teapot"``."""
-    return [text.strip() for text in prompt.split(";") if text.strip()]
-
-
 def text_arguments(prompt: str, name: str = "", camera: PinholeCamera | None = None) -> list[str]:
     """Return the engine's arguments for a prompt of one or several texts.
 
@@ -76,9 +71,13 @@ def text_arguments(prompt: str, name: str = "", camera: PinholeCamera | None = N
     if not texts:
         raise PromptError("Enter what to isolate: a prompt in words, or clicks on a photo.")
     if name and len(texts) > 1:
-        raise PromptError(f"{len(texts)} objects cannot have the same name {name!r}. Leave the name empty.")
+        listed = ", ".join(map(repr, texts))
+        raise PromptError(
+            f"{len(texts)} objects cannot have the same name {name!r}: {listed}. Leave the name empty, or put one text "
+            "in quotation marks."
+        )
     view = [] if camera is None else [f"--seen-from={_as_json(camera)}"]
-    return [f"--prompt={';'.join(texts)}", *name_arguments(name), *view]
+    return [f"--prompt={join_texts(texts)}", *name_arguments(name), *view]
 
 
 def _as_json(camera: PinholeCamera) -> str:

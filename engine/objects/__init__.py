@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .graph import SceneGraph
     from .photos import Photos, SamFactory
     from .polishing import polish
-    from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt, parse_texts
+    from .prompts import ClickPrompt, MaskPrompt, Prompt, TextPrompt, parse_point, parse_prompt
     from .segment import NoMatchError, find_everything, find_objects, mask_at
     from .segmenter import Segmenter
     from .storage import (
@@ -67,7 +67,6 @@ __all__ = [
     "object_ids",
     "parse_point",
     "parse_prompt",
-    "parse_texts",
     "photo_folder_of",
     "polish",
     "restore_object",

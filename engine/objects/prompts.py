@@ -28,7 +28,6 @@ __all__ = [
     "load_mask",
     "parse_point",
     "parse_prompt",
-    "parse_texts",
 ]
 
 _MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")
@@ -145,14 +144,6 @@ def parse_point(text: str) -> Point:
     """Return the click that ``PHOTO=x,y`` describes. Raises `PromptError` when `text` does not have this form."""
     photo, (x, y) = _photo_and_numbers(text, "PHOTO=x,y")
     return Point(photo, x, y)
-
-
-def parse_texts(text: str) -> list[str]:
-    """Return the different texts of a list such as ``"vase;teapot"``. Raises `PromptError` when it is empty."""
-    texts = list(dict.fromkeys(part.strip() for part in text.split(";") if part.strip()))
-    if not texts:
-        raise PromptError("The prompt is empty. Type what the object is, for example: vase.")
-    return texts
 
 
 def _photo_and_numbers(text: str, form: str) -> tuple[str, list[float]]:

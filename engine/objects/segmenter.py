@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ObjectError, PromptError
+from ..errors import FormatError, ObjectError, PromptError
 from ..events import Emit, StopCheck, Warned
 from ..project_folder import ProjectFolder
 from ..provenance import describe_run
 from ..rasterizer import PROCESSOR, Device
-from ..records import ObjectRecord, new_id, new_name
+from ..records import ObjectRecord, found_again, new_id, new_name
 from ..scene import Camera, PinholeCamera, Polished
 from ..settings import to_dict
+from ..words import called_nearly
 from .arrays import Float32, Mask
 from .candidate_file import forget_candidates, load_candidate, remember_candidates
 from .context import DetectorFactory, SegmentationContext, load_context
@@ -79,17 +81,22 @@ class Segmenter:
     ) -> list[ObjectRecord]:
         """Store the objects that `prompt` asks for, the first as `name`, further ones as ``-2``, ``-3``...
 
-        For `again` see `segment_each_text`; the progress is told to `context`. Raises `PromptError` when no object was
-        found. The nearest candidates of a text are then stored (`engine.objects.candidate_file`).
+        An object that has exactly the Gaussians of one that exists is not stored: the record of that one is returned in
+        its place, which a warning says. For `again` see `segment_each_text`; the progress is told to `context`. Raises
+        `PromptError` when no object was found. The nearest candidates of a text are then stored
+        (`engine.objects.candidate_file`).
         """
         started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
         try:
             found = find_objects(context.part(0, 2), prompt)
         except PromptError as error:
+            message = str(error)
             if isinstance(prompt, TextPrompt):
                 nearest = error.candidates if isinstance(error, NoMatchError) else ()
-                remember_candidates(self.project.path, prompt.text, str(error), nearest, context.photos)
-            raise PromptError(str(error)) from error
+                names = [record.name for record in list_objects(self.project.path) if record.id != BACKGROUND]
+                message += called_nearly(prompt.text, names)
+                remember_candidates(self.project.path, prompt.text, message, nearest, context.photos)
+            raise PromptError(message) from error
         if isinstance(prompt, TextPrompt):
             asked["detector"] = context.detector.name
         if again:
@@ -251,12 +258,21 @@ class Segmenter:
         name: str,
         started: float,
     ) -> list[ObjectRecord]:
-        """Polish objects, store each under a name of its own and return their records."""
+        """Polish objects, store each under a name of its own and return their records.
+
+        One without an id that has exactly the Gaussians of a stored object is that object.
+        """
         names = {record.id: record.name for record in list_objects(self.project.path)}
+        existing = [None if item.id else self._same_as(item.members) for item in found]
         # All objects are polished before the first is stored, so that a cancelled prompt stores none.
-        each = self._polished(context, [item.members for item in found])
+        each = iter(self._polished(context, [new.members for new, old in zip(found, existing, strict=True) if not old]))
         records = []
-        for item, polished in zip(found, each, strict=True):
+        for item, same in zip(found, existing, strict=True):
+            if same is not None:
+                self.emit(Warned(found_again(item.name or name, same)))
+                records.append(same)
+                continue
+            polished = next(each)
             record = self._record(item, asked, item.name or name, started)
             if item.id:
                 record = replace(record, id=item.id, name=names.get(item.id, record.name))
@@ -265,6 +281,18 @@ class Segmenter:
             save_object(self.project.path, record, item.membership, previews, levels=levels, polished=polished)
             records.append(record)
         return records
+
+    def _same_as(self, members: Mask) -> ObjectRecord | None:
+        """Return the stored object that consists of exactly these Gaussians, bool [N], without the background."""
+        for record in list_objects(self.project.path):
+            counts = (record.n_scene_gaussians, record.n_gaussians)
+            if record.prompt.get("kind") == BACKGROUND or counts != (len(members), int(members.sum())):
+                continue
+            # A damaged object equals none; what reads it says so.
+            with contextlib.suppress(FormatError):
+                if np.array_equal(load_membership(self.project.path, record.id) >= record.threshold, members):
+                    return record
+        return None
 
     def _polished(self, context: SegmentationContext, members: Sequence[Mask]) -> list[Polished | None]:
         polished = []

@@ -16,6 +16,7 @@ from .museum_record import MUSEUM_RECORD_FILE, MuseumRecord, load_record, save_r
 from .object_record import (
     RECORD_FILE,
     ObjectRecord,
+    found_again,
     new_id,
     new_name,
     read_record,
@@ -41,6 +42,7 @@ __all__ = [
     "iiif_manifest",
     "lido_xml",
     "load_record",
+    "found_again",
     "new_id",
     "new_name",
     "ply_comments",

@@ -18,6 +18,7 @@ __all__ = [
     "RECORD_FILE",
     "ObjectRecord",
     "new_id",
+    "found_again",
     "new_name",
     "read_record",
     "recorded_files",
@@ -138,6 +139,13 @@ def new_name(name: str, taken: Sequence[str]) -> str:
     """Return `name`, with ``-2``, ``-3``... when another object has that name."""
     name = " ".join(name.split()) or "object"
     return _numbered(name, set(taken))
+
+
+def found_again(name: str, same: ObjectRecord) -> str:
+    """Return a sentence that what was to be stored as `name` is the object `same`, which exists."""
+    which = "exists already with" if name == same.name else "has"
+    owner = "these Gaussians" if name == same.name else f"the Gaussians of {same.name!r}, which exists already"
+    return f"{name!r} {which} exactly {owner}, so no second object was stored."
 
 
 def _numbered(name: str, taken: set[str]) -> str:

@@ -26,6 +26,7 @@ from engine.scene import CameraSet, Gaussians, PinholeCamera
 from engine.training import start_gaussians, train
 from engine.training.settings import PRESETS
 from engine.training.views import TrainingView
+from tests.conftest import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -91,7 +92,7 @@ def test_a_machine_without_gpu_is_told_so_in_one_sentence_by_the_processes_that_
     write_views(tmp_path / "set.npz", *views_of_a_set())
     command = [sys.executable, "-m", "benchmarks.training.screening", "train", str(tmp_path), "--variants", "gsplat"]
     environment = {**os.environ, "CUDA_VISIBLE_DEVICES": ""}
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=environment, cwd=ROOT)
     assert done.returncode == 1
     assert done.stderr.strip() == "Screening needs an NVIDIA GPU and gsplat 1.5. Run it where both are."
 

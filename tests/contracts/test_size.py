@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "engine" / "objects"
 
-MAX_LINES = 3400
+MAX_LINES = 3420
 """Lines of the package; it had 5,945 when each object was found by a chain of rules."""
 
 MAX_NUMBERS = 45

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from engine.cli import main
+from tests.conftest import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -73,6 +74,6 @@ def start(*arguments: object, before: str = "") -> subprocess.Popen[str]:
 def call_alone(*arguments: object, before: str = "") -> Answer:
     """Run one command in a process of its own to its end."""
     process = start(*arguments, before=before)
-    out, err = process.communicate(timeout=300)
+    out, err = process.communicate(timeout=PATIENCE)
     assert "Traceback" not in err, err
     return Answer(process.returncode, events_of(out))

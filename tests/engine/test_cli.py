@@ -22,6 +22,7 @@ from engine.errors import Cancelled
 from engine.events import ErrorEvent, StopCheck
 from engine.project_folder import ProjectFolder
 from engine.terminal import EventOutput
+from tests.conftest import PATIENCE
 from tests.engine.command_line import ROOT, call
 from tests.engine.museum import write_photos
 
@@ -260,7 +261,7 @@ def started(folder: Path, modules: str, *, obeys: bool = True, **options: Any) -
 def test_no_library_takes_the_signals_that_stop_a_run(tmp_path: Path, modules: str) -> None:
     with started(tmp_path, modules) as process:
         process.send_signal(signal.SIGTERM)
-        out, errors = process.communicate(timeout=60)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert errors == "Stopping at the next safe point (once more: at once) ...\nStopped. The next run continues.\n"
     assert out == ""
@@ -273,7 +274,7 @@ def test_second_signal_stops_at_once(tmp_path: Path) -> None:
         process.send_signal(signal.SIGTERM)
         assert process.stderr.readline().startswith("Stopping at the next safe point")
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=60)[1] == "Stopped. Run the same command again to continue.\n"
+        assert process.communicate(timeout=PATIENCE)[1] == "Stopped. Run the same command again to continue.\n"
     assert process.returncode == 130
 
 
@@ -284,7 +285,7 @@ def test_closed_terminal_stops_the_run_and_nothing_that_is_printed_fails(tmp_pat
         os.close(side_of_the_run)
         os.close(terminal)
         process.send_signal(signal.SIGHUP)
-        process.communicate(timeout=60)
+        process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
 
 
@@ -294,7 +295,7 @@ def test_run_under_nohup_goes_on_when_the_terminal_is_closed(tmp_path: Path) -> 
     with started(tmp_path, "imported([])", preexec_fn=ignore) as process:
         process.send_signal(signal.SIGHUP)
         process.send_signal(signal.SIGTERM)
-        assert process.communicate(timeout=60)[1].endswith("Stopped. The next run continues.\n")
+        assert process.communicate(timeout=PATIENCE)[1].endswith("Stopped. The next run continues.\n")
 
 
 @POSIX
@@ -321,6 +322,6 @@ sys.exit(code)
 """
     command = [sys.executable, "-c", script, "reconstruct", "photos", "--out", "project"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 130, done.stderr
     assert "Stopping at the next safe point" in done.stderr and "Traceback" not in done.stderr

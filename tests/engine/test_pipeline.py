@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from engine.records import ObjectRecord
 from engine.scene import CameraSet, PhotoSet
 from engine.stages import STAGES
 from engine.training.settings import PRESETS
+from tests.conftest import PATIENCE, wait_until
 from tests.engine.command_line import Answer, call, call_alone, start
 from tests.engine.models.weights import fetched
 from tests.engine.museum import VIEWS, picture, write_cameras, write_photos
@@ -113,7 +113,7 @@ def interrupted(
         if now == stage and when(event, scene):
             process.send_signal(number)
             break
-    rest, err = process.communicate(timeout=120)
+    rest, err = process.communicate(timeout=PATIENCE)
     assert "Traceback" not in err, err
     complete = rest[: rest.rfind("\n") + 1]
     return Answer(process.returncode, events + [json.loads(line) for line in complete.splitlines()])
@@ -202,11 +202,8 @@ def test_masks_made_beside_the_cameras_survive_a_kill_and_are_those_of_the_masks
         return ["reconstruct", photos, "--out", scene, "--preset", "test", "--until", "masks"]
 
     def first_label_map(_: dict[str, Any], scene: Path) -> bool:
-        for _ in range(600):
-            if list((scene / "masks").glob("*.jpg.npz")):
-                return True
-            time.sleep(0.1)
-        return False
+        wait_until(lambda: list((scene / "masks").glob("*.jpg.npz")))
+        return True
 
     slow = QUICK + CAMERAS_AFTER_A_MASK
     killed = interrupted(signal.SIGKILL, "cameras", first_label_map, beside, command(beside), before=slow)

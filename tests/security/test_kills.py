@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.security.kills_checks import damaged_files, files_of, leftovers, objects_of, opened_copy
 from benchmarks.security.kills_process import wait_for_write
-from tests.conftest import ROOT
+from tests.conftest import PATIENCE, ROOT
 from tests.engine.command_line import call, start
 
 FIXTURE = ROOT / "tests" / "fixtures" / "first_release" / "project"
@@ -55,7 +55,7 @@ def test_background_that_is_replaced_is_the_old_or_the_new_one_after_a_kill(
     assert expected["background"] != before["background"]
 
     killed = start("segment", project, "--complement", before=KILL_AT_RENAME.format(number=number))
-    killed.communicate(timeout=120)
+    killed.communicate(timeout=PATIENCE)
     assert killed.returncode == -signal.SIGKILL
     assert damaged_files(project) == []
     with opened_copy(project) as copy:
@@ -81,7 +81,7 @@ def test_file_that_an_export_replaces_is_the_old_one_until_the_new_one_is_whole(
     new = out.read_bytes()
     out.write_bytes(b"old")
     killed = start(*command, before=KILL_AT_RENAME.format(number=1))
-    killed.communicate(timeout=120)
+    killed.communicate(timeout=PATIENCE)
     assert killed.returncode == -signal.SIGKILL
     assert out.read_bytes() == b"old"
     assert call(capsys, *command).code == 0

@@ -73,6 +73,20 @@ say("finished", message="Isolated drum (0.80), bust (0.80).", outputs={"objects"
     assert panel.button("accept_candidate") == {"number": 2}
 
 
+def test_object_that_was_found_again_is_selected_and_keeps_what_was_changed_in_this_file(
+    opened: Any, fake_engine: StandIn
+) -> None:
+    vase = isolated()["vase"]
+    vase.heritage.threshold = 0.9
+    arguments = fake_engine(
+        PROJECT + 'say("finished", message="Found again: Vase.", outputs={"objects": ["vase"], "existing": ["vase"]})\n'
+    )
+    assert bpy.ops.heritage.isolate(prompt="amphora and urn") == {"FINISHED"}
+    assert segment_arguments(arguments) == ["--prompt=amphora;urn"]
+    assert isolated() == {"vase": vase} and vase.heritage.threshold == pytest.approx(0.9)
+    assert bpy.data.objects[bpy.context.scene.heritage.active] == vase
+
+
 def test_candidates_are_listed_until_one_is_accepted_or_the_list_is_closed(
     opened: Any, fake_engine: StandIn, draw: Draw
 ) -> None:

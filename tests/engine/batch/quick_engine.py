@@ -1,15 +1,17 @@
 """An engine whose stages take no time, for the faults of a batch: real projects, locks, keys and events.
 
 A worker uses it when it is started with ``--preload tests.engine.batch.quick_engine``. Files in the photo folder say
-what goes wrong: ``fail_STAGE`` holds a sentence, ``sleep_STAGE`` seconds; each stage that is computed adds a line to
-``computed``, which no batch reads.
+what goes wrong: ``fail_STAGE`` holds a sentence, ``sleep_STAGE`` seconds, ``hold_STAGE`` lasts until it is deleted;
+each stage that is computed adds a line to ``computed``, which no batch reads.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +33,23 @@ def dask_setup(worker: object) -> None:
     engine_process._MODULE = __name__
 
 
+@contextlib.contextmanager
+def _locked(photos: Path, out: Path) -> Iterator[ProjectFolder]:
+    """Lock the project; where another engine works in it, the file `refused` says so."""
+    with contextlib.ExitStack() as stack:
+        try:
+            project = stack.enter_context(ProjectFolder.create(out))
+        except errors.ProjectInUse:
+            (photos / "refused").touch()
+            raise
+        yield project
+
+
 def reconstruct(
     photos: Path, out: Path, settings: Any, *, emit: Emit, should_stop: StopCheck, until: str
 ) -> ProjectFolder:
     """What the pipeline does, with empty stages."""
-    with ProjectFolder.create(out) as project:
+    with _locked(photos, out) as project:
         project.put("photo_folder", str(photos))
         runner = StageRunner(project, emit, should_stop)
         for stage in [stage for stage in STAGES[: STAGES.index(until) + 1] if stage in MEMORY]:
@@ -43,6 +57,8 @@ def reconstruct(
 
             def compute(stage: str = stage, output: Path = output) -> dict[str, Any]:
                 wait = photos / f"sleep_{stage}"
+                while (photos / f"hold_{stage}").exists():
+                    time.sleep(0.05)
                 for _ in range(int(20 * float(wait.read_text()))) if wait.exists() else ():
                     time.sleep(0.05)
                     if should_stop():

@@ -21,6 +21,7 @@ from benchmarks.batch.runs import Cluster, batch_command, read_summary
 from engine.batch import BatchResult, BatchSettings, run_batch, summary_as_dict, summary_text
 from engine.events import Event, Warned, ignore_events, never_stop
 from engine.project_folder import ProjectFolder
+from tests.conftest import PATIENCE, wait_until
 from tests.engine.batch.conftest import MakeFolders
 from tests.engine.batch.quick_engine import FULL_DISK, MEMORY, WITHOUT_MODELS
 
@@ -42,13 +43,6 @@ def begun(project: Path) -> str:
     """The stage that was begun last."""
     stage: str = (json.loads(project.read_text()).get("begun") or [""])[0]
     return stage
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.05)
 
 
 def in_background(work: Callable[[], BatchResult]) -> tuple[threading.Thread, list[BatchResult]]:
@@ -89,10 +83,10 @@ def test_worker_killed_in_a_stage(cluster: Cluster, make_folders: MakeFolders, t
     (folder,) = make_folders(1, **{f"sleep_{stage}": "3"})
     thread, results = in_background(lambda: run(cluster, [folder], tmp_path / "scenes"))
     project = tmp_path / "scenes" / "scan_0" / "project.json"
-    wait_for(lambda: project.exists() and (stage == "photos" or begun(project) == stage))
+    wait_until(lambda: project.exists() and (stage == "photos" or begun(project) == stage))
     first.kill()
     cluster.start_worker(nanny=False)
-    thread.join(90)
+    thread.join(PATIENCE)
     assert results[0].succeeded
     # The engine of the killed worker is gone: it would hold the lock, and finish the stage a second time.
     assert computed(folder) == STAGES
@@ -107,14 +101,14 @@ def test_scheduler_started_again(cluster: Cluster, make_folders: MakeFolders, tm
     cluster.start_worker(nanny=False)
     folders = make_folders(2, sleep_cameras="3")
     thread, results = in_background(lambda: run(cluster, folders, tmp_path / "scenes"))
-    wait_for(lambda: "photos" in computed(folders[0]))
+    wait_until(lambda: "photos" in computed(folders[0]))
     assert cluster.scheduler is not None
     cluster.scheduler.kill()
     cluster.scheduler.wait()
     cluster.start_scheduler()
     # As a service manager does: a worker ends with its scheduler.
     cluster.start_worker(nanny=False)
-    thread.join(120)
+    thread.join(PATIENCE)
     assert results[0].succeeded
     assert [computed(folder) for folder in folders] == [STAGES] * 2
     assert "The scheduler was lost" in " ".join(results[0].notes)
@@ -125,9 +119,9 @@ def test_worker_without_models_is_avoided(cluster: Cluster, make_folders: MakeFo
     cluster.start_worker(nanny=False, environment={WITHOUT_MODELS: "1"})
     folders = make_folders(3)
     thread, results = in_background(lambda: run(cluster, folders, tmp_path / "scenes", tries=50))
-    wait_for(lambda: "cameras" in computed(folders[0]))
+    wait_until(lambda: "cameras" in computed(folders[0]))
     cluster.start_worker(nanny=False)
-    thread.join(90)
+    thread.join(PATIENCE)
     assert results[0].succeeded
     assert [computed(folder) for folder in folders] == [STAGES] * 3
     assert "The model mobile_sam is missing." in " ".join(results[0].notes)
@@ -148,12 +142,15 @@ def test_full_disk_on_one_worker(cluster: Cluster, make_folders: MakeFolders, tm
 def test_two_batches_on_the_same_folders(cluster: Cluster, make_folders: MakeFolders, tmp_path: Path) -> None:
     cluster.start_worker(nanny=False)
     cluster.start_worker(nanny=False)
-    (folder,) = make_folders(1, sleep_cameras="8")
+    (folder,) = make_folders(1, hold_cameras="")
     thread, others = in_background(lambda: run(cluster, [folder], tmp_path / "scenes"))
-    while "photos" not in computed(folder):
-        time.sleep(0.05)
-    result = run(cluster, [folder], tmp_path / "scenes")
-    thread.join(60)
+    wait_until(lambda: "photos" in computed(folder) and begun(tmp_path / "scenes/scan_0/project.json") == "cameras")
+    second, results = in_background(lambda: run(cluster, [folder], tmp_path / "scenes"))
+    wait_until((folder / "refused").exists)
+    (folder / "hold_cameras").unlink()
+    for each in (thread, second):
+        each.join(PATIENCE)
+    (result,) = results
     assert result.succeeded and others[0].succeeded
     assert sorted(computed(folder)) == sorted(STAGES)
     said = summary_text(result.folders, ()) + summary_text(others[0].folders, ())
@@ -205,12 +202,12 @@ def test_interrupted_batch_stops_its_engines_and_continues(
     cluster: Cluster, make_folders: MakeFolders, tmp_path: Path
 ) -> None:
     cluster.start_worker(nanny=False)
-    folders = make_folders(2, sleep_cameras="30")
+    folders = make_folders(2, sleep_cameras=str(PATIENCE))
     out = tmp_path / "scenes"
     process = subprocess.Popen(batch_command(folders, out, f"--scheduler={cluster.address}"), stdout=subprocess.PIPE)
-    wait_for(lambda: "photos" in computed(folders[0]) and begun(out / "scan_0" / "project.json") == "cameras")
+    wait_until(lambda: "photos" in computed(folders[0]) and begun(out / "scan_0" / "project.json") == "cameras")
     process.send_signal(signal.SIGTERM)
-    process.communicate(timeout=60)
+    process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert [one["state"] for one in read_summary(out)["folders"]] == ["stopped", "stopped"]
     # Nothing of it runs any more: the projects can be locked.
@@ -241,11 +238,11 @@ def test_engine_killed_for_memory_does_not_take_the_worker_along(
     worker = cluster.start_worker(nanny=False)
     (folder,) = make_folders(1, sleep_cameras="3")
     thread, results = in_background(lambda: run(cluster, [folder], tmp_path / "scenes"))
-    wait_for(lambda: "photos" in computed(folder) and bool(children_of(worker.pid)))
-    wait_for(lambda: begun(tmp_path / "scenes" / "scan_0" / "project.json") == "cameras")
+    wait_until(lambda: "photos" in computed(folder) and bool(children_of(worker.pid)))
+    wait_until(lambda: begun(tmp_path / "scenes" / "scan_0" / "project.json") == "cameras")
     for child in children_of(worker.pid):
         os.kill(child, signal.SIGKILL)
-    thread.join(60)
+    thread.join(PATIENCE)
     assert worker.poll() is None
     assert results[0].succeeded
     assert computed(folder) == STAGES

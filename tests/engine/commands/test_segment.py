@@ -47,10 +47,28 @@ def test_any_name_is_kept_and_found_again_in_a_folder_every_system_takes(
     assert call(capsys, "export", scene, "--object", record.name, "--format", "ply", "--out", out).code == 0
 
 
-def test_same_name_twice_makes_a_second_object(scene: Path, blue: str, capsys: pytest.CaptureFixture[str]) -> None:
-    for _ in range(2):
-        assert call(capsys, "segment", scene, "--mask", blue, "--name", "ball").code == 0
+def test_same_name_twice_makes_a_second_object(
+    scene: Path, blue: str, blobs: BlobScene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    x, y = blobs.center_of(RED, "view_1.png")
+    for prompt in (("--mask", blue), ("--click", f"view_1.png={x:g},{y:g}")):
+        assert call(capsys, "segment", scene, *prompt, "--name", "ball").code == 0
     assert [record.name for record in list_objects(scene)] == ["ball", "ball-2"]
+
+
+def test_object_that_exists_is_told_instead_of_stored_twice(
+    scene: Path, blue: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call(capsys, "segment", scene, "--mask", blue, "--name", "ball").code == 0
+    before = {file: file.read_bytes() for file in (scene / "objects").rglob("*.*")}
+    for name, said in (("ball", "exists already"), ("sphere", "'sphere' has exactly the Gaussians of 'ball'")):
+        answer = call(capsys, "segment", scene, "--mask", blue, "--name", name)
+        assert answer.code == 0
+        assert [said in event["message"] for event in answer.of_kind("warning")] == [True]
+        (finished,) = answer.of_kind("finished")
+        assert finished["message"].startswith("Found again: ball") and "Isolated" not in finished["message"]
+        assert (finished["outputs"]["objects"], finished["outputs"]["existing"]) == (["ball"], ["ball"])
+    assert {file: file.read_bytes() for file in (scene / "objects").rglob("*.*")} == before
 
 
 def test_old_name_of_the_mask_option_works_with_a_warning(
@@ -71,9 +89,10 @@ def test_empty_prompt_says_what_to_type(scene: Path, capsys: pytest.CaptureFixtu
 
 def test_unknown_prompt_names_the_nearest_words(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     fetched("efficientnet-lite2", "minilm", "minilm-tokenizer")
-    answer = call(capsys, "segment", scene, "--prompt", "flux capacitor")
+    answer = call(capsys, "segment", scene, "--prompt", "tepot, flux capacitor")
     assert answer.code == 3
-    assert "nearest words are" in answer.error
+    assert "'tepot' is outside" in answer.error and "nearest words are: teapot." in answer.error
+    assert "'flux capacitor' is outside the offline vocabulary, whose words are English. Use another" in answer.error
     assert list_objects(scene) == []
 
 
@@ -116,6 +135,23 @@ def test_some_texts_are_found_and_some_refused(scene: Path, capsys: pytest.Captu
     assert call(capsys, "segment", scene, "--prompt", "ghost").code == 3
     assert "no candidate 1" in call(capsys, "segment", scene, "--accept", "1").error
     assert "several texts" in call(capsys, "segment", scene, "--prompt", "a;b", "--name", "c").error
+
+
+@pytest.mark.usefixtures("knowing")
+@pytest.mark.parametrize(
+    "prompt",
+    [
+        "red ball, blue ball",
+        "red ball and blue ball",
+        "red ball/blue ball",
+        "red ball. blue ball.",
+        "red ball\nblue ball",
+    ],
+)
+def test_each_text_is_stored_under_its_own_name(prompt: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "segment", scene, "--prompt", prompt).code == 0
+    names = [record.name for record in list_objects(scene)]
+    assert names[0] == "red ball" and names[-1] == "blue ball" and not any("and" in name for name in names)
 
 
 @pytest.mark.usefixtures("knowing")

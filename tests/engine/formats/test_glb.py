@@ -19,6 +19,7 @@ from engine.formats.axes import y_up_from_z_up, z_up_from_y_up
 from engine.formats.glb import read_glb, write_glb
 from engine.formats.spherical_harmonics import sh_basis
 from engine.scene.gaussians import Gaussians
+from tests.conftest import PATIENCE
 
 RandomGaussians = Callable[..., Gaussians]
 
@@ -158,7 +159,7 @@ def validator(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if shutil.which("npm") is None:
         pytest.skip("npm is not installed here")
     if not (folder / "node_modules" / "gltf-validator").is_dir():
-        subprocess.run(["npm", "install", "--silent", "--prefix", str(folder), VALIDATOR], check=True, timeout=300)
+        subprocess.run(["npm", "install", "--silent", "--prefix", str(folder), VALIDATOR], check=True, timeout=PATIENCE)
     return folder
 
 
@@ -174,7 +175,7 @@ def test_khronos_validator_accepts_all_but_the_new_attribute_names(
         f"v.validateBytes(new Uint8Array(require('fs').readFileSync({json.dumps(str(path))})))"
         ".then(r => console.log(JSON.stringify(r.issues.messages)))"
     )
-    result = subprocess.run(["node", "-e", script], capture_output=True, text=True, check=True, timeout=60)
+    result = subprocess.run(["node", "-e", script], capture_output=True, text=True, check=True, timeout=PATIENCE)
     known = 4 + (degree + 1) ** 2 - 1
     errors = [message for message in json.loads(result.stdout) if message["severity"] <= 1]
     # The validator does not know the extension: it reports exactly one error per KHR attribute name.

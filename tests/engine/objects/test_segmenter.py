@@ -14,12 +14,13 @@ from engine.errors import FormatError, ObjectError, PromptError
 from engine.events import Event, Warned
 from engine.gaussians.storage import save_gaussians
 from engine.objects.candidate_file import CANDIDATES, load_candidate
-from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt, parse_texts
+from engine.objects.prompts import BoxPrompt, ClickPrompt, MaskPrompt, Point, parse_prompt
 from engine.objects.settings import BETTER
-from engine.objects.storage import list_objects, load_levels, load_membership
+from engine.objects.storage import list_objects, load_levels, load_membership, load_object, save_object
 from engine.objects.trash import list_trash, restore_object
 from engine.project_folder import ProjectFolder
 from engine.scene.polished import load_polished
+from engine.words import split_texts
 from tests.engine.objects.fakes import FakeDetector, FakeSam, box_of, segmenter_of, trained_project
 from tests.engine.pictures.blob_scene import BLUE, RED, TWIN, BlobScene
 
@@ -45,14 +46,51 @@ def overlap(found: np.ndarray, truth: np.ndarray) -> float:
 
 def test_several_texts_are_reported_one_by_one(blobs: BlobScene, project: ProjectFolder) -> None:
     events: list[Event] = []
-    texts = parse_texts("blue ball; ghost;astrolabe;blue ball")
+    texts = split_texts("blue ball; ghost;astrolabe;blue ball")
     assert texts == ["blue ball", "ghost", "astrolabe"]
     records, refused = segmenter_of(project, blobs, SMALL, emit=events.append).segment_texts(texts, None)
     assert [record.name for record in records] == ["blue ball"] and list(refused) == ["ghost", "astrolabe"]
     assert "not known" in refused["astrolabe"] and "was not found" in refused["ghost"]
     assert [event.message for event in events if isinstance(event, Warned)] == list(refused.values())
-    with pytest.raises(PromptError, match="prompt is empty"):
-        parse_texts(" ; ")
+
+
+def test_text_that_means_a_stored_object_is_told_as_that_object(blobs: BlobScene, project: ProjectFolder) -> None:
+    """Two words may be of the same class, as vase and amphora are."""
+
+    class Synonyms(FakeDetector):
+        def check_prompt(self, prompt):  # type: ignore[no-untyped-def]
+            return super().check_prompt(prompt.replace("sphere", "ball"))
+
+        def score_descriptions(self, described, prompt):  # type: ignore[no-untyped-def]
+            return super().score_descriptions(described, prompt.replace("sphere", "ball"))
+
+    def ask(*texts: str) -> tuple[list[str], list[str]]:
+        events: list[Event] = []
+        asking = segmenter_of(project, blobs, SMALL, detector_factory=lambda: Synonyms(blobs), emit=events.append)
+        records, _ = asking.segment_texts(texts, None)
+        return [one.id for one in records], [event.message for event in events if isinstance(event, Warned)]
+
+    same = (
+        "'blue sphere' has exactly the Gaussians of 'blue ball', which exists already, so no second object was stored."
+    )
+    assert ask("blue ball", "blue sphere") == (["blue-ball", "blue-ball"], [same])
+    assert ask("blue sphere") == (["blue-ball"], [same])
+    assert [record.name for record in list_objects(project.path)] == ["blue ball"]
+    # Once the user changed the object, it is another one.
+    rename = load_object(project.path, "blue-ball")
+    changed = load_membership(project.path, "blue-ball")
+    changed[np.argmax(changed)] = 0
+    save_object(project.path, replace(rename, n_gaussians=int((changed >= 0.5).sum()), levels=()), changed)
+    assert ask("blue sphere") == (["blue-sphere"], [])
+
+
+def test_misspelt_name_of_a_stored_object_names_it(blobs: BlobScene, project: ProjectFolder) -> None:
+    segmenter_of(project, blobs, SMALL).segment_texts(["blue ball"], "Portland amphora")
+    with pytest.raises(PromptError, match=r"The scene has an object that is called 'Portland amphora'\."):
+        segmenter_of(project, blobs, SMALL).segment_texts(["portland anphora"], None)
+    with pytest.raises(PromptError) as caught:
+        segmenter_of(project, blobs, SMALL).segment_texts(["astrolabe"], None)
+    assert "is called" not in str(caught.value)
 
 
 def test_texts_are_stored_one_after_the_other_and_those_found_before_are_skipped(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from engine.errors import PhotoError
 from engine.photos.inspection import inspect_photos
 from engine.photos.loading import load_pixels, load_with_valid
 from engine.photos.reading import read_photos
-from tests.conftest import ROOT
+from tests.conftest import PATIENCE, ROOT
 
 from .hostile import chunk, header, write_large_png
 from .test_reading import SMALL, names, save, textured
@@ -129,11 +131,35 @@ def test_child_that_fails_rejects_its_photo_only(
     assert used == ["b.png"] and rejected["a.png"].startswith(sentence)
 
 
+_WORK_WITHOUT_END = """
+import json, sys, types
+import engine.photos
+from engine.photos.bounded import limited_call
+def work(path):
+    print("working", flush=True)
+    while True:
+        pass
+sys.modules["engine.photos.endless"] = types.SimpleNamespace(work=work)
+limited_call(**json.loads(sys.argv[1]))
+"""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows does not limit CPU time")
 def test_child_is_stopped_after_its_cpu_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_large_png(tmp_path / "a.png", _SIDE, _SIDE, seed=0)
-    # It is rounded up to 1 s, which decoding so many pixels always takes.
+    """It works until it is stopped, so that nothing depends on how fast this computer is."""
+    save(tmp_path / "a.png", textured(0))
     monkeypatch.setattr("engine.photos.bounded._CPU_SECONDS", 1e-6)
-    monkeypatch.setattr("engine.photos.bounded._WALL_SECONDS_PER_CPU_SECOND", 1e9)
+    monkeypatch.setattr("engine.photos.bounded.is_large", lambda *headers: True)
+    monkeypatch.setattr("engine.photos.loading.is_large", lambda *headers: True)
+
+    def run_without_end(function: str, request: dict[str, Any], **_: object) -> None:
+        assert function == "photos.bounded:limited_call"
+        endless = json.dumps({**request, "module": "endless", "name": "work", "arguments": {}})
+        command = [sys.executable, "-c", _WORK_WITHOUT_END, endless]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE)
+        assert done.stdout == "working\n"
+        raise ChildFailure(f"Reading a.png crashed ({signal.Signals(-done.returncode).name}).", "crash")
+
+    monkeypatch.setattr("engine.photos.bounded.run_in_child", run_without_end)
     with pytest.raises(PhotoError, match=r"a\.png takes too long to read"):
         load_pixels(tmp_path / "a.png")

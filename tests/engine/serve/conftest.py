@@ -17,6 +17,7 @@ from PIL import Image
 
 from engine.serve import ServeSettings, job_queue
 from engine.serve.app import create_app
+from tests.conftest import PATIENCE
 
 API = "/api/v1"
 FAKE_ENGINE = """
@@ -71,8 +72,8 @@ class Client:
         headers["Content-Type"] = "application/offset+octet-stream"
         return self.http.patch(location, content=content, headers=headers)
 
-    def wait_for_job(self, project: str, state: str, seconds: float = 20.0) -> dict[str, Any]:
-        deadline = time.monotonic() + seconds
+    def wait_for_job(self, project: str, state: str) -> dict[str, Any]:
+        deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             found = self.http.get(f"{API}/projects/{project}").json()
             if found["job"] is not None and found["job"]["state"] == state and not found["waiting"]:

@@ -136,7 +136,7 @@ def test_failed_job_tells_its_sentence_and_continues(client: Client, project: st
 def test_server_that_ends_leaves_its_job_running_and_the_next_one_finds_it(
     make_client: Callable[..., Client], fake_engine: Engine
 ) -> None:
-    fake_engine("time.sleep(1.5)\nsay('finished', message='done', outputs={})")
+    fake_engine("while not (project / 'go').exists(): time.sleep(0.02)\nsay('finished', message='done', outputs={})")
     first = make_client()
     projects = [first.new_project() for _ in range(2)]
     for project in projects:
@@ -147,6 +147,9 @@ def test_server_that_ends_leaves_its_job_running_and_the_next_one_finds_it(
     # Kept until the end, as Python warns when the handle of a process that still runs is dropped.
     process = only_process(first)
     second = make_client()
+    for project in projects:
+        (second.folder(project) / "project").mkdir(exist_ok=True)
+        (second.folder(project) / "project" / "go").touch()
     assert second.wait_for_job(projects[0], "finished")["id"] == running["id"]
     second.wait_for_job(projects[1], "finished")
     for project in projects:

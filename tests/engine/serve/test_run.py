@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +17,7 @@ from engine.errors import EnvironmentProblem, ProjectError, SettingsError
 from engine.events import ignore_events
 from engine.serve import Accounts, ServeSettings, check_server, run, run_server
 from engine.serve.certificate import certificate_files
+from tests.conftest import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[3]
 PROGRAM = """
@@ -65,7 +65,7 @@ def test_server_says_where_it_is_and_ends_when_asked(start: Callable[..., tuple[
     with urllib.request.urlopen(address) as answer:
         assert b"Gaussian Heritage" in answer.read()
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait(PATIENCE) == 0
 
 
 def test_killed_server_leaves_nothing_locked(start: Callable[..., tuple[subprocess.Popen[str], str]]) -> None:
@@ -106,7 +106,6 @@ def test_network_needs_a_user_and_gets_tls(
     Accounts(tmp_path / "data").add("ada")
     _, address = start("--lan")
     assert address.startswith("https://")
-    time.sleep(0.1)
     assert (tmp_path / "data" / "private_key.pem").stat().st_mode & 0o077 == 0
 
 
@@ -142,7 +141,7 @@ def test_first_user_is_told_once_and_the_health_check_follows_the_server(
     settings = ServeSettings(tmp_path / "data", port=int(address.rstrip("/").rpartition(":")[2]), lan=True)
     check_server(settings)
     process.send_signal(signal.SIGTERM)
-    assert process.wait(20) == 0
+    assert process.wait(PATIENCE) == 0
     with pytest.raises(EnvironmentProblem, match="does not answer"):
         check_server(settings)
     start(*options)

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from engine.rasterizer.gpu import Gpu, open_adapter
 from engine.training import gpu_steps
 from engine.training.checkpoint import CHECKPOINT_FILE
 from engine.training.result import TrainingResult
+from tests.conftest import wait_until
 
 from ..cards import card_or_skip
 from .conftest import Scene
@@ -121,9 +121,7 @@ def test_training_on_a_card_that_is_killed_continues_from_its_checkpoint(
 ) -> None:
     kind = "card" if request.node.get_closest_marker("gpu") else "software"
     child = subprocess.Popen([sys.executable, "-c", _CHILD, str(tmp_path), kind], cwd=ROOT, env=os.environ)
-    give_up = time.monotonic() + 120
-    while not (tmp_path / CHECKPOINT_FILE).is_file() and time.monotonic() < give_up and child.poll() is None:
-        time.sleep(0.005)
+    wait_until(lambda: (tmp_path / CHECKPOINT_FILE).is_file() or child.poll() is not None)
     child.send_signal(signal.SIGKILL)
     child.wait()
     assert (tmp_path / CHECKPOINT_FILE).is_file()

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from dataclasses import fields, replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from engine.training.loop import train
 from engine.training.parameters import Parameters
 from engine.training.result import TrainingResult
 from engine.training.settings import PRESETS, TrainingSettings
+from tests.conftest import wait_until
 
 from .conftest import Scene
 
@@ -142,9 +142,7 @@ run(make_scene(), QUICK, Path(sys.argv[1]))
 
 def test_killed_training_continues_from_its_checkpoint(scene: Scene, quick: TrainingResult, tmp_path: Path) -> None:
     child = subprocess.Popen([sys.executable, "-c", _CHILD, str(tmp_path)], cwd=ROOT, env=os.environ)
-    give_up = time.monotonic() + 120
-    while not (tmp_path / CHECKPOINT_FILE).is_file() and time.monotonic() < give_up and child.poll() is None:
-        time.sleep(0.005)
+    wait_until(lambda: (tmp_path / CHECKPOINT_FILE).is_file() or child.poll() is not None)
     child.send_signal(signal.SIGKILL)
     child.wait()
     assert (tmp_path / CHECKPOINT_FILE).is_file()

@@ -1,6 +1,6 @@
 // Isolation of objects by words, clicks or all at once, and the list of objects.
 import { startJob } from "../api.js";
-import { announce, during, field, h, show } from "../dom.js";
+import { announce, during, field, h, setText, show } from "../dom.js";
 import { createObjectCard } from "./object_card.js";
 import { isActive } from "./project.js";
 import { createProgress } from "./progress.js";
@@ -10,7 +10,7 @@ export function createObjects(context, { stage, clicks }) {
   const cards = new Map(); // id of the object -> its card
   let names = null; // of the last update, to tell what is new
 
-  const words = h("input", { type: "text", placeholder: "vase; teapot", autocomplete: "off", maxlength: 500, required: true, enterkeyhint: "go" });
+  const words = h("input", { type: "text", placeholder: "vase, teapot", autocomplete: "off", maxlength: 500, required: true, enterkeyhint: "go" });
   const isolate = h("button", { class: "main" }, "Isolate");
   const findAll = action("Find all", () => run({ find_all: true }));
   const click = action("Click an object", async () => clicks.open({ photo: stage.photo() }));
@@ -20,9 +20,10 @@ export function createObjects(context, { stage, clicks }) {
     "form",
     { class: "prompt", onsubmit: (event) => (event.preventDefault(), during(isolate, isolateWords)) },
     h("div", { class: "row bottom" }, field("Which object?", words), isolate),
-    h("p", { class: "hint" }, "Separate several words by semicolons."),
+    h("p", { class: "hint" }, "In English. Separate several objects by commas."),
   );
   const progress = createProgress(context, { compact: true });
+  const told = h("p", { class: "quiet", hidden: true });
   const refused = h("div", { class: "not-found", hidden: true });
   const none = h("p", { class: "quiet" }, "No objects yet. Type a word, press Find all, or click an object in a photo.");
   const list = h("ul", { class: "objects" });
@@ -33,10 +34,19 @@ export function createObjects(context, { stage, clicks }) {
     form,
     h("div", { class: "row" }, click, findAll, rest),
     progress.element,
+    told,
     refused,
     none,
     list,
   );
+
+  // A field of one line drops the line breaks of a pasted list.
+  words.addEventListener("paste", (event) => {
+    const text = event.clipboardData.getData("text").trim();
+    if (!/[\r\n]/.test(text)) return;
+    event.preventDefault();
+    words.setRangeText(text.replace(/\s*[\r\n]+\s*/g, "; "), words.selectionStart, words.selectionEnd, "end");
+  });
 
   function action(text, run) {
     const button = h("button", { type: "button", onclick: () => during(button, run) }, text);
@@ -57,6 +67,10 @@ export function createObjects(context, { stage, clicks }) {
     const isElsewhere = project.job?.kind === "reconstruct";
     const isToldBelow = project.not_found && !isActive(project.job);
     progress.update(isElsewhere || isToldBelow ? null : project.job, isElsewhere ? [] : project.waiting);
+    // What was found again adds no card to the list.
+    const isDone = project.job?.kind === "segment" && project.job.state === "finished";
+    setText(told, isDone ? project.job.message : "");
+    show(told, isDone && Boolean(told.textContent));
     updateRefused(isActive(project.job) ? null : project.not_found);
     show(none, project.objects.length === 0);
     const present = new Set(project.objects.map((object) => object.id));

@@ -1,0 +1,9 @@
+"""Words that a prompt may name: those of the offline vocabulary, and prompts of several objects as people type them.
+
+Standard library only: Blender and the server split prompts as the engine does.
+"""
+
+from .splitting import join_texts, split_texts
+from .vocabulary_words import called_nearly, normalised, word_list
+
+__all__ = ["called_nearly", "join_texts", "normalised", "split_texts", "word_list"]

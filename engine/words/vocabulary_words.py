@@ -1,0 +1,166 @@
+"""The words of the classes of the offline vocabulary, with heritage words and broader words."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..files import read_text
+
+__all__ = ["ClassWords", "WordList", "adjectives", "called_nearly", "normalised", "similarly_spelt", "word_list"]
+
+_HERE = Path(__file__).parent
+_ARTICLES = re.compile(r"^(?:a|an|the|some|this|that|my|our)\s+")
+_AFTER_NOUN = re.compile(r"\s+(?:of|with|in|on|from|for|by|at|near|under|behind|without|made|showing)\s+.*$")
+_BETWEEN_NOUNS = re.compile(r"\s+(?:and|or)\s+")
+_MIN_LIKENESS = 0.75  # chosen on prompt_words
+"""Smallest ratio of `difflib.SequenceMatcher` of a word and a misspelling of it: one wrong letter of four."""
+_LIKENESS_SPREAD = 0.1  # chosen on prompt_words
+"""Words whose ratio is this much lower than that of the nearest one are suggested, too."""
+_MAX_SUGGESTIONS = 3  # by definition
+_N_COMPARED = 20  # by definition
+"""Nearest words of which the first letters are compared."""
+
+
+@dataclass(frozen=True)
+class ClassWords:
+    """The words of one class, the usual one first, and its definition."""
+
+    words: tuple[str, ...]
+    definition: str
+
+
+@dataclass(frozen=True)
+class WordList:
+    """All words of the offline vocabulary.
+
+    Attributes
+    ----------
+    classes : tuple of ClassWords
+        In the order of the classifier's outputs.
+    classes_of_word : dict of str to frozenset of int
+        Classes by word, in lower case: words of the classes, heritage words and broader words.
+    """
+
+    classes: tuple[ClassWords, ...]
+    classes_of_word: dict[str, frozenset[int]]
+
+    def classes_of(self, text: str) -> frozenset[int]:
+        """Return the classes with a word equal to the text, its singular, or its noun ("a red vase with handles").
+
+        A text of several nouns ("vase and teapot", given in quotation marks) has the classes of each. Empty when no
+        word is equal.
+        """
+        whole = normalised(text)
+        noun = _AFTER_NOUN.sub("", whole)
+        # The longest ending is tried first: "church bell" is a heritage word and must have priority over "bell".
+        phrases = [ending for ending in _endings(noun) if _BETWEEN_NOUNS.search(ending)]
+        if found := self._first_known([whole, *phrases]):
+            return found
+        return frozenset().union(*(self._first_known(_endings(one)) for one in _BETWEEN_NOUNS.split(noun)))
+
+    def _first_known(self, texts: Iterable[str]) -> frozenset[int]:
+        for text in texts:
+            # Words are also joined: "tea pot" is a teapot, not a pot.
+            for form in (*_singulars(text), *_singulars(text.replace(" ", ""))):
+                if form in self.classes_of_word:
+                    return self.classes_of_word[form]
+        return frozenset()
+
+    def misspelt(self, text: str, is_english: Callable[[str], bool]) -> list[str]:
+        """Return at most three words that are spelt nearly like the text or its noun, the nearest first.
+
+        None for what has only words that `is_english` knows: those are spelt as they are meant.
+        """
+        whole = normalised(text)
+        noun = _AFTER_NOUN.sub("", whole)
+        wrong = [one for one in (whole, noun, noun.rpartition(" ")[2]) if not all(map(is_english, one.split()))]
+        return similarly_spelt([form for one in wrong for form in _singulars(one)], self.classes_of_word)
+
+
+@functools.cache
+def word_list() -> WordList:
+    """Return the words of the offline vocabulary. Raises `FormatError` when a file of the engine is missing."""
+    rows = _read_rows("imagenet_classes.txt")
+    classes = tuple(ClassWords(tuple(words.split(", ")), definition) for _, words, definition in rows)
+    classes_of_word: dict[str, set[int]] = {}
+    for index, entry in enumerate(classes):
+        for word in entry.words:
+            classes_of_word.setdefault(word.lower(), set()).add(index)
+    for word, synonyms in _read_rows("heritage_words.txt"):
+        indices = set().union(*(classes_of_word[synonym] for synonym in synonyms.split(", ")))
+        classes_of_word.setdefault(word, set()).update(indices)
+    for word, spans in _read_rows("broader_words.txt"):
+        ends = [span.partition("-") for span in spans.split()]
+        classes_of_word[word] = {k for first, _, last in ends for k in range(int(first), int(last or first) + 1)}
+    return WordList(classes, {word: frozenset(indices) for word, indices in classes_of_word.items()})
+
+
+@functools.cache
+def adjectives() -> frozenset[str]:
+    """Return words that describe an object and name none. Raises `FormatError` as `word_list`."""
+    known = word_list().classes_of_word
+    return frozenset(word for (line,) in _read_rows("adjectives.txt") for word in line.split() if word not in known)
+
+
+def _read_rows(name: str) -> Iterator[list[str]]:
+    text = read_text(_HERE / name, advice="Install the engine again.")
+    return (line.split("\t") for line in text.splitlines() if line and not line.startswith("#"))
+
+
+def normalised(text: str) -> str:
+    """Return a text in lower case, without article and punctuation; empty when it has no letter and no digit."""
+    plain = re.sub(r"[^\w\s'-]", " ", text.lower().replace("&", " and ")).replace("_", " ")
+    plain = _ARTICLES.sub("", " ".join(plain.split()))
+    return plain if any(character.isalnum() for character in plain) else ""
+
+
+def similarly_spelt(texts: Iterable[str], words: Iterable[str]) -> list[str]:
+    """Return at most three of `words` that one of `texts` may be a misspelling of, the nearest first.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        In lower case.
+    words : iterable of str
+        Compared in lower case, and returned as they are.
+    """
+    by_lower = {word.lower(): word for word in words}
+    likeness: dict[str, float] = {}
+    for text in texts:
+        for word in difflib.get_close_matches(text, by_lower, n=_N_COMPARED, cutoff=_MIN_LIKENESS):
+            # The first letter is seldom wrong, unless letters changed places: "krug" is no "rug", and "easel" no "eel".
+            if abs(len(word) - len(text)) <= 1 and (word[0] == text[0] or sorted(word) == sorted(text)):
+                ratio = difflib.SequenceMatcher(None, word, text).ratio()
+                likeness[word] = max(ratio, likeness.get(word, 0.0))
+    least = max(likeness.values(), default=0.0) - _LIKENESS_SPREAD
+    nearest = sorted((word for word in likeness if likeness[word] >= least), key=lambda word: -likeness[word])
+    return [by_lower[word] for word in nearest[:_MAX_SUGGESTIONS]]
+
+
+def called_nearly(text: str, names: Iterable[str]) -> str:
+    """Return a sentence about names of objects that a text may be a misspelling of; empty without one."""
+    alike = similarly_spelt([normalised(text)], names)
+    return f" The scene has an object that is called {' or '.join(map(repr, alike))}." if alike else ""
+
+
+def _endings(text: str) -> list[str]:
+    """Return the text without its first words, the longest first."""
+    words = text.split()
+    return [" ".join(words[i:]) for i in range(len(words))]
+
+
+def _singulars(text: str) -> list[str]:
+    """Return `text` and the words that it may be the plural of."""
+    forms = [text]
+    if text.endswith("ies"):
+        forms.append(text[:-3] + "y")
+    if text.endswith("es"):
+        forms.append(text[:-2])
+    if text.endswith("s") and not text.endswith("ss"):
+        forms.append(text[:-1])
+    return forms
