@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from engine import project_folder
 from engine.errors import DiskError, FormatError, ProjectError, ProjectInUse
 from engine.files import atomic_write, finite_or_null, write_json
 from engine.project_folder import ProjectFolder, stage_key
@@ -200,7 +199,7 @@ def test_disk_without_locks_is_told_instead_of_a_job_that_does_not_exist(
         raise OSError(errno.ENOLCK, "No locks available")
 
     project = ProjectFolder.create(tmp_path / "p")
-    monkeypatch.setattr(project_folder, "_lock_function", lambda: no_locks)
+    monkeypatch.setattr("engine.system.locks._lock", no_locks)
     with pytest.raises(DiskError, match="No locks available"), project:
         pass
 
