@@ -15,7 +15,7 @@ import pytest
 import torch
 from PIL import Image
 
-from engine.errors import Cancelled, NumericalError, TrainingError
+from engine.errors import Cancelled, DiskError, NumericalError, TrainingError
 from engine.evaluation.segment_agreement import segment_agreement, untrained_features
 from engine.events import Event, Metric, Preview, Progress, StopCheck, Warned, ignore_events, never_stop
 from engine.scene.gaussians import Gaussians
@@ -108,6 +108,23 @@ def test_user_sees_progress_metrics_and_a_preview(longer: tuple[TrainingResult, 
     preview = next(event for event in events if isinstance(event, Preview))
     with Image.open(preview.path) as picture:
         assert picture.size == (64, 48)
+
+
+def test_preview_that_another_program_holds_does_not_end_training(
+    scene: Scene, quick: TrainingResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blender's own preview and Explorer keep pictures open on Windows."""
+
+    def held(path: Path, image: object) -> None:
+        raise DiskError(f"Could not write {path}: in use. Close it.")
+
+    monkeypatch.setattr("engine.training.loop.write_picture", held)
+    often = QUICK.changed(preview_seconds=1e-6)
+    events: list[Event] = []
+    result = run(scene, often, tmp_path, events=events)
+    assert same(result.gaussians, quick.gaussians)
+    assert not any(isinstance(event, Preview) for event in events)
+    assert ["preview.png" in event.message for event in events if isinstance(event, Warned)].count(True) == 1
 
 
 def test_same_seed_gives_the_same_gaussians(scene: Scene, quick: TrainingResult, tmp_path: Path) -> None:
