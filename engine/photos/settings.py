@@ -31,6 +31,8 @@ class PhotoSettings:
     flat_share : float
         A photo is black (or white) when fewer than this share of its pixels are outside of the darkest (or brightest)
         3 % of the range.
+    keep_fisheye : bool
+        Whether round fisheye pictures are used: only a fisheye lens model describes them.
     """
 
     min_side: int = 128
@@ -38,6 +40,7 @@ class PhotoSettings:
     max_blurred_share: float = 0.1
     min_photos_for_blur: int = 5
     flat_share: float = 0.005
+    keep_fisheye: bool = False
 
     def __post_init__(self) -> None:
         require(self, "min_side", self.min_side >= 1, "at least 1")
