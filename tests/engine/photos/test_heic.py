@@ -79,7 +79,7 @@ def test_a_rotated_heic_photo_is_upright(tmp_path: Path, orientation: int) -> No
     exif[ORIENTATION] = orientation
     for name in ("a.heic", "a.jpg"):
         options = {"format": "HEIF", "chroma": 444} if name == "a.heic" else {"subsampling": 0}
-        Image.fromarray(corners()).save(tmp_path / name, quality=95, exif=exif, **options)
+        Image.fromarray(corners()).save(tmp_path / name, quality=95, exif=exif.tobytes(), **options)
     heic, jpeg = load_pixels(tmp_path / "a.heic"), load_pixels(tmp_path / "a.jpg")
     assert heic.shape == jpeg.shape
     assert np.abs(heic.astype(int) - jpeg).mean() < 3
@@ -94,7 +94,7 @@ def test_exif_of_a_heic_photo_is_used(tmp_path: Path) -> None:
     exif = picture.getexif()
     exif[0x010F], exif[ORIENTATION] = "Apple", 6
     exif.get_ifd(EXIF_IFD).update({0xA405: 26, 0x9003: "2026:05:01 10:20:30"})
-    picture.save(tmp_path / "a.heic", format="HEIF", exif=exif)
+    picture.save(tmp_path / "a.heic", format="HEIF", exif=exif.tobytes())
     focal = read_photos(tmp_path).photos[0].focal_px
     assert focal == pytest.approx(26 * np.hypot(400, 300) / np.hypot(36, 24), rel=1e-4)
     facts = exif_facts(tmp_path / "a.heic")
@@ -124,7 +124,8 @@ def test_display_p3_that_is_stated_by_numbers_becomes_srgb(tmp_path: Path) -> No
     write_heic(
         tmp_path / "a.heic", in_p3(expected), color_primaries=12, transfer_characteristics=13, matrix_coefficients=6
     )
-    assert "icc_profile" not in Image.open(tmp_path / "a.heic").info
+    with Image.open(tmp_path / "a.heic") as opened:
+        assert "icc_profile" not in opened.info
     assert np.abs(load_pixels(tmp_path / "a.heic").astype(int) - expected).mean() < 2
 
 
@@ -139,8 +140,8 @@ def test_ten_bits_and_tiles_are_read(tmp_path: Path) -> None:
     wide = pixels.astype(np.uint16) * 257
     source = pillow_heif.from_bytes(mode="RGB;16", size=(1200, 1040), data=wide.tobytes())
     source.save(tmp_path / "a.heic", quality=95, chroma=444, tile_size=512)
-    opened = Image.open(tmp_path / "a.heic")
-    assert opened.info["bit_depth"] == 10 and opened.info["tiling"]["num_columns"] == 3
+    with Image.open(tmp_path / "a.heic") as opened:
+        assert opened.info["bit_depth"] == 10 and opened.info["tiling"]["num_columns"] == 3
     assert np.abs(load_pixels(tmp_path / "a.heic").astype(int) - pixels).mean() < 3
 
 
