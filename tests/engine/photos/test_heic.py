@@ -15,7 +15,7 @@ from engine.errors import PhotoError
 from engine.photos.capture_facts import exif_facts
 from engine.photos.heic import can_read_heic
 from engine.photos.loading import load_pixels, load_with_valid
-from engine.photos.pixels import open_photo, read_header
+from engine.photos.pixels import open_photo
 from engine.photos.reading import read_photos
 from engine.photos.settings import PhotoSettings
 
@@ -136,10 +136,10 @@ def test_a_photo_for_hdr_screens_is_refused_with_its_cause(tmp_path: Path) -> No
 
 
 def test_ten_bits_and_tiles_are_read(tmp_path: Path) -> None:
-    pixels = textured(1, height=1040, width=1200)
+    pixels = textured(1, height=128, width=192)
     wide = pixels.astype(np.uint16) * 257
-    source = pillow_heif.from_bytes(mode="RGB;16", size=(1200, 1040), data=wide.tobytes())
-    source.save(tmp_path / "a.heic", quality=95, chroma=444, tile_size=512)
+    source = pillow_heif.from_bytes(mode="RGB;16", size=(192, 128), data=wide.tobytes())
+    source.save(tmp_path / "a.heic", quality=95, chroma=444, tile_size=64)
     with Image.open(tmp_path / "a.heic") as opened:
         assert opened.info["bit_depth"] == 10 and opened.info["tiling"]["num_columns"] == 3
     assert np.abs(load_pixels(tmp_path / "a.heic").astype(int) - pixels).mean() < 3
@@ -195,10 +195,8 @@ def test_a_heic_file_that_is_cut_short_rejects_itself_only(tmp_path: Path, n_byt
 def test_a_large_heic_photo_is_decoded_in_a_child_within_its_bounds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_heic(tmp_path / "a.heic", textured(0, height=600, width=800))
+    write_heic(tmp_path / "a.heic", textured(0))
     here = load_pixels(tmp_path / "a.heic")
-    # 48 megapixels are above the limit of 512 MB for decoding in this process.
-    assert read_header(tmp_path / "a.heic").n_bytes * 8064 * 6048 / (800 * 600) > 512 << 20
     monkeypatch.setattr("engine.photos.loading.is_large", lambda *headers: True)
     assert (load_pixels(tmp_path / "a.heic") == here).all()
 
