@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
 
@@ -9,10 +10,22 @@ from ..errors import HeritageError
 from ..files import opened
 from .tiff import TIFF_STARTS, is_raw_tiff
 
-__all__ = ["HEIC", "PICTURES", "VIDEO", "has_suffix_of_picture", "kind_of_file", "kind_of_stream", "refusal_of"]
+__all__ = [
+    "HEIC",
+    "PICTURES",
+    "SUFFIXES",
+    "VIDEO",
+    "has_suffix_of_picture",
+    "kind_of_file",
+    "kind_of_stream",
+    "live_photo_of",
+    "refusal_of",
+]
 
 HEIC, RAW, VIDEO = "HEIC", "raw", "video"
-PICTURES = frozenset({"JPEG", "PNG", "TIFF", "WebP", HEIC})
+SUFFIXES = {"JPEG": ".jpg", "PNG": ".png", "TIFF": ".tif", "WebP": ".webp", HEIC: ".heic", VIDEO: ".mp4"}
+"""Usual suffix of the kinds that are read."""
+PICTURES = frozenset(SUFFIXES) - {VIDEO}
 """Kinds of pictures that are read."""
 
 _HEAD_BYTES = 64
@@ -61,6 +74,8 @@ _RAW_SUFFIXES = frozenset(
     {".cr2", ".cr3", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"}
 )
 _VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".insv", ".webm"})
+_MOVING_SUFFIXES = frozenset({".mov", ".mp4"})
+"""Of the moving part of a Live Photo, which has the name of its photo."""
 _OTHER_SUFFIXES = frozenset({".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd", ".exr", ".hdr"})
 
 
@@ -106,6 +121,24 @@ def refusal_of(kind: str | None, suffix: str) -> str | None:
     if kind is not None and kind not in PICTURES:
         return f"{kind} files are not read; save it as JPEG, PNG or TIFF."
     return None
+
+
+def live_photo_of(name: str, kind: str | None, stills: Iterable[str]) -> str | None:
+    """Return the photo that a video is the moving part of, a Live Photo; None where it is a video of its own.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file.
+    kind : str or None
+        As of `kind_of_file`.
+    stills : iterable of str
+        Names of the photos in its folder.
+    """
+    if kind not in (VIDEO, None) or Path(name).suffix.lower() not in _MOVING_SUFFIXES:
+        return None
+    stem = Path(name).stem.casefold()
+    return next((still for still in stills if Path(still).stem.casefold() == stem), None)
 
 
 def has_suffix_of_picture(name: str) -> bool:

@@ -49,18 +49,19 @@ _SCREENSHOT_NAMES = (
 )  # fmt: skip
 """How names of screenshots begin, as phones and computers give them."""
 
-_MIN_EDGE_TEXTURE = 1.5  # by definition: of 255 levels; a plain backdrop wraps around as well as a panorama
-_MIN_WRAP = 0.9  # by definition: the two edges of a panorama show the same column of the world
-_MAX_POLE = 0.35  # by definition: the rows of the poles are one point of the world, stretched
-_DARK = 20.0  # by definition: of 255 levels, above the noise of an unlit corner
-_CORNER = 0.04  # by definition: side of a corner in shorter sides
-_N_RAYS = 180  # by definition
-_MIN_RAYS = 40  # by definition: at which the edge of the circle lies inside of the picture
-_MAX_RESIDUAL = 0.012  # by definition: of the radius; the edge of a lens is a circle, that of an object is not
-_MIN_RADIUS, _MAX_OFF_CENTRE = 0.42, 0.08  # by definition: the circle of a lens fills the picture
-_MAX_APART = 0.015  # by definition: pictures of one lens have the same circle
-_MIN_LIT = 0.6  # by definition: share of the circle that is not black
-_NARROW = 0.75  # by definition: focal length over the shorter side; no fisheye lens is so long
+_MIN_EDGE_TEXTURE = 1.5  # of 255 levels; a plain backdrop wraps around as well as a panorama
+_MIN_WRAP = 0.5  # correlation of the two edges, which show neighbouring columns of the world
+_MAX_JUMP = 3.0  # difference of the two edges, in differences of neighbouring columns
+_MAX_POLE = 0.4  # the rows of the poles are one point of the world, stretched
+_DARK = 20.0  # of 255 levels, above the noise of an unlit corner
+_CORNER = 0.04  # side of a corner in shorter sides
+_N_RAYS = 180
+_MIN_RAYS = 40  # at which the edge of the circle lies inside of the picture
+_MAX_RESIDUAL = 0.012  # of the radius; the edge of a lens is a circle, that of an object is not
+_MIN_RADIUS, _MAX_OFF_CENTRE = 0.42, 0.08  # the circle of a lens fills the picture
+_MAX_APART = 0.015  # pictures of one lens have the same circle
+_MIN_LIT = 0.6  # share of the circle that is not black
+_NARROW = 0.75  # focal length over the shorter side; no fisheye lens is so long
 
 
 def unusual_picture(image: Image.Image, name: str, gray: Gray) -> str | None:
@@ -200,9 +201,11 @@ def _wraps_around(gray: Gray) -> bool:
     if min(left.std(), right.std()) < _MIN_EDGE_TEXTURE:
         return False
     wraps = float(np.corrcoef(left, right)[0, 1])
-    usual = float(np.median(gray.std(axis=1)))
+    beside = (np.abs(gray[:, 0] - gray[:, 1]).mean() + np.abs(gray[:, -1] - gray[:, -2]).mean()) / 2
+    jump = float(np.abs(gray[:, 0] - gray[:, -1]).mean() / max(float(beside), 0.5))
     poles = min(float(gray[0].std()), float(gray[-1].std()))
-    return wraps > _MIN_WRAP and poles < _MAX_POLE * max(usual, 1.0)
+    usual = max(float(np.median(gray.std(axis=1))), 1.0)
+    return wraps > _MIN_WRAP and jump < _MAX_JUMP and poles < _MAX_POLE * usual
 
 
 def _detail(values: Gray) -> Gray:

@@ -21,7 +21,7 @@ from ..scene import Photo, PhotoSet, RejectedPhoto
 from ..visible_text import visible
 from .bounded import call_within_bounds
 from .exif import orientation_of
-from .kinds import PICTURES, VIDEO, has_suffix_of_picture, kind_of_file, refusal_of
+from .kinds import PICTURES, has_suffix_of_picture, kind_of_file, live_photo_of, refusal_of
 from .names import problem_of_name, require_utf8_folder
 from .photo_masks import with_masks
 from .pixels import open_photo, read_header, upright_strips
@@ -33,8 +33,6 @@ __all__ = ["file_listing", "measure_photo", "picture_files", "read_photos"]
 _LOG = logging.getLogger(__name__)
 
 _STAGE = "photos"
-_MOVING_SUFFIXES = {".mov", ".mp4"}
-"""Of the moving part of a Live Photo, which has the name of its photo."""
 
 # Longest side in pixels at which sharpness is measured, so that cameras of different resolution can be compared.
 _MEASURING_SIDE = 800
@@ -201,21 +199,12 @@ def file_listing(folder: Path, files: Iterable[Path]) -> list[list[Any]]:
 def _pictures_among(parent: str, names: list[str]) -> list[Path]:
     """Return the pictures and videos among the files of a folder, without the moving parts of Live Photos."""
     kinds = {name: kind_of_file(Path(parent, name)) for name in names}
-    photos = {_without_suffix(name) for name, kind in kinds.items() if kind in PICTURES}
+    stills = [name for name, kind in kinds.items() if kind in PICTURES]
     return [
         Path(parent, name)
         for name, kind in kinds.items()
-        if (kind is not None or has_suffix_of_picture(name))
-        and not (_is_moving(name, kind) and _without_suffix(name) in photos)
+        if (kind is not None or has_suffix_of_picture(name)) and live_photo_of(name, kind, stills) is None
     ]
-
-
-def _is_moving(name: str, kind: str | None) -> bool:
-    return kind in (VIDEO, None) and Path(name).suffix.lower() in _MOVING_SUFFIXES
-
-
-def _without_suffix(name: str) -> str:
-    return Path(name).stem.casefold()
 
 
 def _name(folder: Path, path: Path) -> str:

@@ -1,4 +1,4 @@
-"""TIFF files of every layout are read as a second decoder reads them, or refused with a sentence. So are other formats."""
+"""TIFF files of every layout are read as a second decoder reads them, or refused with a sentence; other formats too."""
 
 from __future__ import annotations
 
@@ -62,10 +62,7 @@ def samples(colours: str, kind: str) -> tuple[NDArray[Any], NDArray[np.float64]]
     dtype = np.dtype(_TYPES[kind])
     if dtype == np.bool_:
         return (stored > 0.5)[..., 0], ((gray >= 0.5 if colours == "inverted" else gray > 0.5) * 1.0).repeat(3, axis=2)
-    if dtype.kind == "f":
-        values = stored.astype(dtype)
-    else:
-        values = np.rint(stored * np.iinfo(dtype).max).astype(dtype)
+    values = stored.astype(dtype) if dtype.kind == "f" else np.rint(stored * np.iinfo(dtype).max).astype(dtype)
     return (values[..., 0] if values.shape[2] == 1 else values), shown
 
 
