@@ -23,6 +23,7 @@ _MAX_SHOWN = 200
 _KEPT_BYTES, _HASH_DIGITS = 180, 16
 """What a derived name keeps of a name that is too long, and of its hash."""
 _LEADS_OUT = "leads out of its folder"
+_CHANGED = "Another program has changed the project; use it only if you know who made it."
 
 
 def is_inner_name(name: object) -> bool:
@@ -70,11 +71,9 @@ def path_within(folder: Path, *names: str) -> Path:
     shown = "/".join(map(str, names))
     shown = repr(shown if len(shown) <= _MAX_SHOWN else f"{shown[:_MAX_SHOWN]}...")
     if problem == _LEADS_OUT:
-        raise FormatError(
-            f"{shown} leads out of the folder {folder}, so it is not used. Another program has changed the project; "
-            "use it only if you know who made it."
-        )
-    raise FormatError(f"{shown} cannot be a file in {folder}: it {problem}. Rename what it is named after.")
+        raise FormatError(f"{shown} leads out of the folder {folder}, so it is not used. {_CHANGED}")
+    advice = "Give what it is named after a shorter name." if "long" in problem else _CHANGED
+    raise FormatError(f"{shown} cannot be a file in {folder}: it {problem}. {advice}")
 
 
 def derived_name(name: str, suffix: str) -> str:

@@ -125,7 +125,7 @@ def test_record_of_an_object_is_written_inside_of_the_project_only(computer: Com
     """A .blend file holds the id of each object; typing a title writes its record."""
     before = computer.outside()
     for hostile in ("../../../precious/objects/vase", "/precious", ""):
-        with pytest.raises(FormatError, match="leads out of the folder"):
+        with pytest.raises(FormatError, match="leads out of the folder|it is empty"):
             save_record(computer.sent, hostile, MuseumRecord(title="mine"))
     assert computer.outside() == before
 
@@ -159,7 +159,7 @@ def test_name_that_cannot_be_used_is_refused_with_its_cause(name: object, cause:
     assert not is_inner_name(name)
     with pytest.raises(FormatError, match=cause) as raised:
         path_within(tmp_path, name)  # type: ignore[arg-type]
-    assert ("Another program has changed the project" in str(raised.value)) == (cause == "leads out of the folder")
+    assert ("Another program has changed the project" in str(raised.value)) == ("too long" not in cause)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".sam.npz"])
