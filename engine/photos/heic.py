@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,6 @@ from ..visible_text import visible
 
 __all__ = ["can_read_heic", "conversion_of_numbers", "require_heic_reader", "require_ordinary_colours"]
 
-_PACKAGE = "pillow_heif"
 _NUMBERS = "nclx_profile"
 """What pillow-heif calls the colours that are stated by numbers of ITU-T H.273."""
 
@@ -37,12 +34,15 @@ _is_registered = False
 def can_read_heic() -> bool:
     """Return whether the package ``pillow-heif`` is installed, and register it with Pillow."""
     global _is_registered
-    if not _is_registered and importlib.util.find_spec(_PACKAGE) is not None:
+    if not _is_registered:
+        try:
+            import pillow_heif
+        # Missing in an environment of an earlier release, or damaged.
+        except ImportError:
+            return False
         # A thumbnail must not stand for the photo. Threads of its own would take memory that is not reserved; photos
         # are decoded on all cores already.
-        importlib.import_module(_PACKAGE).register_heif_opener(
-            thumbnails=False, depth_images=False, aux_images=False, decode_threads=1
-        )
+        pillow_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
         _is_registered = True
     return _is_registered
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +108,7 @@ def test_display_p3_becomes_srgb_in_every_format(tmp_path: Path, suffix: str) ->
     expected = corners()
     path = tmp_path / f"a.{suffix}"
     profile = p3_profile()
-    assert "P3" in ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(__import__("io").BytesIO(profile)))
+    assert "P3" in ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile)))
     options = {
         "jpg": {"quality": 98, "subsampling": 0},
         "webp": {"lossless": True},
@@ -205,7 +207,7 @@ def test_an_environment_without_the_reader_says_what_to_do(tmp_path: Path, monke
     save(tmp_path / "a.png", textured(0))
     write_heic(tmp_path / "b.heic", textured(1))
     monkeypatch.setattr("engine.photos.heic._is_registered", False)
-    monkeypatch.setattr("engine.photos.heic.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
     used, rejected = names(tmp_path)
     assert used == ["a.png"]
     assert rejected["b.heic"].startswith("It is a HEIC file, and the package pillow-heif")
