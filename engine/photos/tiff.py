@@ -36,7 +36,7 @@ _SIZES = {1: 1, 3: 2, 4: 4, 13: 4, 16: 8, 18: 8}
 class _Entry(NamedTuple):
     tag: int
     kind: int
-    count: int
+    n_values: int
     value: bytes
     """The value itself where it fits, else its place in the file."""
 
@@ -59,7 +59,7 @@ def problem_of_parts(stream: IO[bytes]) -> str | None:
         return None
     if _n_tags(found, place) > _MAX_TAGS:
         return f"has more than {_MAX_TAGS:,} tags"
-    if any(one.tag in (_OFFSETS, _TILES) and one.count > _MAX_PARTS for one in _entries(found, place)):
+    if any(one.tag in (_OFFSETS, _TILES) and one.n_values > _MAX_PARTS for one in _entries(found, place)):
         return f"is divided into more than {_MAX_PARTS:,} parts"
     return None
 
@@ -129,11 +129,11 @@ def _numbers(found: _Directory, place: int) -> dict[int, tuple[int, ...]]:
         return numbers
     for entry in _entries(found, place):
         n_bytes = _SIZES.get(entry.kind)
-        if n_bytes is None or entry.count == 0:
+        if n_bytes is None or entry.n_values == 0:
             continue
         data = entry.value
-        count = min(entry.count, _MAX_NUMBERS)
-        if n_bytes * entry.count > found.wide:
+        count = min(entry.n_values, _MAX_NUMBERS)
+        if n_bytes * entry.n_values > found.wide:
             found.stream.seek(min(int.from_bytes(entry.value, found.order), size))
             data = found.stream.read(n_bytes * count)
         parts = [data[at : at + n_bytes] for at in range(0, n_bytes * count, n_bytes)]

@@ -124,6 +124,14 @@ def test_fisheye_pictures_are_refused_unless_their_lens_is_given(tmp_path: Path,
     assert len(read_photos(tmp_path, PhotoSettings(min_side=32, keep_fisheye=True)).photos) == 4
 
 
+@pytest.mark.parametrize(
+    ("model", "is_given", "kept"),
+    [("SIMPLE_RADIAL", False, False), ("OPENCV_FISHEYE", False, True), ("OPENCV", True, True)],
+)
+def test_fisheye_pictures_are_kept_for_a_lens_that_describes_them(model: str, is_given: bool, kept: bool) -> None:
+    assert PhotoSettings().for_lens(model, is_given=is_given).keep_fisheye is kept
+
+
 def test_round_objects_on_black_are_ordinary_photos(tmp_path: Path) -> None:
     y, x = np.mgrid[:240, :320]
     for number, (radius, flat) in enumerate(((100, 1.0), (112, 0.8), (108, 0.9), (60, 1.0))):
