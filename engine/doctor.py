@@ -119,7 +119,7 @@ def _heic() -> Check:
     try:
         importlib.import_module("pillow_heif")
     except Exception:  # missing or damaged
-        return Check("HEIC photos", False, False, "not readable; `pip install pillow-heif` adds them")
+        return Check("HEIC photos", False, False, "not readable; set up the engine again")
     return Check("HEIC photos", True, False, "readable")
 
 

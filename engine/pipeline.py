@@ -118,7 +118,8 @@ def reconstruct(
             emit(StageStarted("frames"))
             extract_frames(photos, frames, VideoSettings(), emit=emit, should_stop=should_stop)
             photos = frames
-        photo_set, statistics = photos_stage(runner, photos, settings.photos, photo_masks=settings.photo_masks)
+        criteria = settings.photos.for_lens(settings.cameras.model, is_given=settings.camera_model is not None)
+        photo_set, statistics = photos_stage(runner, photos, criteria, photo_masks=settings.photo_masks)
         project.put("photo_folder", str(photos.resolve()))
         project.put("engine_version", __version__)
         preset, wanted = settings.plan.preset, STAGES[: STAGES.index(until) + 1]

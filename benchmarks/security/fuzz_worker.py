@@ -156,7 +156,7 @@ def _decoded_size_of_file(path: Path) -> int:
         if path.suffix == ".tgz":
             with gzip.open(path) as stream:
                 return sum(len(chunk) for chunk in iter(lambda: stream.read(1 << 20), b""))
-        if path.suffix in (".jpg", ".png", ".tif", ".webp"):
+        if path.suffix in (".jpg", ".png", ".tif", ".webp", ".heic"):
             with Image.open(path) as picture:
                 return picture.width * picture.height * 4
     # The file is damaged: it has no other size than its own.

@@ -17,7 +17,7 @@ from functools import partial
 from .mutations_arrays import ARRAYS, ZIP, bomb, long_array
 from .mutations_binary import GLB, ONNX, PLY, TAR, document_of, large_ply, with_document
 from .mutations_json import JSON
-from .mutations_pictures import JPEG, PNG, TIFF, WEBP, large_picture, png_bomb
+from .mutations_pictures import HEIC, JPEG, PNG, TIFF, WEBP, large_picture, png_bomb
 
 __all__ = ["KINDS", "Mutator", "enlarged", "mutated"]
 
@@ -234,6 +234,7 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "png": PNG,
     "tif": TIFF,
     "webp": WEBP,
+    "heic": HEIC,
     # Counts and sizes of 8 bytes between numbers: changing bytes finds them.
     "bin": (_with_another_number,),
     "spz": (_with_other_content,),
@@ -296,4 +297,5 @@ _LARGE: Mapping[str, Callable[[bytes, random.Random, int], bytes]] = {
     "jpg": partial(large_picture, "JPEG"),
     "tif": partial(large_picture, "TIFF"),
     "webp": partial(large_picture, "WEBP"),
+    "heic": partial(large_picture, "HEIF"),
 }

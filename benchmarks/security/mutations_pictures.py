@@ -8,7 +8,7 @@ import struct
 import zlib
 from typing import Any
 
-__all__ = ["JPEG", "PNG", "TIFF", "WEBP", "large_picture", "png_bomb"]
+__all__ = ["HEIC", "JPEG", "PNG", "TIFF", "WEBP", "large_picture", "png_bomb"]
 
 _TAGS = (0x0100, 0x0101, 0x0102, 0x0103, 0x0106, 0x010F, 0x0110, 0x0111, 0x0112, 0x0115, 0x0117, 0x011A, 0x8769, 0x8825)
 _CAMERA_TAGS = (0x829A, 0x829D, 0x8827, 0x920A, 0xA405, 0xA002, 0xA003, 0xA20E, 0xA210, 0x927C, 0x9286, 0xA005)
@@ -229,8 +229,9 @@ def large_picture(kind: str, data: bytes, rng: random.Random, size: int) -> byte
     """Return a picture of 2 to 81 million pixels, cut at `size` bytes; `kind` is Pillow's name of the format."""
     from PIL import Image
 
-    side = rng.choice((1500, 1500, 4000, 9000))
-    mode = rng.choice(("RGB", "L", "CMYK")) if kind != "WEBP" else "RGB"
+    # The encoder of HEIC takes a second for a million pixels.
+    side = rng.choice((1500, 1500, 4000, 9000)) if kind != "HEIF" else 1500
+    mode = rng.choice(("RGB", "L", "CMYK")) if kind in ("TIFF", "JPEG") else "RGB"
     stream = io.BytesIO()
     options: dict[str, dict[str, Any]] = {
         "TIFF": {"compression": rng.choice(("tiff_lzw", "tiff_adobe_deflate"))},
@@ -301,3 +302,58 @@ def _with_another_webp_header(data: bytes, rng: random.Random) -> bytes:
 
 WEBP = (_with_another_riff_part, _with_another_webp_header)
 """Each takes the bytes of a WebP and a `Random`."""
+
+
+_HOLDING = {b"meta": 12, b"iprp": 8, b"ipco": 8, b"iinf": 14}
+"""Boxes that hold boxes, and the bytes before these."""
+
+
+def _boxes(data: bytes, start: int, end: int) -> list[tuple[bytes, int, int]]:
+    """Return type, start and end of the boxes of a HEIC file, outer ones first."""
+    found = []
+    while start + 8 <= end:
+        size, kind = int.from_bytes(data[start : start + 4], "big"), data[start + 4 : start + 8]
+        if not 8 <= size <= end - start:
+            break
+        found.append((kind, start, start + size))
+        if kind in _HOLDING:
+            found += _boxes(data, start + _HOLDING[kind], start + size)
+        start += size
+    return found
+
+
+def _with_another_box(data: bytes, rng: random.Random) -> bytes:
+    """Change the size, the type or a number of a box, or repeat it; often one of those that say how to decode."""
+    boxes = _boxes(data, 0, len(data))
+    telling = [
+        box for box in boxes if box[0] in (b"ispe", b"iloc", b"hvcC", b"ipma", b"irot", b"clap", b"pixi", b"colr")
+    ]
+    kind, start, end = rng.choice(telling if telling and rng.random() < 0.7 else boxes)
+    changed = bytearray(data)
+    match rng.randrange(4):
+        case 0:
+            struct.pack_into(">I", changed, start, rng.choice((0, 1, 7, 8, 9, end - start + 4, 0x7FFFFFFF, 0xFFFFFFFF)))
+        case 1:
+            changed[start + 4 : start + 8] = rng.choice(
+                (b"free", b"ispe", b"irot", b"imir", b"grid", b"clap", b"auxC", kind[::-1])
+            )
+        case 2:
+            return data[:start] + data[start:end] * rng.choice((0, 2, 100, 2000)) + data[end:]
+        case _:
+            at = rng.randrange(start + 8, end) if end > start + 8 else start
+            number = struct.pack(">I", rng.choice((*_NUMBERS, 64, 512, 32_768, 40_000, 65_536)))
+            changed[at : at + 4] = number[: max(1, min(4, end - at))]
+    return bytes(changed)
+
+
+def _with_other_heic_data(data: bytes, rng: random.Random) -> bytes:
+    """Change bytes of the compressed picture, which the decoder reads."""
+    place = next((start + 8 for kind, start, _ in _boxes(data, 0, len(data)) if kind == b"mdat"), 0)
+    changed = bytearray(data)
+    for _ in range(rng.choice((1, 4, 30))):
+        changed[rng.randrange(place, len(data))] = rng.randrange(256)
+    return bytes(changed)
+
+
+HEIC = (_with_another_box, _with_another_box, _with_another_box, _with_other_heic_data)
+"""Each takes the bytes of a HEIC file and a `Random`."""

@@ -36,7 +36,15 @@ def _write_photo(folder: Path, name: str, mode: str = "RGB", **options: Any) -> 
     exif[0x0112] = 6
     exif.get_ifd(0x8769).update(_EXIF)
     (folder / "photos").mkdir()
-    _picture(mode).save(folder / "photos" / name, exif=exif, **options)
+    _picture(mode).save(folder / "photos" / name, exif=exif.tobytes(), **options)
+
+
+def _write_heic(folder: Path, **options: Any) -> None:
+    from engine.photos.heic import can_read_heic
+
+    if not can_read_heic():
+        raise RuntimeError("pillow-heif is not installed; run `make setup`.")
+    _write_photo(folder, "a.heic", quality=40, **options)
 
 
 def _read_photos(folder: Path) -> object:
@@ -197,6 +205,8 @@ PHOTOS: tuple[Reader, ...] = (
     _photo_reader("photo-png-16", "a.png", partial(_write_photo, name="a.png", mode="I;16")),
     _photo_reader("photo-tiff", "a.tif", partial(_write_photo, name="a.tif"), share=2.0),
     _photo_reader("photo-tiff-lzw", "a.tif", partial(_write_photo, name="a.tif", compression="tiff_lzw")),
+    _photo_reader("photo-heic", "a.heic", _write_heic, share=3.0),
+    _photo_reader("photo-heic-tiles", "a.heic", partial(_write_heic, tile_size=16), share=2.0),
     _photo_reader("photo-webp", "a.webp", partial(_write_photo, name="a.webp", quality=40)),
     Reader("photo-mask", _write_masked_photo, _read_photos, ("masks/a.jpg.png",)),
     Reader(

@@ -13,7 +13,14 @@ if TYPE_CHECKING:
     from .arrays import ArraySpec, read_array, read_arrays
     from .deleting import delete_derived
     from .kept_arrays import keep_arrays, read_kept_arrays
-    from .paths import is_inner_name, object_file, path_within, require_no_links_out
+    from .paths import (
+        derived_name,
+        is_inner_name,
+        object_file,
+        path_within,
+        problem_of_inner_name,
+        require_no_links_out,
+    )
     from .reading import mapped, opened, parse_json, read_bytes, read_json, read_text
     from .recorded import FILE_RECORD, FileRecord, is_as_recorded, record_of
     from .replacing import finish_replacements, replace_together
@@ -33,6 +40,7 @@ __all__ = [
     "atomic_write",
     "check",
     "delete_derived",
+    "derived_name",
     "file_sha256",
     "finish_replacements",
     "finite_or_null",
@@ -46,6 +54,7 @@ __all__ = [
     "optional",
     "parse_json",
     "path_within",
+    "problem_of_inner_name",
     "read_array",
     "read_arrays",
     "read_bytes",

@@ -2,26 +2,54 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from pathlib import Path, PurePath
 
 from ..errors import FormatError, ProjectError
 
-__all__ = ["is_inner_name", "object_file", "path_within", "require_no_links_out"]
+__all__ = [
+    "derived_name",
+    "is_inner_name",
+    "object_file",
+    "path_within",
+    "problem_of_inner_name",
+    "require_no_links_out",
+]
 
 _MAX_NAME_BYTES = 255
+_MAX_SHOWN = 200
+"""Characters of a name that a message shows."""
+_KEPT_BYTES, _HASH_DIGITS = 180, 16
+"""What a derived name keeps of a name that is too long, and of its hash."""
+_LEADS_OUT = "leads out of its folder"
+_CHANGED = "Another program has changed the project; use it only if you know who made it."
 
 
 def is_inner_name(name: object) -> bool:
     """Return whether `name` is a relative path that stays inside of the folder that it is joined to.
 
-    Absolute paths, drive letters, ``..``, empty names, null characters and names that no file system takes are not.
+    Absolute paths, drive letters, ``..``, empty names, null characters and names that no file system takes are not;
+    `problem_of_inner_name` says which of these.
     """
-    if not isinstance(name, str) or "\0" in name:
-        return False
+    return problem_of_inner_name(name) is None
+
+
+def problem_of_inner_name(name: object) -> str | None:
+    """Return why `name` is not usable below a folder (see `is_inner_name`), as a clause; None for a usable name."""
+    if not isinstance(name, str):
+        return "is not text"
     path = PurePath(name)
-    too_long = any(len(part.encode("utf-8", "surrogatepass")) > _MAX_NAME_BYTES for part in path.parts)
-    return path != PurePath() and not path.anchor and ".." not in path.parts and not too_long
+    if path.anchor or ".." in path.parts:
+        return _LEADS_OUT
+    if path == PurePath():
+        return "is empty"
+    if "\0" in name:
+        return "has a null character"
+    longest = max(len(part.encode("utf-8", "surrogatepass")) for part in path.parts)
+    if longest > _MAX_NAME_BYTES:
+        return f"is too long: a part of it has {longest} bytes, and file systems take at most {_MAX_NAME_BYTES}"
+    return None
 
 
 def path_within(folder: Path, *names: str) -> Path:
@@ -33,14 +61,43 @@ def path_within(folder: Path, *names: str) -> Path:
     Raises
     ------
     FormatError
-        When the path would leave `folder`.
+        When the path would leave `folder`, or no file can have this name; the message says which.
     """
-    if not all(map(is_inner_name, names)) or not _resolves_into(path := folder.joinpath(*names), folder):
-        raise FormatError(
-            f"{'/'.join(map(str, names))!r} leads out of the folder {folder}, so it is not used. Another program has "
-            "changed the project; use it only if you know who made it."
-        )
-    return path
+    problem = next((found for name in names if (found := problem_of_inner_name(name)) is not None), None)
+    path = folder if problem else folder.joinpath(*names)
+    problem = problem or _problem_of_place(path, folder)
+    if problem is None:
+        return path
+    shown = "/".join(map(str, names))
+    shown = repr(shown if len(shown) <= _MAX_SHOWN else f"{shown[:_MAX_SHOWN]}...")
+    if problem == _LEADS_OUT:
+        raise FormatError(f"{shown} leads out of the folder {folder}, so it is not used. {_CHANGED}")
+    advice = "Give what it is named after a shorter name." if "long" in problem else _CHANGED
+    raise FormatError(f"{shown} cannot be a file in {folder}: it {problem}. {advice}")
+
+
+def derived_name(name: str, suffix: str) -> str:
+    """Return the name of a file that belongs to the file `name`: ``name + suffix``, or a short one where no file system
+    would take that.
+
+    Parameters
+    ----------
+    name : str
+        Relative path of a photo, say. Its folders are kept.
+    suffix : str
+        What is added, such as ``.npz``.
+
+    Returns
+    -------
+    str
+        Different for different names: the end of a name that is too long is replaced by a hash of it.
+    """
+    folder, slash, last = name.rpartition("/")
+    if len((last + suffix).encode("utf-8", "surrogatepass")) <= _MAX_NAME_BYTES:
+        return name + suffix
+    digest = hashlib.sha256(last.encode("utf-8", "surrogatepass")).hexdigest()[:_HASH_DIGITS]
+    start = last.encode("utf-8", "surrogatepass")[:_KEPT_BYTES].decode("utf-8", "ignore")
+    return f"{folder}{slash}{start}-{digest}{suffix}"
 
 
 def object_file(project: Path, object_id: str, name: str) -> Path:
@@ -48,12 +105,18 @@ def object_file(project: Path, object_id: str, name: str) -> Path:
     return path_within(project, "objects", object_id, name)
 
 
-def _resolves_into(path: Path, folder: Path) -> bool:
-    """Return whether `path`, with all links followed, lies in `folder`."""
+def _problem_of_place(path: Path, folder: Path) -> str | None:
+    """Return why `path`, with all links followed, is no place in `folder`, as a clause."""
     try:
-        return path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # a loop of links, or a name that is too long
-        return False
+        return None if path.resolve().is_relative_to(folder.resolve()) else _LEADS_OUT
+    except RuntimeError:
+        return "is a link that leads to itself"
+    except OSError as error:
+        return f"cannot be used by this system ({error.strerror})"
+
+
+def _resolves_into(path: Path, folder: Path) -> bool:
+    return _problem_of_place(path, folder) is None
 
 
 def require_no_links_out(project: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files import ArraySpec, keep_arrays, path_within, read_kept_arrays
+from ..files import ArraySpec, derived_name, keep_arrays, path_within, read_kept_arrays
 from ..project_folder import stage_key
 from .sam import INPUT_SIDE, Embedding, SegmentAnything
 from .settings import MAX_EMBEDDINGS
@@ -56,7 +56,7 @@ class EmbeddingFolder:
         MaskError
             When `pixels` has another shape or type.
         """
-        path = path_within(self._folder, photo + _SUFFIX)
+        path = path_within(self._folder, derived_name(photo, _SUFFIX))
         recipe = stage_key(
             _VERSION, sam.name, pixels.shape, hashlib.sha256(np.ascontiguousarray(pixels).data).hexdigest()
         )
@@ -73,7 +73,8 @@ class EmbeddingFolder:
     def copied(self, folder: Path, photos: Iterable[str]) -> EmbeddingFolder:
         """Return a cache in another folder with copies of what is stored of these photos; this one is only read."""
         for photo in photos:
-            stored, copy = path_within(self._folder, photo + _SUFFIX), path_within(folder, photo + _SUFFIX)
+            name = derived_name(photo, _SUFFIX)
+            stored, copy = path_within(self._folder, name), path_within(folder, name)
             if stored.is_file():
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(stored, copy)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FormatError, MaskError
-from ..files import ArraySpec, atomic_write, parse_json, path_within, read_arrays
+from ..files import ArraySpec, atomic_write, derived_name, parse_json, path_within, read_arrays
 
 __all__ = ["label_map_path", "read_label_map", "read_recipe", "write_label_map"]
 
@@ -24,7 +24,7 @@ _MAX_SEGMENTS = 1 << 20
 def label_map_path(folder: Path, photo: str) -> Path:
     """Return the path of the label map of the photo called `photo` in the masks folder `folder`."""
     # The photo's suffix is kept, because a.jpg and a.png are two photos.
-    return path_within(folder, photo + ".npz")
+    return path_within(folder, derived_name(photo, ".npz"))
 
 
 def write_label_map(path: Path, labels: NDArray[np.int32], *, recipe: str = "") -> None:

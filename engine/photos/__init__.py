@@ -9,6 +9,7 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .capture_facts import exif_facts
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
+    from .kinds import SUFFIXES, VIDEO, kind_of_file, live_photo_of
     from .loading import load_pixels, load_with_valid
     from .pixels import MAX_PIXELS
     from .reading import file_listing, picture_files, read_photos
@@ -16,11 +17,15 @@ if TYPE_CHECKING:
 
 __all__ = [
     "MAX_PIXELS",
+    "SUFFIXES",
+    "VIDEO",
     "PhotoStatistics",
     "exif_facts",
     "extract_frames",
     "file_listing",
     "is_video",
+    "kind_of_file",
+    "live_photo_of",
     "load_pixels",
     "load_with_valid",
     "inspect_photos",

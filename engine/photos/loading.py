@@ -36,7 +36,7 @@ def load_pixels(path: Path, *, max_side: int | None = None) -> NDArray[np.uint8]
     Parameters
     ----------
     path : Path
-        JPEG, PNG, TIFF or WebP; HEIC if pillow-heif is installed.
+        JPEG, PNG, TIFF, WebP or HEIC, whatever its name says.
     max_side : int, optional
         The picture is reduced so that its longest side is at most this many pixels; it is never enlarged. By default
         the full size.

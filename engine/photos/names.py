@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import PhotoError
+from ..files import problem_of_inner_name
 from ..visible_text import visible
 
 __all__ = ["problem_of_name", "require_utf8_folder"]
@@ -22,7 +23,8 @@ def problem_of_name(name: str) -> str | None:
         return "Its name has bytes that are not UTF-8. Rename it."
     if visible(name) != name:
         return "Its name has control characters. Rename it."
-    return None
+    problem = problem_of_inner_name(name)
+    return None if problem is None else f"Its name {problem}. Rename it."
 
 
 def require_utf8_folder(folder: Path) -> None:

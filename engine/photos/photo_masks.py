@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, StopCheck, Warned
-from ..files import file_sha256
+from ..files import file_sha256, problem_of_inner_name
 from ..scene import Photo
 from .loading import load_valid
 from .names import require_utf8_folder
@@ -54,7 +54,11 @@ def with_masks(
     for photo in photos:
         if should_stop():
             raise Cancelled("Reading the masks was stopped. Nothing was changed.")
-        file = masks / f"{photo.name}.png"
+        name = f"{photo.name}.png"
+        problem = problem_of_inner_name(name)
+        if problem is not None:
+            raise PhotoError(f"The name of the mask of {photo.name} {problem}. Give the photo a shorter name.")
+        file = masks / name
         if not file.is_file():
             without.append(photo.name)
             with_mask.append(photo)

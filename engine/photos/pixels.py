@@ -6,29 +6,29 @@ These functions decode in this process, whatever the size. `bounded` calls them 
 from __future__ import annotations
 
 import contextlib
-import importlib
-import importlib.util
 import io
 import logging
 import stat
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageCms
+from PIL import Image, ImageCms, TiffImagePlugin
 
 from ..errors import FormatError, HeritageError, PhotoError, is_out_of_memory
 from ..files import opened
 from ..visible_text import visible
 from .exif import UPRIGHT_TRANSPOSES, focal_in_pixels, orientation_of, without_pillow_warnings
+from .heic import conversion_of_numbers, require_heic_reader, require_ordinary_colours
+from .kinds import HEIC, PICTURES, kind_of_stream, refusal_of
 from .structure import require_usual_structure
 
 __all__ = [
     "MAX_PIXELS",
     "PhotoHeader",
-    "can_read_heic",
     "open_photo",
     "opened_picture",
     "photo_errors",
@@ -40,15 +40,17 @@ __all__ = [
 
 _LOG = logging.getLogger(__name__)
 
-_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP")
-"""Pillow's names of the formats that are read, with HEIC where it is installed. Pillow's other plug-ins are not tried:
-one of them starts another program."""
+_FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "HEIF")
+"""Pillow's names of the formats that are read. Pillow's other plug-ins are not tried: one of them starts another
+program."""
 # Protects against decompression bombs. The largest camera backs used in museums have fewer pixels.
 MAX_PIXELS = 400_000_000
 _MAX_PIXELS_OF_FORMAT = {"WEBP": 30_000_000}
 """Formats whose decoder takes so much memory per pixel that fewer can be read safely."""
 # Pillow's own limit warns at 89 million pixels, which reproduction cameras exceed; `MAX_PIXELS` replaces it.
 Image.MAX_IMAGE_PIXELS = None
+# Pillow's own decoder of uncompressed TIFF takes separate planes of 16 bits for 8; libtiff decodes all of them.
+TiffImagePlugin.READ_LIBTIFF = True
 
 _BYTES_OF_MODE = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16B": 2, "I;16L": 2, "I;16N": 2}
 """Bytes per pixel of a decoded picture by Pillow's mode; 4 for all others."""
@@ -68,7 +70,6 @@ _STRIP_BYTES = 48 << 20
 """Memory that is taken while a strip is converted."""
 
 _SRGB = ImageCms.createProfile("sRGB")
-_heic_ready = False
 
 
 @dataclass(frozen=True)
@@ -86,15 +87,6 @@ class PhotoHeader:
     width: int
     height: int
     n_bytes: int
-
-
-def can_read_heic() -> bool:
-    """Return whether the optional package ``pillow-heif`` is installed, and register it with Pillow."""
-    global _heic_ready
-    if not _heic_ready and importlib.util.find_spec("pillow_heif") is not None:
-        importlib.import_module("pillow_heif").register_heif_opener()
-        _heic_ready = True
-    return _heic_ready
 
 
 def read_header(path: Path, *, max_side: int | None = None) -> PhotoHeader:
@@ -147,8 +139,6 @@ def photo_errors(path: Path) -> Iterator[None]:
         raise PhotoError(visible(str(error))) from error
     except HeritageError:
         raise
-    except Image.UnidentifiedImageError as error:
-        raise PhotoError(f"{name} is not a picture that can be read. Save it as JPEG, PNG or TIFF.") from error
     # Pillow's decoders raise exceptions of many types on damaged data.
     except Exception as error:
         if is_out_of_memory(error):
@@ -164,12 +154,19 @@ def photo_errors(path: Path) -> Iterator[None]:
 @contextlib.contextmanager
 def opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Image, tuple[int, int]]]:
     """Yield the picture, whose pixels are not decoded yet, and its full size."""
-    formats = (*_FORMATS, "HEIF") if can_read_heic() else _FORMATS
     _require_file(path)
     # Pillow's OSError about a damaged picture must not count as one of the file system.
     with opened(path, advice="Check its permissions.") as stream, photo_errors(path), without_pillow_warnings():
+        kind = kind_of_stream(stream)
+        refusal = refusal_of(kind, path.suffix)
+        if kind not in PICTURES:
+            name = visible(path.name)
+            raise PhotoError(f"{name} is not a picture that can be read. {refusal or 'Save it as JPEG, PNG or TIFF.'}")
         require_usual_structure(stream, path)
-        image = Image.open(stream, formats=formats)
+        if kind == HEIC:
+            require_heic_reader(path)
+        image = _identified(stream, path, kind)
+        require_ordinary_colours(image, path)
         most = _MAX_PIXELS_OF_FORMAT.get(image.format or "", MAX_PIXELS)
         if image.width * image.height > most:
             advice = "Reduce its size." if most == MAX_PIXELS else f"Save it in another format than {image.format}."
@@ -181,6 +178,20 @@ def opened_picture(path: Path, max_side: int | None) -> Iterator[tuple[Image.Ima
         if max_side is not None:
             image.draft(None, _size_within(full_size, max_side))
         yield image, full_size
+
+
+def _identified(stream: IO[bytes], path: Path, kind: str) -> Image.Image:
+    """Return the picture of a file of a known kind."""
+    try:
+        return Image.open(stream, formats=_FORMATS)
+    except Image.UnidentifiedImageError as error:
+        if kind == "TIFF":
+            problem = "is damaged, or stores its samples in a way that is not read"
+            advice = "Save it again as RGB with 8 or 16 bits per channel."
+        else:
+            problem = f"is a {kind} file that is damaged or cut short and cannot be read"
+            advice = "Copy it again from the camera."
+        raise PhotoError(f"{visible(path.name)} {problem}. {advice}") from error
 
 
 def _require_file(path: Path) -> None:
@@ -231,7 +242,7 @@ def upright_with_alpha(
     Raises
     ------
     PhotoError
-        For pictures with 32-bit floats, whose range is unknown, and for damaged ones.
+        For damaged pictures.
 
     Notes
     -----
@@ -244,7 +255,7 @@ def upright_with_alpha(
     pixels = np.empty((*(size if transpose in _SWAPS_SIDES else size[::-1]), 3), np.uint8)
     alpha: NDArray[np.uint8] | None = None
     top = 0
-    for colours, transparency in _converted_strips(picture, image.info.get("icc_profile")):
+    for colours, transparency in _converted_strips(picture, image.info):
         rows = slice(top, top + len(colours))
         _as_stored(pixels, transpose)[rows] = colours
         if transparency is not None:
@@ -261,7 +272,7 @@ def upright_strips(image: Image.Image, multiple: int) -> Iterator[NDArray[np.uin
     A picture that is stored upright is never copied as a whole.
     """
     if UPRIGHT_TRANSPOSES.get(orientation_of(image)) is None:
-        for strip, _ in _converted_strips(image, image.info.get("icc_profile"), multiple):
+        for strip, _ in _converted_strips(image, image.info, multiple):
             yield strip
     else:
         pixels = upright_with_alpha(image)[0]
@@ -271,16 +282,16 @@ def upright_strips(image: Image.Image, multiple: int) -> Iterator[NDArray[np.uin
 
 
 def _converted_strips(
-    picture: Image.Image, profile: bytes | None, multiple: int = 1
+    picture: Image.Image, info: dict[Any, Any], multiple: int = 1
 ) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
-    """Yield the sRGB pixels of a picture and their alpha in strips of rows."""
+    """Yield the sRGB pixels of a picture and their alpha in strips of rows; `info` is that of its file."""
     to_rgb: Callable[[Image.Image], Image.Image] | None = None
     for _, strip in strips_of(picture, multiple):
         strip = _eight_bits_of_strip(strip)
         transparency = strip.getchannel("A") if strip.mode == "RGBA" else None
         if transparency is not None:
             strip = strip.convert("RGB")
-        to_rgb = to_rgb or _conversion_to_srgb(strip.mode, profile)
+        to_rgb = to_rgb or _conversion_to_srgb(strip.mode, info)
         strip = to_rgb(strip)
         if transparency is None:
             yield np.asarray(strip), None
@@ -345,8 +356,6 @@ def _eight_bits_of_strip(image: Image.Image) -> Image.Image:
         values = np.asarray(image).astype(np.float64)
         # Mode I contains the 16 bits of a gray file; 65535 / 257 = 255 exactly.
         return Image.fromarray(np.clip(np.rint(values / 257.0), 0, 255).astype(np.uint8))
-    if image.mode == "F":
-        raise PhotoError("The picture contains 32-bit floats, whose range is unknown. Save it with 8 or 16 bits.")
     if image.mode in _NATIVE_MODES:
         # A file can also declare one of its colours as transparent.
         return image.convert("RGBA") if "transparency" in image.info and image.mode in ("L", "RGB") else image
@@ -354,8 +363,9 @@ def _eight_bits_of_strip(image: Image.Image) -> Image.Image:
     return image.convert("RGBA" if has_alpha else "RGB")
 
 
-def _conversion_to_srgb(mode: str, profile: bytes | None) -> Callable[[Image.Image], Image.Image]:
+def _conversion_to_srgb(mode: str, info: dict[Any, Any]) -> Callable[[Image.Image], Image.Image]:
     """Return a function from pictures of `mode` to RGB; an ICC profile that is sRGB or does not fit is ignored."""
+    profile = info.get("icc_profile")
     if profile:
         try:
             source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
@@ -365,7 +375,7 @@ def _conversion_to_srgb(mode: str, profile: bytes | None) -> Callable[[Image.Ima
                 return lambda picture: _transformed(picture, transform)
         except (ImageCms.PyCMSError, OSError, ValueError) as error:
             _LOG.warning("A colour profile that does not fit its picture is ignored: %s", error)
-    return lambda picture: picture.convert("RGB")
+    return conversion_of_numbers(info) or (lambda picture: picture.convert("RGB"))
 
 
 def _transformed(picture: Image.Image, transform: ImageCms.ImageCmsTransform) -> Image.Image:

@@ -21,9 +21,11 @@ from ..scene import Photo, PhotoSet, RejectedPhoto
 from ..visible_text import visible
 from .bounded import call_within_bounds
 from .exif import orientation_of
+from .kinds import PICTURES, has_suffix_of_picture, kind_of_file, live_photo_of, refusal_of
 from .names import problem_of_name, require_utf8_folder
 from .photo_masks import with_masks
-from .pixels import can_read_heic, open_photo, read_header, upright_strips
+from .pixels import open_photo, read_header, upright_strips
+from .projection import FISHEYE, Circle, circle_of, fisheye_photos, unusual_picture
 from .settings import PhotoSettings
 
 __all__ = ["file_listing", "measure_photo", "picture_files", "read_photos"]
@@ -31,11 +33,6 @@ __all__ = ["file_listing", "measure_photo", "picture_files", "read_photos"]
 _LOG = logging.getLogger(__name__)
 
 _STAGE = "photos"
-_PICTURE_SUFFIXES = {".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".webp"}
-_HEIC_SUFFIXES = {".heic", ".heif", ".hif"}
-_RAW_SUFFIXES = {".cr2", ".cr3", ".nef", ".nrw", ".arw", ".dng", ".raf", ".orf", ".rw2", ".pef", ".srw", ".3fr", ".iiq"}
-_VIDEO_SUFFIXES = {".mp4", ".mov", ".avi", ".mkv", ".m4v", ".insv"}
-_UNSUPPORTED_PICTURE_SUFFIXES = {".bmp", ".gif", ".avif", ".jxl", ".jp2", ".psd", ".exr", ".hdr"}
 
 # Longest side in pixels at which sharpness is measured, so that cameras of different resolution can be compared.
 _MEASURING_SIDE = 800
@@ -50,6 +47,8 @@ class _DecodedPhoto:
     pixels_hash: str
     sharpness: float
     flat_reason: str | None
+    unusual_reason: str | None
+    circle: Circle | None
 
 
 def read_photos(
@@ -62,11 +61,12 @@ def read_photos(
 ) -> PhotoSet:
     """Return the usable photos in `folder` and its sub-folders, ordered by name, and the rejected files.
 
-    Hidden files, files that are not pictures, and sub-folders that are Gaussian Heritage projects (with a
-    ``project.json``) are skipped without a warning. Raw files, videos and unsupported picture formats are listed as
-    rejected, as are damaged, tiny, blurred, black, white and duplicate photos, photos that would take too much memory,
-    names that are not UTF-8 or have control characters, links that lead nowhere, pipes and sub-folders that cannot be
-    read.
+    The content of a file says what it is, not its name. Hidden files, files that are not pictures, the moving parts of
+    Live Photos, and sub-folders that are Gaussian Heritage projects (with a ``project.json``) are skipped without a
+    warning. Raw files, videos and unsupported picture formats are listed as rejected, as are damaged, tiny, blurred,
+    black, white and duplicate photos, panoramas, fisheye pictures and screenshots, photos that would take too much
+    memory, names that are not UTF-8, too long or have control characters, links that lead nowhere, pipes and
+    sub-folders that cannot be read.
 
     Parameters
     ----------
@@ -103,8 +103,9 @@ def read_photos(
     settings = settings or PhotoSettings()
     folder = folder.expanduser()
     files = picture_files(folder, without=masks)
-    rejected = [_rejected(folder, path, reason) for path in files if (reason := _unsupported(folder, path))]
-    candidates = [path for path in files if not _unsupported(folder, path)]
+    problems = {path: _unsupported(folder, path) for path in files}
+    rejected = [_rejected(folder, path, reason) for path, reason in problems.items() if reason]
+    candidates = [path for path, reason in problems.items() if not reason]
     decoded: list[_DecodedPhoto] = []
     for index, result in enumerate(_decode_all(folder, candidates, settings, should_stop)):
         if isinstance(result, RejectedPhoto):
@@ -112,7 +113,9 @@ def read_photos(
         else:
             decoded.append(result)
         emit(Progress(_STAGE, (index + 1) / len(candidates), message=f"{index + 1} of {len(candidates)} photos"))
-    for select in (_without_duplicates, _without_flat, lambda photos: _without_blurred(photos, settings)):
+    selections: list[Callable[[list[_DecodedPhoto]], _Selection]] = [_without_duplicates, _without_flat]
+    selections += [_without_unusual, *([] if settings.keep_fisheye else [_without_fisheye])]
+    for select in (*selections, lambda photos: _without_blurred(photos, settings)):
         decoded, rejected_now = select(decoded)
         rejected.extend(rejected_now)
     rejected.sort(key=lambda photo: photo.name)
@@ -128,7 +131,9 @@ def read_photos(
 
 
 def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
-    """Return every file in `folder` with a suffix of a picture or a video, ordered by name; see `read_photos`.
+    """Return every file in `folder` that is a picture or a video by its content or its name, ordered by name.
+
+    See `read_photos`. The moving parts of Live Photos are left out: a video beside a photo of the same name.
 
     Sub-folders that cannot be read, and folders without pictures that are named like one, are among them.
 
@@ -152,7 +157,6 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
         raise PhotoError(f"{folder} is a Gaussian Heritage project. Choose the folder that contains the photos.")
     require_utf8_folder(folder)
     skipped = None if without is None else os.path.realpath(without)
-    known = _PICTURE_SUFFIXES | _HEIC_SUFFIXES | _RAW_SUFFIXES | _VIDEO_SUFFIXES | _UNSUPPORTED_PICTURE_SUFFIXES
     files: list[Path] = []
     named_like_files: list[Path] = []
 
@@ -162,7 +166,7 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
         files.append(Path(error.filename))
 
     for parent, folders, names in os.walk(folder, onerror=unreadable):
-        named_like_files += [Path(parent, name) for name in folders if _suffix(name) in known]
+        named_like_files += [Path(parent, name) for name in folders if has_suffix_of_picture(name)]
         folders[:] = [
             name
             for name in folders
@@ -170,7 +174,7 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
             and not os.path.isfile(Path(parent, name, "project.json"))
             and os.path.realpath(Path(parent, name)) != skipped
         ]
-        files += [Path(parent, name) for name in names if not name.startswith(".") and _suffix(name) in known]
+        files += _pictures_among(parent, [name for name in names if not name.startswith(".")])
     files += [path for path in named_like_files if not any(path in file.parents for file in files)]
     if not files:
         raise PhotoError(f"There are no photos in {folder}. Choose a folder with JPEG, PNG, TIFF, WebP or HEIC files.")
@@ -192,8 +196,15 @@ def file_listing(folder: Path, files: Iterable[Path]) -> list[list[Any]]:
     return listing
 
 
-def _suffix(name: str) -> str:
-    return Path(name).suffix.lower()
+def _pictures_among(parent: str, names: list[str]) -> list[Path]:
+    """Return the pictures and videos among the files of a folder, without the moving parts of Live Photos."""
+    kinds = {name: kind_of_file(Path(parent, name)) for name in names}
+    stills = [name for name, kind in kinds.items() if kind in PICTURES]
+    return [
+        Path(parent, name)
+        for name, kind in kinds.items()
+        if (kind is not None or has_suffix_of_picture(name)) and live_photo_of(name, kind, stills) is None
+    ]
 
 
 def _name(folder: Path, path: Path) -> str:
@@ -205,16 +216,7 @@ def _rejected(folder: Path, path: Path, reason: str) -> RejectedPhoto:
 
 
 def _unsupported(folder: Path, path: Path) -> str | None:
-    suffix = path.suffix.lower()
-    if suffix in _RAW_SUFFIXES:
-        return "Raw camera files are not read; export it as JPEG or TIFF."
-    if suffix in _VIDEO_SUFFIXES:
-        return "Videos beside photos are not read; reconstruct the video itself, or add frames of it as JPEG."
-    if suffix in _UNSUPPORTED_PICTURE_SUFFIXES:
-        return f"{suffix[1:].upper()} files are not read; save it as JPEG, PNG or TIFF."
-    if suffix in _HEIC_SUFFIXES and not can_read_heic():
-        return "HEIC files need the package pillow-heif; install it or save the photo as JPEG."
-    return problem_of_name(_name(folder, path))
+    return problem_of_name(_name(folder, path)) or refusal_of(kind_of_file(path), path.suffix)
 
 
 def _decode_all(
@@ -255,11 +257,13 @@ def _decode(folder: Path, path: Path, settings: PhotoSettings, should_stop: Stop
         pixels_hash=measured["pixels_hash"],
         sharpness=measured["sharpness"],
         flat_reason=_flat_reason(measured["not_black"], measured["not_white"], settings.flat_share),
+        unusual_reason=measured["unusual"],
+        circle=None if measured["circle"] is None else tuple(measured["circle"]),
     )
 
 
 def measure_photo(path: str) -> dict[str, Any]:
-    """Decode a photo here and return its size, focal length, hashes and sharpness, as JSON values.
+    """Decode a photo here and return its size, focal length, hashes, sharpness and projection, as JSON values.
 
     Parameters
     ----------
@@ -283,6 +287,8 @@ def measure_photo(path: str) -> dict[str, Any]:
         "sharpness": _sharpness(gray),
         "not_black": float(np.mean(gray > 8.0)),
         "not_white": float(np.mean(gray < 247.0)),
+        "unusual": unusual_picture(image, path, gray),
+        "circle": circle_of(gray),
     }
 
 
@@ -350,6 +356,18 @@ def _without_duplicates(decoded: list[_DecodedPhoto]) -> _Selection:
 
 def _without_flat(decoded: list[_DecodedPhoto]) -> _Selection:
     return _split(decoded, lambda entry: entry.flat_reason)
+
+
+def _without_unusual(decoded: list[_DecodedPhoto]) -> _Selection:
+    return _split(decoded, lambda entry: entry.unusual_reason)
+
+
+def _without_fisheye(decoded: list[_DecodedPhoto]) -> _Selection:
+    photos = [entry.photo for entry in decoded]
+    focals = [None if one.focal_px is None else one.focal_px / min(one.width, one.height) for one in photos]
+    round_ones = fisheye_photos([entry.circle for entry in decoded], focals)
+    names = {photo.name for photo, is_round in zip(photos, round_ones, strict=True) if is_round}
+    return _split(decoded, lambda entry: FISHEYE if entry.photo.name in names else None)
 
 
 def _without_blurred(decoded: list[_DecodedPhoto], settings: PhotoSettings) -> _Selection:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..settings import require
 
@@ -31,6 +31,8 @@ class PhotoSettings:
     flat_share : float
         A photo is black (or white) when fewer than this share of its pixels are outside of the darkest (or brightest)
         3 % of the range.
+    keep_fisheye : bool
+        Whether round fisheye pictures are used: only a fisheye lens model describes them.
     """
 
     min_side: int = 128
@@ -38,6 +40,7 @@ class PhotoSettings:
     max_blurred_share: float = 0.1
     min_photos_for_blur: int = 5
     flat_share: float = 0.005
+    keep_fisheye: bool = False
 
     def __post_init__(self) -> None:
         require(self, "min_side", self.min_side >= 1, "at least 1")
@@ -45,6 +48,10 @@ class PhotoSettings:
         require(self, "max_blurred_share", 0.0 <= self.max_blurred_share <= 0.5, "between 0 and 0.5")
         require(self, "min_photos_for_blur", self.min_photos_for_blur >= 3, "at least 3")
         require(self, "flat_share", 0.0 <= self.flat_share < 1.0, "at least 0 and below 1")
+
+    def for_lens(self, model: str, *, is_given: bool) -> PhotoSettings:
+        """Return these settings for cameras of COLMAP's lens model `model`, or for given ones of any model."""
+        return replace(self, keep_fisheye=self.keep_fisheye or is_given or model.endswith("FISHEYE"))
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import IO, Literal
+from typing import IO
 
 from ..errors import PhotoError
 from ..files import mapped
 from ..visible_text import visible
+from .tiff import TIFF_STARTS, problem_of_layout, problem_of_parts
 
 __all__ = ["MAX_EXIF_BYTES", "require_usual_structure"]
 
@@ -26,16 +27,15 @@ _MAX_PNG_CHUNKS_BESIDE_DATA = 1_000
 _MIN_MEAN_DATA_CHUNK = 512
 """Smallest mean size of a data chunk of PNG in bytes, where there are more than `_MAX_PNG_CHUNKS_BESIDE_DATA`."""
 _MAX_PNG_PROFILES = 4
-_MAX_TIFF_TAGS = 4_096
-_MAX_TIFF_PARTS = 100_000
-"""Largest number of strips or tiles."""
-_STRIP_OFFSETS, _TILE_OFFSETS = 273, 324
 _MAX_WHOLE_FILE_BYTES = 256 << 20
 """Largest file of the formats whose decoders read the whole file into memory: WebP and HEIC."""
 
 _MARKER_IN_SCAN = re.compile(rb"\xff[^\x00\xff\xd0-\xd7]")
 """The marker of JPEG behind the compressed data of a scan."""
 _START_OF_SCAN, _END_OF_IMAGE, _APP1 = 0xDA, 0xD9, 0xE1
+_STARTS_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_READ_PRECISION = 8
+"""Bits per sample of the JPEG files that are read."""
 
 
 def require_usual_structure(stream: IO[bytes], path: Path) -> None:
@@ -50,8 +50,11 @@ def require_usual_structure(stream: IO[bytes], path: Path) -> None:
         problem = _problem_of_jpeg(stream, path)
     elif start.startswith(b"\x89PNG\r\n\x1a\n"):
         problem = _problem_of_png(stream)
-    elif start[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        problem = _problem_of_tiff(stream, "little" if start.startswith(b"II") else "big", is_big=b"+" in start[:4])
+    elif start[:4] in TIFF_STARTS:
+        problem = problem_of_parts(stream)
+        layout = problem_of_layout(stream)
+        if problem is None and layout is not None:
+            raise PhotoError(f"{visible(path.name)} {layout}. Save it again as RGB with 8 or 16 bits per channel.")
     elif (start[8:12] == b"WEBP" or start[4:8] == b"ftyp") and _size(stream) > _MAX_WHOLE_FILE_BYTES:
         problem = f"is larger than {_MAX_WHOLE_FILE_BYTES >> 20} MB, more than can be read safely in its format"
     if problem:
@@ -77,11 +80,15 @@ def _problem_of_jpeg(stream: IO[bytes], path: Path) -> str | None:
             stream.seek(-3, os.SEEK_CUR)
             continue
         length = int.from_bytes(head[2:], "big")
-        is_exif = head[1] == _APP1 and stream.read(4) == b"Exif"
-        n_exif += length if is_exif else 0
+        content = stream.tell()
+        if head[1] in _STARTS_OF_FRAME:
+            precision = stream.read(1)
+            if precision and precision[0] > _READ_PRECISION:
+                return f"has {precision[0]} bits per sample, and JPEG files are read with {_READ_PRECISION}"
+        n_exif += length if head[1] == _APP1 and stream.read(4) == b"Exif" else 0
         if n_exif > MAX_EXIF_BYTES:
             return "has more than 1 MB of EXIF data"
-        stream.seek(length - (6 if head[1] == _APP1 else 2), os.SEEK_CUR)
+        stream.seek(content + length - 2)
     return f"has more than {_MAX_JPEG_SEGMENTS:,} segments before its picture"
 
 
@@ -102,30 +109,6 @@ def _problem_of_png(stream: IO[bytes]) -> str | None:
         if n_data > _MAX_PNG_CHUNKS_BESIDE_DATA + size // _MIN_MEAN_DATA_CHUNK:
             return "is divided into unusually small chunks"
         place += 12 + int.from_bytes(head[:4], "big")
-    return None
-
-
-def _problem_of_tiff(stream: IO[bytes], order: Literal["little", "big"], *, is_big: bool) -> str | None:
-    """Check the first directory; Pillow reads no other."""
-    wide = 8 if is_big else 4
-
-    def number(n_bytes: int) -> int:
-        return int.from_bytes(stream.read(n_bytes), order)
-
-    stream.seek(8 if is_big else 4)
-    directory = number(wide)
-    if directory >= _size(stream):
-        return None
-    stream.seek(directory)
-    n_tags = number(8 if is_big else 2)
-    if n_tags > _MAX_TIFF_TAGS:
-        return f"has more than {_MAX_TIFF_TAGS:,} tags"
-    for _ in range(n_tags):
-        tag, _ = number(2), number(2)
-        count = number(wide)
-        if tag in (_STRIP_OFFSETS, _TILE_OFFSETS) and count > _MAX_TIFF_PARTS:
-            return f"is divided into more than {_MAX_TIFF_PARTS:,} parts"
-        stream.seek(wide, os.SEEK_CUR)
     return None
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import Cancelled, FormatError, PhotoError
 from ..events import Emit, Progress, StopCheck
 from ..files import atomic_write, delete_derived, file_sha256, path_within, read_json, write_json
+from .kinds import VIDEO, kind_of_file
 from .settings import VIDEO_SUFFIXES, VideoSettings
 
 __all__ = ["extract_frames", "is_video"]
@@ -37,8 +38,9 @@ class _Look:
 
 
 def is_video(path: Path) -> bool:
-    """Return whether `path` is a file with the suffix of a video."""
-    return path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
+    """Return whether `path` is a file that is a video by its content, or by its name where its content is unknown."""
+    kind = kind_of_file(path)
+    return kind == VIDEO or (kind is None and path.suffix.lower() in VIDEO_SUFFIXES and path.is_file())
 
 
 def extract_frames(

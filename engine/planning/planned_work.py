@@ -58,7 +58,8 @@ def plan_photos(
     Cancelled
         When `should_stop` returns true.
     """
-    photo_set = read_photos(folder, photos, masks=photo_masks, emit=emit, should_stop=should_stop)
+    criteria = photos.for_lens(cameras.model, is_given=model is not None)
+    photo_set = read_photos(folder, criteria, masks=photo_masks, emit=emit, should_stop=should_stop)
     statistics = inspect_photos(photo_set, should_stop=should_stop)
     device = choose_training_device(settings.device)
     return plan_and_forecast(

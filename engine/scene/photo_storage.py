@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FormatError
-from ..files import is_inner_name, optional, read_versioned, write_json
+from ..files import optional, problem_of_inner_name, read_versioned, write_json
 from .photo import Photo, PhotoSet, RejectedPhoto
 
 __all__ = ["MAX_PHOTO_SIDE", "photo_name", "read_photo_set", "size_problem", "write_photo_set"]
@@ -68,8 +68,9 @@ def read_photo_set(path: Path) -> PhotoSet:
 
 def photo_name(name: str) -> str:
     """Return `name`; raises `ValueError` when it cannot be a photo's: it names files, so it must not lead out."""
-    if not is_inner_name(name):
-        raise ValueError(f"{name[:200]!r} is not the name of a photo")
+    problem = problem_of_inner_name(name)
+    if problem is not None:
+        raise ValueError(f"{name[:200]!r} is not the name of a photo: it {problem}")
     return name
 
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 import os
 import re
 import unicodedata
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import FormatError, HeritageError, PhotoError, ProjectError
-from ..files import delete_derived, file_sha256, is_inner_name
+from ..files import delete_derived, file_sha256, problem_of_inner_name
+from ..photos import SUFFIXES, VIDEO, kind_of_file, live_photo_of
 from ..photos.settings import VIDEO_SUFFIXES
 from ..system import replace_file
 from .library import WebProject
 from .settings import PHOTO_TYPES, ServeSettings
 from .small_photos import write_small_photo
 
-__all__ = ["is_video_name", "photo_name", "take_in_photo", "take_in_video"]
+__all__ = ["is_video", "is_video_name", "photo_name", "take_in_photo", "take_in_video"]
 
 _MAX_NAME = 120
+"""Bytes of a stored name, so that the files that are named after it have room for their suffixes."""
 _UNSAFE = re.compile(r"[^\w.() -]+")
 
 
@@ -35,10 +38,25 @@ def photo_name(filename: str) -> str:
         raise FormatError(
             f"{last[:_MAX_NAME]!r} is not a photo or video. Upload JPEG, PNG, TIFF, WebP, HEIC, MP4 or MOV files."
         )
-    name = f"{stem[: _MAX_NAME - len(suffix)].strip(' .') or 'photo'}{suffix}"
-    if not is_inner_name(name):
-        raise FormatError(f"{last[:_MAX_NAME]!r} cannot be the name of a file. Rename it and upload it again.")
+    start = stem.encode("utf-8", "ignore")[: _MAX_NAME - len(suffix)].decode("utf-8", "ignore")
+    name = f"{start.strip(' .') or 'photo'}{suffix}"
+    problem = problem_of_inner_name(name)
+    if problem is not None:
+        raise FormatError(f"{last[:_MAX_NAME]!r} {problem}. Rename it and upload it again.")
     return name
+
+
+def is_video(upload: Path, filename: str) -> bool:
+    """Return whether a complete upload is a video by its content, or by its name where its content is unknown."""
+    kind = kind_of_file(upload)
+    return kind == VIDEO or (kind is None and is_video_name(filename))
+
+
+def _name_of_kind(filename: str, upload: Path, suffixes: Iterable[str]) -> str:
+    """Return the name to store an upload under; a suffix that is none of `suffixes` becomes that of its content."""
+    name = photo_name(filename)
+    stem, suffix = os.path.splitext(name)
+    return name if suffix.lower() in suffixes else stem + SUFFIXES.get(kind_of_file(upload) or "", suffix)
 
 
 def take_in_photo(project: WebProject, upload: Path, filename: str, settings: ServeSettings) -> str:
@@ -62,7 +80,7 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, settings: Se
     DiskError
         When it cannot be stored.
     """
-    name = photo_name(filename)
+    name = _name_of_kind(filename, upload, PHOTO_TYPES)
     present = project.photo_names()
     if len(present) >= settings.max_photos:
         raise ProjectError(f"The project has {len(present)} photos, which is the limit.")
@@ -71,7 +89,6 @@ def take_in_photo(project: WebProject, upload: Path, filename: str, settings: Se
     if same is not None:
         raise ProjectError(f"{name} was uploaded already, as {same}.")
     name = _free_name(name, present)
-    # The readers go by the suffix for HEIC only; the content must be a picture in any case.
     staged = project.cache / f"checked-{upload.name}{Path(name).suffix}"
     project.cache.mkdir(exist_ok=True)
     replace_file(upload, staged)
@@ -96,11 +113,14 @@ def take_in_video(project: WebProject, upload: Path, filename: str) -> Path:
     Raises
     ------
     ProjectError
-        When the project has this video already.
+        When the project has this video already, or the Live Photo that it belongs to.
     DiskError
         When it cannot be stored.
     """
-    name = photo_name(filename)
+    name = _name_of_kind(filename, upload, VIDEO_SUFFIXES)
+    photo = live_photo_of(name, VIDEO, project.photo_names())
+    if photo is not None:
+        raise ProjectError(f"{name} is the moving part of the Live Photo {photo}. The photo suffices.")
     project.videos.mkdir(exist_ok=True)
     target = project.videos / name
     if target.exists():

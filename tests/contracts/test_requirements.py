@@ -29,8 +29,8 @@ DISTRIBUTIONS = {
     "pxr": "usd-core",
     "sklearn": "scikit-learn",
 }
-# llvmlite is Numba's own compiler and comes with it; pillow-heif is optional (the extra `heic`).
-NOT_ASKED_FOR = {"llvmlite", "pillow-heif"}
+# llvmlite is Numba's own compiler and comes with it.
+NOT_ASKED_FOR = {"llvmlite"}
 OPTIONAL = ("engine", "serve", "batch", "formats")
 """The engine's own requirements and its optional ones."""
 LOCKED = {

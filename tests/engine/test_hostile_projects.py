@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from engine.errors import FormatError
-from engine.files import is_inner_name, path_within
+from engine.files import derived_name, is_inner_name, path_within
 from engine.objects.storage import list_objects, save_object
 from engine.records import MuseumRecord, ObjectRecord, save_record
 from tests.conftest import ROOT
@@ -125,7 +125,7 @@ def test_record_of_an_object_is_written_inside_of_the_project_only(computer: Com
     """A .blend file holds the id of each object; typing a title writes its record."""
     before = computer.outside()
     for hostile in ("../../../precious/objects/vase", "/precious", ""):
-        with pytest.raises(FormatError, match="leads out of the folder"):
+        with pytest.raises(FormatError, match="leads out of the folder|it is empty"):
             save_record(computer.sent, hostile, MuseumRecord(title="mine"))
     assert computer.outside() == before
 
@@ -144,11 +144,36 @@ def test_ordinary_name_is_a_path_inside(name: str, tmp_path: Path) -> None:
     assert path_within(tmp_path, name) == tmp_path / name
 
 
-@pytest.mark.parametrize("name", ["..", "a/../../b", "/etc/passwd", "", ".", "a\0b", 3, None, "x" * 5000 + "/../../y"])
-def test_name_that_leads_out_is_refused(name: object, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        *((name, "leads out of the folder") for name in ("..", "a/../../b", "/etc/passwd", "x" * 5000 + "/../../y")),
+        *((name, "it is empty") for name in ("", ".")),
+        *((name, "it is not text") for name in (3, None)),
+        ("a\0b", "it has a null character"),
+        ("a/" + "x" * 256, "it is too long: a part of it has 256 bytes, and file systems take at most 255"),
+        ("花" * 86, "it is too long: a part of it has 258 bytes"),
+    ],
+)
+def test_name_that_cannot_be_used_is_refused_with_its_cause(name: object, cause: str, tmp_path: Path) -> None:
     assert not is_inner_name(name)
-    with pytest.raises(FormatError, match="leads out of the folder"):
+    with pytest.raises(FormatError, match=cause) as raised:
         path_within(tmp_path, name)  # type: ignore[arg-type]
+    assert ("Another program has changed the project" in str(raised.value)) == ("too long" not in cause)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".sam.npz"])
+def test_files_of_a_photo_with_a_long_name_have_names_of_their_own(suffix: str, tmp_path: Path) -> None:
+    photos = [folder + "花" * 83 + end for folder in ("", "sub/") for end in ("aa.jpg", "ab.jpg", "aa.png")]
+    derived = [derived_name(photo, suffix) for photo in photos]
+    assert len(set(derived)) == len(photos)
+    for photo, name in zip(photos, derived, strict=True):
+        assert len(photo.rpartition("/")[2].encode()) == 255
+        file = path_within(tmp_path, name)
+        file.parent.mkdir(exist_ok=True)
+        file.write_bytes(b"")
+        assert name.endswith(suffix) and file.parent == (tmp_path / photo).parent
+    assert derived_name("sub/a.jpg", suffix) == f"sub/a.jpg{suffix}"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need rights there")

@@ -17,7 +17,7 @@ from tuspyserver import create_tus_router
 
 from ...files import delete_derived
 from ..access import CurrentUser, current_user, server_of
-from ..intake import is_video_name, photo_name, take_in_photo, take_in_video
+from ..intake import is_video, is_video_name, photo_name, take_in_photo, take_in_video
 from ..settings import ServeSettings
 
 __all__ = ["upload_router"]
@@ -96,7 +96,7 @@ def _when_complete(request: Request, user: CurrentUser) -> Callable[[str, dict[s
         try:
             project = library.project(str(metadata.get("project", "")))
             filename = str(metadata.get("filename", ""))
-            if is_video_name(filename):
+            if is_video(file, filename):
                 video = take_in_video(project, file, filename)
                 server.queue.submit(project, ["frames", str(video), f"--out={project.photos}"])
             else:

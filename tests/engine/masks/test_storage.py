@@ -99,3 +99,10 @@ def test_a_label_map_that_decodes_to_gigabytes_is_refused(tmp_path: Path, monkey
     assert (tmp_path / "a.npz").stat().st_size < 10_000
     with pytest.raises(MaskError, match="its compressed arrays state"):
         read_label_map(tmp_path / "a.npz")
+
+
+def test_label_maps_of_photos_with_the_longest_names_are_stored(tmp_path: Path) -> None:
+    photos = ["花" * 83 + end for end in ("aa.jpg", "ab.jpg")]
+    for number, photo in enumerate(photos):
+        write_label_map(label_map_path(tmp_path, photo), np.full((2, 3), number, np.int32))
+    assert [read_label_map(label_map_path(tmp_path, photo))[0, 0] for photo in photos] == [0, 1]

@@ -147,3 +147,10 @@ def test_reading_masks_can_be_cancelled(tmp_path: Path) -> None:
     answers = iter([False] * 3 + [True])
     with pytest.raises(Cancelled, match="masks"):
         read_photos(photos, SMALL, masks=masks, should_stop=lambda: next(answers))
+
+
+def test_photo_whose_mask_can_have_no_name_is_told_so(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path, "a.jpg")
+    save(photos / ("花" * 83 + "ab.jpg"), textured(5))
+    with pytest.raises(PhotoError, match=r"ab\.jpg is too long: .* 259 bytes, .* Give the photo a shorter name\.$"):
+        read(photos, masks)

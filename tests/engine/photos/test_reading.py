@@ -15,7 +15,6 @@ from PIL import Image
 from engine.errors import Cancelled, PhotoError, SettingsError
 from engine.events import Event, Progress, Warned
 from engine.photos.inspection import inspect_photos
-from engine.photos.pixels import can_read_heic
 from engine.photos.reading import file_listing, picture_files, read_photos
 from engine.photos.settings import PhotoSettings
 from engine.project_folder import stage_key
@@ -72,7 +71,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "white.png": (lambda path: save(path, np.full((48, 64, 3), 254, np.uint8)), "It is white: overexposed throughout."),
     "float.tif": (
         lambda path: Image.fromarray(np.zeros((48, 64), np.float32)).save(path),
-        "The picture contains 32-bit floats, whose range is unknown. Save it with 8 or 16 bits.",
+        "It contains 32-bit floats, whose range is unknown. Save it again as RGB with 8 or 16 bits per channel.",
     ),
     "twin.png": (lambda path: save(path, textured(0)), "It is the same picture as good0.png."),
     "raw.CR2": (
@@ -216,19 +215,6 @@ def test_error_of_any_type_while_decoding_rejects_its_photo_only(
     monkeypatch.setattr("engine.photos.pixels.orientation_of", fail)
     used, rejected = names(tmp_path)
     assert used == ["1.png"] and rejected["0.png"].startswith("It is damaged or cut short")
-
-
-@pytest.mark.skipif(can_read_heic(), reason="pillow-heif is installed")
-def test_heic_without_a_reader_says_what_to_install(tmp_path: Path) -> None:
-    save(tmp_path / "a.png", textured(0))
-    (tmp_path / "b.HEIC").write_bytes(b"x")
-    assert names(tmp_path)[1]["b.HEIC"].startswith("HEIC files need the package pillow-heif")
-
-
-@pytest.mark.skipif(not can_read_heic(), reason="pillow-heif is not installed")
-def test_heic_is_read_where_a_reader_is_installed(tmp_path: Path) -> None:
-    save(tmp_path / "b.heic", textured(0))
-    assert names(tmp_path)[0] == ["b.heic"]
 
 
 def test_names_with_spaces_non_ascii_letters_and_equal_stems_stay_distinct(tmp_path: Path) -> None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pillow_heif
 import pytest
+from PIL import Image
 
 from engine.errors import FormatError
 from engine.serve.intake import photo_name
@@ -58,6 +62,29 @@ def test_what_is_no_photo_is_refused_and_deleted(
     assert left == []
 
 
+def heic(seed: int = 0) -> bytes:
+    stream = io.BytesIO()
+    pixels = np.random.default_rng(seed).integers(0, 255, (64, 96, 3), np.uint8)
+    pillow_heif.from_pillow(Image.fromarray(pixels)).save(stream, quality=80)
+    return stream.getvalue()
+
+
+def test_content_of_an_upload_says_what_it_is(client: Client) -> None:
+    project = client.new_project()
+    for name, content in (("a.heic", heic(0)), ("b.jpg", heic(1)), ("c.HEIC", jpeg(2)), ("d.mov", jpeg(3))):
+        assert client.upload(project, name, content).status_code == 204
+        assert client.http.get(f"{API}/projects/{project}/photos/{name.replace('.mov', '.jpg')}").status_code == 200
+    assert names(client, project) == ["a.heic", "b.jpg", "c.HEIC", "d.jpg"]
+
+
+def test_moving_part_of_a_live_photo_is_not_taken_for_a_video(client: Client) -> None:
+    project = client.new_project()
+    assert client.upload(project, "IMG_1.HEIC", heic()).status_code == 204
+    answer = client.upload(project, "IMG_1.MOV", b"\0\0\0\x14ftypqt  \0\0\0\0qt  " + bytes(100))
+    assert answer.status_code == 409
+    assert answer.json()["detail"] == "IMG_1.MOV is the moving part of the Live Photo IMG_1.HEIC. The photo suffices."
+
+
 def test_same_photo_is_taken_once_and_another_of_the_same_name_gets_a_number(client: Client) -> None:
     project = client.new_project()
     client.upload(project, "vase.jpg", jpeg(0))
@@ -80,6 +107,7 @@ def test_same_photo_is_taken_once_and_another_of_the_same_name_gets_a_number(cli
         ("<b>.webp", "_b_.webp"),
         ("x" * 300 + ".jpg", "x" * 116 + ".jpg"),
         ("photo.jpg/..", None),
+        ("花" * 84 + ".jpg", "花" * 38 + ".jpg"),
     ],
 )
 def test_names_are_never_paths(filename: str, stored: str | None) -> None:
