@@ -41,6 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_device_option(parser)
     add_size_options(parser)
     add_camera_options(parser)
+    parser.add_argument(
+        "--mask-background",
+        action="store_true",
+        help="leave the background out: Segment Anything finds the object in each photo; for an object on a turntable "
+        "before a background that stands still",
+    )
     transients = parser.add_argument(
         "--transients",
         action="store_true",
@@ -75,6 +81,8 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         raise SettingsError(f'--prompts {options.prompts!r} names no object. Write for example: --prompts "vase;bust".')
     if options.no_objects and prompts:
         raise SettingsError("--no-objects leaves out the features that --prompts needs. Give only one of them.")
+    if options.mask_background and options.photo_masks is not None:
+        raise SettingsError("--mask-background makes the masks that --photo-masks gives. Give only one of them.")
     settings = PipelineSettings(
         plan=PlanSettings(
             preset=options.preset,
@@ -87,6 +95,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
         camera_model=options.cameras,
         photo_masks=options.photo_masks,
+        mask_background=options.mask_background,
         prompts=prompts,
     )
     project = reconstruct(
