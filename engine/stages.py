@@ -103,7 +103,9 @@ def photos_stage(
     photo_set = replace(read_photo_set(stored), folder=folder)
     if background_sam is not None:
         # The project may have moved since.
-        photos = (replace(photo, mask=photo.mask and str(own_masks / f"{photo.name}.png")) for photo in photo_set.photos)
+        photos = (
+            replace(photo, mask=photo.mask and str(own_masks / f"{photo.name}.png")) for photo in photo_set.photos
+        )
         photo_set = replace(photo_set, photos=tuple(photos))
     return photo_set, read_photo_statistics(stored_statistics)
 

@@ -85,7 +85,9 @@ def estimate_cameras(
     placed = largest.num_reg_images() if largest is not None else 0
     still = still_background(workspace) if placed < count else None
     if largest is None or placed < settings.min_registered:
-        raise CameraError(f"Only {placed} of {count} photos could be placed. {_HINT if still is None else still.sentence}")
+        raise CameraError(
+            f"Only {placed} of {count} photos could be placed. {_HINT if still is None else still.sentence}"
+        )
     if still is not None:
         emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
     _warn_of_other_models(workspace, models, largest, emit)

@@ -52,8 +52,8 @@ class StillBackground:
             seen = "The background stands still while the object moves, as on a turntable"
         return (
             f"{seen}: in {self.n_still} of {self.n_pairs} pairs of photos, most matches are at the same place in both. "
-            "Leave the background out with --mask-background (in Blender: Mask Background), give masks of your own with "
-            "--photo-masks (Masks), or photograph the object before a plain background."
+            "Leave the background out with --mask-background (in Blender: Mask Background), give masks of your own "
+            "with --photo-masks (Masks), or photograph the object before a plain background."
         )
 
 

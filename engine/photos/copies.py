@@ -109,7 +109,9 @@ def copies_among(photos: Sequence[ComparedPhoto]) -> dict[str, str]:
             is_equal = photo.pixels_hash == original.pixels_hash
             likeness = 1.0 if is_equal else _likeness(original, photo, turns)
             if likeness > 0.0:
-                found.append((_same_name(original.name, photo.name), likeness, _reason(original, photo, turns, is_equal)))
+                found.append(
+                    (_same_name(original.name, photo.name), likeness, _reason(original, photo, turns, is_equal))
+                )
         if found:
             reasons[photo.name] = max(found, key=lambda entry: entry[:2])[2]
     return reasons
@@ -172,7 +174,7 @@ def _candidates(photos: Sequence[ComparedPhoto]) -> dict[int, list[tuple[int, in
 
 
 def _likeness(original: ComparedPhoto, photo: ComparedPhoto, turns: int) -> float:
-    """Return how alike a shot and its copy are, 0 to 1; 0 for another shot. The original has at least as many pixels."""
+    """Return how alike a shot and its copy, which has at most as many pixels, are: 0 to 1, 0 for another shot."""
     first, second = original.look, photo.look
     if _are_of_different_times(first.taken, second.taken):
         return 0.0
@@ -276,7 +278,7 @@ class _Blocks:
             return False
         lengths = np.linalg.norm(self.displacement, axis=1)
         return bool(
-            np.mean(self.correlation > 0.9) >= 0.25
+            np.mean(self.correlation > 0.95) >= 0.25
             and (not len(lengths) or np.median(lengths) <= _MAX_REDUCED_DISPLACEMENT)
         )
 

@@ -66,8 +66,8 @@ def summary_of_masks(reasons: Mapping[str, str]) -> str | None:
     folders = sorted({PurePosixPath(name).parent.as_posix() for name in reasons})
     where = ", ".join("the folder itself" if folder == "." else folder for folder in folders)
     return (
-        f"{len(reasons)} pictures in {where} look like masks and are not used as photos. If black in them marks what is "
-        "to be left out, give their folder as the photos' masks: --photo-masks, or Masks in the import of Blender."
+        f"{len(reasons)} pictures in {where} look like masks and are not used as photos. If black in them marks what "
+        "is to be left out, give their folder as the photos' masks: --photo-masks, or Masks in the import of Blender."
     )
 
 

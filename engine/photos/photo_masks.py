@@ -1,9 +1,9 @@
 """Find and check the masks of photos.
 
 Masks follow COLMAP's naming, ``MASKS/photo.jpg.png`` for ``photo.jpg``, with sub-folders kept. Where this file is
-missing, a picture in the folder or its sub-folders with the photo's name is its mask, in any format, and with or without
-a word such as ``mask``. Black pixels are excluded, all others are valid. Masks are used to exclude transients, a
-turntable, a tripod or a reflection.
+missing, a picture in the folder or its sub-folders with the photo's name is its mask, in any format, and with or
+without a word such as ``mask``. Black pixels are excluded, all others are valid. Masks are used to exclude transients,
+a turntable, a tripod or a reflection.
 """
 
 from __future__ import annotations

@@ -70,8 +70,8 @@ def read_photos(
     Hidden files and folders, folders of a system's own (`skipped_folders`), files that are not pictures, and
     sub-folders that are Gaussian Heritage projects (with a ``project.json``) are skipped without a warning. Raw files,
     videos and unsupported picture formats are listed as rejected, as are damaged, tiny, blurred, black and white
-    photos, masks (`mask_pictures`), copies of other photos (`copies`), photos that would take too much memory, names that are not UTF-8 or have control characters, links that lead nowhere, pipes and sub-folders that cannot be
-    read.
+    photos, masks (`mask_pictures`), copies of other photos (`copies`), photos that would take too much memory, names
+    that are not UTF-8 or have control characters, links that lead nowhere, pipes and sub-folders that cannot be read.
 
     Parameters
     ----------
@@ -263,7 +263,10 @@ def _decode(folder: Path, path: Path, settings: PhotoSettings, should_stop: Stop
     return _DecodedPhoto(
         photo=Photo(name, measured["width"], measured["height"], measured["focal_px"], measured["sha256"]),
         compared=ComparedPhoto(
-            name, Look.from_values(measured["look"]), measured["pixels_hash"], measured["focal_px"] is not None,
+            name,
+            Look.from_values(measured["look"]),
+            measured["pixels_hash"],
+            measured["focal_px"] is not None,
             measured["n_bytes"],
         ),
         sharpness=measured["sharpness"],

@@ -1,4 +1,4 @@
-"""Folders that no photos of a user are in: hidden ones, and those in which systems keep thumbnails and deleted files."""
+"""Folders without photos of the user: hidden ones, and those in which systems keep thumbnails and deleted files."""
 
 from __future__ import annotations
 
