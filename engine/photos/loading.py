@@ -27,6 +27,9 @@ Valid = NDArray[np.bool_]
 
 _MIN_ALPHA = 250
 """Smallest alpha of a valid pixel. Pixels with a smaller alpha are blended with the white background."""
+_EMPTY_MARGIN = 0.004
+"""Width of the margin around an object in which nothing is said of transparent pixels, as a share of the longest side:
+cut-outs are inexact there, and Gaussians that may not reach over the edge darken it."""
 _PIXELS_FILE, _VALID_FILE = "pixels.npy", "valid.npy"
 _ADVICE = "Run again."
 
@@ -76,8 +79,8 @@ def load_with_valid(
     max_side : int, optional
         See `load_pixels`. A pixel of a reduced picture is valid when all the pixels it is computed from are.
     over_black : bool
-        Composite transparent pixels over black instead of white, and count them as valid: before a black background
-        the photo then shows that nothing is there.
+        Composite transparent pixels over black instead of white, and count them as valid, but for a margin around the
+        object: before a black background the photo then shows that nothing is there.
 
     Returns
     -------
@@ -126,14 +129,24 @@ def _decoded(
         pixels, alpha = upright_with_alpha(image, max_side=max_side)
         stored, orientation = image.info["full_size"], orientation_of(image)
         del image
-        valid = np.ones(pixels.shape[:2], bool) if alpha is None or over_black else alpha >= _MIN_ALPHA
+        valid = np.ones(pixels.shape[:2], bool) if alpha is None else alpha >= _MIN_ALPHA
         if alpha is not None and over_black:
-            white = 255 - alpha[..., None]
-            pixels -= np.minimum(pixels, white)
+            valid |= _empty(alpha)
+            pixels -= np.minimum(pixels, 255 - alpha[..., None])
         if mask is not None:
             upright = _to_upright(_read_mask(mask), mask, path, stored, orientation)
             valid &= _reduced(upright, pixels.shape[1], pixels.shape[0])
         return pixels, None if valid.all() else valid
+
+
+def _empty(alpha: NDArray[np.uint8]) -> Valid:
+    """Return which pixels are transparent, without a margin around what is not."""
+    width = 2 * max(1, round(_EMPTY_MARGIN * max(alpha.shape))) + 1
+    largest = Image.fromarray(alpha)
+    # A maximum along both axes in steps of 3 pixels, as Pillow's filter of a large size is slow.
+    for _ in range(width // 2):
+        largest = largest.filter(ImageFilter.MaxFilter(3))
+    return np.asarray(largest) <= 255 - _MIN_ALPHA
 
 
 def _header_of_mask(mask: Path) -> PhotoHeader:

@@ -16,7 +16,7 @@ _SIZE = (320, 240)
 
 
 def write_turntable(folder: Path, count: int) -> NDArray[np.bool_]:
-    """Write `count` photos to `folder` and return where the thing is, [240, 320]; it is round and turns by 25 degrees."""
+    """Write `count` photos to `folder` and return where the thing is, [240, 320]; it is round and turns by 25°."""
     rng = np.random.default_rng(5)
     folder.mkdir(parents=True)
     wall, thing = (
