@@ -61,6 +61,8 @@ class PipelineSettings:
         An existing COLMAP model folder or ``transforms.json`` to read instead of estimating the cameras.
     photo_masks : Path or None
         Folder of masks that say which pixels of the photos count, see `photos.photo_masks`.
+    mask_background : bool
+        Make such masks, which leave out the background, with Segment Anything.
     prompts : tuple of str
         Objects to isolate at the end, as text.
     """
@@ -72,6 +74,7 @@ class PipelineSettings:
     segment: SegmentSettings = field(default_factory=SegmentSettings)
     camera_model: Path | None = None
     photo_masks: Path | None = None
+    mask_background: bool = False
     prompts: tuple[str, ...] = ()
 
 
@@ -119,7 +122,10 @@ def reconstruct(
             extract_frames(photos, frames, VideoSettings(), emit=emit, should_stop=should_stop)
             photos = frames
         criteria = settings.photos.for_lens(settings.cameras.model, is_given=settings.camera_model is not None)
-        photo_set, statistics = photos_stage(runner, photos, criteria, photo_masks=settings.photo_masks)
+        photo_set, statistics = photos_stage(
+            runner, photos, criteria, photo_masks=settings.photo_masks,
+            background_sam=settings.masks.model if settings.mask_background else None,
+        )  # fmt: skip
         project.put("photo_folder", str(photos.resolve()))
         project.put("engine_version", __version__)
         preset, wanted = settings.plan.preset, STAGES[: STAGES.index(until) + 1]

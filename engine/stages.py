@@ -47,7 +47,12 @@ STAGES = ("photos", "cameras", "masks", "training", "objects", "report")
 
 
 def photos_stage(
-    runner: StageRunner, folder: Path, settings: PhotoSettings, *, photo_masks: Path | None
+    runner: StageRunner,
+    folder: Path,
+    settings: PhotoSettings,
+    *,
+    photo_masks: Path | None,
+    background_sam: str | None = None,
 ) -> tuple[PhotoSet, list[PhotoStatistics]]:
     """Read and check the photos in `folder`.
 
@@ -58,22 +63,27 @@ def photos_stage(
     settings : PhotoSettings
     photo_masks : Path or None
         Folder of masks that say which pixels count, see `photos.photo_masks`.
+    background_sam : str or None
+        Name of the SAM model that makes such masks, which leave out the background; None for none.
 
     Raises
     ------
     ProjectError
         When the project holds the scene of other photos.
     """
-    from .photos import file_listing, inspect_photos, picture_files, read_photo_statistics, read_photos
+    from .photos import file_listing, inspect_photos, mask_files, picture_files, read_photo_statistics, read_photos
     from .scene import read_photo_set, write_photo_set
 
     stored = runner.project.path / "photos" / "photos.json"
     stored_statistics = runner.project.path / "photos" / "looks.json"
+    own_masks = runner.project.path / "photos" / "masks"
 
     def compute() -> dict[str, Any]:
         photo_set = read_photos(folder, settings, masks=photo_masks, emit=runner.emit, should_stop=runner.should_stop)
         if stored.exists():
             _require_same_scene(runner.project, folder, photo_set, stored)
+        if background_sam is not None:
+            photo_set = _with_foreground_masks(runner, photo_set, own_masks, background_sam)
         statistics = inspect_photos(photo_set, should_stop=runner.should_stop)
         runner.before_replacing_outputs("photos")
         write_photo_set(stored, photo_set)
@@ -82,14 +92,35 @@ def photos_stage(
 
     # Changes when a photo is added, edited or removed, and not with other files in the folder, this project among them.
     listing = file_listing(folder, picture_files(folder, without=photo_masks))
-    mask_listing = [] if photo_masks is None else [file_listing(photo_masks, sorted(photo_masks.rglob("*.png")))]
+    mask_listing: list[Any] = [] if photo_masks is None else [file_listing(photo_masks, mask_files(photo_masks))]
+    mask_listing += [] if background_sam is None else [background_sam]
     outputs = {
         stored: lambda: read_photo_set(stored),
         stored_statistics: lambda: read_photo_statistics(stored_statistics),
     }
     key = stage_key(listing, to_dict(settings), *mask_listing)
     runner.run("photos", key, compute, outputs, settings=to_dict(settings))
-    return replace(read_photo_set(stored), folder=folder), read_photo_statistics(stored_statistics)
+    photo_set = replace(read_photo_set(stored), folder=folder)
+    if background_sam is not None:
+        # The project may have moved since.
+        photos = (
+            replace(photo, mask=photo.mask and str(own_masks / f"{photo.name}.png")) for photo in photo_set.photos
+        )
+        photo_set = replace(photo_set, photos=tuple(photos))
+    return photo_set, read_photo_statistics(stored_statistics)
+
+
+def _with_foreground_masks(runner: StageRunner, photo_set: PhotoSet, masks: Path, sam: str) -> PhotoSet:
+    """Return the photos with masks of the object before its background, which are made in the folder `masks`."""
+    from .masks import load_sam, make_foreground_masks
+    from .photos import with_masks
+
+    delete_derived(masks.parent, masks.name)
+    make_foreground_masks(
+        photo_set, masks, lambda: load_sam(sam, may_use_gpu=False), emit=runner.emit, should_stop=runner.should_stop
+    )
+    photos = with_masks(photo_set.folder, photo_set.photos, masks, emit=runner.emit, should_stop=runner.should_stop)
+    return replace(photo_set, photos=photos)
 
 
 def _require_same_scene(project: ProjectFolder, folder: Path, photo_set: PhotoSet, stored: Path) -> None:

@@ -13,6 +13,8 @@ TEXTS: dict[str, str] = {
     "About {} left in all": "Noch etwa {} insgesamt",
     "Action": "Aktion",
     "Id of the Active Object": "Kennung des aktiven Objekts",
+    "Mask Background": "Hintergrund maskieren",
+    "Masks": "Masken",
     "Name of the Active Object": "Name des aktiven Objekts",
     "Active Object": "Aktives Objekt",
     "Add": "Hinzufügen",

@@ -121,6 +121,9 @@ TEXTS: dict[str, str] = {
         "Datei, aus der die Engine ohne Netz eingerichtet wird; leer: alles herunterladen"
     ),
     "Folder for the exported files": "Ordner für die exportierten Dateien",
+    "Folder with a mask for each photo, named like it; what is black in them is left out": (
+        "Ordner mit einer Maske je Foto, benannt wie das Foto; was darin schwarz ist, bleibt außer Acht"
+    ),
     "Folder with model files that you already have; empty: download them": (
         "Ordner mit Modelldateien, die Sie schon haben; leer: sie herunterladen"
     ),
@@ -194,6 +197,9 @@ TEXTS: dict[str, str] = {
     ),
     "Isolate what belongs to no object as the background. An earlier background goes to the project's trash": (
         "Was zu keinem Objekt gehört, als Hintergrund freistellen. Ein früherer kommt in den Papierkorb des Projekts"
+    ),
+    "Leave the background out, for an object on a turntable before a background that stands still": (
+        "Den Hintergrund weglassen: für ein Objekt auf einem Drehteller vor einem Hintergrund, der stillsteht"
     ),
     "Leave the result in its project. Open Project shows it later": (
         "Das Ergebnis in seinem Projekt liegen lassen. „Projekt öffnen“ zeigt es später"

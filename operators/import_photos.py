@@ -82,6 +82,24 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
             options={"SKIP_SAVE"},
         ),
     ]
+    masks: Annotated[
+        str,
+        StringProperty(
+            name="Masks",
+            description="Folder with a mask for each photo, named like it; what is black in them is left out",
+            subtype="DIR_PATH",
+            options={"SKIP_SAVE"},
+        ),
+    ]
+    mask_background: Annotated[
+        bool,
+        BoolProperty(
+            name="Mask Background",
+            description="Leave the background out, for an object on a turntable before a background that stands still",
+            default=False,
+            options={"SKIP_SAVE"},
+        ),
+    ]
     # A string, not an enum: scripts may name any preset of the engine, which rejects unknown names.
     preset: Annotated[
         str,
@@ -125,6 +143,8 @@ class HERITAGE_OT_import_photo_folder(bpy.types.Operator):
         arguments = ["reconstruct", str(photos), "--out", str(project), "--preset", self.preset]
         arguments += ["--prompts", self.prompts] if self.prompts.strip() else []
         arguments += ["--cameras", bpy.path.abspath(self.cameras)] if self.cameras else []
+        arguments += ["--photo-masks", bpy.path.abspath(self.masks)] if self.masks else []
+        arguments += ["--mask-background"] if self.mask_background else []
         state = job_runner.start("reconstruct", project, *arguments)
         message = "Working in the background; see the Heritage panel." if state is None else state.message
         self.report({"INFO"}, message)

@@ -18,6 +18,7 @@ from .colmap_calls import wait_for
 from .features import SfmWorkspace, match_features
 from .reconstruction import camera_in_photo, camera_set, points_of, viewmat_of
 from .settings import CameraSettings
+from .still_background import still_background
 
 __all__ = ["estimate_cameras"]
 
@@ -82,8 +83,13 @@ def estimate_cameras(
     models = _map(workspace, progress, should_stop)
     largest = max(models, key=lambda model: (model.num_reg_images(), model.num_points3D()), default=None)
     placed = largest.num_reg_images() if largest is not None else 0
+    still = still_background(workspace) if placed < count else None
     if largest is None or placed < settings.min_registered:
-        raise CameraError(f"Only {placed} of {count} photos could be placed. {_HINT}")
+        raise CameraError(
+            f"Only {placed} of {count} photos could be placed. {_HINT if still is None else still.sentence}"
+        )
+    if still is not None:
+        emit(Warned(f"Only {placed} of {count} photos could be placed. {still.sentence}"))
     _warn_of_other_models(workspace, models, largest, emit)
     result = _as_camera_set(workspace, largest)
     emit(Metric(_STAGE, "registered_photos", float(placed)))

@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from ..errors import SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..masks.settings import PRESETS as MASK_PRESETS
 from ..pipeline import PipelineSettings, reconstruct
@@ -42,6 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_device_option(parser)
     add_size_options(parser)
     add_camera_options(parser)
+    parser.add_argument(
+        "--mask-background",
+        action="store_true",
+        help="leave the background out: Segment Anything finds the object in each photo; for an object on a turntable "
+        "before a background that stands still",
+    )
     transients = parser.add_argument(
         "--transients",
         action="store_true",
@@ -72,6 +79,8 @@ def project_folder(options: argparse.Namespace) -> Path:
 def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
     """Run the pipeline."""
     prompts = prompts_of(options)
+    if options.mask_background and options.photo_masks is not None:
+        raise SettingsError("--mask-background makes the masks that --photo-masks gives. Give only one of them.")
     settings = PipelineSettings(
         plan=PlanSettings(
             preset=options.preset,
@@ -84,6 +93,7 @@ def run(options: argparse.Namespace, emit: Emit, should_stop: StopCheck) -> int:
         masks=replace(MASK_PRESETS[options.segments], model=options.sam),
         camera_model=options.cameras,
         photo_masks=options.photo_masks,
+        mask_background=options.mask_background,
         prompts=prompts,
     )
     project = reconstruct(

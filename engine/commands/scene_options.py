@@ -89,7 +89,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
         "--photo-masks",
         type=Path,
         metavar="FOLDER",
-        help="masks named like photo.jpg.png: pixels that are black in them are ignored in photo.jpg",
+        help="masks named like the photos, as photo.jpg.png or photo.png: pixels that are black in them are ignored",
     )
 
 

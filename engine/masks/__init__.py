@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .beside import MasksBeside, sam_threads
     from .embeddings import EmbeddingFolder
     from .encoder import card_encodes
+    from .foreground import make_foreground_masks
     from .mask_geometry import box_ious, mask_box, mask_iou
     from .sam import Embedding, SegmentAnything, load_default_sam, load_sam
     from .stage import make_masks
@@ -24,6 +25,7 @@ __all__ = [
     "label_map_path",
     "load_default_sam",
     "load_sam",
+    "make_foreground_masks",
     "make_masks",
     "box_ious",
     "mask_box",

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
     from .kinds import SUFFIXES, VIDEO, kind_of_file, live_photo_of
     from .loading import load_pixels, load_with_valid
+    from .photo_masks import mask_files, with_masks
     from .pixels import MAX_PIXELS
     from .reading import file_listing, picture_files, read_photos
     from .video import extract_frames, is_video
@@ -29,9 +30,11 @@ __all__ = [
     "load_pixels",
     "load_with_valid",
     "inspect_photos",
+    "mask_files",
     "picture_files",
     "read_photo_statistics",
     "read_photos",
+    "with_masks",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -1,10 +1,11 @@
-"""EXIF data of a photo: orientation and focal length."""
+"""EXIF data of a photo: orientation, focal length and time of capture."""
 
 from __future__ import annotations
 
 import contextlib
 import logging
 import math
+import re
 import threading
 import warnings
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from PIL import Image
 
 from .structure import MAX_EXIF_BYTES
 
-__all__ = ["UPRIGHT_TRANSPOSES", "focal_in_pixels", "orientation_of", "without_pillow_warnings"]
+__all__ = ["UPRIGHT_TRANSPOSES", "capture_time", "focal_in_pixels", "orientation_of", "without_pillow_warnings"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -25,6 +26,7 @@ _FOCAL_LENGTH_35MM = 0xA405
 _PIXEL_WIDTH, _PIXEL_HEIGHT = 0xA002, 0xA003
 _PLANE_X_RESOLUTION = 0xA20E
 _PLANE_UNIT = 0xA210
+_TAKEN, _TAKEN_FRACTION = 0x9003, 0x9291
 _CAMERA_TAGS = (_FOCAL_LENGTH, _FOCAL_LENGTH_35MM, _PIXEL_WIDTH, _PIXEL_HEIGHT, _PLANE_X_RESOLUTION, _PLANE_UNIT)
 _UNIT_IN_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -131,6 +133,24 @@ def focal_in_pixels(image: Image.Image) -> float | None:
     if not _PLAUSIBLE_FOCAL_RATIOS[0] * longest <= focal <= _PLAUSIBLE_FOCAL_RATIOS[1] * longest:
         return None
     return float(focal)
+
+
+def capture_time(image: Image.Image) -> str | None:
+    """Return when a photo was taken by its EXIF, ``2024:05:17 10:31:02.25``; None when EXIF does not say it."""
+    data = image.info.get("exif")
+    if isinstance(data, bytes | str) and len(data) > MAX_EXIF_BYTES:
+        return None
+    # As in `_read`.
+    try:
+        with without_pillow_warnings():
+            camera = image.getexif().get_ifd(_EXIF_IFD)
+            taken, fraction = (str(camera.get(tag, "")).strip("\0 ") for tag in (_TAKEN, _TAKEN_FRACTION))
+    except Exception as error:
+        _LOG.warning("Damaged EXIF is ignored: %r", error)
+        return None
+    if not re.fullmatch(r"[1-9]\d{3}:\d\d:\d\d \d\d:\d\d:\d\d", taken):
+        return None
+    return f"{taken}.{fraction}" if fraction.isdigit() else taken
 
 
 def _number(value: Any) -> float:

@@ -1,7 +1,8 @@
 """Load the pixels of a photo, and which of them are valid, within bounds of memory and time (`bounded`).
 
 A pixel is valid when neither the photo's mask nor its alpha channel excludes it. Black pixels of a mask are excluded,
-all others are valid.
+all others are valid. A mask says that a pixel is not known, transparency that nothing is there: features are found
+where a photo is opaque, and training learns that the rest is empty.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ Valid = NDArray[np.bool_]
 
 _MIN_ALPHA = 250
 """Smallest alpha of a valid pixel. Pixels with a smaller alpha are blended with the white background."""
+_EMPTY_MARGIN = 0.004
+"""Width of the margin around an object in which nothing is said of transparent pixels, as a share of the longest side:
+cut-outs are inexact there, and Gaussians that may not reach over the edge darken it."""
 _PIXELS_FILE, _VALID_FILE = "pixels.npy", "valid.npy"
 _ADVICE = "Run again."
 
@@ -62,7 +66,7 @@ def load_valid(path: Path, mask: Path | None, *, max_side: int | None = None) ->
 
 
 def load_with_valid(
-    path: Path, mask: Path | None, *, max_side: int | None = None
+    path: Path, mask: Path | None, *, max_side: int | None = None, over_black: bool = False
 ) -> tuple[NDArray[np.uint8], Valid | None]:
     """Return the pixels of a photo as from `load_pixels`, and which of them are valid.
 
@@ -74,6 +78,9 @@ def load_with_valid(
         Its mask.
     max_side : int, optional
         See `load_pixels`. A pixel of a reduced picture is valid when all the pixels it is computed from are.
+    over_black : bool
+        Composite transparent pixels over black instead of white, and count them as valid, but for a margin around the
+        object: before a black background the photo then shows that nothing is there.
 
     Returns
     -------
@@ -91,21 +98,22 @@ def load_with_valid(
         headers.append(_header_of_mask(mask))
     with reserved(path, *headers):
         if not is_large(*headers):
-            return _decoded(path, mask, max_side)
+            return _decoded(path, mask, max_side, over_black)
         with tempfile.TemporaryDirectory() as folder:
             mask_path = None if mask is None else str(mask)
             has_excluded = call_in_child(
-                write_with_valid, path, *headers, mask=mask_path, max_side=max_side, folder=folder
-            )
+                write_with_valid, path, *headers,
+                mask=mask_path, max_side=max_side, over_black=over_black, folder=folder,
+            )  # fmt: skip
             pixels = read_array(Path(folder) / _PIXELS_FILE, ArraySpec("uint8", ("h", "w", 3)), advice=_ADVICE)
             if not has_excluded:
                 return pixels, None
             return pixels, read_array(Path(folder) / _VALID_FILE, ArraySpec("bool", pixels.shape[:2]), advice=_ADVICE)
 
 
-def write_with_valid(path: str, mask: str | None, max_side: int | None, folder: str) -> bool:
+def write_with_valid(path: str, mask: str | None, max_side: int | None, over_black: bool, folder: str) -> bool:
     """Write what `load_with_valid` returns to `folder`; return whether a pixel is not valid."""
-    pixels, valid = _decoded(Path(path), None if mask is None else Path(mask), max_side)
+    pixels, valid = _decoded(Path(path), None if mask is None else Path(mask), max_side, over_black)
     for name, values in ((_PIXELS_FILE, pixels), (_VALID_FILE, valid)):
         if values is not None:
             with atomic_write(Path(folder) / name) as stream:
@@ -113,17 +121,32 @@ def write_with_valid(path: str, mask: str | None, max_side: int | None, folder: 
     return valid is not None
 
 
-def _decoded(path: Path, mask: Path | None, max_side: int | None) -> tuple[NDArray[np.uint8], Valid | None]:
+def _decoded(
+    path: Path, mask: Path | None, max_side: int | None, over_black: bool
+) -> tuple[NDArray[np.uint8], Valid | None]:
     with photo_errors(path):
         image, _ = open_photo(path, max_side=max_side)
         pixels, alpha = upright_with_alpha(image, max_side=max_side)
         stored, orientation = image.info["full_size"], orientation_of(image)
         del image
         valid = np.ones(pixels.shape[:2], bool) if alpha is None else alpha >= _MIN_ALPHA
+        if alpha is not None and over_black:
+            valid |= _empty(alpha)
+            pixels -= np.minimum(pixels, 255 - alpha[..., None])
         if mask is not None:
             upright = _to_upright(_read_mask(mask), mask, path, stored, orientation)
             valid &= _reduced(upright, pixels.shape[1], pixels.shape[0])
         return pixels, None if valid.all() else valid
+
+
+def _empty(alpha: NDArray[np.uint8]) -> Valid:
+    """Return which pixels are transparent, without a margin around what is not."""
+    width = 2 * max(1, round(_EMPTY_MARGIN * max(alpha.shape))) + 1
+    largest = Image.fromarray(alpha)
+    # A maximum along both axes in steps of 3 pixels, as Pillow's filter of a large size is slow.
+    for _ in range(width // 2):
+        largest = largest.filter(ImageFilter.MaxFilter(3))
+    return np.asarray(largest) <= 255 - _MIN_ALPHA
 
 
 def _header_of_mask(mask: Path) -> PhotoHeader:

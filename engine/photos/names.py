@@ -1,14 +1,38 @@
-"""Names of photos that cannot be stored or shown are refused."""
+"""Names of photos: those that cannot be stored or shown are refused, and names of files of one shot are compared."""
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from pathlib import Path
 
 from ..errors import PhotoError
 from ..files import problem_of_inner_name
 from ..visible_text import visible
 
-__all__ = ["problem_of_name", "require_utf8_folder"]
+__all__ = ["compared_stem", "problem_of_name", "require_utf8_folder"]
+
+_PICTURE_SUFFIX = re.compile(r"\.(jpe?g|jpe|jfif|png|tiff?|webp|hei[cf]|hif)$", re.IGNORECASE)
+_MASK_WORD = r"(masks?|mattes?|alpha|silhouette|seg|segmentation|labels?)"
+_MASK_WORDS = re.compile(rf"^{_MASK_WORD}[-_. ]+|[-_. ]+{_MASK_WORD}$", re.IGNORECASE)
+
+
+def compared_stem(name: str, *, without_mask_words: bool = False) -> str:
+    """Return a file's name without what differs between the files of one shot: its suffix, case and Unicode form.
+
+    Parameters
+    ----------
+    name : str
+        Without its folder.
+    without_mask_words : bool
+        Also remove what names of masks add: the suffix of the photo, and words such as ``mask``. The masks
+        ``photo.jpg.png`` and ``photo_mask.png`` then have the stem of ``photo.jpg``.
+    """
+    stem = _PICTURE_SUFFIX.sub("", unicodedata.normalize("NFC", name).casefold())
+    if without_mask_words:
+        stem = _MASK_WORDS.sub("", _PICTURE_SUFFIX.sub("", stem)) or stem
+        stem = _PICTURE_SUFFIX.sub("", stem)
+    return stem
 
 
 def problem_of_name(name: str) -> str | None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, Progress, StopCheck, Warned, ignore_events, never_stop
@@ -20,13 +21,17 @@ from ..files import file_sha256
 from ..scene import Photo, PhotoSet, RejectedPhoto
 from ..visible_text import visible
 from .bounded import call_within_bounds
-from .exif import orientation_of
+from .copies import ComparedPhoto, copies_among, summary_of_copies
+from .exif import capture_time, orientation_of
 from .kinds import PICTURES, has_suffix_of_picture, kind_of_file, live_photo_of, refusal_of
+from .look import Look, LookBuilder
+from .mask_pictures import masks_among, summary_of_masks
 from .names import problem_of_name, require_utf8_folder
 from .photo_masks import with_masks
 from .pixels import open_photo, read_header, upright_strips
 from .projection import FISHEYE, Circle, circle_of, fisheye_photos, unusual_picture
 from .settings import PhotoSettings
+from .skipped_folders import is_skipped_folder
 
 __all__ = ["file_listing", "measure_photo", "picture_files", "read_photos"]
 
@@ -44,7 +49,7 @@ class _DecodedPhoto:
     """Measurements of one decoded file."""
 
     photo: Photo
-    pixels_hash: str
+    compared: ComparedPhoto
     sharpness: float
     flat_reason: str | None
     unusual_reason: str | None
@@ -61,10 +66,11 @@ def read_photos(
 ) -> PhotoSet:
     """Return the usable photos in `folder` and its sub-folders, ordered by name, and the rejected files.
 
-    The content of a file says what it is, not its name. Hidden files, files that are not pictures, the moving parts of
-    Live Photos, and sub-folders that are Gaussian Heritage projects (with a ``project.json``) are skipped without a
-    warning. Raw files, videos and unsupported picture formats are listed as rejected, as are damaged, tiny, blurred,
-    black, white and duplicate photos, panoramas, fisheye pictures and screenshots, photos that would take too much
+    The content of a file says what it is, not its name. Hidden files and folders, folders of a system's own
+    (`skipped_folders`), files that are not pictures, the moving parts of Live Photos, and sub-folders that are Gaussian
+    Heritage projects (with a ``project.json``) are skipped without a warning. Raw files, videos and unsupported picture
+    formats are listed as rejected, as are damaged, tiny, blurred, black and white photos, masks (`mask_pictures`),
+    copies of other photos (`copies`), panoramas, fisheye pictures and screenshots, photos that would take too much
     memory, names that are not UTF-8, too long or have control characters, links that lead nowhere, pipes and
     sub-folders that cannot be read.
 
@@ -77,7 +83,7 @@ def read_photos(
     masks : Path, optional
         Folder with the photos' masks, see `photo_masks`; the files in it are not read as photos.
     emit : Emit
-        Receives a `Progress` per photo and one `Warned` per rejected file.
+        Receives a `Progress` per photo, one `Warned` about all copies, one about all masks, and one per rejected file.
     should_stop : StopCheck
         Called for each photo.
 
@@ -97,8 +103,7 @@ def read_photos(
     Notes
     -----
     Every file is decoded once, which is the only way to detect damage, on as many threads as there are cores. A JPEG of
-    12 megapixels takes about 0.25 s of CPU. Duplicates are files whose decoded, upright pixels are equal. Memory and
-    time are bounded, see `bounded`.
+    12 megapixels takes about 0.25 s of CPU. Memory and time are bounded, see `bounded`.
     """
     settings = settings or PhotoSettings()
     folder = folder.expanduser()
@@ -113,14 +118,21 @@ def read_photos(
         else:
             decoded.append(result)
         emit(Progress(_STAGE, (index + 1) / len(candidates), message=f"{index + 1} of {len(candidates)} photos"))
-    selections: list[Callable[[list[_DecodedPhoto]], _Selection]] = [_without_duplicates, _without_flat]
-    selections += [_without_unusual, *([] if settings.keep_fisheye else [_without_fisheye])]
-    for select in (*selections, lambda photos: _without_blurred(photos, settings)):
+    summaries: list[str | None] = []
+    selections: list[Callable[[list[_DecodedPhoto]], _Selection]] = [
+        lambda photos: _without_masks(photos, summaries),
+        lambda photos: _without_copies(photos, summaries),
+        _without_flat,
+        _without_unusual,
+        *([] if settings.keep_fisheye else [_without_fisheye]),
+        lambda photos: _without_blurred(photos, settings),
+    ]
+    for select in selections:
         decoded, rejected_now = select(decoded)
         rejected.extend(rejected_now)
     rejected.sort(key=lambda photo: photo.name)
-    for photo in rejected:
-        emit(Warned(f"{photo.name} is not used: {photo.reason}"))
+    for sentence in (*filter(None, summaries), *(f"{photo.name} is not used: {photo.reason}" for photo in rejected)):
+        emit(Warned(sentence))
     if not decoded:
         first_reason = f"{rejected[0].name}: {rejected[0].reason}" if rejected else ""
         raise PhotoError(f"None of the {len(files)} pictures in {folder} can be used. {first_reason}")
@@ -170,7 +182,7 @@ def picture_files(folder: Path, *, without: Path | None = None) -> list[Path]:
         folders[:] = [
             name
             for name in folders
-            if not name.startswith((".", "__MACOSX"))
+            if not is_skipped_folder(Path(parent, name))
             and not os.path.isfile(Path(parent, name, "project.json"))
             and os.path.realpath(Path(parent, name)) != skipped
         ]
@@ -254,7 +266,13 @@ def _decode(folder: Path, path: Path, settings: PhotoSettings, should_stop: Stop
         return RejectedPhoto(name, _as_reason(error, path))
     return _DecodedPhoto(
         photo=Photo(name, measured["width"], measured["height"], measured["focal_px"], measured["sha256"]),
-        pixels_hash=measured["pixels_hash"],
+        compared=ComparedPhoto(
+            name,
+            Look.from_values(measured["look"]),
+            measured["pixels_hash"],
+            measured["focal_px"] is not None,
+            measured["n_bytes"],
+        ),
         sharpness=measured["sharpness"],
         flat_reason=_flat_reason(measured["not_black"], measured["not_white"], settings.flat_share),
         unusual_reason=measured["unusual"],
@@ -263,7 +281,7 @@ def _decode(folder: Path, path: Path, settings: PhotoSettings, should_stop: Stop
 
 
 def measure_photo(path: str) -> dict[str, Any]:
-    """Decode a photo here and return its size, focal length, hashes, sharpness and projection, as JSON values.
+    """Decode a photo here and return its size, focal length, hashes, sharpness, `Look` and projection, as JSON values.
 
     Parameters
     ----------
@@ -273,8 +291,10 @@ def measure_photo(path: str) -> dict[str, Any]:
     width, height = image.size if orientation_of(image) < 5 else image.size[::-1]
     step = max(1, round(max(width, height) / _MEASURING_SIDE))
     digest = hashlib.blake2b(digest_size=16, key=f"{width}x{height}".encode())
+    look = LookBuilder(width, height, step)
     strips = []
     for strip in upright_strips(image, step):
+        look.add(strip)
         digest.update(np.ascontiguousarray(strip).data)
         strips.append(_gray_for_measuring(strip, step))
     gray = np.concatenate(strips)
@@ -283,13 +303,21 @@ def measure_photo(path: str) -> dict[str, Any]:
         "height": height,
         "focal_px": focal,
         "sha256": file_sha256(Path(path)),
+        "n_bytes": Path(path).stat().st_size,
         "pixels_hash": digest.hexdigest(),
+        "look": look.values(gray, taken=capture_time(image), encoding=_encoding(image)),
         "sharpness": _sharpness(gray),
         "not_black": float(np.mean(gray > 8.0)),
         "not_white": float(np.mean(gray < 247.0)),
         "unusual": unusual_picture(image, path, gray),
         "circle": circle_of(gray),
     }
+
+
+def _encoding(image: Image.Image) -> str:
+    """Return a text that is equal for photos that one program saved with one setting."""
+    tables = sorted((number, tuple(table)) for number, table in getattr(image, "quantization", {}).items())
+    return f"{image.format} {image.mode} {hash(tuple(tables))} {'exif' in image.info}"
 
 
 def _as_reason(error: PhotoError, path: Path) -> str:
@@ -344,14 +372,16 @@ def _split(decoded: list[_DecodedPhoto], reason: Callable[[_DecodedPhoto], str |
     return kept, rejected
 
 
-def _without_duplicates(decoded: list[_DecodedPhoto]) -> _Selection:
-    first: dict[str, str] = {}
+def _without_masks(decoded: list[_DecodedPhoto], summaries: list[str | None]) -> _Selection:
+    masks = masks_among({entry.photo.name: entry.compared.look for entry in decoded})
+    summaries.append(summary_of_masks(masks))
+    return _split(decoded, lambda entry: masks.get(entry.photo.name))
 
-    def reason(entry: _DecodedPhoto) -> str | None:
-        original = first.setdefault(entry.pixels_hash, entry.photo.name)
-        return None if original == entry.photo.name else f"It is the same picture as {original}."
 
-    return _split(decoded, reason)
+def _without_copies(decoded: list[_DecodedPhoto], summaries: list[str | None]) -> _Selection:
+    copies = copies_among([entry.compared for entry in decoded])
+    summaries.append(summary_of_copies(copies, len(decoded)))
+    return _split(decoded, lambda entry: copies.get(entry.photo.name))
 
 
 def _without_flat(decoded: list[_DecodedPhoto]) -> _Selection:

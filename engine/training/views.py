@@ -100,7 +100,7 @@ def load_views(
     Returns
     -------
     list of TrainingView
-        Invalid pixels have no label.
+        Invalid pixels have no label. Where a photo is transparent it is black and valid: nothing is there.
 
     Raises
     ------
@@ -126,6 +126,8 @@ def load_views(
             photo_folder / camera.photo,
             (photo_masks or {}).get(camera.photo),
             max_side=2 * max(pinhole.width, pinhole.height),
+            # The background that is rendered.
+            over_black=True,
         )
         _check_aspect(source, camera)
         pixels = undistort(source, camera, pinhole, interpolation="linear")

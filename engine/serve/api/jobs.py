@@ -36,6 +36,7 @@ class Reconstruction(BaseModel):
 
     kind: Literal["reconstruct"]
     preset: Literal["preview", "standard", "best"] = "standard"
+    mask_background: bool = False
 
 
 class Segmentation(BaseModel):
@@ -86,7 +87,8 @@ def _reconstruction(project: WebProject, wanted: Reconstruction, settings: Serve
     if not project.photo_names():
         raise ProjectError("Upload photos first.")
     return [
-        "reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *_device(settings)
+        "reconstruct", str(project.photos), f"--out={project.project}", f"--preset={wanted.preset}", *_device(settings),
+        *(["--mask-background"] if wanted.mask_background else []),
     ]  # fmt: skip
 
 

@@ -170,6 +170,20 @@ def test_photo_folder_is_given_to_the_engine_and_its_scene_imported(
     assert bpy.context.scene.camera is not None
 
 
+def test_masks_and_their_making_are_given_to_the_engine(
+    project: Any, fake_engine: Callable[[str], Path], tmp_path: Path
+) -> None:
+    photos, masks = tmp_path / "photos", tmp_path / "masks"
+    photos.mkdir()
+    masks.mkdir()
+    arguments = fake_engine("say('finished', message='done', outputs={})")
+    common = {"directory": str(photos), "project": str(project.folder)}
+    assert bpy.ops.heritage.import_photo_folder(**common, masks=str(masks)) == {"FINISHED"}
+    assert json.loads(arguments.read_text())[-3:-1] == ["--photo-masks", str(masks)]
+    assert bpy.ops.heritage.import_photo_folder(**common, mask_background=True) == {"FINISHED"}
+    assert json.loads(arguments.read_text())[-2] == "--mask-background"
+
+
 def test_video_is_given_to_the_engine(project: Any, fake_engine: Callable[[str], Path], tmp_path: Path) -> None:
     video = tmp_path / "müseum room.mp4"
     video.write_bytes(b"a video")

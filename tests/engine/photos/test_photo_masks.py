@@ -54,6 +54,33 @@ def test_masks_are_found_by_the_photos_names_and_others_are_used_whole_with_a_wa
     assert read_photo_set(tmp_path / "photos.json") == found
 
 
+@pytest.mark.parametrize("names", [("a.png", "c.png"), ("A_mask.PNG", "c-mask.png"), ("deep/a.jpg.png", "in/c.png")])
+def test_masks_are_found_under_other_usual_names(tmp_path: Path, names: tuple[str, str]) -> None:
+    photos, masks = scene(tmp_path)
+    for name in names:
+        save(masks / name, left_half().astype(np.uint8) * 255)
+    assert sorted(read(photos, masks).mask_files) == ["a.jpg", "in/c.png"]
+
+
+def test_two_masks_of_one_photo_are_an_error_that_names_both(tmp_path: Path) -> None:
+    photos, masks = scene(tmp_path)
+    for name in ("x/a.png", "y/a_mask.png"):
+        save(masks / name, left_half().astype(np.uint8) * 255)
+    with pytest.raises(PhotoError, match=r"Both .*x/a\.png and .*y/a_mask\.png can be the mask of a\.jpg"):
+        read(photos, masks)
+
+
+def test_transparent_pixels_over_black_are_valid_and_empty(tmp_path: Path) -> None:
+    alpha = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    alpha[:, :20], alpha[:, 20:24] = 0, 128
+    save(tmp_path / "a.png", np.dstack([np.full((HEIGHT, WIDTH, 3), 200, np.uint8), alpha]))
+    pixels, valid = load_with_valid(tmp_path / "a.png", None, over_black=True)
+    assert valid is None
+    assert not pixels[:, :20].any() and (pixels[:, 24:] == 200).all()
+    # Half of 200, rounded twice.
+    assert abs(pixels[:, 20:24].astype(int) - 100).max() <= 1
+
+
 def test_an_edited_mask_has_another_hash(tmp_path: Path) -> None:
     photos, masks = scene(tmp_path, "a.jpg")
     before = read(photos, masks).photos[0].hashes

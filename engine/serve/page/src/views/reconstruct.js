@@ -20,19 +20,27 @@ export function createReconstruct(context, photos) {
     const input = h("input", { type: "radio", name, value: preset, checked: preset === first });
     return h("label", { class: "choice" }, input, h("span", null, h("strong", null, label), h("span", { class: "hint" }, text)));
   });
+  const masks = h("input", { type: "checkbox" });
+  const masking = h(
+    "label",
+    { class: "choice" },
+    masks,
+    h("span", null, h("strong", null, "Mask the background"), h("span", { class: "hint" }, "For an object on a turntable before a background that stands still.")),
+  );
   const button = h("button", { type: "button", class: "main large", onclick: () => during(button, start) }, "Reconstruct");
   const note = h("p", { class: "hint", "aria-live": "polite" });
   const element = h(
     "section",
     { class: "card", "aria-label": "Reconstruction" },
     h("fieldset", { class: "choices" }, h("legend", null, "How good should it be?"), choices),
+    masking,
     h("div", { class: "next" }, button, note),
   );
   photos.onIdle(() => project && update(project));
 
   async function start() {
-    const preset = element.querySelector("input:checked").value;
-    await startJob(id, { kind: "reconstruct", preset });
+    const preset = element.querySelector("input[type=radio]:checked").value;
+    await startJob(id, { kind: "reconstruct", preset, mask_background: masks.checked });
     announce("The reconstruction has started.");
     window.scrollTo({ top: 0 });
     await context.refresh();
