@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from places import ROOT
-from windows.launch import USER, cache_folder
+from windows.launch import ENVIRONMENTS, USER, cache_folder
 from windows.packages import install_python, install_wheels
 from windows.problem import Problem
 from windows.root import alone, make_root, make_template
@@ -41,7 +41,8 @@ def make_computer(cache: Path) -> None:
         make_root(cache, say)
         template = make_template(cache, say)
         install_python(template, say)
-        install_wheels(cache, say)
+        for name in ENVIRONMENTS:
+            install_wheels(cache, name, say)
 
 
 def run_steps(steps: Sequence[Step], context: Context) -> list[Result]:

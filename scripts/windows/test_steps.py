@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import re
+from pathlib import Path
 
+from .launch import CODE_PAGES, USER
 from .linux_only import GROUPS, NOT_ON_WINDOWS, QUICK
 from .problem import Problem
 from .steps import Context, Step
@@ -19,7 +22,20 @@ _SHOWN_FAILURES = 12
 def test_steps(*, quick: bool) -> list[Step]:
     """Return a step for each group of tests; `quick`: only those of `QUICK`."""
     names = QUICK if quick else tuple(GROUPS)
-    return [Step(f"tests: {name}", functools.partial(_run_group, name)) for name in names]
+    computer = Step("the computer itself", check_computer)
+    return [computer, *(Step(f"tests: {name}", functools.partial(_run_group, name)) for name in names)]
+
+
+def check_computer(context: Context) -> str:
+    """Check what the other steps rely on: the user, the code pages, and the limit of a path."""
+    computer = context.computer("tests", max_path=260)
+    script = Path(__file__).with_name("computer_check.py")
+    for page in CODE_PAGES:
+        one = dataclasses.replace(computer, code_page=page)
+        done = one.run([one.tests_python, script, USER, page.removeprefix("cp"), "260"], timeout=_MAX_SECONDS)
+        if done.code:
+            raise Problem(f"{page}: {done.err.strip()[-300:] or done.out[-300:]}")
+    return f"user, folders, code pages {', '.join(CODE_PAGES)}, limit of 260 characters, in child processes too"
 
 
 def _run_group(name: str, context: Context) -> str:
