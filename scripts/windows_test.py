@@ -89,6 +89,7 @@ def main() -> int:
     )
     parser.add_argument("--list", action="store_true", help="print the names of the steps")
     parser.add_argument("--keep", action="store_true", help="continue with the computers of the last run")
+    parser.add_argument("--engine-folder", help="of Windows, for the engine (default: the product's own choice)")
     options = parser.parse_args()
     tests = test_steps(quick=options.quick)
     steps = tests if options.quick else [*tests, *way_steps()]
@@ -100,7 +101,9 @@ def main() -> int:
     try:
         cache = cache_folder()
         make_computer(cache)
-        context = Context(options.product.resolve(), cache, keep=options.keep or bool(options.only))
+        variables = {"GAUSSIAN_HERITAGE_ENGINE": options.engine_folder} if options.engine_folder else {}
+        keep = options.keep or bool(options.only)
+        context = Context(options.product.resolve(), cache, keep=keep, variables=variables)
         results = run_steps(steps, context)
     except Problem as problem:
         print(f"Failed: {problem}", file=sys.stderr)
@@ -110,8 +113,6 @@ def main() -> int:
         options.doc.write_text(f"{head}{MARK}\n{document(results)}", encoding="utf-8")
     failed = [one for one in results if not one.passed]
     say(f"{len(results) - len(failed)} of {len(results)} steps passed")
-    for result in failed:
-        say(f"failed: {result.step.name}: {result.text}")
     return 1 if failed else 0
 
 

@@ -2,10 +2,10 @@
 
     python engine_job.py REQUEST.json
 
-The request is a JSON object: ``extension`` (folder of the installed add-on), ``python`` (the engine's), ``arguments``
-(of the engine), ``folder`` (of the job's files), ``kernels`` (folder for compiled kernels), ``cancel_at`` (stage and
-part of it after which it is cancelled, or null), ``grace`` (seconds until a cancelled job is killed). Prints the state
-at the end as JSON.
+The request is a JSON object: ``extension`` (folder of the installed add-on), ``command`` (command line, without its
+last word ``--events``), ``folder`` (of the job's files), ``kernels`` (folder for compiled kernels), ``cancel_at``
+(stage and part of it after which it is cancelled, or null), ``grace`` (seconds until a cancelled job is killed). Prints
+the state at the end as JSON.
 """
 
 import dataclasses
@@ -43,9 +43,9 @@ def main() -> int:
     given = {"environ": os.environ, "root": extension, "cache": Path(request["kernels"])}
     wanted = inspect.signature(process.engine_environment).parameters
     environment = process.engine_environment(**{name: given[name] for name in wanted})
-    command = process.engine_command(Path(request["python"]), *request["arguments"])
+    command = [*request["command"], "--events"]
     job = jobs.Job.start(
-        command, Path(request["folder"]), kind="windows-test", subject=request["arguments"][-1], environment=environment
+        command, Path(request["folder"]), kind="windows-test", subject=request["folder"], environment=environment
     )
     cancel_at = request["cancel_at"]
     cancelled_at = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["GROUPS", "NOT_ON_WINDOWS", "QUICK"]
+__all__ = ["BLENDER", "GROUPS", "NOT_ON_WINDOWS", "QUICK"]
 
 GROUPS = {
     "processes": ("tests/engine/test_child_process.py", "tests/engine/jobs"),
@@ -21,6 +21,9 @@ GROUPS = {
 
 QUICK = ("processes", "files", "structure of photos", "installer")
 """What ``--quick`` runs."""
+
+BLENDER = "tests/blender/"
+"""Folder of the tests that run in Blender as a module."""
 
 NOT_ON_WINDOWS: dict[str, str] = {}
 """Test to the reason why it cannot pass on Windows, or not under Wine."""

@@ -25,6 +25,8 @@ class Context:
         As `launch.cache_folder`.
     keep : bool
         Whether the computers of an earlier run are used again.
+    variables : dict
+        Environment variables of the way of a curator.
     found : dict
         What a step leaves for later ones.
     """
@@ -32,7 +34,13 @@ class Context:
     product: Path
     cache: Path
     keep: bool = False
+    variables: dict[str, str] = field(default_factory=dict)
     found: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def zip_file(self) -> Path:
+        """The zip of the product, made by a step."""
+        return self.cache / "gaussian_heritage.zip"
 
     def computer(self, name: str, **options: Any) -> Windows:
         """Return a Windows computer that only this test uses; a new one, unless it was asked for before in this run."""

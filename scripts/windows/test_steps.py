@@ -5,16 +5,18 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
+import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
-from .launch import CODE_PAGES, USER
-from .linux_only import GROUPS, NOT_ON_WINDOWS, QUICK
+from .launch import CODE_PAGES, USER, Windows
+from .linux_only import BLENDER, GROUPS, NOT_ON_WINDOWS, QUICK
 from .problem import Problem
 from .steps import Context, Step
 
-__all__ = ["test_steps"]
+__all__ = ["test_addon", "test_steps"]
 
-_MAX_SECONDS = 1800.0
+_MAX_SECONDS = 3600.0
 _MAX_SECONDS_OF_A_TEST = 240
 _SHOWN_FAILURES = 12
 
@@ -23,7 +25,8 @@ def test_steps(*, quick: bool) -> list[Step]:
     """Return a step for each group of tests; `quick`: only those of `QUICK`."""
     names = QUICK if quick else tuple(GROUPS)
     computer = Step("the computer itself", check_computer)
-    return [computer, *(Step(f"tests: {name}", functools.partial(_run_group, name)) for name in names)]
+    groups = [Step(f"tests: {name}", functools.partial(_run_group, name)) for name in names]
+    return [computer, *groups]
 
 
 def check_computer(context: Context) -> str:
@@ -45,13 +48,41 @@ def _run_group(name: str, context: Context) -> str:
         raise Problem(f"{context.product} has no {', '.join(missing)}.")
     computer = context.computer("tests")
     left_out = [one for one in NOT_ON_WINDOWS if one.startswith(GROUPS[name])]
-    arguments = ["-m", "pytest", "-q", "--tb=line", "-p", "no:cacheprovider", "-m", "not data and not gpu and not web"]
-    arguments += ["-o", f"faulthandler_timeout={_MAX_SECONDS_OF_A_TEST}", "-o", "faulthandler_exit_on_timeout=true"]
-    arguments += [word for one in left_out for word in ("--deselect", one)]
-    done = computer.run(
-        [computer.tests_python, *arguments, *GROUPS[name]], cwd=context.product, timeout=_MAX_SECONDS,
-        env={"PYTHONDONTWRITEBYTECODE": "1"},
-    )  # fmt: skip
+    arguments = ["-m", "pytest", "-m", "not data and not gpu and not web", *GROUPS[name]]
+    return _run_tests(name, context, computer, [computer.tests_python, *arguments], context.product, left_out)
+
+
+def test_addon(context: Context) -> str:
+    """Run the add-on's tests in Blender as a module, with the installed zip, as `scripts/run_blender_tests.py` does."""
+    computer = context.computer("blender")
+    folder = computer.drive / "blender-tests"
+    shutil.rmtree(folder, ignore_errors=True)
+    # Copied, so that they cannot import from the checkout by mistake.
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(context.product / "tests" / "blender", folder / "tests", ignore=ignored)
+    zip_file = shutil.copy(context.zip_file, folder)
+    variables = {
+        "GAUSSIAN_HERITAGE_ZIP": Path(zip_file), "GAUSSIAN_HERITAGE_PYTHON": computer.tests_python,
+        "GAUSSIAN_HERITAGE_DEMO": context.product / "demo",
+        "GAUSSIAN_HERITAGE_FIXTURES": context.product / "tests" / "fixtures",
+    }  # fmt: skip
+    environment = {name: computer.windows(path) for name, path in variables.items()}
+    left_out = [one for one in NOT_ON_WINDOWS if one.startswith(BLENDER)]
+    words = [computer.environment_python("blender"), "-P", "-m", "pytest", "-c", folder / "tests" / "pytest.ini"]
+    ids = [one.removeprefix(BLENDER) for one in left_out]
+    return _run_tests("add-on in Blender", context, computer, [*words, folder / "tests"], folder, ids, environment)
+
+
+def _run_tests(
+    name: str, context: Context, computer: Windows, command: list[object], folder: Path, left_out: list[str],
+    environment: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
+    """Run pytest and return the numbers; raise with the names of failed tests."""
+    options = ["-q", "--tb=short", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_MAX_SECONDS_OF_A_TEST}"]
+    options += ["-o", "faulthandler_exit_on_timeout=true"]
+    options += [word for one in left_out for word in ("--deselect", one)]
+    variables = {"PYTHONDONTWRITEBYTECODE": "1", **(environment or {})}
+    done = computer.run([*command, *options], cwd=folder, timeout=_MAX_SECONDS, env=variables)
     log = context.cache / "logs" / f"tests {name}.txt"
     log.parent.mkdir(exist_ok=True)
     log.write_text(f"{done.out}\n{done.err}", encoding="utf-8")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from .inputs import ALL_PHOTOS, PHOTOS, write_colmap_model, write_photos, write_
 from .launch import Windows
 from .problem import Problem
 from .steps import Context, Step
+from .test_steps import test_addon
 
 __all__ = ["way_steps"]
 
@@ -32,11 +34,12 @@ _EXTENSION, _USER_FOLDER = (
     f"{_BLENDER}/user_default/gaussian_heritage",
     f"{_BLENDER}/.user/user_default/gaussian_heritage",
 )
-_ENGINE = "AppData/Local/gaussian-heritage/engine"
 _INSTALL_SECONDS, _JOB_SECONDS = 2400.0, 2400.0
 _GRACE_SECONDS = 120.0
 """Of *Cancel*: long, because this computer may be busy; a job that heeds it ends much earlier."""
 _STATE = "STATE "
+_engines: dict[Path, Path] = {}
+"""Folder of the engine by computer."""
 _SHOWN = 600
 
 
@@ -45,6 +48,7 @@ def way_steps() -> list[Step]:
     network = "set up from the network"
     return [
         Step("zip", build_zip),
+        Step("add-on in Blender as a module", test_addon, ("zip",)),
         Step("bundle for Windows", write_bundle),
         Step(network, set_up_from_network, ("zip",)),
         Step("doctor and plan", doctor_and_plan, (network,)),
@@ -67,7 +71,7 @@ def way_steps() -> list[Step]:
 
 def build_zip(context: Context) -> str:
     """Build the zip of the product, as `make zip` does."""
-    out = context.cache / "gaussian_heritage.zip"
+    out = context.zip_file
     environment = {**os.environ, "GAUSSIAN_HERITAGE_VENVS": str(python_of("engine").absolute().parents[2])}
     _on_linux([sys.executable, context.product / "scripts" / "build_extension.py", "--out", out], context, environment)
     return f"{out.stat().st_size / 1e6:.1f} MB"
@@ -88,7 +92,7 @@ def set_up_from_network(context: Context) -> str:
 
 def set_up_from_bundle(context: Context) -> str:
     """Set the engine up on a computer without a network."""
-    computer = context.computer("offline", max_path=MAX_PATH, network=False)
+    computer = context.computer("offline", max_path=MAX_PATH, network=False, environment=context.variables)
     bundle = computer.home / "Downloads" / "Gaussian Heritage für Windows.zip"
     bundle.parent.mkdir(exist_ok=True)
     shutil.copy(_bundle(context), bundle)
@@ -110,30 +114,41 @@ def set_up_again(context: Context, code_page: str) -> str:
 
 def set_up_without_runtime(context: Context) -> str:
     """Set up where Microsoft's Visual C++ runtime is not installed: one sentence says so, and the engine is kept."""
-    computer = context.computer("no-runtime", max_path=MAX_PATH)
+    computer = context.computer("no-runtime", max_path=MAX_PATH, environment=context.variables)
     source = _curator(context)
     shutil.rmtree(computer.folder)
     subprocess.run(["cp", "-al", str(source.folder), str(computer.folder)], check=True)
     without = {"WINEDLLOVERRIDES": "msvcp140,msvcp140_1,msvcp140_2,concrt140,vcomp140="}
-    code, events = _install(context, computer, [], without)
-    told = [event["message"] for event in events if event["kind"] == "error"]
-    if not code or len(told) != 1 or "Visual C++" not in told[0]:
-        raise Problem(f"exit code {code}, not one sentence with the name of what is missing: {told}")
+    state = _run_job(context, computer, "set-up", _install_command(computer, []), _INSTALL_SECONDS, without)
+    if state["finished"] or "Visual C++" not in state["error"]:
+        raise Problem(f"not a sentence with the name of what is missing: {state['error'] or 'it finished'}")
     if not _python(computer).exists():
         raise Problem("the engine that was there is gone")
-    return told[0]
+    return str(state["error"])
 
 
 def _curator(context: Context, **options: Any) -> Windows:
-    return context.computer("curator", max_path=MAX_PATH, **options)
+    return context.computer("curator", max_path=MAX_PATH, environment=context.variables, **options)
 
 
 def _bundle(context: Context) -> Path:
     return context.cache / "offline_windows.zip"
 
 
+def _engine(computer: Windows) -> Path:
+    """Return the folder that the product chooses for the engine on a computer."""
+    if computer.folder not in _engines:
+        program = "from engine.installation import default_folder; print(ascii(str(default_folder())))"
+        root = computer.windows(computer.home / _EXTENSION)
+        done = computer.run([computer.python, "-c", program], timeout=120, env={"PYTHONPATH": root})
+        if done.code:
+            raise Problem(f"the product does not tell its folder of the engine: {_end(done.err)}")
+        _engines[computer.folder] = computer.path(ast.literal_eval(done.out.strip()))
+    return _engines[computer.folder]
+
+
 def _python(computer: Windows) -> Path:
-    return computer.home / _ENGINE / "environment" / "Scripts" / "python.exe"
+    return _engine(computer) / "environment" / "Scripts" / "python.exe"
 
 
 def _set_up(context: Context, computer: Windows, options: Sequence[object] = (), *, again: bool = False) -> str:
@@ -141,37 +156,22 @@ def _set_up(context: Context, computer: Windows, options: Sequence[object] = (),
     if not again:
         extension = computer.home / _EXTENSION
         shutil.rmtree(extension, ignore_errors=True)
-        with zipfile.ZipFile(context.cache / "gaussian_heritage.zip") as archive:
+        with zipfile.ZipFile(context.zip_file) as archive:
             archive.extractall(extension)
     before = _python(computer).stat().st_mtime_ns if again else 0
-    code, events = _install(context, computer, options, {})
-    told = [event["message"] for event in events if event["kind"] in ("error", "warning", "finished")]
-    if code or not events or events[-1]["kind"] != "finished":
-        raise Problem(f"exit code {code}: {' '.join(told)}{_tail(computer.home / _ENGINE / 'installation.log')}")
+    state = _run_job(context, computer, "set-up", _install_command(computer, options), _INSTALL_SECONDS)
+    if not state["finished"]:
+        raise Problem(f"{state['error_type']} {state['error']}{_tail(_engine(computer) / 'installation.log')}")
     if again and _python(computer).stat().st_mtime_ns != before:
         raise Problem("the environment was made anew")
-    packages = len(list((computer.home / _ENGINE / "environment" / "Lib" / "site-packages").glob("*.dist-info")))
-    return f"{told[-1]} {packages} packages"
+    packages = len(list((_engine(computer) / "environment" / "Lib" / "site-packages").glob("*.dist-info")))
+    return f"the engine is ready, with {packages} packages"
 
 
-def _install(
-    context: Context, computer: Windows, options: Sequence[object], environment: dict[str, str]
-) -> tuple[int, list[dict[str, Any]]]:
-    """Run the installer with Windows' Python, as the add-on does with Blender's, and return exit code and events."""
-    words = ["-m", "engine.installation", "install", "--folder", computer.home / _ENGINE, "--torch", "cpu"]
-    words += ["--python", computer.python, *options, "--events"]
-    root = computer.windows(computer.home / _EXTENSION)
-    done = computer.run(
-        [computer.python, *words], timeout=_INSTALL_SECONDS,
-        env={"PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1", **environment},
-    )  # fmt: skip
-    _log(context, f"set up {computer.prefix} {computer.code_page}", f"{done.out}\n{done.err}")
-    events = [json.loads(line) for line in done.out.splitlines() if line.startswith("{")]
-    if done.timed_out:
-        raise Problem(f"no end within {_INSTALL_SECONDS:.0f} s")
-    if "Traceback" in done.err:
-        raise Problem(f"a traceback: {_end(done.err)}")
-    return done.code, events
+def _install_command(computer: Windows, options: Sequence[object]) -> list[object]:
+    """Return the command line of the installer, which Blender's Python runs."""
+    words = [computer.python, "-m", "engine.installation", "install", "--folder", _engine(computer)]
+    return [*words, "--torch", "cpu", "--python", computer.python, *options]
 
 
 # ---- the engine
@@ -338,34 +338,48 @@ def _job(
 
     `end` is how it must end: "finished", "cancelled", or "refused" with one sentence.
     """
-    folder = _jobs(computer) / str(words[0])
+    name = str(words[0])
+    command = [_python(computer), "-m", "engine", *words]
+    state = _run_job(context, computer, name, command, _JOB_SECONDS, cancel_at=cancel_at)
+    told = f"{state['error_type']} {state['error']}".strip()
+    if end == "finished" and not state["finished"]:
+        raise Problem(f"{name}: {told}")
+    if end == "cancelled" and (state["cancelled_at"] is None or state["error_type"] != "Cancelled"):
+        raise Problem(f"{name}: not ended tidily by Cancel: {told or 'it finished'}")
+    if end == "refused" and (state["finished"] or not state["error_type"]):
+        raise Problem(f"{name}: not refused by a sentence: {told or 'it finished'}")
+    return state
+
+
+def _run_job(
+    context: Context, computer: Windows, name: str, command: Sequence[object], seconds: float,
+    environment: Mapping[str, str] | None = None, cancel_at: tuple[str, float] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run a command as a job of the add-on and return its state at the end; it must have shown no traceback."""
+    folder = _jobs(computer) / name
     request = {
-        "extension": computer.windows(computer.home / _EXTENSION), "python": computer.windows(_python(computer)),
-        "arguments": [computer.windows(word) if isinstance(word, Path) else str(word) for word in words],
-        "folder": computer.windows(folder), "kernels": computer.windows(computer.home / _USER_FOLDER / "numba"),
-        "cancel_at": cancel_at, "grace": _GRACE_SECONDS,
+        "extension": computer.windows(computer.home / _EXTENSION), "folder": computer.windows(folder),
+        "command": [computer.windows(word) if isinstance(word, Path) else str(word) for word in command],
+        "kernels": computer.windows(computer.home / _USER_FOLDER / "numba"), "cancel_at": cancel_at,
+        "grace": _GRACE_SECONDS,
     }  # fmt: skip
     file = computer.home / "request.json"
     file.write_text(json.dumps(request), encoding="utf-8")
     script = Path(__file__).with_name("engine_job.py")
-    done = computer.run([computer.python, script, file], timeout=_JOB_SECONDS, env={"PYTHONDONTWRITEBYTECODE": "1"})
+    variables = {"PYTHONDONTWRITEBYTECODE": "1", **(environment or {})}
+    # Blender's Python has NumPy.
+    blender = computer.environment_python("blender")
+    done = computer.run([blender, script, file], timeout=seconds, env=variables)
     errors = folder / "errors.txt"
-    _log(context, f"job {words[0]}", f"{done.out}\n{done.err}\n{_read(errors)}")
+    _log(context, f"job {name}", f"{done.out}\n{done.err}\n{_read(errors)}")
     found = [line.removeprefix(_STATE) for line in done.out.splitlines() if line.startswith(_STATE)]
     if done.timed_out:
-        raise Problem(f"{words[0]}: no end within {_JOB_SECONDS:.0f} s{_tail(errors)}")
+        raise Problem(f"{name}: no end within {seconds:.0f} s{_tail(errors)}")
     if done.code or not found:
-        raise Problem(f"{words[0]}: polling or cancelling the job failed in Blender's process: {_end(done.err)}")
-    state: dict[str, Any] = json.loads(found[0])
-    told = f"{state['error_type']} {state['error']}".strip()
+        raise Problem(f"{name}: starting, polling or cancelling failed in Blender's process: {_end(done.err)}")
     if "Traceback" in _read(errors):
-        raise Problem(f"{words[0]}: a traceback: {_end(_read(errors))}")
-    if end == "finished" and not state["finished"]:
-        raise Problem(f"{words[0]}: {told}")
-    if end == "cancelled" and (state["cancelled_at"] is None or state["error_type"] != "Cancelled"):
-        raise Problem(f"{words[0]}: not ended tidily by Cancel: {told or 'it finished'}")
-    if end == "refused" and (state["finished"] or not state["error_type"]):
-        raise Problem(f"{words[0]}: not refused by a sentence: {told or 'it finished'}")
+        raise Problem(f"{name}: a traceback: {_end(_read(errors))}")
+    state: dict[str, Any] = json.loads(found[0])
     return state
 
 
