@@ -4,8 +4,10 @@ python computer_check.py USER CODE_PAGE MAX_PATH
 """
 
 import ctypes
+import errno
 import getpass
 import locale
+import msvcrt
 import os
 import subprocess
 import sys
@@ -25,6 +27,27 @@ def write_long(folder: str, length: int) -> bool:
     return os.path.exists(name)
 
 
+def error_of_a_locked_file(name: str) -> int:
+    """Return the number of the error for bytes that another process has locked."""
+    program = (
+        "import msvcrt, sys, time; f = open(sys.argv[1], 'r+b'); msvcrt.locking(f.fileno(), msvcrt.LK_NBLCK, 1);"
+        "print('locked', flush=True); time.sleep(60)"
+    )
+    with open(name, "wb") as stream:
+        stream.write(b"x")
+    with subprocess.Popen([sys.executable, "-c", program, name], stdout=subprocess.PIPE) as holder:
+        try:
+            assert holder.stdout is not None
+            holder.stdout.readline()
+            with open(name, "r+b") as stream:
+                msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        except OSError as error:
+            return error.errno or 0
+        finally:
+            holder.kill()
+    return 0
+
+
 def main() -> int:
     """Check all, and say what is not so."""
     user, code_page, max_path = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
@@ -41,6 +64,7 @@ def main() -> int:
             "processors": bool(os.cpu_count()),
             "code page": ctypes.windll.kernel32.GetACP() == code_page,  # type: ignore[attr-defined]
             "code page of Python": locale.getpreferredencoding(False) in (f"cp{code_page}", "gbk"),
+            "lock of another process": error_of_a_locked_file(os.path.join(name, "locked")) == errno.EACCES,
             "path as long as allowed": write_long(folder, max_path - 1),
             "path that is too long": not write_long(folder, max_path),
             "path that is too long, in a child process": subprocess.run(child, check=False).returncode == 0,

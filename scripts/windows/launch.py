@@ -266,20 +266,9 @@ class Windows:
             **self.variables(), **self.environment, **(env or {}), "FOLDER_OF_WORK": str((cwd or self.home).absolute())
         }  # fmt: skip
         shared = [f.name for f in sorted(Path("/").iterdir()) if f.is_dir() and f.name not in _NOT_SHARED]
-        command = [
-            "unshare",
-            "--mount",
-            "--pid",
-            "--fork",
-            "--kill-child",
-            *([] if self.network else ["--net"]),
-            "bash",
-            "-c",
-            _INSIDE,
-            "_",
-            str(root),
-            USER,
-        ]
+        # Both ends: that of this process ends `unshare`, and that of `unshare` ends all that runs in its namespace.
+        command = ["setpriv", "--pdeathsig", "KILL", "unshare", "--mount", "--pid", "--fork", "--kill-child"]
+        command += [*([] if self.network else ["--net"]), "bash", "-c", _INSIDE, "_", str(root), USER]
         command += [*shared, "--", *(f"{name}={value}" for name, value in variables.items())]
         command += ["/bin/bash", "-c", _START, "_", WINE, *words]
         pipe = subprocess.PIPE if capture else None
@@ -328,7 +317,7 @@ def network_variables() -> dict[str, str]:
 
 def require() -> None:
     """Raise when this computer cannot run Windows' programs so."""
-    missing = [name for name in ("unshare", "chroot", "debootstrap") if shutil.which(name) is None]
+    missing = [name for name in ("setpriv", "unshare", "chroot", "debootstrap") if shutil.which(name) is None]
     if sys.platform != "linux" or os.geteuid() != 0 or missing:
         lacking = ", ".join(missing) or "debootstrap"
         raise Problem(f"Windows' Python is run under Wine, which needs Linux, root and {lacking} (docs/windows.md).")

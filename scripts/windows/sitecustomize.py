@@ -1,11 +1,15 @@
-r"""The limit of 260 characters of a path, which Wine does not have, for the functions of Python.
+r"""Two gaps of Wine: the limit of 260 characters of a path, and the error of a file that another process has locked.
 
-Lies in the library of Windows' Python, so every process of it has the limit, also below a virtual environment and with
+`msvcrt.locking` fails with the error 0 under Wine, and with EACCES on Windows.
+
+It lies in the library of Windows' Python, so every process has the limit, also below a virtual environment and with
 the option ``-I``. Environment variable WINTEST_MAX_PATH: the longest path with the zero at its end (260 on Windows,
 unless long paths were enabled), 0 or missing for no limit. As on Windows, paths that begin with ``\\?\`` are not
 limited, and a folder needs 12 characters more. Native code of packages is not limited.
 """
 
+import errno
+import msvcrt
 import os
 import sys
 
@@ -60,6 +64,20 @@ def _install(max_path: int) -> None:
         os.supports_fd.add(limited) if own in os.supports_fd else None
         os.supports_follow_symlinks.add(limited) if own in os.supports_follow_symlinks else None
 
+
+_lock = msvcrt.locking  # type: ignore[attr-defined]
+
+
+def _locking(file: int, mode: int, n_bytes: int) -> None:
+    try:
+        _lock(file, mode, n_bytes)
+    except OSError as error:
+        if error.errno:
+            raise
+        raise PermissionError(errno.EACCES, "Permission denied") from error
+
+
+msvcrt.locking = _locking  # type: ignore[attr-defined]
 
 if _max_path := int(os.environ.get("WINTEST_MAX_PATH") or 0):
     _install(_max_path)
