@@ -58,7 +58,7 @@ def test_tests_that_are_left_out_exist_and_have_a_reason() -> None:
 def test_paths_are_named_as_windows_programs_see_them(tmp_path: Path) -> None:
     windows = module("windows.launch").Windows(tmp_path, "one")
     assert windows.windows(windows.home / "a b" / "c.txt") == rf"C:\users\{windows.home.name}\a b\c.txt"
-    assert windows.windows(Path("/work/x.txt")) == r"Z:\work\x.txt"
+    assert windows.windows(Path("/srv/x.txt")) == r"Z:\srv\x.txt"
 
 
 def test_what_needs_a_failed_step_is_not_run_and_a_fault_does_not_end_the_others(tmp_path: Path) -> None:
