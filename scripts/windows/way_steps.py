@@ -38,8 +38,8 @@ _INSTALL_SECONDS, _JOB_SECONDS = 2400.0, 2400.0
 _GRACE_SECONDS = 120.0
 """Of *Cancel*: long, because this computer may be busy; a job that heeds it ends much earlier."""
 _STATE = "STATE "
-_engines: dict[Path, Path] = {}
-"""Folder of the engine by computer."""
+_engines: dict[Path, tuple[Path, Path]] = {}
+"""What `_places` answers, by computer."""
 _SHOWN = 600
 
 
@@ -135,20 +135,29 @@ def _bundle(context: Context) -> Path:
     return context.cache / "offline_windows.zip"
 
 
-def _engine(computer: Windows) -> Path:
-    """Return the folder that the product chooses for the engine on a computer."""
+def _places(computer: Windows) -> tuple[Path, Path]:
+    """Return the folder that the product chooses for the engine on a computer, and the engine's Python in it."""
     if computer.folder not in _engines:
-        program = "from engine.installation import default_folder; print(ascii(str(default_folder())))"
+        program = (
+            "from engine.installation import EngineEnvironment, default_folder\n"
+            "engine = EngineEnvironment(default_folder())\n"
+            "print(ascii([str(engine.folder), str(engine.python)]))"
+        )
         root = computer.windows(computer.home / _EXTENSION)
         done = computer.run([computer.python, "-c", program], timeout=120, env={"PYTHONPATH": root})
         if done.code:
             raise Problem(f"the product does not tell its folder of the engine: {_end(done.err)}")
-        _engines[computer.folder] = computer.path(ast.literal_eval(done.out.strip()))
+        folder, python = ast.literal_eval(done.out.strip())
+        _engines[computer.folder] = computer.path(folder), computer.path(python)
     return _engines[computer.folder]
 
 
+def _engine(computer: Windows) -> Path:
+    return _places(computer)[0]
+
+
 def _python(computer: Windows) -> Path:
-    return _engine(computer) / "environment" / "Scripts" / "python.exe"
+    return _places(computer)[1]
 
 
 def _set_up(context: Context, computer: Windows, options: Sequence[object] = (), *, again: bool = False) -> str:
@@ -164,7 +173,7 @@ def _set_up(context: Context, computer: Windows, options: Sequence[object] = (),
         raise Problem(f"{state['error_type']} {state['error']}{_tail(_engine(computer) / 'installation.log')}")
     if again and _python(computer).stat().st_mtime_ns != before:
         raise Problem("the environment was made anew")
-    packages = len(list((_engine(computer) / "environment" / "Lib" / "site-packages").glob("*.dist-info")))
+    packages = len(list((_python(computer).parents[1] / "Lib" / "site-packages").glob("*.dist-info")))
     return f"the engine is ready, with {packages} packages"
 
 
