@@ -25,5 +25,9 @@ QUICK = ("processes", "files", "structure of photos", "installer")
 BLENDER = "tests/blender/"
 """Folder of the tests that run in Blender as a module."""
 
-NOT_ON_WINDOWS: dict[str, str] = {}
+NOT_ON_WINDOWS: dict[str, str] = {
+    "tests/engine/photos/test_bounded.py::test_child_without_enough_memory_rejects_its_photo_only": (
+        "the memory of a child process is bounded on Linux only"
+    ),
+}
 """Test to the reason why it cannot pass on Windows, or not under Wine."""
