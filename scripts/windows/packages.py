@@ -66,7 +66,9 @@ def site_folder(cache: Path, environment: str) -> Path:
 def install_python(template: Windows, say: Callable[[str], None]) -> None:
     """Install Windows' Python, and environments for the packages, where they are missing or of another version."""
     folder = template.python.parent
-    made_from = _hash([SOURCE, PYTHON], [HERE / "venvlauncher.c", HERE / "sitecustomize.py", Path(__file__)])
+    made_from = _hash(
+        [SOURCE, PYTHON, str(template.cache)], [HERE / "venvlauncher.c", HERE / "sitecustomize.py", Path(__file__)]
+    )
     if _is_made(folder, made_from):
         return
     say(f"Windows' Python {PYTHON}")
