@@ -20,7 +20,7 @@ PYTHON_VERSION ?=
 TRAINING_SETS := herz_jesus25,meeting_place9,banana16,sakharov_statue32,skull66,museum_room,store_room,room_6,room_8
 
 .NOTPARALLEL:
-.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
+.PHONY: help batch-faults bench-packages bench-batch bench-blender bench-formats readers-test bench-gpu offline-bundle window-test container-test windows-test serve page bench-serve web-test setup demo test lint contracts types engine-tests blender-tests stability fuzz kills hostile bench-raster bench-training test-rooms choosing-rooms tables lock zip clean
 
 help: ## what can be made
 	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 16
@@ -137,6 +137,9 @@ serve: page ## the web page: upload photos from a browser; DATA=folder, LAN=1 fo
 
 container-test: ## build the container image and use it; needs root, buildah, debootstrap and 12 GB; 10 minutes
 	$(ENGINE) scripts/container_test.py --doc docs/container.md
+
+windows-test: setup page ## the engine on Windows' Python, under Wine; needs root, debootstrap and 16 GB; an hour
+	$(ENGINE) scripts/windows_test.py --doc docs/windows.md
 
 web-test: page ## the page in Chromium, on desktop and phone; writes docs/pictures/web; 3 minutes
 	GAUSSIAN_HERITAGE_WEB_PICTURES=docs/pictures/web $(ENGINE) -m pytest -q tests/web

@@ -1,0 +1,9 @@
+"""What the scripts of Windows' Python raise."""
+
+from __future__ import annotations
+
+__all__ = ["Problem"]
+
+
+class Problem(Exception):
+    """Something that is not as it should be, as a sentence."""

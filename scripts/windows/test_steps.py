@@ -1,0 +1,98 @@
+"""The project's own tests, run by Windows' pytest."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from .launch import CODE_PAGES, USER, Windows
+from .linux_only import BLENDER, GROUPS, NOT_ON_WINDOWS, QUICK
+from .problem import Problem
+from .steps import Context, Step
+
+__all__ = ["test_addon", "test_steps"]
+
+_MAX_SECONDS = 3600.0
+_MAX_SECONDS_OF_A_TEST = 240
+_SHOWN_FAILURES = 12
+
+
+def test_steps(*, quick: bool) -> list[Step]:
+    """Return a step for each group of tests; `quick`: only those of `QUICK`."""
+    names = QUICK if quick else tuple(GROUPS)
+    computer = Step("the computer itself", check_computer)
+    groups = [Step(f"tests: {name}", functools.partial(_run_group, name)) for name in names]
+    return [computer, *groups]
+
+
+def check_computer(context: Context) -> str:
+    """Check what the other steps rely on: the user, the code pages, and the limit of a path."""
+    computer = context.computer("tests", max_path=260)
+    script = Path(__file__).with_name("computer_check.py")
+    for page in CODE_PAGES:
+        one = dataclasses.replace(computer, code_page=page)
+        done = one.run([one.tests_python, script, USER, page.removeprefix("cp"), "260"], timeout=_MAX_SECONDS)
+        if done.code:
+            raise Problem(f"{page}: {done.err.strip()[-300:] or done.out[-300:]}")
+    return f"user, folders, code pages {', '.join(CODE_PAGES)}, limit of 260 characters, in child processes too"
+
+
+def _run_group(name: str, context: Context) -> str:
+    """Run the tests of a group and return their numbers."""
+    missing = [one for one in GROUPS[name] if not (context.product / one).exists()]
+    if missing:
+        raise Problem(f"{context.product} has no {', '.join(missing)}.")
+    computer = context.computer("tests")
+    left_out = [one for one in NOT_ON_WINDOWS if one.startswith(GROUPS[name])]
+    arguments = ["-m", "pytest", "-m", "not data and not gpu and not web", *GROUPS[name]]
+    return _run_tests(name, context, computer, [computer.tests_python, *arguments], context.product, left_out)
+
+
+def test_addon(context: Context) -> str:
+    """Run the add-on's tests in Blender as a module, with the installed zip, as `scripts/run_blender_tests.py` does."""
+    computer = context.computer("blender")
+    folder = computer.drive / "blender-tests"
+    shutil.rmtree(folder, ignore_errors=True)
+    # Copied, so that they cannot import from the checkout by mistake.
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(context.product / "tests" / "blender", folder / "tests", ignore=ignored)
+    zip_file = shutil.copy(context.zip_file, folder)
+    variables = {
+        "GAUSSIAN_HERITAGE_ZIP": Path(zip_file), "GAUSSIAN_HERITAGE_PYTHON": computer.tests_python,
+        "GAUSSIAN_HERITAGE_DEMO": context.product / "demo",
+        "GAUSSIAN_HERITAGE_FIXTURES": context.product / "tests" / "fixtures",
+    }  # fmt: skip
+    environment = {name: computer.windows(path) for name, path in variables.items()}
+    left_out = [one for one in NOT_ON_WINDOWS if one.startswith(BLENDER)]
+    words = [computer.environment_python("blender"), "-P", "-m", "pytest", "-c", folder / "tests" / "pytest.ini"]
+    ids = [one.removeprefix(BLENDER) for one in left_out]
+    return _run_tests("add-on in Blender", context, computer, [*words, folder / "tests"], folder, ids, environment)
+
+
+def _run_tests(
+    name: str, context: Context, computer: Windows, command: list[object], folder: Path, left_out: list[str],
+    environment: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
+    """Run pytest and return the numbers; raise with the names of failed tests."""
+    options = ["-q", "--tb=short", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={_MAX_SECONDS_OF_A_TEST}"]
+    options += ["-o", "faulthandler_exit_on_timeout=true"]
+    options += [word for one in left_out for word in ("--deselect", one)]
+    variables = {"PYTHONDONTWRITEBYTECODE": "1", **(environment or {})}
+    done = computer.run([*command, *options], cwd=folder, timeout=_MAX_SECONDS, env=variables)
+    log = context.cache / "logs" / f"tests {name}.txt"
+    log.parent.mkdir(exist_ok=True)
+    log.write_text(f"{done.out}\n{done.err}", encoding="utf-8")
+    counts = re.findall(r"^.*\b\d+ (?:passed|failed|errors?|skipped)\b.*$", done.out, re.MULTILINE)
+    if done.timed_out:
+        raise Problem(f"no end within {_MAX_SECONDS:.0f} s; output in {log}")
+    failures = re.findall(r"^(?:FAILED|ERROR) (\S+)", done.out, re.MULTILINE)
+    if failures or done.code:
+        more = f" and {len(failures) - _SHOWN_FAILURES} more" if len(failures) > _SHOWN_FAILURES else ""
+        names = ", ".join(one.rpartition("/")[2] for one in failures[:_SHOWN_FAILURES])
+        last = counts[-1] if counts else f"pytest ended with code {done.code}"
+        raise Problem(f"{last}: {names}{more}; output in {log}")
+    return re.sub(r" in [\d.]+s.*", "", counts[-1]) + (f"; {len(left_out)} left out" if left_out else "")
