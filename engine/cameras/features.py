@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import CameraError, FormatError
+from ..errors import CameraError, DiskError, FormatError
 from ..events import StopCheck
 from ..files import delete_derived, read_json, write_json
 from ..project_folder import stage_key
 from ..scene import Camera, Photo, PhotoSet
 from ..settings import to_dict
-from ..system import replace_file
+from ..system import native_path, replace_file
 from .colmap import pycolmap
 from .colmap_calls import opened_database, require_free_space, threads_for_colmap, translated, wait_for
 from .pairs import Pair, all_pairs, largest_descriptors, promising_pairs
@@ -35,6 +35,15 @@ _PHOTOS_PER_BATCH = 4
 _PAIRS_PER_BATCH = 24
 _DESCRIPTOR_DIM = 128
 """Length of a SIFT descriptor, needed to shape the empty array of a photo without features."""
+
+
+def _for_colmap(folder: Path) -> Path:
+    """Make a folder, and return it under a name that COLMAP can read."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return native_path(folder)
+    except OSError as error:
+        raise DiskError(f"{error.strerror or error}. Choose another folder for the project.") from error
 
 
 class SfmWorkspace:
@@ -57,6 +66,7 @@ class SfmWorkspace:
         settings: CameraSettings,
         lenses: Mapping[str, Camera] | None = None,
     ) -> None:
+        folder = _for_colmap(folder)
         self.images = folder / "images"
         self.masks = folder / "masks"
         self.database = folder / "database.db"

@@ -21,6 +21,7 @@ from ..errors import CameraError
 from ..events import StopCheck
 from ..files import ArraySpec, atomic_write, opened, read_arrays
 from ..scene import MAX_COORDINATE, MAX_LENS_PARAMETER, MAX_PHOTO_SIDE, Lens
+from ..system import native_path
 from . import colmap_calls as _quiet  # noqa: F401 silences COLMAP on import
 from .colmap import pycolmap
 from .model_files import require_whole_files
@@ -148,7 +149,7 @@ def model_in_child(source: str, target: str, what: str) -> dict[str, Any]:
 
 
 def _converted(source: str, target: Path) -> dict[str, Any]:
-    model = pycolmap.Reconstruction(source)
+    model = pycolmap.Reconstruction(str(native_path(Path(source))))
     images = [model.image(image_id) for image_id in model.reg_image_ids()]
     viewmats = np.array([_viewmat(image) for image in images]).reshape(-1, 4, 4)
     lenses = {image.camera_id: model.camera(image.camera_id) for image in images}

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
         usable_cores,
         use_cores,
     )
-    from .paths import engine_folder, library_folder, npm_settings_files, program_in, python_in, takes_path
+    from .paths import engine_folder, library_folder, native_path, npm_settings_files, program_in, python_in, takes_path
     from .processes import (
         end_children_with_this_process,
         end_with_parent,
@@ -94,6 +94,7 @@ __all__ = [
     "memory_limited",
     "missing_runtime",
     "name_in_order",
+    "native_path",
     "no_core_dumps",
     "no_window",
     "npm_settings_files",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import shutil
 import sys
@@ -10,7 +11,15 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path, PurePath
 
-__all__ = ["engine_folder", "library_folder", "npm_settings_files", "program_in", "python_in", "takes_path"]
+__all__ = [
+    "engine_folder",
+    "library_folder",
+    "native_path",
+    "npm_settings_files",
+    "program_in",
+    "python_in",
+    "takes_path",
+]
 
 _PROBE = ".heritage-"
 
@@ -65,6 +74,34 @@ def library_folder(environment: Path) -> Path:
     return environment / ("Lib" if sys.platform == "win32" else "lib")
 
 
+def native_path(path: Path) -> Path:
+    """Return a path to the same file for libraries that take names in the code page of Windows, such as COLMAP.
+
+    Elsewhere, and where all its letters are in the code page, it is `path` itself. Otherwise each folder has a short
+    name (``JOSUKA~1``) that the disk keeps beside the long one.
+
+    Parameters
+    ----------
+    path : Path
+        Need not exist; its folder must, and its own name must be of the code page then.
+
+    Raises
+    ------
+    OSError
+        When the disk keeps no short names.
+    """
+    if sys.platform == "win32" and not _in_code_page(path):
+        existing = path if path.exists() else path.parent
+        short = Path(_short_name(existing), *path.relative_to(existing).parts)
+        if not _in_code_page(short):
+            raise OSError(
+                f"{path} has letters that this Windows does not have in its code page, and COLMAP cannot read such "
+                "names. Choose a folder without them, for example C:\\heritage"
+            )
+        return short
+    return path
+
+
 def takes_path(folder: Path, longest: PurePath) -> bool:
     """Return whether a file can be made below `folder` with a path as long as that of `longest`.
 
@@ -106,3 +143,20 @@ def _as_long_below(top: str, longest: PurePath) -> PurePath:
     # Names of folders have at most 255 bytes.
     folders = ["x" * 99] * (filler // 100) + ["x" * (filler % 100)] * bool(filler % 100)
     return PurePath(top, *folders, name)
+
+
+if sys.platform == "win32":
+    _MAX_LONG_PATH = 1 << 15
+
+    def _in_code_page(path: Path) -> bool:
+        try:
+            str(path).encode("mbcs", "strict")
+            return True
+        except UnicodeEncodeError:
+            return False
+
+    def _short_name(path: Path) -> str:
+        """Return the name of the file or folder `path` with short names of all folders; `path` itself without them."""
+        text = ctypes.create_unicode_buffer(_MAX_LONG_PATH)
+        length = ctypes.WinDLL("kernel32").GetShortPathNameW(str(path.absolute()), text, _MAX_LONG_PATH)
+        return text.value if length else str(path)
