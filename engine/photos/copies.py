@@ -42,7 +42,7 @@ _MIN_DEVIATION = 4.0
 _MIN_CORNER = 4.0
 """Least mean squared gradient along the weaker direction of a block whose displacement can be measured."""
 _MIN_BLOCKS = 8
-"""Least number of blocks by which photos are told apart."""
+"""Least number of blocks by which photos are compared."""
 _MAX_DISPLACEMENT = 0.25
 """Largest displacement of a block in pixels between photos of equal size. Re-encodings have up to 0.14; a small thing
 that moved by a two-hundredth of the picture has 0.5."""
@@ -160,7 +160,8 @@ def _candidates(photos: Sequence[ComparedPhoto]) -> dict[int, list[tuple[int, in
     for turns in range(4):
         turned = np.ascontiguousarray(np.rot90(thumbs, turns, axes=(1, 2))).reshape(flat.shape)
         for top in range(0, len(photos), _ROWS_AT_ONCE):
-            alike = turned[top : top + _ROWS_AT_ONCE] @ flat.T > _MIN_THUMB_CORRELATION
+            # Not a product of matrices, for which the linear algebra library would keep large buffers.
+            alike = np.einsum("ik,jk->ij", turned[top : top + _ROWS_AT_ONCE], flat) > _MIN_THUMB_CORRELATION
             for row, column in zip(*np.nonzero(alike), strict=True):
                 if column < top + row:
                     found.setdefault(int(top + row), []).append((int(column), turns))
@@ -291,8 +292,8 @@ def _compare(first: Float32, second: Float32, side: int) -> _Blocks:
     # Only here: OpenCV takes 100 MB of address space, and most folders have no two photos to compare.
     import cv2
 
-    first, second = (cv2.GaussianBlur(picture, (0, 0), _BLUR).astype(np.float32) for picture in (first, second))
-    down, right = np.gradient(first)
+    first, second = (np.asarray(cv2.GaussianBlur(one, (0, 0), _BLUR), np.float32) for one in (first, second))
+    slopes = np.gradient(first, axis=1), np.gradient(first, axis=0)
     height, width = first.shape
     rows, columns = max(1, height // side), max(1, width // side)
     correlations, displacements = [], []
@@ -301,14 +302,14 @@ def _compare(first: Float32, second: Float32, side: int) -> _Blocks:
             block = np.s_[
                 j * height // rows : (j + 1) * height // rows, i * width // columns : (i + 1) * width // columns
             ]
-            a, b = (picture[block].astype(np.float64) for picture in (first, second))
+            a, b = (np.asarray(picture[block], np.float64) for picture in (first, second))
             a, b = a - a.mean(), b - b.mean()
             deviations = float(a.std()), float(b.std())
             if max(deviations) < _MIN_DEVIATION:
                 continue
             product = float(np.mean(a * b))
             correlations.append(product / max(deviations[0] * deviations[1], 1e-9))
-            gradients = np.stack([right[block].ravel(), down[block].ravel()]).astype(np.float64)
+            gradients = np.stack([slope[block].ravel() for slope in slopes]).astype(np.float64)
             tensor = gradients @ gradients.T / a.size
             if np.linalg.eigvalsh(tensor)[0] >= _MIN_CORNER:
                 difference = a - b * (product / max(deviations[1] ** 2, 1e-9))

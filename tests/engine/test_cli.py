@@ -123,6 +123,13 @@ def test_prompts_without_objects_contradict(tmp_path: Path, capsys: pytest.Captu
     assert error["error"] == "SettingsError"
 
 
+def test_masks_that_are_given_and_made_contradict(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    masks = ["--photo-masks", str(tmp_path), "--mask-background"]
+    assert main(["reconstruct", str(tmp_path), "--out", str(tmp_path / "p"), *masks, "--events"]) == 2
+    (error,) = errors_of(capsys)
+    assert error["error"] == "SettingsError" and "only one of them" in error["message"]
+
+
 def test_unexpected_error_is_a_sentence_and_its_trace_in_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

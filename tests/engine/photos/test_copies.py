@@ -95,7 +95,7 @@ def _with_middle(pixels: Pixels, other: Pixels) -> Pixels:
 
 @pytest.mark.parametrize("kind", OTHER_SHOTS)
 def test_other_shot_of_the_same_view_is_kept(tmp_path: Path, kind: str) -> None:
-    # Cameras also vary their quality from shot to shot; those on a tripod are told apart by it being the same.
+    # Cameras also vary their quality from shot to shot; a tripod is known by the quality being the same.
     quality = 93 if "tripod" in kind else 80
     save(tmp_path / "IMG_0001.jpg", photo(0), quality=93)
     save(tmp_path / "IMG_0002.jpg", OTHER_SHOTS[kind](photo(0)), quality=quality)

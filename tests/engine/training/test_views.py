@@ -87,7 +87,10 @@ def test_masks_and_transparency_follow_the_lens_into_the_training_pictures(tmp_p
     assert views[1].valid is None and views[3].valid is None
     assert views[0].valid is not None
     # Transparent pixels are not unknown: nothing is there, which is black before the background of training.
-    assert views[2].valid is None and not views[2].pixels[~views[0].valid].any()
+    # But for a margin around what is not transparent.
+    assert views[2].valid is not None and views[2].valid.mean() > 0.9
+    hole = views[2].valid & ~views[0].valid
+    assert hole.sum() > 0.5 * (~views[0].valid).sum() and not views[2].pixels[hole].any()
     # The white square is what is masked; its border is mixed with black where pictures are made smaller.
     assert not views[0].pixels[views[0].valid].any()
     assert views[0].valid.mean() == pytest.approx(1 - 1600 / 9600, abs=0.06)
