@@ -29,7 +29,7 @@ from .compressed_ply import read_compressed
 from .ply_header import Header, read_header, require_rows, skip_to
 from .origin import far_origin, moved_far
 from .ply_rows import COLOR, NORMAL, POSITION, ROTATION, SCALE, RowsToWrite, columns_of, rest_names
-from .render_mode import RENDER_MODE, RENDER_MODE_KEY, is_antialiased, without_mode
+from .render_mode import ANTIALIASED_NOTE, RENDER_MODE, RENDER_MODE_KEY, is_antialiased, without_mode
 from .transform import AffineMap, logits_of
 
 __all__ = ["PlyFile", "check_finite", "read_ply", "read_ply_file", "write_ply"]
@@ -60,7 +60,7 @@ class PlyFile:
         Lines of the header, for `write_ply`; empty for a compressed file.
     origin : array of shape [3], float64
         What was taken off the positions, in the axes of the file; 0 unless they are doubles far from 0, such as UTM.
-    lost : array of shape [N, 3], float32, or None
+    lost : array of shape [N, 3], float64, or None
         What float32 does not hold of the positions, for `write_ply`; None where it holds all.
     is_flat : bool
         Whether the file has two scales: 2D Gaussians (Huang et al. 2024), whose third scale is 1e-6 here.
@@ -70,7 +70,7 @@ class PlyFile:
     extra: dict[str, NDArray[Any]]
     header: tuple[str, ...]
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    lost: NDArray[np.float32] | None = None
+    lost: NDArray[np.float64] | None = None
     is_flat: bool = False
 
     @property
@@ -85,7 +85,7 @@ class PlyFile:
         if self.is_flat:
             notes.append("They are 2D Gaussians (2DGS), read as flat ones.")
         if self.antialiased:
-            notes.append("They were trained anti-aliased (mip), and are drawn so.")
+            notes.append(ANTIALIASED_NOTE)
         if self.origin.any():
             place = ", ".join(f"{value:.0f}" for value in self.origin)
             notes.append(f"They are far from 0: ({place}) was taken off their coordinates, and comes back on export.")
@@ -155,12 +155,16 @@ def write_ply(
     is_far = moved_far(gaussians, turn)
     rest = 3 * (gaussians.sh.shape[1] - 1)
     if header:
-        kept = Header.of(header, path)
+        lines = list(header)
+        if is_far:
+            lines = [f"property double {line.split()[-1]}" if _is_position(line) else line for line in lines]
+        kept = Header.of(lines, path)
         dtype = next(element for element in kept.elements if element.name == "vertex").dtype
-        lines = [f"element vertex {len(gaussians)}" if line.startswith("element vertex") else line for line in header]
+        lines = [f"element vertex {len(gaussians)}" if line.startswith("element vertex") else line for line in lines]
         if is_antialiased(header) != gaussians.antialiased:
             lines = without_mode(lines)
-            lines.insert(1, f"comment {RENDER_MODE_KEY}: {RENDER_MODE[gaussians.antialiased]}")
+            place = 1 + next(number for number, line in enumerate(lines) if line.startswith("format"))
+            lines.insert(place, f"comment {RENDER_MODE_KEY}: {RENDER_MODE[gaussians.antialiased]}")
     else:
         names = [*POSITION, *NORMAL, *COLOR, *rest_names(rest), "opacity", *SCALE, *ROTATION]
         names += [name for name in extra if name not in names]
@@ -195,6 +199,10 @@ def write_ply(
                 check_finite(gaussians)
                 check_finite(part)
             stream.write(content.data)
+
+
+def _is_position(line: str) -> bool:
+    return line.startswith("property") and line.split()[-1] in POSITION
 
 
 def _ascii(text: str) -> str:
@@ -287,12 +295,12 @@ def read_ply_file(
 
 def _near(
     gaussians: Gaussians, places: NDArray[np.float64]
-) -> tuple[Gaussians, NDArray[np.float64], NDArray[np.float32] | None]:
+) -> tuple[Gaussians, NDArray[np.float64], NDArray[np.float64] | None]:
     """Return the Gaussians, at `places` [N, 3] less an origin; the origin; and what float32 does not hold of them."""
     origin = far_origin(places)
     offsets = places - origin
     means = offsets.astype(np.float32)
-    lost = (offsets - means).astype(np.float32)
+    lost: NDArray[np.float64] = offsets - means
     return replace(gaussians, means=means), origin, lost if lost.any() else None
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-__all__ = ["RENDER_MODE", "RENDER_MODE_KEY", "is_antialiased", "without_mode"]
+__all__ = ["ANTIALIASED_NOTE", "RENDER_MODE", "RENDER_MODE_KEY", "is_antialiased", "without_mode"]
 
+ANTIALIASED_NOTE = "They were trained anti-aliased (mip), and are drawn so."
 RENDER_MODE_KEY = "SplatRenderMode"
 RENDER_MODE = {True: "mip", False: "default"}
 _MODE = re.compile(r"(?:comment|obj_info)\s+splatrendermode\s*[:=]?\s*(\w+)\s*", re.IGNORECASE)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ __all__ = ["Polished", "load_polished", "save_polished"]
 
 _POLISHED = "polished.npz"
 _ROWS, _TRAINED_MEANS = "rows", "trained_means"
-_VALUES = tuple(field.name for field in fields(Gaussians) if field.name != "features")
+_VALUES = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _ARRAYS = {
     _ROWS: ArraySpec("int32", ("n",)),
     _TRAINED_MEANS: ArraySpec("float32", ("n", 3), finite=True),
