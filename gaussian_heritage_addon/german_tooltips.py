@@ -28,9 +28,7 @@ TEXTS: dict[str, str] = {
     "Also all that is behind it": "Auch alles, was dahinter liegt",
     "An isolated object": "Ein freigestelltes Objekt",
     "As trained, in all viewport modes": "Wie trainiert, in allen Ansichten",
-    "Axis of the file that points up; GLB defines it": (
-        "Achse der Datei, die nach oben zeigt; GLB legt sie fest"
-    ),
+    "Axis of the file that points up; GLB defines it": ("Achse der Datei, die nach oben zeigt; GLB legt sie fest"),
     "Binary glTF with KHR_gaussian_splatting, Y up": "Binäres glTF mit KHR_gaussian_splatting, Y zeigt nach oben",
     "Blend light, like other objects in Blender; uses the view transform Standard": (
         "Licht mischen wie andere Objekte in Blender; nutzt die Ansichtstransformation „Standard“"

@@ -102,8 +102,9 @@ def add_other_file(
     splats.object.matrix_world = upright @ Matrix.Translation(content.origin)
     keep_file(splats.object, content, up)
     _show(scene, splats, len(content.gaussians))
-    for note in content.notes if tell is not None else ():
-        tell(note)
+    if tell is not None:
+        for note in content.notes:
+            tell(note)
     return splats
 
 

@@ -49,7 +49,11 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
                 ("PLY", "PLY", "Standard file of 3D Gaussian splatting, -Y up as its viewers expect"),
                 ("GLB", "glTF", "Binary glTF with KHR_gaussian_splatting, Y up"),
                 ("SPZ", "SPZ", "Compressed to a sixth of the size, with some loss and without a record"),
-                ("SOG", "SOG", "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect"),
+                (
+                    "SOG",
+                    "SOG",
+                    "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect",
+                ),
                 ("USD", "USD", "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up"),
             ],
         ),

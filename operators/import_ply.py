@@ -28,14 +28,20 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".ply"
-    filter_glob: Annotated[str, StringProperty(default=";".join(f"*{suffix}" for suffix in READ_SUFFIXES), options={"HIDDEN"})]
+    filter_glob: Annotated[
+        str, StringProperty(default=";".join(f"*{suffix}" for suffix in READ_SUFFIXES), options={"HIDDEN"})
+    ]
     up: Annotated[
         str,
         EnumProperty(
             name="Up Axis",
             description="Axis of the file that points up; GLB defines it",
             items=[
-                ("AUTO", "As Stated", "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs"),
+                (
+                    "AUTO",
+                    "As Stated",
+                    "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs",
+                ),
                 ("z", "Z", "Z points up, as in Blender"),
                 ("-y", "-Y", "Y points down, as in most Gaussian scenes"),
                 ("y", "Y", "Y points up"),
@@ -73,9 +79,7 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         up = None if self.up == "AUTO" else cast(Up, self.up)
         notes: list[str] = []
         name = file.parent.name if file.name == "meta.json" and file.parent.name else file.stem
-        splats = add_other_file(
-            context.scene, file, name, up=up, skip_broken=self.skip_broken, tell=notes.append
-        )
+        splats = add_other_file(context.scene, file, name, up=up, skip_broken=self.skip_broken, tell=notes.append)
         if self.use_cycles:
             prepare_cycles(context.scene)
         count = len(splats.object.data.vertices)

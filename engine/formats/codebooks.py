@@ -14,6 +14,8 @@ Float32 = NDArray[np.float32]
 
 _BINS = 1 << 14  # by definition
 """Steps of the range of the numbers, each of which counts as one value with a weight."""
+_COARSE_BINS = 512  # by definition
+"""Steps of the range in which the density of the numbers is found, for the start."""
 _ROUNDS = 30  # by definition
 """Rounds of Lloyd's algorithm; the error then falls by less than a thousandth in a round."""
 
@@ -41,9 +43,9 @@ def codebook(values: NDArray[np.floating], count: int = 256) -> tuple[Float32, N
 
 def _lloyd(points: NDArray[np.float64], weights: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Return `count` or fewer numbers for ascending `points` with `weights`."""
-    density = np.cumsum(np.cbrt(weights))
-    wanted = (np.arange(count) + 0.5) / count * density[-1]
-    book = np.unique(points[np.searchsorted(density, wanted).clip(0, len(points) - 1)])
+    sums, edges = np.histogram(points, _COARSE_BINS, weights=weights)
+    density = np.append(0.0, np.cumsum(np.cbrt(sums)))
+    book = np.interp((np.arange(count) + 0.5) / count * density[-1], density, edges)
     for _ in range(_ROUNDS):
         nearest = np.searchsorted((book[1:] + book[:-1]) / 2, points)
         total = np.bincount(nearest, weights, len(book))
@@ -59,6 +61,8 @@ def palette(vectors: Float32, count: int) -> tuple[Float32, NDArray[np.intp]]:
     largest errors last, until there are `count`. That takes N log M steps where k-means takes N M.
     """
     labels = np.zeros(len(vectors), np.intp)
+    if count < 2 or len(vectors) < 2:
+        return vectors.mean(axis=0, keepdims=True), labels
     n_cells = 1
     centred = vectors - vectors.mean(axis=0)
     _, axes = np.linalg.eigh(np.cov(centred, rowvar=False).reshape(vectors.shape[1], -1))
@@ -78,9 +82,8 @@ def palette(vectors: Float32, count: int) -> tuple[Float32, NDArray[np.intp]]:
         beyond = turned[np.arange(len(vectors)), axis[labels]] > middle[labels]
         labels = np.where(beyond & (new[labels] >= 0), new[labels], labels)
         n_cells += len(chosen)
-    used, labels = np.unique(labels, return_inverse=True)
-    sizes = np.bincount(labels)
-    entries = np.stack([np.bincount(labels, column) for column in vectors.T], axis=1) / sizes[:, None]
+    _, labels = np.unique(labels, return_inverse=True)
+    entries = np.stack([np.bincount(labels, column) for column in vectors.T], axis=1) / np.bincount(labels)[:, None]
     return entries.astype(np.float32), labels.reshape(-1)
 
 
@@ -89,8 +92,10 @@ def _statistics(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the sizes [M], at least 1, the sums [M, D] and the squared errors [M, D] of the cells."""
     sizes = np.maximum(np.bincount(labels, minlength=count), 1).astype(np.float64)
-    sums = np.stack([np.bincount(labels, column, count) for column in vectors.T], axis=1)
-    squares = np.stack([np.bincount(labels, column * column, count) for column in vectors.T], axis=1)
+    sums: NDArray[np.float64] = np.stack([np.bincount(labels, column, count) for column in vectors.T], axis=1)
+    squares: NDArray[np.float64] = np.stack(
+        [np.bincount(labels, column * column, count) for column in vectors.T], axis=1
+    )
     errors = squares - sums * sums / sizes[:, None]
     # Rounding leaves less than this of the squares of equal vectors.
     return sizes, sums, np.where(errors > 1e-6 * squares, errors, 0.0)

@@ -101,7 +101,7 @@ def _damaged(path: Path, what: str) -> FormatError:
 
 @dataclass(frozen=True)
 class _Section:
-    """What the header of a section says; its rows are of the type `dtype`, and it has `n_rest` harmonics above band 0."""
+    """What the header of a section says; its rows are of the type `dtype`, with `n_rest` numbers of harmonics."""
 
     count: int
     most: int
@@ -180,7 +180,7 @@ def _read_section(
         if section.n_rest:
             rest = rows["rest"].astype(np.float32)
             if level == 2:
-                rest = sh_range[0] + rest / 255 * (sh_range[1] - sh_range[0])
+                rest = (sh_range[0] + rest / 255 * (sh_range[1] - sh_range[0])).astype(np.float32)
             _put_harmonics(rest, into.sh)
 
 

@@ -26,8 +26,8 @@ from ..scene import Gaussians
 from .axes import Up, file_from_z_up
 from .bounds import require_memory, usable_rows
 from .compressed_ply import read_compressed
-from .ply_header import Header, read_header, require_rows, skip_to
 from .origin import far_origin, moved_far
+from .ply_header import Header, read_header, require_rows, skip_to
 from .ply_rows import COLOR, NORMAL, POSITION, ROTATION, SCALE, RowsToWrite, columns_of, rest_names
 from .render_mode import ANTIALIASED_NOTE, RENDER_MODE, RENDER_MODE_KEY, is_antialiased, without_mode
 from .transform import AffineMap, logits_of
@@ -157,7 +157,7 @@ def write_ply(
     if header:
         lines = list(header)
         if is_far:
-            lines = [f"property double {line.split()[-1]}" if _is_position(line) else line for line in lines]
+            lines = [f"property double {line.split()[-1]}" if _is_short_position(line) else line for line in lines]
         kept = Header.of(lines, path)
         dtype = next(element for element in kept.elements if element.name == "vertex").dtype
         lines = [f"element vertex {len(gaussians)}" if line.startswith("element vertex") else line for line in lines]
@@ -201,8 +201,9 @@ def write_ply(
             stream.write(content.data)
 
 
-def _is_position(line: str) -> bool:
-    return line.startswith("property") and line.split()[-1] in POSITION
+def _is_short_position(line: str) -> bool:
+    words = line.split()
+    return words[:1] == ["property"] and words[1:2] in (["float"], ["float32"]) and words[-1] in POSITION
 
 
 def _ascii(text: str) -> str:

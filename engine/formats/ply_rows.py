@@ -77,7 +77,8 @@ class RowsToWrite:
         for name in self._extra:
             self._rows[name][:count] = extra[name]
         for column, name in enumerate(POSITION if places is not None else ()):
-            self._rows[name][:count] = cast(Any, places)[:, column]
+            values = cast(Any, places)[:, column]
+            self._rows[name][:count] = np.rint(values) if self._rows.dtype[name].kind in "iu" else values
         return self._rows[:count].view(np.uint8)
 
     def are_finite(self, count: int) -> bool:

@@ -1,7 +1,7 @@
 """Reader of ``.splat``, the format of antimatter15's viewer: rows of 32 bytes without a header.
 
-A row has the position and the linear scales as float32, red, green, blue and opacity in 8 bits, and the rotation wxyz in
-8 bits each, where 128 is 0. There are no harmonics. Values are in the axes of the PLY file that was converted.
+A row has the position and the linear scales as float32, red, green, blue and opacity in 8 bits, and the rotation wxyz
+in 8 bits each, where 128 is 0. There are no harmonics. Values are in the axes of the PLY file that was converted.
 """
 
 from __future__ import annotations

@@ -37,7 +37,9 @@ def _by_library(packed: bytes, size: int) -> bytearray:
     import importlib
 
     zstd = importlib.import_module("compression.zstd")
-    unpacker = zstd.ZstdDecompressor(options={zstd.DecompressionParameter.window_log_max: _window(size).bit_length() - 1})
+    unpacker = zstd.ZstdDecompressor(
+        options={zstd.DecompressionParameter.window_log_max: _window(size).bit_length() - 1}
+    )
     content = bytearray()
     try:
         while len(content) <= size and not unpacker.eof:

@@ -53,7 +53,7 @@ SUFFIXES = {
 }
 """All formats, with the extensions of their files."""
 _UP: dict[str, Up | None] = {"original": None, "world": "z"}
-"""The axis of a PLY or SOG that points up, where it is not that of the viewers; what is up in given poses is not known."""
+"""The axis of a PLY or SOG that points up, where it is not that of the viewers; given poses do not say what is up."""
 _COVERAGE_SIDE = 160  # by definition
 """Longest side of the pictures in which is counted which photos saw a Gaussian."""
 _N_VIEWS = 8  # by definition

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,5 +91,5 @@ class Gaussians:
         features = None
         if self.features is not None and other.features is not None:
             features = np.concatenate([self.features, other.features])
-        joined = {name: np.concatenate(pair) for name, pair in pairs.items()}
+        joined: dict[str, Any] = {name: np.concatenate(pair) for name, pair in pairs.items()}
         return replace(self if len(self) else other, **joined, features=features)

@@ -96,4 +96,5 @@ def load_polished(project: Path, object_id: str) -> Polished | None:
         raise FormatError(f"{file} cannot be read: `{_ROWS}` is not ascending. {_ADVICE}")
     if arrays["sh"].shape[1] not in (1, 4, 9, 16):
         raise FormatError(f"{file} cannot be read: `sh` has an unexpected shape. {_ADVICE}")
-    return Polished(rows, arrays[_TRAINED_MEANS], Gaussians(**{name: arrays[name] for name in _VALUES}))
+    values: dict[str, Any] = {name: arrays[name] for name in _VALUES}
+    return Polished(rows, arrays[_TRAINED_MEANS], Gaussians(**values))

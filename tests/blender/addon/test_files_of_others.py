@@ -34,7 +34,14 @@ def exported(folder: Path, kind: str = "ply", **options: Any) -> Path:
 
 def write_doubles(path: Path, gaussians: Any, places: np.ndarray) -> None:
     """Write a PLY with double coordinates, as CloudCompare does."""
-    names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
+    names = [
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+        "opacity",
+        *(f"scale_{i}" for i in range(3)),
+        *(f"rot_{i}" for i in range(4)),
+    ]
     rows = np.zeros(len(places), [(name, "<f8") for name in "xyz"] + [(name, "<f4") for name in names])
     for axis, name in enumerate("xyz"):
         rows[name] = places[:, axis]
@@ -67,7 +74,9 @@ def test_utm_coordinates_keep_their_digits_and_come_back(
     obj = imported(tmp_path / "scene.ply", up=up)
     axis = {"-y": (UTM[0], 0, -UTM[1]), "z": UTM}[up]
     # Height is near 0 beside the extent of ten metres, so only what is far goes into the location.
-    np.testing.assert_allclose(np.array(obj.location)[[0, 1 if up == "z" else 2]], np.array(axis)[[0, 1 if up == "z" else 2]], atol=1)
+    np.testing.assert_allclose(
+        np.array(obj.location)[[0, 1 if up == "z" else 2]], np.array(axis)[[0, 1 if up == "z" else 2]], atol=1
+    )
     own = np.array([vertex.co for vertex in obj.data.vertices], np.float64)
     np.testing.assert_allclose(own - own.mean(axis=0), places - places.mean(axis=0), atol=1e-5)
     # Without a record, the file is as it was; with one, its places are.
@@ -167,8 +176,24 @@ def test_what_a_damaged_sog_is_told_by_one_sentence(part: Part, tmp_path: Path) 
 
 
 def test_2d_gaussians_are_named(part: Part, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    names = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity", "scale_0", "scale_1", *(f"rot_{i}" for i in range(4))]
-    header = ["ply", "format binary_little_endian 1.0", "element vertex 4", *(f"property float {name}" for name in names)]
+    names = [
+        "x",
+        "y",
+        "z",
+        "f_dc_0",
+        "f_dc_1",
+        "f_dc_2",
+        "opacity",
+        "scale_0",
+        "scale_1",
+        *(f"rot_{i}" for i in range(4)),
+    ]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "element vertex 4",
+        *(f"property float {name}" for name in names),
+    ]
     rows = np.random.default_rng(0).normal(size=(4, len(names))).astype("<f4")
     (tmp_path / "flat.ply").write_bytes("\n".join([*header, "end_header", ""]).encode() + rows.tobytes())
     obj = imported(tmp_path / "flat.ply")
