@@ -217,7 +217,8 @@ class Scene:
         try:
             if self._card is None:
                 arrays = (self._means, self._quats, self._scales, self._opacities, self._sh)
-                self._card = scene_on_card(*(array.numpy() for array in arrays), settings=self._settings)
+                means, quats, scales, opacities, sh = (array.numpy() for array in arrays)
+                self._card = scene_on_card(means, quats, scales, opacities, sh, self._settings)
             return compute(self._card)
         except EnvironmentProblem as problem:
             if self._on_failure is None:
@@ -231,8 +232,14 @@ class Scene:
         from ..rasterizer import CachedView
 
         if id(camera) not in self._cached_views:
-            arrays = (self._means, self._quats, self._scales, self._opacities)
-            view = CachedView(*(array.numpy() for array in arrays), camera=camera, settings=self._settings)
+            view = CachedView(
+                self._means.numpy(),
+                self._quats.numpy(),
+                self._scales.numpy(),
+                self._opacities.numpy(),
+                camera,
+                self._settings,
+            )
             # The camera is kept as well, so that its id is not reused for another object.
             self._cached_views[id(camera)] = (camera, view)
             while (
