@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 
 from ..engine.errors import DiskError, ObjectError, SettingsError
 from ..engine.files import path_within
-from ..engine.formats import transform_gaussians, write_glb, write_ply, write_spz, write_usd
+from ..engine.formats import moved_far, transform_gaussians, write_glb, write_ply, write_sog, write_spz, write_usd
 from ..engine.scene import Gaussians, far_gaussians, read_camera_set
 from .placement import frame_of_object
 from .properties import HeritageObject, project_of, record_of
+from .sog_pictures import encode_picture
 from .splats import SplatScene
 from .stored_file import StoredFile
 
 __all__ = ["FORMATS", "ExportOptions", "export_splats", "export_together"]
 
-FORMATS = ("ply", "glb", "spz", "usd")
+FORMATS = ("ply", "glb", "spz", "sog", "usd")
 """Formats, named as the extensions of their files."""
 
 
@@ -54,6 +55,7 @@ class _Exported:
     extra: dict[str, NDArray[Any]]
     matrix: NDArray[np.float64]
     stored: StoredFile | None
+    lost: NDArray[np.float64] | None = None
 
 
 def export_splats(
@@ -114,12 +116,16 @@ def export_together(objects: Sequence[bpy.types.Object], file: Path, options: Ex
         _write(file, parts[0], objects[0], options)
         return
     bands = max(part.gaussians.sh.shape[1] for part in parts)
+    # Float32 would round what is far away: there, the Gaussians are put together near 0 first.
+    far = next((part.matrix[:3, 3] for part in parts if moved_far(part.gaussians, part.matrix)), np.zeros(3))
+    there = np.eye(4)
+    there[:3, 3] = np.round(far)
     whole: Gaussians | None = None
     for part in parts:
-        placed = _with_bands(transform_gaussians(part.gaussians, part.matrix), bands)
+        placed = _with_bands(transform_gaussians(part.gaussians, np.linalg.inv(there) @ part.matrix), bands)
         whole = placed if whole is None else whole.joined(placed)
     assert whole is not None
-    _write(file, _Exported(whole, {}, np.eye(4), None), None, options)
+    _write(file, _Exported(whole, {}, there, None), None, options)
 
 
 def _require_some(objects: Sequence[bpy.types.Object]) -> None:
@@ -142,12 +148,14 @@ def _exported(obj: bpy.types.Object, options: ExportOptions) -> _Exported:
     if obj.heritage.role == "SCENE" and not options.with_far:
         kept &= ~_far(obj, gaussians)
     extra = {} if stored is None else dict(stored.extra)
+    lost = None if stored is None else stored.lost
     if not kept.all():
         gaussians, extra = gaussians[kept], {name: values[kept] for name, values in extra.items()}
+        lost = None if lost is None else lost[kept]
     matrix = np.array(obj.matrix_world, dtype=np.float64)
     if options.own_origin:
         matrix[:3, 3] = 0
-    return _Exported(gaussians, extra, matrix, stored)
+    return _Exported(gaussians, extra, matrix, stored, lost)
 
 
 def _far(obj: bpy.types.Object, gaussians: Gaussians) -> NDArray[np.bool_]:
@@ -171,6 +179,8 @@ def _write(file: Path, exported: _Exported, obj: bpy.types.Object | None, option
     kind = file.suffix.lower()
     if kind == ".spz":
         write_spz(file, gaussians, matrix=matrix)
+    elif kind == ".sog":
+        write_sog(file, gaussians, encode_picture, matrix=matrix, extras=extras if options.with_record else None)
     elif kind == ".usd":
         metres = 1.0 if obj is not None and frame_of_object(obj).is_metric else None
         data = extras if options.with_record else None
@@ -192,6 +202,7 @@ def _write(file: Path, exported: _Exported, obj: bpy.types.Object | None, option
             matrix=matrix,
             extra=exported.extra,
             header=header,
+            lost=exported.lost,
         )
 
 

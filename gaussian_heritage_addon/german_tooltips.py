@@ -28,9 +28,7 @@ TEXTS: dict[str, str] = {
     "Also all that is behind it": "Auch alles, was dahinter liegt",
     "An isolated object": "Ein freigestelltes Objekt",
     "As trained, in all viewport modes": "Wie trainiert, in allen Ansichten",
-    "Axis of a PLY that points up; SPZ and GLB define it": (
-        "Achse einer PLY-Datei, die nach oben zeigt; SPZ und GLB legen sie fest"
-    ),
+    "Axis of the file that points up; GLB defines it": ("Achse der Datei, die nach oben zeigt; GLB legt sie fest"),
     "Binary glTF with KHR_gaussian_splatting, Y up": "Binäres glTF mit KHR_gaussian_splatting, Y zeigt nach oben",
     "Blend light, like other objects in Blender; uses the view transform Standard": (
         "Licht mischen wie andere Objekte in Blender; nutzt die Ansichtstransformation „Standard“"
@@ -132,6 +130,9 @@ TEXTS: dict[str, str] = {
         "Für Grafikkarten von NVIDIA, wenn dieser Computer ihren Treiber hat"
     ),
     "For NVIDIA graphics cards; 5 GB more": "Für Grafikkarten von NVIDIA; 5 GB mehr",
+    "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect": (
+        "Für das Web, bis auf ein Zwanzigstel der Größe, mit etwas Verlust, -Y oben, wie Betrachter es erwarten"
+    ),
     "For scripts: look through this photo instead of the 3D view": (
         "Für Skripte: durch dieses Foto blicken, statt in die 3D-Ansicht"
     ),
@@ -170,8 +171,8 @@ TEXTS: dict[str, str] = {
     "Ids of objects that were deleted in this file, one a line, until stored": (
         "Kennungen der in dieser Datei gelöschten Objekte, eine je Zeile, bis gespeichert wird"
     ),
-    "Import a Gaussian scene from a PLY, SPZ or GLB file, as written by any Gaussian splatting program": (
-        "Eine Gauß-Szene aus PLY, SPZ oder GLB importieren, wie sie Gaussian-Splatting-Programme schreiben"
+    "Import a Gaussian scene from a PLY, SPZ, SOG, SPLAT, KSPLAT or GLB file, as written by any splatting program": (
+        "Eine Gauß-Szene aus PLY, SPZ, SOG, SPLAT, KSPLAT oder GLB importieren, wie sie Splatting-Programme schreiben"
     ),
     (
         "Include the Gaussians of a whole scene that lie far outside of what the photos show, which make "
@@ -353,8 +354,8 @@ TEXTS: dict[str, str] = {
     ),
     "What a click does": "Was ein Klick bewirkt",
     "What is done with the Gaussians in the region": "Was mit den Gauß-Glocken im Bereich geschieht",
-    "What the file states; otherwise -Y, as in the files of most programs": (
-        "Was die Datei angibt; sonst -Y, wie in den Dateien der meisten Programme"
+    "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs": (
+        "Was die Datei angibt; sonst Y für SPZ, und -Y wie in den Dateien der meisten Programme"
     ),
     "What the points mean": "Was die Punkte bedeuten",
     (

@@ -10,11 +10,11 @@ from mathutils import Matrix
 
 from ..engine.errors import FormatError
 from ..engine.files import path_within
-from ..engine.formats import Up, file_from_z_up, read_glb, read_ply, read_ply_file, read_spz
+from ..engine.formats import ANTIALIASED_NOTE, Up, file_from_z_up, kind_of, read_other, read_ply, read_ply_file
 from ..engine.project_content import list_objects, scene_file
 from ..engine.project_folder import ProjectFolder
 from ..engine.records import scene_title
-from ..engine.scene import CameraSet, Gaussians, Measurement, load_measurement, read_camera_set
+from ..engine.scene import CameraSet, Measurement, load_measurement, read_camera_set
 from .cameras import INITIAL_RENDER_SIDE, add_cameras, look_through
 from .display_settings import apply_display, choose_display
 from .object_import import add_object, new_collection, update_object
@@ -29,6 +29,7 @@ from .properties import (
     project_of,
     set_active_object,
 )
+from .sog_pictures import decode_picture
 from .splat_view import is_software
 from .splats import SplatScene
 from .stored_file import keep_file
@@ -43,9 +44,6 @@ __all__ = [
     "whole_scene",
 ]
 
-_OTHER_READERS: dict[str, Callable[[Path], Gaussians]] = {".glb": read_glb, ".spz": read_spz}
-"""Readers of formats whose axes are defined and whose numbers are not kept, by suffix."""
-
 
 def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
     """Import the Gaussian PLY `file` of a project into `scene` as an object called `name`."""
@@ -56,11 +54,18 @@ def add_splat_file(scene: bpy.types.Scene, file: Path, name: str) -> SplatScene:
 
 
 def add_other_file(
-    scene: bpy.types.Scene, file: Path, name: str, *, up: Up | None = None, skip_broken: bool = False
+    scene: bpy.types.Scene,
+    file: Path,
+    name: str,
+    *,
+    up: Up | None = None,
+    skip_broken: bool = False,
+    tell: Callable[[str], None] | None = None,
 ) -> SplatScene:
-    """Import the Gaussians of a PLY, SPZ or GLB of any program as an object called `name` that stands upright.
+    """Import the Gaussians of a file of any program as an object called `name` that stands upright.
 
-    The numbers of a PLY stay as they are, also those that mean nothing here; the object is turned.
+    The numbers of a PLY stay as they are, also those that mean nothing here; the object is turned. What is taken off
+    double coordinates far from 0, such as UTM, becomes the object's location.
 
     Parameters
     ----------
@@ -68,32 +73,38 @@ def add_other_file(
     file : Path
     name : str
     up : {"z", "-y", "y"}, optional
-        Axis of a PLY that points up. None: what the file states, otherwise -Y, as in the files of most programs. The
-        other formats define it.
+        Axis of the file that points up. None: what a PLY states, Y for SPZ, otherwise -Y, as in the files of most
+        programs. GLB defines it.
     skip_broken : bool
         See `read_ply_file`; of a PLY alone.
+    tell : callable, optional
+        Called with each sentence that the user should know of how the file was read.
 
     Raises
     ------
     FormatError
-        When the file has none of these formats, has no Gaussians, or cannot be read.
+        When the file has no format that is read, has no Gaussians, or cannot be read.
     """
-    suffix = file.suffix.lower()
-    if suffix in _OTHER_READERS:
-        gaussians = _OTHER_READERS[suffix](file)
+    kind = kind_of(file)
+    if kind != "ply":
+        gaussians = read_other(file, kind, decode_picture, up=up)
         if not len(gaussians):
             raise FormatError(f"{file} has no Gaussians. Choose another file.")
         splats = SplatScene.create(name, gaussians, scene.collection)
         _show(scene, splats, len(gaussians))
+        if tell is not None and gaussians.antialiased:
+            tell(ANTIALIASED_NOTE)
         return splats
-    if suffix != ".ply":
-        raise FormatError(f"{file} is none of PLY, SPZ and GLB. Export it as one of these.")
     content = read_ply_file(file, skip_broken=skip_broken)
     up = up or content.up or ("z" if content.is_ours else "-y")
     splats = SplatScene.create(name, content.gaussians, scene.collection)
-    splats.object.matrix_world = Matrix(file_from_z_up(up).T.tolist())
+    upright = Matrix(file_from_z_up(up).T.tolist())
+    splats.object.matrix_world = upright @ Matrix.Translation(content.origin)
     keep_file(splats.object, content, up)
     _show(scene, splats, len(content.gaussians))
+    if tell is not None:
+        for note in content.notes:
+            tell(note)
     return splats
 
 

@@ -10,10 +10,12 @@ import bpy
 from ..engine.rasterizer.settings import ALPHA_MIN
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, separate_xyz, vector
 from .splat_material import COLOR_ATTRIBUTE
-from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids, add_solids
+from .splat_shapes import Cutoff, Projection, add_cards, add_ellipsoids, add_solids, radius_of
 
 __all__ = [
     "DISPLAY",
+    "ANTIALIASED",
+    "ANTIALIASED_KEY",
     "AS_TRAINED",
     "PIXEL",
     "SHAPES",
@@ -31,6 +33,9 @@ DISPLAY = "Gaussian Splats"
 """Name of the modifier, and prefix of the names of its node groups."""
 THRESHOLD = "Threshold"
 AS_TRAINED = "Blend as Trained"
+ANTIALIASED = "Anti-Aliased"
+ANTIALIASED_KEY = "heritage_antialiased"
+"""Custom property: whether the Gaussians of an object were trained anti-aliased."""
 PIXEL = "Pixel Size"
 SOLID = "Solid Shapes"
 SHAPES = "Shapes in Viewport"
@@ -39,6 +44,7 @@ VIEW_LOW, VIEW_HIGH = "View Low", "View High"
 _INPUTS = {
     THRESHOLD: "NodeSocketFloat",
     AS_TRAINED: "NodeSocketBool",
+    ANTIALIASED: "NodeSocketBool",
     PIXEL: "NodeSocketFloat",
     SOLID: "NodeSocketBool",
     SHAPES: "NodeSocketBool",
@@ -68,6 +74,8 @@ def renew_display(obj: bpy.types.Object, sh_degree: int) -> None:
     for name, value in values.items():
         if value is not None:
             set_display_input(obj, name, value)
+    if obj.get(ANTIALIASED_KEY) in (True, 1):
+        set_display_input(obj, ANTIALIASED, True)
 
 
 def set_display_input(obj: bpy.types.Object, name: str, value: float | bool | tuple[float, float, float]) -> None:
@@ -120,6 +128,8 @@ def _display_group(sh_degree: int) -> bpy.types.NodeTree:
     threshold.description = "Gaussians with a lower membership in the object are hidden"
     trained = tree.interface.new_socket(AS_TRAINED, in_out="INPUT", socket_type=_INPUTS[AS_TRAINED])
     trained.description = "Blend sRGB values, as in training; needs the view transform Raw"
+    antialiased = tree.interface.new_socket(ANTIALIASED, in_out="INPUT", socket_type=_INPUTS[ANTIALIASED])
+    antialiased.description = "Reduce the opacity of a Gaussian by as much as the low-pass filter widens it"
     pixel = tree.interface.new_socket(PIXEL, in_out="INPUT", socket_type=_INPUTS[PIXEL])
     pixel.description = "Size of a pixel at distance 1, for the low-pass filter used in training; 0 turns it off"
     solid = tree.interface.new_socket(SOLID, in_out="INPUT", socket_type=_INPUTS[SOLID])
@@ -163,11 +173,11 @@ def _build(tree: bpy.types.NodeTree, sh_degree: int) -> None:
         points=points.outputs["Points"],
         # A Gaussian with a lower opacity is invisible.
         drawn=belongs * (opacity > ALPHA_MIN),
-        radius=((opacity * (1.0 / ALPHA_MIN)).maximum(1.0).log() * 2.0).sqrt(),
+        radius=radius_of(opacity),
     )
     solid = replace(cutoff, drawn=belongs * (opacity > _SOLID_OPACITY))
     low, high = (separate_xyz(tree, inputs[bound]) for bound in (VIEW_LOW, VIEW_HIGH))
-    projection = Projection(Formula(tree, inputs[PIXEL]), low, high)
+    projection = Projection(Formula(tree, inputs[PIXEL]), low, high, Formula(tree, inputs[ANTIALIASED]), opacity)
     solids = add_solids(tree, solid, with_color.outputs["Geometry"])
     viewport = _choice(tree, inputs[SOLID], solids, add_ellipsoids(tree, cutoff))
     viewport = _choice(tree, inputs[SHAPES], viewport, _corners(tree, solid, inputs["Geometry"]))

@@ -26,7 +26,8 @@ void main()
   int object = 4 * int(second.z + 0.5);
   // Rows of the matrix from the frame of the object to that of the camera, and the camera in the frame of the object.
   vec4 mx = entry(objects, object), my = entry(objects, object + 1), mz = entry(objects, object + 2);
-  vec3 eye = entry(objects, object + 3).xyz;
+  vec4 eye_mode = entry(objects, object + 3);      // the camera; 1 where the object was trained anti-aliased
+  vec3 eye = eye_mode.xyz;
   vec4 point = vec4(center.xyz, 1.0);
   vec3 p = vec3(dot(mx, point), dot(my, point), dot(mz, point));
   mat3 own = mat3(first.x, first.y, first.z, first.y, first.w, second.x, first.z, second.x, second.y);
@@ -40,6 +41,10 @@ void main()
   vec3 gx = focal.x / depth * (mx.xyz + slope.x * mz.xyz);
   vec3 gy = focal.y / depth * (my.xyz + slope.y * mz.xyz);
   float xx = dot(gx, own * gx) + LOW_PASS, xy = dot(gx, own * gy), yy = dot(gy, own * gy) + LOW_PASS;
+  if (eye_mode.w > 0.5) {
+    float both = xx * yy - xy * xy;
+    center.w *= sqrt(clamp((both - LOW_PASS * (xx + yy - LOW_PASS)) / both, 0.0, 1.0));
+  }
   float a = sqrt(xx), b = xy / a, c = sqrt(max(yy - b * b, 1e-9));
   float reach = sqrt(2.0 * log(max(center.w * INVERSE_ALPHA_MIN, 1.0)));
   vec2 offset = reach * vec2(a * corner.x, b * corner.x + c * corner.y);

@@ -13,11 +13,11 @@ from typing import Any
 
 import bpy
 
-from ..engine.rasterizer.settings import RasterSettings
+from ..engine.rasterizer.settings import ALPHA_MIN, RasterSettings
 from .node_math import Formula, connect, named_attribute, new_node, scale_vector, vector
-from .splat_material import splat_material
+from .splat_material import COLOR_ATTRIBUTE, splat_material
 
-__all__ = ["Cutoff", "Projection", "add_cards", "add_ellipsoids", "add_solids"]
+__all__ = ["Cutoff", "Projection", "add_cards", "add_ellipsoids", "add_solids", "radius_of"]
 
 _ICOSAHEDRON_RADIUS = 1.2584086
 """Radius of the corners of an icosahedron whose faces touch the unit sphere, so that it contains the ellipsoid."""
@@ -57,11 +57,21 @@ class Projection:
         Size of a pixel at distance 1, for the engine's low-pass filter; 0 turns it off.
     low, high : sequence of Formula
         Bounds of X/Z and Y/Z, between which the projection is linearised.
+    antialiased : Formula
+        1 where the low-pass filter reduces the opacity by as much as it widens a Gaussian, else 0.
+    opacity : Formula
     """
 
     pixel: Formula
     low: Sequence[Formula]
     high: Sequence[Formula]
+    antialiased: Formula
+    opacity: Formula
+
+
+def radius_of(opacity: Formula) -> Formula:
+    """Return the radius in standard deviations at which the density of a Gaussian falls to 1/255."""
+    return ((opacity * (1.0 / ALPHA_MIN)).maximum(1.0).log() * 2.0).sqrt()
 
 
 def add_ellipsoids(tree: bpy.types.NodeTree, cutoff: Cutoff) -> Any:
@@ -140,27 +150,37 @@ def add_cards(tree: bpy.types.NodeTree, cutoff: Cutoff, projection: Projection) 
     slope_y = (dot(up, offset) / depth).maximum(projection.low[1]).minimum(projection.high[1])
     low_pass = projection.pixel * projection.pixel * depth * depth * _RASTER.low_pass
     xx, xy, yy = low_pass, Formula(tree, 0.0), low_pass
+    projected = []
     for axis in _ellipsoid_axes(tree):
         axis_depth = dot(forward, axis)
         x, y = dot(right, axis) - slope_x * axis_depth, dot(up, axis) - slope_y * axis_depth
         xx, xy, yy = xx + x * x, xy + x * y, yy + y * y
+        projected.append((x, y))
+    # The determinant without the low pass is a sum of squares (Cauchy-Binet), which loses no digits.
+    (x0, y0), (x1, y1), (x2, y2) = projected
+    minors = (x0 * y1 - x1 * y0, x1 * y2 - x2 * y1, x2 * y0 - x0 * y2)
+    alone = minors[0] * minors[0] + minors[1] * minors[1] + minors[2] * minors[2]
+    both = alone + low_pass * (xx + yy - low_pass)
+    factor = (alone / both.maximum(1e-36)).sqrt()
+    opacity = projection.opacity * (projection.antialiased * (factor - 1.0) + 1.0)
+    radius = radius_of(opacity)
     first = xx.maximum(1e-24).sqrt()
     second = xy / first
     third = (yy - second * second).maximum(1e-24).sqrt()
     first_column = vector(tree, "ADD", scale_vector(tree, right, first), scale_vector(tree, up, second))
     columns = [
-        scale_vector(tree, first_column, cutoff.radius),
-        scale_vector(tree, up, third * cutoff.radius),
+        scale_vector(tree, first_column, radius),
+        scale_vector(tree, up, third * radius),
         # A card has no thickness, but Cycles needs an invertible matrix.
-        scale_vector(tree, forward, third * cutoff.radius),
+        scale_vector(tree, forward, third * radius),
         center,
     ]
     square = new_node(tree, "GeometryNodeMeshGrid", Size__X=2.0, Size__Y=2.0, Vertices__X=2, Vertices__Y=2)
     instances = new_node(
         tree,
         "GeometryNodeInstanceOnPoints",
-        Points=cutoff.points,
-        Selection=cutoff.drawn * (depth > _RASTER.near),
+        Points=_with_opacity(tree, cutoff.points, opacity),
+        Selection=cutoff.drawn * (depth > _RASTER.near) * (opacity > ALPHA_MIN),
         Instance=_with_material(tree, square.outputs["Mesh"], flat=True),
     )
     placed = new_node(
@@ -170,6 +190,25 @@ def add_cards(tree: bpy.types.NodeTree, cutoff: Cutoff, projection: Projection) 
         Transform=_matrix(tree, columns),
     )
     return placed.outputs["Instances"]
+
+
+def _with_opacity(tree: bpy.types.NodeTree, points: Any, opacity: Formula) -> Any:
+    """Return the points with another opacity in the attribute that the material reads."""
+    stored = named_attribute(tree, COLOR_ATTRIBUTE, "FLOAT_COLOR")
+    parts = new_node(tree, "FunctionNodeSeparateColor", Color=stored).outputs
+    combined = tree.nodes.new("FunctionNodeCombineColor")
+    for socket, channel in zip(combined.inputs, parts, strict=False):
+        connect(tree, socket, channel)
+    connect(tree, combined.inputs["Alpha"], opacity)
+    node = new_node(
+        tree,
+        "GeometryNodeStoreNamedAttribute",
+        {"data_type": "FLOAT_COLOR", "domain": "POINT"},
+        Geometry=points,
+        Name=COLOR_ATTRIBUTE,
+        Value=combined.outputs[0],
+    )
+    return node.outputs["Geometry"]
 
 
 def _with_material(tree: bpy.types.NodeTree, mesh: Any, *, flat: bool) -> Any:

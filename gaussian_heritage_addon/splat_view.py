@@ -296,6 +296,7 @@ def draw_to(
     for number, placement in enumerate(placements):
         rows[number, :3] = np.array(placement)[:3]
         rows[number, 3, :3] = _eye(placement, is_perspective)
+        rows[number, 3, 3] = SplatScene.of(objects[number]).is_antialiased
     program, batch, _, _ = _programs()
     with offscreen.bind():
         gpu.state.active_framebuffer_get().clear(color=(0.0, 0.0, 0.0, 0.0))

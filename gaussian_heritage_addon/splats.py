@@ -18,7 +18,7 @@ from ..engine.errors import ObjectError
 from ..engine.formats import logits_of, transform_gaussians
 from ..engine.scene import Gaussians
 from .splat_material import COLOR_ATTRIBUTE
-from .splat_nodes import add_display
+from .splat_nodes import ANTIALIASED, ANTIALIASED_KEY, add_display, set_display_input
 from .stored_file import StoredFile, stored_file, unit_quats, with_stored_values
 
 __all__ = ["SplatScene"]
@@ -74,6 +74,9 @@ class SplatScene:
         obj = bpy.data.objects.new(name, mesh)
         collection.objects.link(obj)
         add_display(obj, gaussians.sh_degree)
+        if gaussians.antialiased:
+            obj[ANTIALIASED_KEY] = True
+            set_display_input(obj, ANTIALIASED, True)
         return cls(obj.name)
 
     @classmethod
@@ -191,8 +194,14 @@ class SplatScene:
                 quats=_read(mesh, "rotation"),
                 opacity_logits=logits_of(base[:, 3]),
                 sh=sh,
+                antialiased=self.is_antialiased,
             )
             return with_stored_values(mesh, gaussians, scale, base[:, 3])
+
+    @property
+    def is_antialiased(self) -> bool:
+        """Whether the Gaussians were trained anti-aliased, and are drawn so."""
+        return self.object.get(ANTIALIASED_KEY) in (True, 1)
 
     @property
     def stored_file(self) -> StoredFile | None:

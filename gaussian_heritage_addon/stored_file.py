@@ -22,6 +22,8 @@ __all__ = ["StoredFile", "keep_file", "stored_file", "unit_quats", "with_stored_
 _PREFIX = "ply."
 _LOG_SCALE, _OPACITY, _ROTATION = f"{_PREFIX}log_scale", f"{_PREFIX}opacity_logit", f"{_PREFIX}rotation"
 _EXTRA = f"{_PREFIX}extra."
+_LOST, _LOST_MORE = f"{_PREFIX}position_lost", f"{_PREFIX}position_lost_more"
+"""What float32 does not hold of a double, in two numbers of float32."""
 _HEADER_KEY = "heritage_ply_header"
 _UP_KEY = "heritage_ply_up"
 # FLOAT4 exists since Blender 5.2; before, a colour holds four floats.
@@ -30,6 +32,8 @@ _KINDS = {
     _LOG_SCALE: ("FLOAT_VECTOR", "vector", 3),
     _OPACITY: ("FLOAT", "value", 1),
     _ROTATION: (*_FOUR, 4),
+    _LOST: ("FLOAT_VECTOR", "vector", 3),
+    _LOST_MORE: ("FLOAT_VECTOR", "vector", 3),
 }
 
 
@@ -45,17 +49,24 @@ class StoredFile:
         Axis of the file that points up.
     extra : dict of str to array of shape [N]
         Properties that are not those of a Gaussian.
+    lost : array of shape [N, 3], float64, or None
+        What Blender's float32 does not hold of double positions.
     """
 
     header: tuple[str, ...]
     up: Up
     extra: Mapping[str, NDArray[Any]]
+    lost: NDArray[np.float64] | None
 
 
 def keep_file(obj: bpy.types.Object, file: PlyFile, up: Up) -> None:
     """Store the numbers, the further properties and the header of `file` on its object, whose axis `up` points up."""
     values = file.gaussians
-    for name, array in ((_LOG_SCALE, values.log_scales), (_OPACITY, values.opacity_logits), (_ROTATION, values.quats)):
+    kept = [(_LOG_SCALE, values.log_scales), (_OPACITY, values.opacity_logits), (_ROTATION, values.quats)]
+    if file.lost is not None:
+        lost = file.lost.astype(np.float32)
+        kept += [(_LOST, lost), (_LOST_MORE, (file.lost - lost).astype(np.float32))]
+    for name, array in kept:
         kind, element, _ = _KINDS[name]
         _add(obj.data, name, kind, element, np.ascontiguousarray(array, np.float32))
     for name, array in file.extra.items():
@@ -117,7 +128,12 @@ def stored_file(obj: bpy.types.Object, mesh: bpy.types.Mesh) -> StoredFile | Non
             values = np.empty(len(mesh.vertices), np.int32 if attribute.data_type == "INT" else np.float32)
             attribute.data.foreach_get("value", values)
             extra[attribute.name.removeprefix(_EXTRA)] = values
-    return StoredFile(tuple(header.split("\n")) if header else (), cast(Up, up), extra)
+    return StoredFile(tuple(header.split("\n")) if header else (), cast(Up, up), extra, _lost(mesh))
+
+
+def _lost(mesh: bpy.types.Mesh) -> NDArray[np.float64] | None:
+    lost, more = _read(mesh, _LOST), _read(mesh, _LOST_MORE)
+    return None if lost is None or more is None else lost.astype(np.float64) + more
 
 
 def unit_quats(quats: NDArray[np.float32]) -> NDArray[np.float64]:

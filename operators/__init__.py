@@ -74,13 +74,13 @@ CLASSES = [cls for module in _MODULES for cls in module.CLASSES]
 
 def _import_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     menu.layout.operator("heritage.import_photo_folder", text="Photo Folder as Gaussian Scene")
-    menu.layout.operator("heritage.import_gaussian_ply", text="Gaussian Scene (.ply, .spz, .glb)")
+    menu.layout.operator("heritage.import_gaussian_ply", text="Gaussian Scene (.ply/.spz/.sog/.splat/.ksplat/.glb)")
     menu.layout.operator("heritage.open_project", text="Gaussian Heritage Project")
 
 
 def _export_menu(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
-    menu.layout.operator("heritage.export_objects", text="Gaussian Objects (.ply/.glb/.spz/.usd)")
-    menu.layout.operator("heritage.export_splats", text="Gaussian Splats, One File (.ply/.glb/.spz/.usd)")
+    menu.layout.operator("heritage.export_objects", text="Gaussian Objects (.ply/.glb/.spz/.sog/.usd)")
+    menu.layout.operator("heritage.export_splats", text="Gaussian Splats, One File (.ply/.glb/.spz/.sog/.usd)")
 
 
 def register() -> None:

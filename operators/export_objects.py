@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..engine.errors import ObjectError
-from ..gaussian_heritage_addon.export import ExportOptions, export_splats, export_together
+from ..gaussian_heritage_addon.export import FORMATS, ExportOptions, export_splats, export_together
 from ..gaussian_heritage_addon.properties import heritage_objects
 from ..gaussian_heritage_addon.splats import SplatScene
 from ..gaussian_heritage_addon.typed_properties import blender_properties
@@ -49,6 +49,11 @@ class HERITAGE_OT_export_objects(bpy.types.Operator):
                 ("PLY", "PLY", "Standard file of 3D Gaussian splatting, -Y up as its viewers expect"),
                 ("GLB", "glTF", "Binary glTF with KHR_gaussian_splatting, Y up"),
                 ("SPZ", "SPZ", "Compressed to a sixth of the size, with some loss and without a record"),
+                (
+                    "SOG",
+                    "SOG",
+                    "For the web, up to a twentieth of the size, with some loss, -Y up as its viewers expect",
+                ),
                 ("USD", "USD", "OpenUSD 26.03 or newer, ParticleField3DGaussianSplat, Z up"),
             ],
         ),
@@ -111,7 +116,7 @@ class HERITAGE_OT_export_splats(bpy.types.Operator, ExportHelper):
     bl_options = {"PRESET"}
 
     filename_ext = ".ply"
-    filter_glob: Annotated[str, StringProperty(default="*.ply;*.glb;*.spz;*.usd", options={"HIDDEN"})]
+    filter_glob: Annotated[str, StringProperty(default=";".join(f"*.{name}" for name in FORMATS), options={"HIDDEN"})]
     # The name that Blender gives to the collection whose exporter this is.
     collection: Annotated[str, StringProperty(name="Collection", options={"HIDDEN"})]
     with_record: Annotated[bool, _WITH_RECORD]
@@ -146,7 +151,7 @@ class HERITAGE_FH_export_splats(bpy.types.FileHandler):
     bl_idname = "HERITAGE_FH_export_splats"
     bl_label = "Gaussian Splats"
     bl_export_operator = "heritage.export_splats"
-    bl_file_extensions = ".ply;.glb;.spz;.usd"
+    bl_file_extensions = ".ply;.glb;.spz;.sog;.usd"
 
 
 CLASSES = [HERITAGE_OT_export_objects, HERITAGE_OT_export_splats, HERITAGE_FH_export_splats]

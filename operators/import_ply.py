@@ -1,4 +1,4 @@
-"""File > Import > Gaussian Scene (.ply, .spz, .glb)."""
+"""File > Import > Gaussian Scene (.ply, .spz, .sog, ...)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..engine.formats import Up
+from ..engine.formats import READ_SUFFIXES, Up
 from ..gaussian_heritage_addon.scene_file import add_other_file, prepare_cycles
 from ..gaussian_heritage_addon.typed_properties import blender_properties
 from .dropped_files import DroppedIntoView
@@ -21,21 +21,27 @@ _DIALOG_WIDTH = 450
 
 @blender_properties
 class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
-    """Import a Gaussian scene from a PLY, SPZ or GLB file, as written by any Gaussian splatting program"""
+    """Import a Gaussian scene from a PLY, SPZ, SOG, SPLAT, KSPLAT or GLB file, as written by any splatting program"""
 
     bl_idname = "heritage.import_gaussian_ply"
     bl_label = "Import Gaussian Scene"
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".ply"
-    filter_glob: Annotated[str, StringProperty(default="*.ply;*.spz;*.glb", options={"HIDDEN"})]
+    filter_glob: Annotated[
+        str, StringProperty(default=";".join(f"*{suffix}" for suffix in READ_SUFFIXES), options={"HIDDEN"})
+    ]
     up: Annotated[
         str,
         EnumProperty(
             name="Up Axis",
-            description="Axis of a PLY that points up; SPZ and GLB define it",
+            description="Axis of the file that points up; GLB defines it",
             items=[
-                ("AUTO", "As Stated", "What the file states; otherwise -Y, as in the files of most programs"),
+                (
+                    "AUTO",
+                    "As Stated",
+                    "What the file states; otherwise Y for SPZ, and -Y as in the files of most programs",
+                ),
                 ("z", "Z", "Z points up, as in Blender"),
                 ("-y", "-Y", "Y points down, as in most Gaussian scenes"),
                 ("y", "Y", "Y points up"),
@@ -71,21 +77,23 @@ class HERITAGE_OT_import_gaussian_ply(bpy.types.Operator, ImportHelper):
         """Import the file."""
         file = Path(bpy.path.abspath(self.filepath))
         up = None if self.up == "AUTO" else cast(Up, self.up)
-        splats = add_other_file(context.scene, file, file.stem, up=up, skip_broken=self.skip_broken)
+        notes: list[str] = []
+        name = file.parent.name if file.name == "meta.json" and file.parent.name else file.stem
+        splats = add_other_file(context.scene, file, name, up=up, skip_broken=self.skip_broken, tell=notes.append)
         if self.use_cycles:
             prepare_cycles(context.scene)
         count = len(splats.object.data.vertices)
-        self.report({"INFO"}, f"Imported {count} Gaussians from {file.name}.")
+        self.report({"INFO"}, " ".join([f"Imported {count} Gaussians from {file.name}.", *notes]))
         return {"FINISHED"}
 
 
 class HERITAGE_FH_gaussian_ply(DroppedIntoView, bpy.types.FileHandler):
-    """Imports a Gaussian PLY or SPZ file that is dropped into the viewport. Blender itself takes a dropped GLB."""
+    """Imports a file of Gaussians that is dropped into the viewport. Blender itself takes a dropped GLB."""
 
     bl_idname = "HERITAGE_FH_gaussian_ply"
     bl_label = "Gaussian Scene"
     bl_import_operator = "heritage.import_gaussian_ply"
-    bl_file_extensions = ".ply;.spz"
+    bl_file_extensions = ".ply;.spz;.sog;.splat;.ksplat"
 
 
 CLASSES = [HERITAGE_OT_import_gaussian_ply, HERITAGE_FH_gaussian_ply]

@@ -37,7 +37,7 @@ LOCKS = {
             ENGINE / "locked-engine.txt": "What the engine needs, without torch",
             REQUIREMENTS / "locked-serve.txt": "What the web server needs besides, for serve.txt",
             REQUIREMENTS / "locked-batch.txt": "What batch needs besides, for batch.txt",
-            REQUIREMENTS / "locked-formats.txt": "What exports as USD need besides, for formats.txt",
+            REQUIREMENTS / "locked-formats.txt": "What exports as USD and SPZ 4 need besides, for formats.txt",
             REQUIREMENTS / "locked-dev.txt": "What developers need besides, for engine-dev.txt",
             ENGINE / "locked-torch.txt": "torch alone",
             ENGINE / "locked-cuda.txt": "What only CUDA builds of torch need",

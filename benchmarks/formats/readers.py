@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,21 @@ from engine.errors import EnvironmentProblem
 from engine.formats import (
     file_from_z_up,
     read_glb,
+    read_ksplat,
     read_ply,
     read_ply_file,
+    read_sog,
+    read_splat,
     read_spz,
     transform_gaussians,
     write_glb,
     write_ply,
+    write_sog,
     write_spz,
     write_usd,
 )
 from engine.formats.transform import rotations_from_quats
+from engine.pictures import decode_picture, encode_picture
 from engine.scene import Gaussians
 
 __all__ = ["reader_rows", "require_node_modules", "splat_transform"]
@@ -98,11 +104,33 @@ def reader_rows(gaussians: Gaussians, folder: Path) -> list[Row]:
     rows.append(
         ("SPZ 3 of splat-transform", "ours, beside its own", _difference(ours, read_ply(folder / "of_spz.ply")))
     )
+    splat_transform("--spz-version", "4", ply, folder / "theirs_4.spz")
+    four, three = read_spz(folder / "theirs_4.spz"), read_spz(folder / "theirs.spz")
+    rows.append(("SPZ 4 of splat-transform", "ours, beside its SPZ 3", _difference(four, three)))
+    rows += _web_rows(gaussians, ply, folder)
     splat_transform(ply, folder / "theirs.glb")
     # It turns the scene about the vertical axis by 180 degrees, as SuperSplat shows it.
     expected = transform_gaussians(gaussians, np.diag([-1.0, -1.0, 1.0, 1.0]))
     ours = read_glb(folder / "theirs.glb")
     rows.append(("GLB of splat-transform", "ours, beside the PLY, turned as it does", _difference(ours, expected)))
+    return rows
+
+
+def _web_rows(gaussians: Gaussians, ply: Path, folder: Path) -> list[Row]:
+    """Return the rows of the formats of the web, whose numbers are in the axes of a PLY."""
+    rows = []
+    write_sog(folder / "a.sog", gaussians, encode_picture)
+    splat_transform("-g", "cpu", ply, folder / "theirs.sog")
+    done = subprocess.run(["node", str(HERE / "others.mjs"), str(ply), str(folder)], check=False, capture_output=True)
+    if done.returncode:
+        raise EnvironmentProblem(f"others.mjs failed: {done.stderr.decode(errors='replace').strip()[-300:]}")
+    sog = partial(read_sog, decode=decode_picture)
+    files = [("SOG 2", "a.sog", sog), ("SOG 2 of splat-transform", "theirs.sog", sog)]
+    files += [(f"KSPLAT of GaussianSplats3D, level {n}", f"level_{n}.ksplat", read_ksplat) for n in (0, 1, 2)]
+    for what, name, read in [*files, ("SPLAT of gsplat.js", "gsplat.splat", read_splat)]:
+        splat_transform(folder / name, folder / f"{name}.ply")
+        ours = transform_gaussians(read(folder / name), file_from_z_up("-y"))
+        rows.append((what, "ours, beside splat-transform", _difference(ours, read_ply(folder / f"{name}.ply"))))
     return rows
 
 

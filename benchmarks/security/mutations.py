@@ -14,7 +14,7 @@ import struct
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from .mutations_arrays import ARRAYS, ZIP, bomb, long_array
+from .mutations_arrays import ARRAYS, ZIP, bomb, long_array, members_of, zipped
 from .mutations_binary import GLB, ONNX, PLY, TAR, document_of, large_ply, with_document
 from .mutations_json import JSON
 from .mutations_pictures import HEIC, JPEG, PNG, TIFF, WEBP, large_picture, png_bomb
@@ -217,6 +217,24 @@ def _with_other_content(data: bytes, rng: random.Random) -> bytes:
     return gzip.compress(bytes(content), 1)
 
 
+def _with_another_header(data: bytes, rng: random.Random) -> bytes:
+    """Write a number over one of those in the headers of KSPLAT, which are mostly empty."""
+    content = bytearray(data)
+    at = rng.choice((0, *range(4, 44, 4), *range(4096, 4138, 2)))
+    struct.pack_into("<I", content, at, rng.choice((0, 1, 2, 7, 255, 256, 65535, 1 << 20, 1 << 31, (1 << 32) - 1)))
+    return bytes(content)
+
+
+def _with_another_part(data: bytes, rng: random.Random) -> bytes:
+    """Damage a part of a SOG: mostly its description, otherwise one of its pictures."""
+    members = members_of(data)
+    wanted = ".json" if rng.random() < 0.7 else ".webp"
+    at = rng.choice([number for number, (name, _) in enumerate(members) if name.endswith(wanted)])
+    name, content = members[at]
+    members[at] = name, rng.choice(JSON if wanted == ".json" else WEBP)(content, rng)
+    return zipped(members)
+
+
 KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "json": JSON,
     "jsonl": (_with_another_event, _with_another_event, _with_another_event, *_TEXT),
@@ -238,6 +256,10 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     # Counts and sizes of 8 bytes between numbers: changing bytes finds them.
     "bin": (_with_another_number,),
     "spz": (_with_other_content,),
+    "spz4": (_with_another_number, _with_zeros),
+    "sog": (_with_another_part, _with_another_part, *ZIP),
+    "splat": (_with_another_number, _with_zeros),
+    "ksplat": (_with_another_number, _with_another_header),
     "usda": _TEXT,
     "usdc": (_with_another_number, _with_zeros),
     "mp4": (_with_another_number, _with_zeros),
@@ -291,6 +313,7 @@ _LARGE: Mapping[str, Callable[[bytes, random.Random, int], bytes]] = {
     "zip": bomb,
     "tgz": _large_tar,
     "spz": _large_tar,
+    "sog": bomb,
     "ply": large_ply,
     "glb": lambda data, rng, size: with_document(data, _large_json(document_of(data), rng, size)),
     "png": png_bomb,

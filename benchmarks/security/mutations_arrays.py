@@ -14,7 +14,7 @@ import numpy as np
 
 from .mutations_json import JSON
 
-__all__ = ["ARRAYS", "ZIP", "bomb", "long_array"]
+__all__ = ["ARRAYS", "ZIP", "bomb", "long_array", "members_of", "zipped"]
 
 _TYPES = ("<f4", ">f4", "<f8", "<f2", "|b1", "|u1", "<i4", "<i8", "<u8", "<U3", "|S4", "<c8", "<M8[s]", "<i2", "|V4")
 _DESCRIPTIONS = (
@@ -113,12 +113,12 @@ ARRAYS = (_with_another_type, _with_another_shape, _with_another_header, _with_a
 # ---- zip
 
 
-def _members(data: bytes) -> list[tuple[str, bytes]]:
+def members_of(data: bytes) -> list[tuple[str, bytes]]:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         return [(info.filename, archive.read(info)) for info in archive.infolist()]
 
 
-def _zipped(members: Sequence[tuple[str, bytes]], method: int = zipfile.ZIP_STORED) -> bytes:
+def zipped(members: Sequence[tuple[str, bytes]], method: int = zipfile.ZIP_STORED) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", method) as archive:
         for name, content in members:
@@ -130,18 +130,18 @@ def _zipped(members: Sequence[tuple[str, bytes]], method: int = zipfile.ZIP_STOR
 
 def _with_another_member(data: bytes, rng: random.Random) -> bytes:
     """Change the content of one file in the archive."""
-    members = _members(data)
+    members = members_of(data)
     at = rng.randrange(len(members))
     name, content = members[at]
     if name.endswith(".npy"):
         members[at] = name, rng.choice(ARRAYS)(content, rng)
     else:
         members[at] = name, content[: rng.randrange(len(content) + 1)]
-    return _zipped(members, rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
+    return zipped(members, rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
 
 
 def _with_other_names(data: bytes, rng: random.Random) -> bytes:
-    members = _members(data)
+    members = members_of(data)
     at = rng.randrange(len(members))
     name, content = members[at]
     match rng.randrange(5):
@@ -168,7 +168,7 @@ def _with_other_names(data: bytes, rng: random.Random) -> bytes:
         case _:
             other = rng.randrange(len(members))
             members[at], members[other] = (name, members[other][1]), (members[other][0], content)
-    return _zipped(members, rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
+    return zipped(members, rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
 
 
 def _with_repeated_member(members: list[tuple[str, bytes]]) -> bytes:
@@ -176,11 +176,11 @@ def _with_repeated_member(members: list[tuple[str, bytes]]) -> bytes:
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        return _zipped(members)
+        return zipped(members)
 
 
 def _compressed_otherwise(data: bytes, rng: random.Random) -> bytes:
-    return _zipped(_members(data), rng.choice((zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, zipfile.ZIP_DEFLATED)))
+    return zipped(members_of(data), rng.choice((zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, zipfile.ZIP_DEFLATED)))
 
 
 _LOCAL, _CENTRAL, _END = b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06"
@@ -230,18 +230,18 @@ ZIP = (_with_another_member, _with_another_member, _with_another_member, _with_o
 
 def bomb(data: bytes, rng: random.Random, size: int) -> bytes:
     """Return an archive of up to `size` bytes: many members, one that decodes to 20 times as much, or a long one."""
-    members = _members(data)
+    members = members_of(data)
     choice = rng.randrange(3)
     if choice == 0:
         # An entry takes about 120 bytes beside its name.
-        return _zipped([*members, *((f"{number}.npy", b"") for number in range(min(size, 4_000_000) // 130))])
+        return zipped([*members, *((f"{number}.npy", b"") for number in range(min(size, 4_000_000) // 130))])
     at = rng.randrange(len(members))
     name, content = members[at]
     if not name.endswith(".npy"):
         members[at] = name, content + bytes(size * (20 if choice == 1 else 1))
     else:
         members[at] = name, long_array(content, size * (20 if choice == 1 else 1))
-    return _zipped(members, zipfile.ZIP_DEFLATED if choice == 1 else zipfile.ZIP_STORED)
+    return zipped(members, zipfile.ZIP_DEFLATED if choice == 1 else zipfile.ZIP_STORED)
 
 
 def long_array(content: bytes, n_bytes: int) -> bytes:

@@ -6,6 +6,7 @@ import importlib.util
 import json
 import math
 import shutil
+import zipfile
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -291,6 +292,29 @@ def _read_spz(folder: Path) -> object:
     return read_spz(folder / "scene.spz")
 
 
+def _copy(fixture: str, name: str, folder: Path) -> None:
+    shutil.copyfile(FORMATS / fixture, folder / name)
+
+
+def _read_spz_4(folder: Path) -> object:
+    from engine.formats import read_spz
+
+    return read_spz(folder / "scene.spz4")
+
+
+def _read_web(name: str, folder: Path) -> object:
+    """Read a SOG, SPLAT or KSPLAT as Blender's import does, with the decoder of the engine."""
+    from engine.formats import kind_of, read_other
+    from engine.pictures import decode_picture
+
+    return read_other(folder / name, kind_of(folder / name), decode_picture)
+
+
+def _write_sog_parts(folder: Path) -> None:
+    with zipfile.ZipFile(FORMATS / "playcanvas.sog") as archive:
+        archive.extractall(folder)
+
+
 def _write_usd(suffix: str, folder: Path) -> None:
     from engine.formats import write_usd
 
@@ -371,6 +395,26 @@ SCENE: tuple[Reader, ...] = (
     Reader("ply-of-others", _write_ply_of_others, _read_ply, ("scene.ply",)),
     Reader("ply-compressed", _write_compressed_ply, _read_ply, ("scene.ply",)),
     Reader("spz", _write_spz, _read_spz, ("scene.spz",)),
+    # The package is optional; Blender has it.
+    *(
+        (Reader("spz-4", partial(_copy, "niantic_4.spz", "scene.spz4"), _read_spz_4, ("scene.spz4",)),)
+        if importlib.util.find_spec("zstandard")
+        else ()
+    ),
+    Reader(
+        "sog", partial(_copy, "playcanvas.sog", "scene.sog"), partial(_read_web, "scene.sog"), ("scene.sog",), share=2.0
+    ),
+    Reader("sog-parts", _write_sog_parts, partial(_read_web, "meta.json"), ("meta.json", "means_l.webp", "sh0.webp")),
+    Reader("splat", partial(_copy, "gsplat.splat", "scene.splat"), partial(_read_web, "scene.splat"), ("scene.splat",)),
+    *(
+        Reader(
+            f"ksplat-{level}",
+            partial(_copy, f"level_{level}.ksplat", "scene.ksplat"),
+            partial(_read_web, "scene.ksplat"),
+            ("scene.ksplat",),
+        )
+        for level in (0, 1, 2)
+    ),
     Reader("glb", _write_glb, _read_glb, ("scene.glb",), share=2.0),
     # OpenUSD is optional.
     *(

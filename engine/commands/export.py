@@ -1,4 +1,4 @@
-"""``export``: write the scene or an object as PLY, glTF, SPZ or USD, or as a page that shows it."""
+"""``export``: write the scene or an object as PLY, glTF, SPZ, SOG or USD, or as a page that shows it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLE", "HELP", "NAME", "USES_CAMERAS", "add_arguments", "project_folder", "run"]
 
 NAME = "export"
-HELP = "Write the scene or one object as 3DGS PLY, glTF (KHR_gaussian_splatting), SPZ, USD, or a page that shows it."
+HELP = "Write the scene or one object as 3DGS PLY, glTF (KHR_gaussian_splatting), SPZ, SOG, USD, or a page."
 EXAMPLE = "python -m engine export scene --object vase --format glb --out vase.glb"
 USES_CAMERAS = True
 FAR = ("leave-out", "keep", "second-file")
@@ -30,9 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--object", help="name or id of an object (default: the whole scene)")
     parser.add_argument(
         "--format",
-        choices=("ply", "glb", "spz", "usd", "html"),
+        choices=("ply", "glb", "spz", "sog", "usd", "html"),
         required=True,
-        help="ply: 3D Gaussian splatting, Y down; glb: glTF, Y up; spz: a sixth of the size, without a record; usd: "
+        help="ply: 3D Gaussian splatting, Y down; glb: glTF, Y up; spz: a sixth of the size, without a record; "
+        "sog: for the web, a twentieth of the size with harmonics, Y down; usd: "
         "ParticleField3DGaussianSplat, Z up; html: one file with a viewer and the record, which a browser opens "
         "without the web",
     )

@@ -29,7 +29,7 @@ _MAX_DIRECTORY = 64 << 20
 """Bytes of the list of files at the end of a zip file."""
 _ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_PACKED = (".jpg", ".png", ".webm", ".mp4", ".gz", ".glb", ".spz", ".zip")
+_PACKED = (".jpg", ".png", ".webm", ".mp4", ".gz", ".glb", ".spz", ".sog", ".zip")
 """Files that are stored in a zip file as they are: they are compressed already, or would hardly shrink."""
 _DAMAGED = (zipfile.BadZipFile, zlib.error, NotImplementedError, EOFError, RuntimeError, ValueError, OverflowError)
 """What Python's zipfile raises for damaged files."""
@@ -76,8 +76,14 @@ _ADVICE = "Copy the package again from where it came from."
 
 
 @contextlib.contextmanager
-def opened_package(path: Path) -> Iterator[StoredPackage]:
+def opened_package(path: Path, *, root: str | None = None) -> Iterator[StoredPackage]:
     """Open a folder, or a zip file that holds one folder with everything in it.
+
+    Parameters
+    ----------
+    path : Path
+    root : str, optional
+        The name of a file. A zip file then need not hold one folder: names are those beside this file, wherever it is.
 
     Raises
     ------
@@ -95,7 +101,7 @@ def opened_package(path: Path) -> Iterator[StoredPackage]:
         except (*_DAMAGED, OSError) as error:
             raise FormatError(f"{path} is no zip file that can be read: {error}. {_ADVICE}") from error
         with archive:
-            prefix, sizes = _checked_entries(path, archive)
+            prefix, sizes = _checked_entries(path, archive, root)
             yield StoredPackage(path, sizes, archive, prefix)
 
 
@@ -129,8 +135,8 @@ def _require_small_directory(path: Path, stream: IO[bytes]) -> None:
     stream.seek(0)
 
 
-def _checked_entries(path: Path, archive: zipfile.ZipFile) -> tuple[str, dict[str, int]]:
-    """Return the one folder of the archive, with a slash, and the sizes of its files by the rest of their names."""
+def _checked_entries(path: Path, archive: zipfile.ZipFile, root: str | None) -> tuple[str, dict[str, int]]:
+    """Return the folder of the archive, with a slash, and the sizes of its files by the rest of their names."""
     entries = [entry for entry in archive.infolist() if not entry.filename.endswith("/")]
     if len(entries) > _MAX_FILES:
         raise FormatError(f"{path} has more than {_MAX_FILES} files. Choose the file of one package.")
@@ -150,6 +156,13 @@ def _checked_entries(path: Path, archive: zipfile.ZipFile) -> tuple[str, dict[st
         raise FormatError(
             f"{path} has {size} bytes and would unpack to {total}, far more than a package does. Do not use it."
         )
+    if root is not None:
+        places = sorted((name.removesuffix(root) for name in names if name.rpartition("/")[2] == root), key=len)
+        if not places:
+            raise FormatError(f"{path} has no file {root}. Choose another file.")
+        prefix = places[0]
+        inside = (entry for entry in entries if entry.filename.startswith(prefix))
+        return prefix, {entry.filename.removeprefix(prefix): entry.file_size for entry in inside}
     roots = {name.partition("/")[0] for name in names if "/" in name}
     if len(roots) != 1 or any("/" not in name for name in names):
         raise FormatError(f"{path} does not hold exactly one folder, as a package does. Choose another file.")

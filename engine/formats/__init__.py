@@ -1,31 +1,49 @@
-"""Readers and writers of Gaussians as 3DGS PLY, SPZ, glTF (KHR_gaussian_splatting) and USD; transforms of Gaussians."""
+"""Readers and writers of Gaussians: 3DGS PLY, SPZ, SOG, SPLAT, KSPLAT, glTF and USD; transforms of Gaussians."""
 
 from __future__ import annotations
 
 from .axes import Up, file_from_z_up
 from .glb import read_glb, write_glb
+from .kinds import READ_SUFFIXES, kind_of, read_other
+from .ksplat import read_ksplat
+from .origin import moved_far
 from .ply import PlyFile, read_ply, read_ply_file, write_ply
+from .render_mode import ANTIALIASED_NOTE
+from .sog import DecodePicture, read_sog
+from .sog_writing import EncodePicture, write_sog
 from .spherical_harmonics import SH_C0
+from .splat import read_splat
 from .spz import read_spz, write_spz
 from .transform import logits_of, rotations_from_quats, transform_gaussians
 from .usd import write_usd
 from .usd_reading import read_usd
 
 __all__ = [
+    "ANTIALIASED_NOTE",
+    "READ_SUFFIXES",
     "SH_C0",
+    "DecodePicture",
+    "EncodePicture",
     "PlyFile",
     "Up",
     "file_from_z_up",
+    "kind_of",
     "logits_of",
+    "moved_far",
     "read_glb",
+    "read_ksplat",
+    "read_other",
     "read_ply",
     "read_ply_file",
+    "read_sog",
+    "read_splat",
     "read_spz",
     "read_usd",
     "rotations_from_quats",
     "transform_gaussians",
     "write_glb",
     "write_ply",
+    "write_sog",
     "write_spz",
     "write_usd",
 ]

@@ -14,7 +14,7 @@ import json
 import os
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -27,7 +27,9 @@ from ..files import atomic_write, opened, optional, parse_json
 from ..scene import Gaussians
 from .axes import y_up_from_z_up, z_up_from_y_up
 from .bounds import require_memory, usable_rows
+from .origin import require_near
 from .ply import check_finite
+from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .spherical_harmonics import SH_C0
 from .transform import AffineMap, logits_of, transform_gaussians
 
@@ -48,7 +50,7 @@ _MAX_FILE_SIZE = 2**32 - 1
 """Bytes; the header of a GLB states its size as a 32 bit number."""
 _MAX_JSON_BYTES = 16 << 20
 _SCHEMA = {
-    "asset": {"generator": optional(str)},
+    "asset": {"generator": optional(str), "extras": optional(object)},
     "nodes": [dict],
     "meshes": optional([{"primitives": [{"attributes": {str: int}, "extensions": optional(dict)}]}]),
     "accessors": optional(
@@ -99,11 +101,14 @@ def write_glb(
     NumericalError
         When a value is not finite.
     FormatError
-        When the file would exceed 4 GiB, the limit of GLB.
+        When the file would exceed 4 GiB, the limit of GLB, or the Gaussians are moved too far away.
     DiskError
         When the file cannot be written.
     """
     check_finite(gaussians)
+    require_near(gaussians, matrix, path)
+    if gaussians.antialiased:
+        extras = {**(extras or {}), RENDER_MODE_KEY: RENDER_MODE[True]}
     turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
     attributes = _attributes(turned, color_fallback=color_fallback, seen=seen)
     document, n_bytes = _document(
@@ -266,6 +271,9 @@ def read_glb(path: Path) -> Gaussians:
             if not any("mesh" in node for node in document["nodes"]) and _is_ours(document):
                 return _no_gaussians()
             gaussians = _gaussians(document, binary, _accessors_of_splats(document, path), path)
+            extras = document["asset"].get("extras")
+            is_mip = isinstance(extras, dict) and extras.get(RENDER_MODE_KEY) == RENDER_MODE[True]
+            gaussians = replace(gaussians, antialiased=is_mip)
         except (KeyError, IndexError, ValueError) as error:
             raise FormatError(
                 f"{path} is not a GLB with Gaussians that can be read ({error!r}). Export it again."

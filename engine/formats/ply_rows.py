@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,23 +52,33 @@ class RowsToWrite:
         self._table = _table(self._rows)
         self._extra = tuple(extra)
         rest = rest_names(3 * (n_sh - 1))
+        # A header of 2D Gaussians has two scales.
+        scales = tuple(name for name in SCALE if name in (dtype.names or ()))
         self._puts: list[Put] = [
             self._put(POSITION, lambda part: part.means),
             self._put(COLOR, lambda part: part.sh[:, 0]),
-            self._put(SCALE, lambda part: part.log_scales),
+            self._put(scales, lambda part: part.log_scales[:, : len(scales)]),
             self._put(ROTATION, lambda part: part.quats),
             self._put(("opacity",), lambda part: part.opacity_logits[:, None]),
         ]
         if rest:
             self._puts.append(self._put_rest(rest, n_sh - 1))
 
-    def put(self, part: Gaussians, extra: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
-        """Return the bytes of the rows of `part` and of its further properties; other properties are 0."""
+    def put(
+        self, part: Gaussians, extra: Mapping[str, NDArray[Any]], places: NDArray[np.float64] | None = None
+    ) -> NDArray[np.uint8]:
+        """Return the bytes of the rows of `part` and of its further properties; other properties are 0.
+
+        `places` [n, 3] are written instead of the means.
+        """
         count = len(part)
         for put in self._puts:
             put(part, count)
         for name in self._extra:
             self._rows[name][:count] = extra[name]
+        for column, name in enumerate(POSITION if places is not None else ()):
+            values = cast(Any, places)[:, column]
+            self._rows[name][:count] = np.rint(values) if self._rows.dtype[name].kind in "iu" else values
         return self._rows[:count].view(np.uint8)
 
     def are_finite(self, count: int) -> bool:

@@ -1,15 +1,20 @@
-"""SPZ, the compressed format of Niantic (https://github.com/nianticlabs/spz): version 3 is written, 2 and 3 are read.
+"""SPZ, the compressed format of Niantic (https://github.com/nianticlabs/spz): version 3 is written, 2 to 4 are read.
 
 A gzip stream holds a header of 16 bytes, then all positions (fixed point, 24 bits), opacities (8 bits), colours (8),
 log-scales (8), rotations (32 bits: the index of the largest component and the three others; 24 bits in version 2) and
 spherical harmonics (8 bits, of which 5 are used in degree 1 and 4 above). X is right, Y up and Z back, as in glTF.
+
+Version 4 has a header of 32 bytes that is not compressed, extensions, which are skipped, a table of packed and unpacked
+sizes, and a Zstandard stream for each of these fields. Rotations are those of version 3.
 """
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -19,15 +24,21 @@ from numpy.typing import NDArray
 from ..errors import FormatError
 from ..files import atomic_write, opened
 from ..scene import Gaussians
-from .axes import y_up_from_z_up, z_up_from_y_up
+from .axes import Up, file_from_z_up, y_up_from_z_up
 from .bounds import require_memory, usable_rows
+from .origin import require_near
 from .ply import check_finite
 from .transform import AffineMap, logits_of, transform_gaussians
+from .zstandard_streams import unpack_zstandard
 
 __all__ = ["read_spz", "write_spz"]
 
 _MAGIC, _VERSION = 0x5053474E, 3
 _HEADER = struct.Struct("<IIIBBBB")
+_ANTIALIASED = 1
+"""Flag of Gaussians that were trained anti-aliased."""
+_TABLE = struct.Struct("<QQ")
+_HEADER_4_BYTES = 32
 _MAX_COUNT = 10_000_000
 """Gaussians that readers accept, those of Niantic too."""
 _LARGEST = 2**23 - 1
@@ -64,7 +75,7 @@ def write_spz(path: Path, gaussians: Gaussians, *, matrix: NDArray[np.float64] |
     NumericalError
         When a value is not finite.
     FormatError
-        When there are more Gaussians than readers accept, or they lie too far away.
+        When there are more Gaussians than readers accept, or they lie or are moved too far away.
     DiskError
         When the file cannot be written.
     """
@@ -73,11 +84,13 @@ def write_spz(path: Path, gaussians: Gaussians, *, matrix: NDArray[np.float64] |
         raise FormatError(
             f"{path} would have {len(gaussians)} Gaussians; SPZ is limited to {_MAX_COUNT}. Export it as PLY or GLB."
         )
+    require_near(gaussians, matrix, path)
     turned = transform_gaussians(gaussians, y_up_from_z_up() if matrix is None else y_up_from_z_up() @ matrix)
     fraction_bits = _fraction_bits(turned, path)
     packer = zlib.compressobj(_LEVEL, zlib.DEFLATED, _GZIP)
     with atomic_write(path) as stream:
-        header = _HEADER.pack(_MAGIC, _VERSION, len(turned), turned.sh_degree, fraction_bits, 0, 0)
+        flags = _ANTIALIASED if turned.antialiased else 0
+        header = _HEADER.pack(_MAGIC, _VERSION, len(turned), turned.sh_degree, fraction_bits, flags, 0)
         stream.write(packer.compress(header))
         for field in _FIELDS:
             for start in range(0, len(turned), _ROWS_PER_CHUNK):
@@ -138,11 +151,19 @@ def _packed_rotations(quats: NDArray[np.float32]) -> NDArray[np.uint32]:
     return packed.astype("<u4")
 
 
-def read_spz(path: Path) -> Gaussians:
-    """Return the Gaussians of an SPZ file of version 2 or 3, in the engine's world (Z up).
+def read_spz(path: Path, *, up: Up | None = None) -> Gaussians:
+    """Return the Gaussians of an SPZ file of version 2, 3 or 4, in the engine's world (Z up).
+
+    Parameters
+    ----------
+    path : Path
+    up : {"z", "-y", "y"}, optional
+        Axis of the file that points up; by default Y, as the description of the format says. Some programs write -Y.
 
     Raises
     ------
+    EnvironmentProblem
+        For version 4, when nothing here unpacks Zstandard.
     FormatError
         When the file cannot be read, is not SPZ, has another version, is truncated or longer than its header states, or
         has values that are too large. Nothing is unpacked beyond what the header states.
@@ -151,16 +172,15 @@ def read_spz(path: Path) -> Gaussians:
     with opened(path, advice="Check the path and its permissions.") as stream:
         start = stream.read(4)
         stream.seek(0)
-        if start == struct.pack("<I", _MAGIC):
-            raise FormatError(f"{path} is SPZ 4, which is not supported. Save it as SPZ 3, PLY or GLB.")
-        if start[:2] != b"\x1f\x8b":
+        is_plain = start == struct.pack("<I", _MAGIC)
+        if not is_plain and start[:2] != b"\x1f\x8b":
             raise FormatError(f"{path} is not an SPZ file. Choose another file.")
-        unpacked = _Unpacked(stream, path, advice)
-        magic, version, count, degree, fraction_bits, _, _ = _HEADER.unpack(unpacked.take(_HEADER.size))
+        unpacked: _Unpacked | _Streams = _Streams(stream, path, advice) if is_plain else _Unpacked(stream, path, advice)
+        magic, version, count, degree, fraction_bits, flags, n_streams = _HEADER.unpack(unpacked.take(_HEADER.size))
         if magic != _MAGIC:
             raise FormatError(f"{path} is not an SPZ file. Choose another file.")
-        if version not in (2, 3):
-            raise FormatError(f"{path} is SPZ {version}; versions 2 and 3 are supported. Save it as one of these.")
+        if version not in ((4,) if is_plain else (2, 3)):
+            raise FormatError(f"{path} is SPZ {version}; versions 2 to 4 are supported. Save it as one of these.")
         if not 0 < count <= _MAX_COUNT or degree > 3 or fraction_bits > 24:
             raise FormatError(
                 f"{path} has {count} Gaussians with harmonics of degree {degree}; 1 to {_MAX_COUNT} of degree 0 to 3 "
@@ -169,15 +189,18 @@ def read_spz(path: Path) -> Gaussians:
         n_rest = (degree + 1) ** 2 - 1
         # The Gaussians, and the bytes of one field.
         require_memory(path, count * (4 * (14 + 3 * n_rest) + 60 + 3 * n_rest))
+        if isinstance(unpacked, _Streams):
+            unpacked.begin(n_streams, 6 if degree else 5)
         gaussians = _unpack(unpacked, count, n_rest, version, fraction_bits)
         unpacked.require_end()
+        gaussians = replace(gaussians, antialiased=bool(flags & _ANTIALIASED))
     if not usable_rows(gaussians).all():
         raise FormatError(f"{path} has Gaussians with values that are too large. {advice}")
-    AffineMap.of(z_up_from_y_up(), degree).apply(gaussians, into=gaussians)
+    AffineMap.of(file_from_z_up(up or "y").T, degree).apply(gaussians, into=gaussians)
     return gaussians
 
 
-def _unpack(unpacked: _Unpacked, count: int, n_rest: int, version: int, fraction_bits: int) -> Gaussians:
+def _unpack(unpacked: _Unpacked | _Streams, count: int, n_rest: int, version: int, fraction_bits: int) -> Gaussians:
     """Return the Gaussians in the axes of the file."""
     positions = np.zeros((count, 3, 4), np.uint8)
     positions[..., 1:] = unpacked.rows(count, 9).reshape(count, 3, 3)
@@ -263,3 +286,52 @@ class _Unpacked:
         """Raise `FormatError` when more follows."""
         if self._rest or any(self._chunks):
             raise FormatError(f"{self._path} is longer than its header states. {self._advice}")
+
+
+class _Streams:
+    """The content of an SPZ 4: its header, then its streams, each of which is a field."""
+
+    def __init__(self, stream: IO[bytes], path: Path, advice: str) -> None:
+        self._stream, self._path, self._advice = stream, path, advice
+        self._size = stream.seek(0, os.SEEK_END)
+        stream.seek(0)
+        self._sizes: list[tuple[int, int]] = []
+
+    def take(self, n_bytes: int) -> bytes:
+        """Return the next bytes of the header; raises `FormatError` when there are fewer."""
+        content = self._stream.read(n_bytes)
+        if len(content) < n_bytes:
+            raise self._truncated()
+        return content
+
+    def begin(self, stated: int, expected: int) -> None:
+        """Read the rest of the header and the table of the `stated` streams, of which `expected` must be there."""
+        (table,) = struct.unpack_from("<I", self.take(_HEADER_4_BYTES - _HEADER.size))
+        if stated != expected or table < _HEADER_4_BYTES:
+            raise self._damaged(f"it has {stated} streams instead of {expected}, whose table is at {table}")
+        self._stream.seek(table)
+        self._sizes = [_TABLE.unpack(self.take(_TABLE.size)) for _ in range(stated)]
+        if self._stream.tell() + sum(packed for packed, _ in self._sizes) > self._size:
+            raise self._truncated()
+
+    def rows(self, count: int, width: int) -> NDArray[np.uint8]:
+        """Return the next stream as an array [count, width]."""
+        packed, unpacked = self._sizes.pop(0)
+        if unpacked != count * width:
+            raise self._damaged(f"a stream has {unpacked} bytes instead of {count * width}")
+        try:
+            content = unpack_zstandard(self.take(packed), unpacked, "or save it as SPZ 3, PLY or GLB")
+        except ValueError as error:
+            raise self._damaged(str(error)) from error
+        return np.frombuffer(content, np.uint8).reshape(count, width)
+
+    def require_end(self) -> None:
+        """Raise `FormatError` when more follows."""
+        if self._stream.tell() != self._size:
+            raise FormatError(f"{self._path} is longer than its header states. {self._advice}")
+
+    def _damaged(self, what: str) -> FormatError:
+        return FormatError(f"{self._path} is a damaged SPZ file: {what}. {self._advice}")
+
+    def _truncated(self) -> FormatError:
+        return FormatError(f"{self._path} is truncated: it ends before its last Gaussian. {self._advice}")

@@ -102,11 +102,21 @@ class AffineMap:
         self.apply(gaussians, into=turned)
         return turned
 
+    def shifted(self, gaussians: Gaussians) -> Gaussians:
+        """Return `gaussians` moved by the translation alone: their other arrays keep every bit."""
+        means = (gaussians.means.astype(np.float64) + self.translation).astype(np.float32)
+        return replace(gaussians, means=means)
+
+    def places(self, means: NDArray[np.floating]) -> Float64:
+        """Return the transformed positions [n, 3] of `means` [n, 3], in float64."""
+        places: Float64 = means.astype(np.float64) @ self.linear.T + self.translation
+        return places
+
     def apply(self, gaussians: Gaussians, *, into: Gaussians) -> None:
         """Put the transformed `gaussians` into the contiguous arrays of `into`, which may be `gaussians` itself."""
         for start in range(0, len(gaussians), _ROWS_PER_CHUNK):
             rows = slice(start, start + _ROWS_PER_CHUNK)
-            into.means[rows] = gaussians.means[rows].astype(np.float64) @ self.linear.T + self.translation
+            into.means[rows] = self.places(gaussians.means[rows])
             if self.is_similarity:
                 into.quats[rows] = _multiply_quats(self.rotation, gaussians.quats[rows])
                 np.add(gaussians.log_scales[rows], self.growth, out=into.log_scales[rows])

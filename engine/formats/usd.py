@@ -23,7 +23,9 @@ from ..errors import DiskError, EnvironmentProblem, FormatError
 from ..files import TEMPORARY_PREFIX
 from ..scene import Gaussians
 from ..system import replace_file
+from .origin import require_near
 from .ply import check_finite
+from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .transform import transform_gaussians
 
 __all__ = ["PRIM_TYPE", "require_openusd", "write_usd"]
@@ -68,7 +70,7 @@ def write_usd(
     NumericalError
         When a value is not finite.
     FormatError
-        When there are too many Gaussians.
+        When there are too many Gaussians, or they are moved too far away.
     DiskError
         When the file cannot be written.
     """
@@ -78,6 +80,7 @@ def write_usd(
     check_finite(gaussians)
     if len(gaussians) > _MAX_COUNT:
         raise FormatError(f"{path} would have {len(gaussians)} Gaussians; USD is limited to {_MAX_COUNT}. Export PLY.")
+    require_near(gaussians, matrix, path)
     turned = gaussians if matrix is None else transform_gaussians(gaussians, matrix)
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
     stage = Usd.Stage.Open(layer)
@@ -85,7 +88,8 @@ def write_usd(
     if metres_per_unit is not None:
         UsdGeom.SetStageMetersPerUnit(stage, metres_per_unit)
     unit = {} if metres_per_unit is not None else {"unit": "unknown"}
-    layer.customLayerData = {"generator": f"Gaussian Heritage {__version__}", **unit, **(custom_data or {})}
+    mode = {RENDER_MODE_KEY: RENDER_MODE[True]} if gaussians.antialiased else {}
+    layer.customLayerData = {"generator": f"Gaussian Heritage {__version__}", **unit, **mode, **(custom_data or {})}
     prim = stage.DefinePrim("/Gaussians", PRIM_TYPE)
     stage.SetDefaultPrim(prim)
     prim.SetDisplayName(name)

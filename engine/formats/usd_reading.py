@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..scene import Gaussians
 from .axes import z_up_from_y_up
 from .bounds import require_memory, usable_rows
 from .ply import read_ply, write_ply
+from .render_mode import RENDER_MODE, RENDER_MODE_KEY
 from .transform import logits_of
 from .usd import PRIM_TYPE, require_openusd
 
@@ -80,6 +82,8 @@ def convert_usd(source: str, target: str) -> None:
                 f"{source} has {len(prims)} prims of the type {PRIM_TYPE}; one is expected. Choose another."
             )
         gaussians = _gaussians(prims[0])
+        is_mip = layer.customLayerData.get(RENDER_MODE_KEY) == RENDER_MODE[True]
+        gaussians = replace(gaussians, antialiased=is_mip)
         matrix = np.array(UsdGeom.XformCache().GetLocalToWorldTransform(prims[0])).T
         is_y_up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
     except (Tf.ErrorException, RuntimeError, TypeError, ValueError) as error:

@@ -14,6 +14,7 @@ MEDIA_TYPES = {
     ".ply": "application/x-ply",
     ".glb": "model/gltf-binary",
     ".spz": "application/octet-stream",
+    ".sog": "application/zip",
     ".html": "text/html",
     ".jpg": "image/jpeg",
     ".jpeg": "image/jpeg",

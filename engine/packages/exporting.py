@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ..cameras import training_pinhole
 from ..errors import SettingsError
 from ..events import StopCheck
-from ..formats import Up, write_glb, write_ply, write_spz, write_usd
+from ..formats import Up, write_glb, write_ply, write_sog, write_spz, write_usd
 from ..gaussians import load_gaussians
 from ..objects import load_membership, load_object, object_gaussians
-from ..pictures import Backend, Scene
+from ..pictures import Backend, Scene, encode_picture
 from ..project_folder import ProjectFolder
 from ..records import describe_object, describe_scene, gltf_extras, ply_comments, xmp_packet
 from ..report import best_seen_from, orbit_cameras
@@ -47,12 +47,13 @@ SUFFIXES = {
     "ply": (".ply",),
     "glb": (".glb",),
     "spz": (".spz",),
+    "sog": (".sog",),
     "usd": (".usd", ".usdc", ".usda"),
     "html": (".html",),
 }
 """All formats, with the extensions of their files."""
 _UP: dict[str, Up | None] = {"original": None, "world": "z"}
-"""The axis of a PLY that points up, where it is not that of the viewers; what is up in given poses is not known."""
+"""The axis of a PLY or SOG that points up, where it is not that of the viewers; given poses do not say what is up."""
 _COVERAGE_SIDE = 160  # by definition
 """Longest side of the pictures in which is counted which photos saw a Gaussian."""
 _N_VIEWS = 8  # by definition
@@ -148,7 +149,8 @@ def write_export(
         Frame of the coordinates, see `engine.scene.export_frame`; ``world``: the normalised world, Z up in PLY.
     with_record : bool
         Whether the file carries the record, and how many photos saw each Gaussian: comments of PLY, ``asset.extras``
-        and XMP of glTF, ``customLayerData`` of USD. A page always does; SPZ cannot.
+        and XMP of glTF, ``customLayerData`` of USD; ``extras`` of SOG, which has no place for the photos. A page always
+        does; SPZ cannot.
     in_scene : bool
         Whether an object stays where it stands in the scene. Otherwise the middle of its foot is the origin, but not in
         the frames ``original`` and ``world``.
@@ -180,11 +182,15 @@ def write_export(
     if file_format == "spz":
         write_spz(path, gaussians, matrix=matrix)
         return placed
-    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) else None
+    can_hold_seen = file_format != "sog"
+    seen = _photos_that_saw(export, backend) if with_record and len(gaussians) and can_hold_seen else None
     if seen is not None:
         notes["seen_by_no_photo"] = int((seen == 0).sum())
     extras = {**gltf_extras(described, frame=placed.name), **_unit_facts(placed, described), **notes}
-    if file_format == "ply":
+    if file_format == "sog":
+        up = _UP.get(placed.name, "-y")
+        write_sog(path, gaussians, encode_picture, up=up, matrix=matrix, extras=extras if with_record else None)
+    elif file_format == "ply":
         write_ply(
             path,
             gaussians,

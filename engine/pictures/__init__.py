@@ -11,7 +11,19 @@ if TYPE_CHECKING:
     from .png import write_png
     from .render import Subject, render_view, visible_masks
     from .scene import Backend, Scene, normalized
+    from .webp import decode_picture, encode_picture
 
-__all__ = ["Backend", "Scene", "Subject", "find_clusters", "normalized", "render_view", "visible_masks", "write_png"]
+__all__ = [
+    "Backend",
+    "Scene",
+    "Subject",
+    "decode_picture",
+    "encode_picture",
+    "find_clusters",
+    "normalized",
+    "render_view",
+    "visible_masks",
+    "write_png",
+]
 
 __getattr__ = lazy_exports(__name__, __file__)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import EnvironmentProblem
 from ..rasterizer import MAX_CHANNELS, rasterize
-from ..rasterizer.settings import Backend
+from ..rasterizer.settings import Backend, RasterSettings
 from ..scene import Gaussians, PinholeCamera
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ class Scene:
     Parameters
     ----------
     gaussians : Gaussians
+        Those of anti-aliased training are rendered anti-aliased.
     backend : {"cpu", "gpu", "reference"}
         Implementation of the rasterizer. With ``gpu`` the Gaussians are copied to the graphics card once.
     on_failure : callable, optional
@@ -80,6 +81,7 @@ class Scene:
     ) -> None:
         self.gaussians = gaussians
         self.backend: Backend = backend
+        self._settings = RasterSettings(antialiased=gaussians.antialiased)
         self._on_failure = on_failure
         self._card: GpuScene | None = None
         self._means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
@@ -143,6 +145,7 @@ class Scene:
                 sh=self._sh if color else None,
                 channels=None if channels is None else torch.from_numpy(np.ascontiguousarray(channels, np.float32)),
                 backend=self.backend,
+                settings=self._settings,
             )
         return Rendered(raster.image.numpy(), 1.0 - raster.transmittance.numpy())
 
@@ -201,6 +204,7 @@ class Scene:
             camera=camera,
             channels=channels,
             backend=self.backend,
+            settings=self._settings,
         )
         raster.image.backward(torch.from_numpy(np.ascontiguousarray(weights, np.float32)))
         assert channels.grad is not None
@@ -213,7 +217,8 @@ class Scene:
         try:
             if self._card is None:
                 arrays = (self._means, self._quats, self._scales, self._opacities, self._sh)
-                self._card = scene_on_card(*(array.numpy() for array in arrays))
+                means, quats, scales, opacities, sh = (array.numpy() for array in arrays)
+                self._card = scene_on_card(means, quats, scales, opacities, sh, self._settings)
             return compute(self._card)
         except EnvironmentProblem as problem:
             if self._on_failure is None:
@@ -228,7 +233,12 @@ class Scene:
 
         if id(camera) not in self._cached_views:
             view = CachedView(
-                self._means.numpy(), self._quats.numpy(), self._scales.numpy(), self._opacities.numpy(), camera
+                self._means.numpy(),
+                self._quats.numpy(),
+                self._scales.numpy(),
+                self._opacities.numpy(),
+                camera,
+                self._settings,
             )
             # The camera is kept as well, so that its id is not reused for another object.
             self._cached_views[id(camera)] = (camera, view)

@@ -122,6 +122,7 @@ def scene_on_card(
     scales: NDArray[np.float32],
     opacities: NDArray[np.float32],
     sh: NDArray[np.float32],
+    settings: RasterSettings | None = None,
 ) -> GpuScene:
     """Copy Gaussians, arrays as in `rasterize`, to the card that its backend ``gpu`` uses, for many pictures and votes.
 
@@ -132,7 +133,7 @@ def scene_on_card(
     """
     from .gpu import GpuScene, open_gpu
 
-    return GpuScene(open_gpu(), means, quats, scales, opacities, sh)
+    return GpuScene(open_gpu(), means, quats, scales, opacities, sh, settings)
 
 
 def _check_shapes(

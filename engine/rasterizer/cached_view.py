@@ -29,6 +29,7 @@ class CachedView:
     means, quats, scales, opacities : float32 arrays of shape [N, 3], [N, 4], [N, 3], [N]
         As in `engine.rasterizer.rasterize`. They must not change afterwards.
     camera : PinholeCamera
+    settings : RasterSettings, optional
 
     Raises
     ------
@@ -44,11 +45,17 @@ class CachedView:
     """
 
     def __init__(
-        self, means: Float32, quats: Float32, scales: Float32, opacities: Float32, camera: PinholeCamera
+        self,
+        means: Float32,
+        quats: Float32,
+        scales: Float32,
+        opacities: Float32,
+        camera: PinholeCamera,
+        settings: RasterSettings | None = None,
     ) -> None:
         n = len(means)
         check_camera(camera)
-        self._view = View(camera, 0, RasterSettings())
+        self._view = View(camera, 0, settings or RasterSettings())
         nothing = np.zeros((n, 0), np.float32)
         project_view(self._view, means, quats, scales, opacities, nothing.reshape(n, 0, 3), nothing)
 

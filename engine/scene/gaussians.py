@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..errors import ObjectError
 
 __all__ = ["FEATURE_DIM", "Gaussians"]
 
@@ -13,6 +16,8 @@ FEATURE_DIM = 16
 """Length of the segmentation feature of a Gaussian (Dahaghin et al. 2024)."""
 
 Float32 = NDArray[np.float32]
+
+_ARRAYS = ("means", "log_scales", "quats", "opacity_logits", "sh")
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,9 @@ class Gaussians:
         their sum.
     features : array of shape [N, 16], float32, or None
         Segmentation features; None when the scene was trained without them.
+    antialiased : bool
+        Whether the Gaussians were trained with the 2D filter of Mip-Splatting (Yu et al. 2024), and are drawn with it:
+        ``engine.rasterizer.settings.RasterSettings.antialiased``.
     """
 
     means: Float32
@@ -42,6 +50,7 @@ class Gaussians:
     opacity_logits: Float32
     sh: Float32
     features: Float32 | None = None
+    antialiased: bool = False
 
     def __len__(self) -> int:
         return len(self.means)
@@ -64,13 +73,23 @@ class Gaussians:
     def __getitem__(self, index: NDArray[np.bool_] | NDArray[np.integer] | slice) -> Gaussians:
         """Return the Gaussians selected by a mask, an index array or a slice."""
         features = None if self.features is None else self.features[index]
-        selected = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "features"}
-        return Gaussians(**selected, features=features)
+        return replace(self, **{name: getattr(self, name)[index] for name in _ARRAYS}, features=features)
 
     def joined(self, other: Gaussians) -> Gaussians:
-        """Return these Gaussians followed by `other`, which must have the same degree and feature length."""
-        pairs = {f.name: (getattr(self, f.name), getattr(other, f.name)) for f in fields(self) if f.name != "features"}
+        """Return these Gaussians followed by `other`, which must have the same degree and feature length.
+
+        Raises
+        ------
+        ObjectError
+            When one of them is antialiased and the other is not: no file, and no picture, can show both.
+        """
+        if len(self) and len(other) and self.antialiased != other.antialiased:
+            raise ObjectError(
+                "Gaussians of anti-aliased training (mip) and others cannot be put together. Export them separately."
+            )
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in _ARRAYS}
         features = None
         if self.features is not None and other.features is not None:
             features = np.concatenate([self.features, other.features])
-        return Gaussians(**{name: np.concatenate(pair) for name, pair in pairs.items()}, features=features)
+        joined: dict[str, Any] = {name: np.concatenate(pair) for name, pair in pairs.items()}
+        return replace(self if len(self) else other, **joined, features=features)

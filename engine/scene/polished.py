@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ __all__ = ["Polished", "load_polished", "save_polished"]
 
 _POLISHED = "polished.npz"
 _ROWS, _TRAINED_MEANS = "rows", "trained_means"
-_VALUES = tuple(field.name for field in fields(Gaussians) if field.name != "features")
+_VALUES = ("means", "log_scales", "quats", "opacity_logits", "sh")
 _ARRAYS = {
     _ROWS: ArraySpec("int32", ("n",)),
     _TRAINED_MEANS: ArraySpec("float32", ("n", 3), finite=True),
@@ -96,4 +96,5 @@ def load_polished(project: Path, object_id: str) -> Polished | None:
         raise FormatError(f"{file} cannot be read: `{_ROWS}` is not ascending. {_ADVICE}")
     if arrays["sh"].shape[1] not in (1, 4, 9, 16):
         raise FormatError(f"{file} cannot be read: `sh` has an unexpected shape. {_ADVICE}")
-    return Polished(rows, arrays[_TRAINED_MEANS], Gaussians(**{name: arrays[name] for name in _VALUES}))
+    values: dict[str, Any] = {name: arrays[name] for name in _VALUES}
+    return Polished(rows, arrays[_TRAINED_MEANS], Gaussians(**values))

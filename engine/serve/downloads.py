@@ -21,7 +21,12 @@ from .library import NotFound, WebProject
 
 __all__ = ["MEDIA_TYPES", "download_name", "exported_file", "report_response"]
 
-MEDIA_TYPES = {"ply": "application/octet-stream", "glb": "model/gltf-binary", "html": "text/html"}
+MEDIA_TYPES = {
+    "ply": "application/octet-stream",
+    "glb": "model/gltf-binary",
+    "sog": "application/zip",
+    "html": "text/html",
+}
 _ROOT = Path(__file__).resolve().parents[2]
 _MAX_SECONDS = 600
 _UNSAFE = re.compile(r"[^\w.() -]+")

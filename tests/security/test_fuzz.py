@@ -72,6 +72,8 @@ NOT_REACHED = {
     "engine/cameras/triangulation.py:_posed_model": "no file: a model is made",
     "engine/stages.py:cameras_stage": "a part of the file that `cameras` reads whole",
     "engine/stability/": "what the suite itself wrote",
+    "engine/formats/sog_writing.py": "a file that is written",
+    "gaussian_heritage_addon/sog_pictures.py": "in Blender alone: the picture that it has just written",
     "engine/models/onnx_weights.py": "a weight file with a SHA-256 in the catalogue",
     "engine/grounding/efficientnet.py": "a weight file with a SHA-256 in the catalogue",
     "engine/grounding/vocabulary.py:_read_rows": "our own word lists",

@@ -105,6 +105,7 @@ class GpuScene:
     means, quats, scales, opacities : float32 arrays of shape [N, 3], [N, 4], [N, 3], [N]
         As in `engine.rasterizer.rasterize`. They and `sh` must not change afterwards.
     sh : float32 array of shape [N, n_sh, 3]
+    settings : RasterSettings, optional
 
     Raises
     ------
@@ -113,9 +114,17 @@ class GpuScene:
     """
 
     def __init__(
-        self, gpu: Gpu, means: Float32, quats: Float32, scales: Float32, opacities: Float32, sh: Float32
+        self,
+        gpu: Gpu,
+        means: Float32,
+        quats: Float32,
+        scales: Float32,
+        opacities: Float32,
+        sh: Float32,
+        settings: RasterSettings | None = None,
     ) -> None:
         self._gpu = gpu
+        self._settings = settings or RasterSettings()
         self._arrays = dict(zip(_GEOMETRY, (means, quats, scales, opacities), strict=True))
         self._sh, self._n = sh, len(means)
         self._capacity = max(4096, 4 * self._n)
@@ -221,7 +230,7 @@ class GpuScene:
         self._camera = None
         while True:
             lists = self._lists_of(camera)
-            lists.set_view(camera, RasterSettings(), 0)
+            lists.set_view(camera, self._settings, 0)
             lists.forward()
             counts = lists.counts()
             if counts.not_finite:

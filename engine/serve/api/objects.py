@@ -45,7 +45,7 @@ def read_object_for_viewer(object_id: str, project: CurrentProject) -> FileRespo
 def download_object(
     object_id: str,
     project: CurrentProject,
-    file_format: Annotated[Literal["ply", "glb", "html"], Query(alias="format")],
+    file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")],
 ) -> FileResponse:
     """Return an object as a file to keep."""
     item = _object(project, object_id)

@@ -90,7 +90,7 @@ def read_scene(project: CurrentProject) -> FileResponse:
 
 @router.get("/export")
 def download_scene(
-    project: CurrentProject, file_format: Annotated[Literal["ply", "glb", "html"], Query(alias="format")]
+    project: CurrentProject, file_format: Annotated[Literal["ply", "glb", "sog", "html"], Query(alias="format")]
 ) -> FileResponse:
     """Return the whole scene as a file to keep."""
     file = exported_file(project, None, file_format)

@@ -58,7 +58,7 @@ def texts(draw: Callable[[str], Any]) -> list[str]:
 @pytest.mark.parametrize(
     ("handler", "suffixes", "options"),
     [
-        ("HERITAGE_FH_gaussian_ply", {".ply", ".spz"}, {"filepath"}),
+        ("HERITAGE_FH_gaussian_ply", {".ply", ".spz", ".sog", ".splat", ".ksplat"}, {"filepath"}),
         ("HERITAGE_FH_photos", {".jpg", ".png", ".heic"}, {"directory", "files"}),
         ("HERITAGE_FH_video", {".mp4", ".mov"}, {"filepath"}),
     ],

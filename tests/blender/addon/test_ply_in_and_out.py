@@ -66,7 +66,7 @@ def test_spz_and_glb_are_imported_upright(
     np.testing.assert_allclose(back.log_scales, gaussians.log_scales, atol=exact)
 
 
-@pytest.mark.parametrize(("name", "said"), [("empty.glb", "no Gaussians"), ("scene.splat", "none of PLY, SPZ and GLB")])
+@pytest.mark.parametrize(("name", "said"), [("empty.glb", "no Gaussians"), ("scene.abc", "none of PLY, SPZ")])
 def test_a_file_without_gaussians_or_of_another_format_is_refused(
     part: Part, random_gaussians: RandomGaussians, tmp_path: Path, name: str, said: str
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -38,10 +39,12 @@ def rendered_by_formula(part: Part, gaussians: Any, camera: Any, *, linear: bool
         tan_x = np.clip(x / z, (-0.15 * camera.width - cx) / fx, (1.15 * camera.width - cx) / fx)
         tan_y = np.clip(y / z, (-0.15 * camera.height - cy) / fy, (1.15 * camera.height - cy) / fy)
         jacobian = np.array([[fx / z, 0, -fx * tan_x / z], [0, fy / z, -fy * tan_y / z]])
-        precise = np.linalg.inv(jacobian @ axes[i] @ axes[i].T @ jacobian.T + 0.3 * np.eye(2))
+        alone = jacobian @ axes[i] @ axes[i].T @ jacobian.T
+        precise = np.linalg.inv(alone + 0.3 * np.eye(2))
+        kept = np.sqrt(np.linalg.det(alone) * np.linalg.det(precise)) if gaussians.antialiased else 1.0
         offset = np.stack([u - fx * x / z - cx, v - fy * y / z - cy], axis=-1)
         power = np.einsum("hwi,ij,hwj->hw", offset, precise, offset)
-        alpha = gaussians.opacities[i] * np.exp(-0.5 * power)
+        alpha = kept * gaussians.opacities[i] * np.exp(-0.5 * power)
         alpha = np.where(alpha < 1 / 255, 0, np.minimum(alpha, 0.99))
         image += (clear * alpha)[..., None] * colors[i]
         clear *= 1 - alpha
@@ -110,6 +113,20 @@ def test_picture_is_the_same_as_the_engines(
         # On black, one pixel on the other side of the cut-off (alpha 1/255) is an error of 12.92/255 in sRGB.
         assert (error > 4 / 255).mean() <= 1e-3
         assert error.max() <= 14 / 255
+
+
+def test_gaussians_of_anti_aliased_training_are_drawn_fainter_where_the_filter_widens_them(
+    part: Part, random_gaussians: Callable[..., Any], square_camera: Any, tmp_path: Path
+) -> None:
+    plain = random_gaussians(60)
+    plain = replace(plain, log_scales=plain.log_scales - 2)  # Smaller than a pixel, most of them.
+    show(part, replace(plain, antialiased=True), square_camera)
+    bpy.context.scene.heritage.blending = "TRAINED"
+    picture = rendered_by_cycles(tmp_path)
+    expected = rendered_by_formula(part, replace(plain, antialiased=True), square_camera, linear=False)
+    other = rendered_by_formula(part, plain, square_camera, linear=False)
+    assert np.abs(picture - expected).max() <= 2 / 255
+    assert np.abs(other - expected).max() > 50 / 255
 
 
 def test_gaussians_beside_the_camera_do_not_cover_the_picture(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +15,11 @@ from PIL import Image
 
 from engine.formats.glb import read_glb
 from engine.formats.ply import read_ply, read_ply_file
+from engine.formats.sog import read_sog
 from engine.formats.spz import read_spz
 from engine.gaussians import save_gaussians
 from engine.objects.storage import save_object
+from engine.pictures import decode_picture
 from engine.project_folder import ProjectFolder
 from engine.records import ObjectRecord
 from engine.scene import (
@@ -236,6 +240,25 @@ def test_an_object_stands_on_the_origin_of_its_file_unless_it_shall_stay_in_the_
     np.testing.assert_allclose(read_ply(stays).means, blobs.gaussians.means[members], atol=1e-6)
     np.testing.assert_allclose(read_ply(own).means, blobs.gaussians.means[members] - foot, atol=1e-5)
     assert b"origin_in_scene " in own.read_bytes() and b"origin_in_scene" not in stays.read_bytes()
+
+
+def test_sog_holds_the_scene_and_its_record(
+    scene: Path, blobs: BlobScene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert write(capsys, "sog", scene, tmp_path / "a.sog", "--frame", "world").code == 0
+    with zipfile.ZipFile(tmp_path / "a.sog") as archive:
+        extras = json.loads(archive.read("meta.json"))["extras"]
+    assert extras["unit"].startswith("unknown")
+    back = read_sog(tmp_path / "a.sog", decode_picture, up="z")
+    np.testing.assert_allclose(back.means.mean(axis=0), blobs.gaussians.means.mean(axis=0), atol=1e-3)
+    np.testing.assert_allclose(np.sort(back.opacities), np.sort(blobs.gaussians.opacities), atol=0.51 / 255)
+    assert write(capsys, "sog", scene, tmp_path / "b.sog", "--record", "none").code == 0
+    with zipfile.ZipFile(tmp_path / "b.sog") as archive:
+        assert "extras" not in json.loads(archive.read("meta.json"))
+    # Viewers expect that -Y is up.
+    upright = read_sog(tmp_path / "b.sog", decode_picture)
+    flipped = read_sog(tmp_path / "b.sog", decode_picture, up="z")
+    np.testing.assert_allclose(flipped.means, upright.means[:, [0, 2, 1]] * (1, -1, 1), atol=1e-6)
 
 
 def test_spz_and_usd_hold_the_scene_and_say_what_they_cannot(

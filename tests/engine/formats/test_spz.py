@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import struct
+import sys
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from engine.errors import FormatError, NumericalError
+from engine.errors import EnvironmentProblem, FormatError, NumericalError
 from engine.formats.axes import y_down_from_z_up
 from engine.formats.ply import read_ply
 from engine.formats.spz import read_spz, write_spz
@@ -120,7 +122,7 @@ def test_version_2_has_rotations_of_three_bytes(tmp_path: Path) -> None:
         (gzip.compress(packed(2, b"\x80" * 3))[:12], "is truncated"),
         (gzip.compress(packed(2, b"\x80")), "is truncated: it ends before its last Gaussian"),
         (gzip.compress(packed(3, b"\x80" * 5)), "is longer than its header states"),
-        (gzip.compress(packed(1, b"\x80" * 3)), "is SPZ 1; versions 2 and 3 are supported"),
+        (gzip.compress(packed(1, b"\x80" * 3)), "is SPZ 1; versions 2 to 4 are supported"),
         (gzip.compress(packed(3, b"\x80" * 4, count=0)), "has 0 Gaussians"),
         (gzip.compress(packed(3, b"\x80" * 4, count=10_000_001)), "has 10000001 Gaussians"),
         (gzip.compress(packed(3, b"\x80" * 4, count=9_999_999)), "is truncated"),
@@ -136,6 +138,69 @@ def test_other_files_are_refused_with_a_reason(tmp_path: Path, content: bytes, s
     assert str(path) in str(caught.value)
 
 
-def test_version_4_is_refused_with_what_to_do() -> None:
-    with pytest.raises(FormatError, match="is SPZ 4, which is not supported. Save it as SPZ 3, PLY or GLB"):
+def test_version_4_is_read_as_version_3() -> None:
+    pytest.importorskip("zstandard", reason="zstandard is optional: requirements/formats.txt")
+    found, expected = read_spz(FOLDER / "niantic_4.spz"), read_spz(FOLDER / "niantic_3.spz")
+    for name in ("means", "log_scales", "quats", "opacity_logits", "sh"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("offset", "value", "said"),
+    [
+        (4, b"\5", "is SPZ 5; versions 2 to 4 are supported"),
+        (8, b"\xff\xff\xff\x7f", "has 2147483647 Gaussians"),
+        (8, b"\x08", "has 63 bytes instead of 72"),
+        (15, b"\5", "has 5 streams instead of 6"),
+        (16, b"\x10", "whose table is at 16"),
+        (16, b"\xff\xff", "is truncated"),
+        (32, b"\xff\xff\xff", "is truncated"),
+        (40, b"\xff\xff\xff", "instead of 63"),
+        (128, b"abcd", "is a damaged SPZ file"),
+    ],
+)
+def test_damaged_version_4_is_refused_with_a_reason(tmp_path: Path, offset: int, value: bytes, said: str) -> None:
+    pytest.importorskip("zstandard", reason="zstandard is optional: requirements/formats.txt")
+    data = bytearray((FOLDER / "niantic_4.spz").read_bytes())
+    data[offset : offset + len(value)] = value
+    (tmp_path / "a.spz").write_bytes(data)
+    with pytest.raises(FormatError, match=said):
+        read_spz(tmp_path / "a.spz")
+    (tmp_path / "a.spz").write_bytes((FOLDER / "niantic_4.spz").read_bytes() + b"more")
+    with pytest.raises(FormatError, match="longer than its header states"):
+        read_spz(tmp_path / "a.spz")
+
+
+def test_a_stream_that_unpacks_to_more_than_it_states_is_not_unpacked_further(tmp_path: Path) -> None:
+    zstandard = pytest.importorskip("zstandard", reason="zstandard is optional: requirements/formats.txt")
+    data = (FOLDER / "niantic_4.spz").read_bytes()
+    bomb = zstandard.compress(bytes(1 << 28), 19)
+    sizes = list(struct.unpack_from("<12Q", data, 32))
+    rest = data[128 + sizes[0] :]
+    sizes[0] = len(bomb)
+    (tmp_path / "a.spz").write_bytes(data[:32] + struct.pack("<12Q", *sizes) + bomb + rest)
+    tracemalloc.start()
+    with pytest.raises(FormatError, match="64 or more bytes instead of 63"):
+        read_spz(tmp_path / "a.spz")
+    assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    tracemalloc.stop()
+
+
+def test_version_4_without_its_package_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "zstandard", None)
+    with pytest.raises(EnvironmentProblem, match=r"zstandard.*requirements/formats\.txt.*SPZ 3, PLY or GLB"):
         read_spz(FOLDER / "niantic_4.spz")
+
+
+def test_the_flag_of_anti_aliased_training_is_read_and_written(
+    tmp_path: Path, random_gaussians: RandomGaussians
+) -> None:
+    for antialiased in (False, True):
+        write_spz(tmp_path / "a.spz", replace(random_gaussians(5), antialiased=antialiased))
+        assert read_spz(tmp_path / "a.spz").antialiased == antialiased
+        assert gzip.decompress((tmp_path / "a.spz").read_bytes())[14] == antialiased
+
+
+def test_another_axis_may_be_up() -> None:
+    up, down = (read_spz(FOLDER / "niantic_3.spz", up=up) for up in ("y", "-y"))
+    np.testing.assert_allclose(down.means, up.means * (1, -1, -1), atol=1e-6)

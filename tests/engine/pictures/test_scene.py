@@ -1,9 +1,16 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
+import pytest
+import torch
 
 from engine.pictures.clusters import cluster_colors, find_clusters, principal_colors
 from engine.pictures.scene import Scene, normalized
+from engine.rasterizer import rasterize
+from engine.rasterizer.settings import RasterSettings
 from tests.engine.pictures.blob_scene import BLUE, BlobScene, as_pinhole
 
 
@@ -74,3 +81,19 @@ def test_feature_colours_do_not_depend_on_the_order_of_gaussians(blobs: BlobScen
     turned = principal_colors(features[::-1], weights[::-1])
     for one, other in zip(principal_colors(features, weights), turned, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-4)
+
+
+@pytest.mark.parametrize("backend", ["cpu", "reference"])
+def test_gaussians_of_anti_aliased_training_are_rendered_anti_aliased(blobs: BlobScene, backend: Any) -> None:
+    small = replace(blobs.gaussians, log_scales=blobs.gaussians.log_scales - 2.5)
+    camera, settings = as_pinhole(blobs.cameras.cameras[0]), RasterSettings(antialiased=True)
+    mip, plain = (Scene(replace(small, antialiased=mip), backend=backend) for mip in (True, False))
+    arrays = [torch.from_numpy(array) for array in (small.means, small.quats, small.scales, small.opacities)]
+    expected = rasterize(*arrays, camera=camera, sh=torch.from_numpy(small.sh), backend=backend, settings=settings)
+    np.testing.assert_allclose(mip.render(camera, color=True).channels, expected.image.numpy(), atol=1e-6)
+    assert plain.render(camera, color=True).alpha.sum() > 1.5 * mip.render(camera, color=True).alpha.sum()
+    # Values that are blended without colours, and votes, take other ways.
+    ones = np.ones((len(small), 1), np.float32)
+    np.testing.assert_allclose(mip.render(camera, channels=ones).alpha, 1 - expected.transmittance.numpy(), atol=1e-6)
+    whole = np.ones((camera.height, camera.width, 1), np.float32)
+    assert mip.votes(camera, whole).sum() == pytest.approx(float((1 - expected.transmittance).sum()), rel=1e-4)

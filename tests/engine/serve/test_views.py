@@ -65,3 +65,5 @@ def test_scene_is_downloaded_under_the_name_of_the_project(client: Client, proje
     answer = client.http.get(f"{API}/projects/{project}/export", params={"format": "ply"})
     assert answer.status_code == 200 and 'filename="Room.ply"' in answer.headers["content-disposition"]
     assert answer.content.startswith(b"ply\n")
+    answer = client.http.get(f"{API}/projects/{project}/export", params={"format": "sog"})
+    assert answer.headers["content-type"] == "application/zip" and answer.content.startswith(b"PK")

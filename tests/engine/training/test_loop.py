@@ -374,7 +374,7 @@ def test_missing_gaussians_or_photos_are_an_error(scene: Scene, tmp_path: Path) 
 
 
 def test_inputs_are_not_changed(scene: Scene, tmp_path: Path) -> None:
-    before = {f.name: getattr(scene.start, f.name).copy() for f in fields(scene.start)}
+    before = {f.name: np.copy(getattr(scene.start, f.name)) for f in fields(scene.start)}
     run(scene, QUICK.changed(steps=5, curve_points=1), tmp_path)
     assert all(np.array_equal(getattr(scene.start, name), value) for name, value in before.items())
 

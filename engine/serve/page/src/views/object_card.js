@@ -43,7 +43,7 @@ export function createObjectCard(context, first, { stage, clicks, shownAlone }) 
     { class: "object" },
     h("div", null, name, facts),
     h("div", { class: "row" }, look, correct),
-    h("div", { class: "row" }, download("ply"), download("glb"), download("html")),
+    h("div", { class: "row" }, download("ply"), download("glb"), download("sog"), download("html")),
     details,
   );
 

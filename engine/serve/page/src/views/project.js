@@ -44,7 +44,7 @@ export async function projectScreen(root, session, id) {
   const title = h("h1", null, project.title);
   const report = h("a", { class: "button", href: reportUrl(id), target: "_blank", rel: "noopener" }, "Report");
   const sceneFile = (format) => h("a", { class: "button", href: sceneExportUrl(id, format), download: "" }, `Scene as ${formatName(format)}`);
-  const files = [report, sceneFile("ply"), sceneFile("glb"), sceneFile("html")];
+  const files = [report, sceneFile("ply"), sceneFile("glb"), sceneFile("sog"), sceneFile("html")];
   const rename = h("button", { type: "button", onclick: () => during(rename, renameThis) }, "Rename");
   const remove = h("button", { type: "button", class: "danger-text", onclick: () => during(remove, removeThis) }, "Delete project");
   const facts = h("p", { class: "quiet facts", hidden: true });
