@@ -175,11 +175,17 @@ def _files(
 
 
 def _camera_of(camera_set: CameraSet, photo: str) -> Camera:
-    camera = camera_set.by_photo.get(photo)
-    if camera is None:
-        names = ", ".join(camera.photo for camera in camera_set.cameras[:5])
-        raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {names}.")
-    return camera
+    from ..scene import photos_called
+
+    known = camera_set.by_photo
+    called = photos_called(photo, known)
+    if len(called) != 1:
+        raise CameraError(
+            f"{photo!r} may be {' or '.join(called[:5])}. Give more of the photo's path."
+            if called
+            else f"No registered photo is called {photo!r}. The first ones are: {', '.join(list(known)[:5])}."
+        )
+    return known[called[0]]
 
 
 def _pixel(text: str) -> tuple[float, float]:

@@ -151,12 +151,16 @@ def _texts(
 def _camera(project: Path, view: str) -> Camera | PinholeCamera:
     """Return the camera that --seen-from means."""
     from ..cameras import parse_camera_json, read_camera_json
-    from ..scene import read_camera_set
+    from ..scene import photos_called, read_camera_set
 
     if view.lstrip().startswith("{"):
         return parse_camera_json(view)
     cameras = read_camera_set(project / "cameras").by_photo
-    return cameras[view] if view in cameras else read_camera_json(Path(view))
+    # A file that exists is meant as a file, unless a photo has just this name.
+    called = (view,) if view in cameras else () if Path(view).is_file() else photos_called(view, cameras)
+    if len(called) > 1:
+        raise SettingsError(f"--seen-from {view!r} may be {' or '.join(called[:5])}. Give more of the photo's path.")
+    return cameras[called[0]] if called else read_camera_json(Path(view))
 
 
 def _pointed(

@@ -9,7 +9,7 @@ from ..lazy_exports import lazy_exports
 if TYPE_CHECKING:
     from .capture_facts import exif_facts
     from .inspection import PhotoStatistics, inspect_photos, read_photo_statistics
-    from .loading import load_pixels, load_with_valid
+    from .loading import load_pixels, load_with_valid, stored_orientation
     from .pixels import MAX_PIXELS
     from .reading import file_listing, picture_files, read_photos
     from .video import extract_frames, is_video
@@ -27,6 +27,7 @@ __all__ = [
     "picture_files",
     "read_photo_statistics",
     "read_photos",
+    "stored_orientation",
 ]
 
 __getattr__ = lazy_exports(__name__, __file__)

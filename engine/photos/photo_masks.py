@@ -1,11 +1,14 @@
 """Find and check the masks of photos.
 
-Masks follow COLMAP's naming, ``MASKS/photo.jpg.png`` for ``photo.jpg``, with sub-folders kept. Black pixels are
-excluded, all others are valid. Masks are used to exclude transients, a turntable, a tripod or a reflection.
+A mask is a PNG that is named after its photo: ``photo.jpg.png`` as in COLMAP, ``photo.png``, ``photo_mask.png`` as in
+Metashape, or ``photo.jpg.mask.png``. Photo and mask are matched by `engine.scene.match_names`, with their sub-folders.
+Black pixels are excluded, all others are valid. Masks are used to exclude transients, a turntable, a tripod or a
+reflection.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +16,15 @@ from pathlib import Path
 from ..errors import Cancelled, PhotoError
 from ..events import Emit, StopCheck, Warned
 from ..files import file_sha256
-from ..scene import Photo
+from ..scene import Photo, match_names
 from .loading import load_valid
 from .names import require_utf8_folder
 
 __all__ = ["with_masks"]
 
 _MAX_NAMES_IN_WARNING = 5
+_MASK_ENDINGS = (".mask", "_mask", "-mask")
+"""What some programs put between the name of a photo and the suffix of its mask."""
 _MASK_CHECK_SIDE = 1024
 """Longest side in pixels at which a mask is checked to leave at least one valid pixel."""
 
@@ -42,20 +47,21 @@ def with_masks(
     Raises
     ------
     PhotoError
-        When the folder is missing or contains no mask of any photo, or when a mask cannot be read, differs in size from
-        its photo or excludes all of its pixels.
+        When the folder is missing or contains no mask of any photo, when a mask may belong to several photos or a photo
+        to several masks, or when a mask cannot be read, differs in size from its photo or excludes all of its pixels.
     Cancelled
         When `should_stop` returns True.
     """
     if not masks.is_dir():
         raise PhotoError(f"The mask folder {masks} does not exist. Choose the folder that contains the photos' masks.")
     require_utf8_folder(masks)
+    files = _mask_files(masks, [photo.name for photo in photos])
     with_mask, without = [], []
     for photo in photos:
         if should_stop():
             raise Cancelled("Reading the masks was stopped. Nothing was changed.")
-        file = masks / f"{photo.name}.png"
-        if not file.is_file():
+        file = files.get(photo.name)
+        if file is None:
             without.append(photo.name)
             with_mask.append(photo)
             continue
@@ -67,9 +73,10 @@ def with_masks(
             )
         with_mask.append(replace(photo, mask=str(file.resolve()), mask_sha256=file_sha256(file)))
     if len(without) == len(photos):
+        shown = next((path.name for path in sorted(masks.rglob("*.png"))), None)
         raise PhotoError(
-            f"No file in {masks} is a mask of one of the photos. Name each mask after its photo, followed by .png: "
-            f"{photos[0].name}.png."
+            f"No file in {masks} is a mask of one of the photos{f' (one is {shown})' if shown else ''}. Name each mask "
+            f"after its photo, followed by .png: {photos[0].name}.png."
         )
     if without:
         named = ", ".join(without[:_MAX_NAMES_IN_WARNING]) + (
@@ -77,3 +84,33 @@ def with_masks(
         )
         emit(Warned(f"{len(without)} of {len(photos)} photos have no mask in {masks} and are used whole: {named}."))
     return tuple(with_mask)
+
+
+def _mask_files(masks: Path, photos: Sequence[str]) -> dict[str, Path]:
+    """Return the mask files by the photos that have one; raises `PhotoError` when it is not clear whose masks are."""
+    named = {photo: file for photo in photos if (file := masks / f"{photo}.png").is_file()}
+    others: dict[str, Path] = {}
+    twins: dict[str, Path] = {}
+    for parent, folders, names in os.walk(masks):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        for name in names:
+            file = Path(parent, name)
+            if file.suffix.lower() == ".png" and not name.startswith(".") and file not in named.values():
+                photo = _named_photo(file.relative_to(masks).as_posix())
+                (twins if photo in others else others)[photo] = file
+    matches = match_names(others, [photo for photo in photos if photo not in named])
+    if problem := matches.ambiguity():
+        raise PhotoError(
+            f"The masks in {masks} do not say which photos they are of: {problem}. Give each mask the name of its "
+            f"photo with its folder, followed by .png: {photos[0]}.png."
+        )
+    if twin := next((name for name in matches.found if name in twins), None):
+        raise PhotoError(f"{others[twin]} and {twins[twin]} are masks of one photo. Delete one of them.")
+    return {**named, **{photo: others[name] for name, photo in matches.found.items()}}
+
+
+def _named_photo(mask: str) -> str:
+    """Return the name of a mask without its suffix and without what a program put in front of it."""
+    name = mask[: -len(".png")]
+    ending = next((ending for ending in _MASK_ENDINGS if name.lower().endswith(ending)), "")
+    return name[: len(name) - len(ending)]
