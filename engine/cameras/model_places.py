@@ -14,7 +14,7 @@ from ..files import opened
 __all__ = ["Export", "Kind", "ModelPlace", "find_export", "find_models"]
 
 _MODEL_FILES = ("cameras.bin", "cameras.txt")
-_PLACES = ("", "sparse", "colmap/sparse", "colmap", "distorted/sparse", "distorted", "dense/sparse", "dense", "0")
+_PLACES = ("", "sparse", "colmap/sparse", "colmap", "distorted/sparse", "distorted", "dense/sparse", "dense")
 """Where programs put models in a project, the usual places first. Each may hold a model or numbered sub-models."""
 _NUMBERED_PLACES = ("dense/*/sparse",)
 _MAX_PARTS = 100

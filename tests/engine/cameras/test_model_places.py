@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from engine.cameras.given import has_points, read_cameras
+from engine.cameras.model_places import find_models
 from engine.cameras.undistortion import project
 from engine.errors import CameraError
 from engine.events import Warned
@@ -37,27 +38,20 @@ def moved(room: Scene, first: int, last: int) -> Scene:
     return Scene(room.photo_set, tuple(cameras))
 
 
-@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
-@pytest.mark.parametrize(
-    "place",
-    [
-        "",
-        "0",
-        "sparse",
-        "sparse/0",
-        "sparse/3",
-        "colmap/sparse/0",
-        "colmap/sparse",
-        "distorted/sparse/0",
-        "dense/sparse",
-        "dense/0/sparse",
-    ],
-)
-def test_the_model_is_found_in_its_usual_places(room: Scene, tmp_path: Path, place: str, text: bool) -> None:
-    model = tmp_path / "project"
-    write_colmap(room, model / place, ORIGIN, text=text)
-    assert len(read_cameras(model, room.photo_set).cameras) == 8
-    assert has_points(model)
+PLACES = (
+    "", "0", "sparse", "sparse/0", "sparse/3", "colmap/sparse/0", "colmap/sparse", "distorted/sparse/0", "dense/sparse",
+    "dense/0/sparse",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("suffix", [".bin", ".txt"])
+def test_the_model_is_found_in_its_usual_places(tmp_path: Path, place: str, suffix: str) -> None:
+    (tmp_path / place).mkdir(parents=True, exist_ok=True)
+    (tmp_path / place / f"cameras{suffix}").touch()
+    (found,) = find_models(tmp_path)
+    assert found.parts == (tmp_path / place,)
+    assert has_points(tmp_path)
 
 
 def test_names_with_blanks_are_read_whole_from_a_text_model(room: Scene, tmp_path: Path) -> None:
