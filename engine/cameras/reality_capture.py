@@ -85,6 +85,8 @@ def _rows(data: bytes) -> list[tuple[str, dict[str, float]]]:
     """Return name and numbers of each row; raises `ValueError` when columns are missing or are no numbers."""
     text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#cameras")]
+    if not lines:
+        raise ValueError("it is empty")
     separator = max(",;\t", key=lines[0].count)
     table = csv.reader(io.StringIO("\n".join(lines)), delimiter=separator)
     header = [column.strip().lower().lstrip("#").strip() for column in next(table)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from xml.parsers import expat
@@ -67,8 +68,12 @@ def _local(name: str) -> str:
 
 
 def numbers_of(text: str | None, *counts: int) -> list[float]:
-    """Return the numbers of a text, separated by blanks; raises `ValueError` unless it has one of these counts."""
+    """Return the numbers of a text, separated by blanks; raises `ValueError` unless it has one of these counts
+    of finite numbers."""
     parts = (text or "").split(None, _MAX_NUMBERS)
     if len(parts) not in counts:
         raise ValueError(f"{len(parts)} numbers stand where {' or '.join(map(str, counts))} should")
-    return [float(part) for part in parts]
+    numbers = [float(part) for part in parts]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("a number is not finite")
+    return numbers
