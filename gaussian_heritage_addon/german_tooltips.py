@@ -66,9 +66,6 @@ TEXTS: dict[str, str] = {
     "Close the list of prompts that were not found": (
         "Die Liste der Suchwörter schließen, zu denen nichts gefunden wurde"
     ),
-    "COLMAP model or transforms.json with known cameras; empty: estimate the cameras": (
-        "COLMAP-Modell oder transforms.json mit bekannten Kameras; leer: die Kameras schätzen"
-    ),
     "Compressed to a sixth of the size, with some loss and without a record": (
         "Auf ein Sechstel der Größe verdichtet, mit etwas Verlust und ohne Herkunftsnachweis"
     ),
@@ -194,6 +191,9 @@ TEXTS: dict[str, str] = {
     ),
     "Isolate what belongs to no object as the background. An earlier background goes to the project's trash": (
         "Was zu keinem Objekt gehört, als Hintergrund freistellen. Ein früherer kommt in den Papierkorb des Projekts"
+    ),
+    "Known cameras of COLMAP, nerfstudio, Metashape or RealityCapture; empty: estimate the cameras": (
+        "Bekannte Kameras von COLMAP, nerfstudio, Metashape oder RealityCapture; leer: die Kameras schätzen"
     ),
     "Leave the result in its project. Open Project shows it later": (
         "Das Ergebnis in seinem Projekt liegen lassen. „Projekt öffnen“ zeigt es später"

@@ -242,6 +242,7 @@ KINDS: Mapping[str, tuple[Mutator, ...]] = {
     "json": JSON,
     "jsonl": (_with_another_event, _with_another_event, _with_another_event, *_TEXT),
     "txt": _TEXT,
+    "out": _TEXT,
     "md": _TEXT,
     "pem": _TEXT,
     "csv": _TEXT,

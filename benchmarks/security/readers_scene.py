@@ -225,6 +225,22 @@ def _read_reality_xmp(folder: Path) -> object:
     return xmp_in_child([str(folder / "a.xmp")], str(folder / "arrays.npz"), "The export")
 
 
+def _write_bundler(folder: Path) -> None:
+    lines = ["# Bundle file v0.3", "2 2"]
+    for camera in _cameras():
+        pose = np.diag([1.0, -1.0, -1.0]) @ camera.viewmat[:3]
+        lines += ["35.0 -0.05 0.01", *(" ".join(map(str, row)) for row in (*pose[:, :3], pose[:, 3]))]
+    lines += ["0 0 2", "10 20 30", "2 0 0 1.5 2.5 1 0 1.5 2.5", "0.5 0 2", "10 20 30", "1 1 1 1.5 2.5"]
+    (folder / "bundle.out").write_text("\n".join(lines) + "\n")
+    (folder / "list.txt").write_text("a.jpg\nhall/b.jpg 0 35.0\n")
+
+
+def _read_bundler(folder: Path) -> object:
+    from engine.cameras.bundler import bundler_in_child
+
+    return bundler_in_child(str(folder / "bundle.out"), str(folder / "arrays.npz"), "The export")
+
+
 def _read_given(folder: Path) -> object:
     """Read given cameras as `reconstruct` does, in a child process for what COLMAP reads."""
     from engine.cameras import read_cameras
@@ -417,6 +433,7 @@ SCENE: tuple[Reader, ...] = (
     Reader("camera", _write_camera, _read_camera, ("camera.json",)),
     Reader("transforms", _write_transforms, _read_export, ("transforms.json",)),
     Reader("metashape", _write_metashape, _read_metashape, ("cameras.xml",)),
+    Reader("bundler", _write_bundler, _read_bundler, ("bundle.out", "list.txt")),
     Reader("reality-capture-csv", _write_reality_csv, _read_reality_csv, ("cameras.csv",)),
     Reader("reality-capture-xmp", _write_reality_xmp, _read_reality_xmp, ("a.xmp",)),
     Reader("transforms-with-cloud", _write_transforms, _read_given, ("transforms.json", "points.ply"), share=3.0),

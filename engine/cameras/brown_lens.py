@@ -96,5 +96,4 @@ class BrownLens:
 
     def _factor(self, radii: Float64) -> Float64:
         square = radii * radii
-        factor: Float64 = 1.0 + np.polyval([*self.radial[::-1], 0.0], square)
-        return factor
+        return np.asarray(1.0 + np.polyval([*self.radial[::-1], 0.0], square), np.float64)

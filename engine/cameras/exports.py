@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,10 +96,13 @@ def read_export(export: Export, model: Path, should_stop: StopCheck) -> ReadExpo
         )
         folder = model if model.is_dir() else model.parent
         return _read(answer, arrays["viewmats"], lambda name: _beside(name, folder), _of_values, what)
-    raise CameraError(
-        f"{file} is a Bundler file, which is not read. Export a COLMAP model from the program that made it: in "
-        "RealityCapture and RealityScan, Export Registration > COLMAP."
+    what = f"The Bundler file {file}"
+    answer, arrays = in_child(
+        "cameras.bundler:bundler_in_child", file, [file], what, should_stop, memory_per_byte=_XML_BYTES
     )
+    shown = np.split(arrays["seen"], np.cumsum(answer["seen"]))
+    read = _read(answer, arrays["viewmats"], lambda name: name, _of_bundler, what, shown)
+    return replace(read, points=SparsePoints(arrays["points"], arrays["colors"], math.nan))
 
 
 def _beside(file: str, folder: Path) -> str:
@@ -118,9 +123,11 @@ def _read(
     name_of: Callable[[str], str],
     lens_of: _LensOf,
     what: str,
+    shown: Sequence[NDArray[np.int64]] = (),
 ) -> ReadExport:
     parts: dict[str, dict[str, Callable[[Photo], GivenCamera]]] = {}
-    for (stored, lens, part), viewmat in zip(answer["images"], viewmats, strict=True):
+    nothing = itertools.repeat(np.zeros(0, np.int64))
+    for (stored, lens, part), viewmat, seen in zip(answer["images"], viewmats, shown or nothing, strict=False):
         name, values = name_of(stored), answer["lenses"][lens]
         makers = parts.setdefault(part, {})
         if name in makers:
@@ -128,16 +135,21 @@ def _read(
                 f"{what} has two cameras called {name}, which do not say which photo each is of. Give the photos "
                 "different names and place them again, or export a COLMAP model."
             )
-        makers[name] = _maker(name, viewmat, values, lens_of, what)
+        makers[name] = _maker(name, viewmat, values, lens_of, what, seen)
     return ReadExport(list(parts.values()), list(parts), SparsePoints.none())
 
 
 def _maker(
-    name: str, viewmat: NDArray[np.float64], values: dict[str, Any], lens_of: _LensOf, what: str
+    name: str,
+    viewmat: NDArray[np.float64],
+    values: dict[str, Any],
+    lens_of: _LensOf,
+    what: str,
+    seen: NDArray[np.int64],
 ) -> Callable[[Photo], GivenCamera]:
     def make(photo: Photo) -> GivenCamera:
         lens_in, size = lens_of(values, name, what)
-        return GivenCamera(photo, name, viewmat, lens_in, size, np.zeros(0, np.int64))
+        return GivenCamera(photo, name, viewmat, lens_in, size, seen)
 
     return make
 
@@ -167,6 +179,13 @@ def _of_values(
             ) from error
 
     return lens_in, None
+
+
+def _of_bundler(
+    values: dict[str, Any], name: str, what: str
+) -> tuple[Callable[[int, int], Lens], tuple[int, int] | None]:
+    focal, k1, k2 = (float(values[key]) for key in ("f", "k1", "k2"))
+    return (lambda w, h: Lens("RADIAL", w, h, (focal, 0.5 * w, 0.5 * h, k1, k2))), None
 
 
 def cameras_of(

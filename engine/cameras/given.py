@@ -149,7 +149,9 @@ def _from_export(
     model: Path, photo_set: PhotoSet, emit: Emit, should_stop: StopCheck
 ) -> tuple[list[GivenCamera], SparsePoints]:
     read = read_export(find_export(model), model, should_stop)
-    parts, names, all_matches = [], [], []
+    parts: list[Part] = []
+    names: list[str] = []
+    all_matches: list[NameMatches] = []
     for label, makers in zip(read.labels, read.parts, strict=True):
         matches = _matched(list(makers), photo_set)
         names += makers

@@ -160,7 +160,7 @@ def _lens(sensor: ET.Element) -> dict[str, Any]:
     # Before version 1.0, fx and fy were given, and the principal point from the corner.
     is_old = calibration.find("fx") is not None
     fy = value("fy" if is_old else "f")
-    arguments = {
+    arguments: dict[str, Any] = {
         "width": width,
         "height": height,
         "fx": value("fx") if is_old else fy + value("b1"),

@@ -11,7 +11,7 @@ from pathlib import Path
 from ..errors import CameraError, FormatError
 from ..files import opened
 
-__all__ = ["Export", "Kind", "ModelPlace", "find_export", "find_models"]
+__all__ = ["Export", "Kind", "ModelPlace", "files_of_model", "find_export", "find_models"]
 
 _MODEL_FILES = ("cameras.bin", "cameras.txt")
 _PLACES = ("", "sparse", "colmap/sparse", "colmap", "distorted/sparse", "distorted", "dense/sparse", "dense")
@@ -78,6 +78,25 @@ def find_models(model: Path) -> list[ModelPlace]:
         if parts:
             places.append(ModelPlace(parts, _base(folder, model)))
     return places
+
+
+def files_of_model(model: Path) -> list[Path]:
+    """Return the files that given cameras are read from, in order; the cameras change only when one of them does.
+
+    Raises
+    ------
+    CameraError, FormatError
+        As `find_export`.
+    """
+    if model.is_file():
+        return [model]
+    parts = [part for place in find_models(model) for part in place.parts]
+    if parts:
+        return sorted(path for part in parts for path in part.iterdir() if path.is_file())
+    files = find_export(model).files
+    # A point cloud lies beside its transforms.json.
+    clouds = {path for file in files for path in file.parent.glob("*.ply")}
+    return sorted({*files, *clouds})
 
 
 def _is_model(folder: Path) -> bool:

@@ -281,7 +281,7 @@ def test_reality_capture_components_are_parts(room: Scene, tmp_path: Path) -> No
         ("a.csv", f"{OLD_HEADER}\n00.png,nan,2,3,0,90,0,36,0,0,0,0,0,0,0,0\n", "is not finite"),
         ("a.csv", f"{OLD_HEADER}\n00.png,1,2,3,0,90,0,36,0,0,-0.2,0,0,0,0,0\n", "division model.*Brown3"),
         ("a.csv", f"{OLD_HEADER}\n00.png,1,2,3,0,90,0,0,0,0,0,0,0,0,0,0\n", "focal length must be above 0"),
-        ("a.out", "# Bundle file v0.3\n8 100\n", "is a Bundler file, which is not read.*COLMAP"),
+        ("a.out", "# Bundle file v0.3\n8 100\n", "no text file beside it lists the names of its 8 pictures"),
         ("a.xml", "<html></html>", "holds no cameras of a known kind"),
         ("a.txt", "hello", "holds no cameras of a known kind"),
     ],
@@ -307,6 +307,34 @@ def test_xmp_files_that_cannot_be_used_are_refused(
     written(tmp_path, "00.xmp", xmp(room.cameras[0], **change))
     with pytest.raises(CameraError, match=rf"00\.xmp cannot be used: .*{sentence}.*Brown3"):
         read_cameras(tmp_path, room.photo_set)
+
+
+def bundler(room: Scene, count: int = 8) -> str:
+    """Return a Bundler file whose points are those of the other tests, all seen by all cameras."""
+    lines = ["# Bundle file v0.3", f"{count} {len(POINTS)}"]
+    for camera in room.cameras[:count]:
+        pose = np.diag([1.0, -1.0, -1.0]) @ camera.viewmat[:3]
+        lines += [f"{FOCAL} {K1} 0", *(numbers(row) for row in pose[:, :3]), numbers(pose[:, 3])]
+    for point in POINTS:
+        lines += [numbers(point), "10 20 30", f"{count} " + " ".join(f"{one} 0 0.0 0.0" for one in range(count))]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("ending", ["", " 0 380.5"], ids=["names", "with-focal-lengths"])
+def test_bundler_cameras_and_points_are_read(room: Scene, tmp_path: Path, ending: str) -> None:
+    written(tmp_path, "bundle.out", bundler(room))
+    written(tmp_path, "list.txt", "".join(f"./scans/{camera.photo}{ending}\n" for camera in room.cameras))
+    found = read_cameras(tmp_path, room.photo_set)
+    assert has_points(tmp_path)
+    assert len(found.points) == len(POINTS) and found.point_colors[0].tolist() == [10, 20, 30]
+    assert_true(found, room, ORIGIN)
+
+
+def test_a_bundler_file_that_is_cut_is_refused(room: Scene, tmp_path: Path) -> None:
+    file = written(tmp_path, "bundle.out", bundler(room)[:-100])
+    written(tmp_path, "list.txt", "".join(f"{camera.photo}\n" for camera in room.cameras))
+    with pytest.raises(CameraError, match=r"bundle\.out cannot be used: it ends too early\. Export it again"):
+        read_cameras(file, room.photo_set)
 
 
 def test_a_division_model_without_distortion_is_a_plain_lens(room: Scene, tmp_path: Path) -> None:
