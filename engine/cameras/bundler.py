@@ -76,7 +76,10 @@ def _read(words: list[bytes], names: list[str], target: Path) -> dict[str, Any]:
     if not 0 <= n_points <= _MAX_POINTS:
         raise ValueError(f"it cannot have {n_points} points")
     at = 2
-    images, lenses, viewmats, number_of = [], [], [], {}
+    images: list[tuple[str, int, str]] = []
+    lenses: list[dict[str, float]] = []
+    viewmats: list[NDArray[np.float64]] = []
+    number_of: dict[int, int] = {}
     for camera in range(n_cameras):
         values = _numbers(words, at, _CAMERA_NUMBERS)
         at += _CAMERA_NUMBERS
