@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import PromptError, SettingsError
 from ..events import Emit, Finished, StopCheck
 from ..project_folder import ProjectFolder
+from .named_photos import known_photo
 
 if TYPE_CHECKING:
     from ..scene import Measurement, Point
@@ -102,7 +103,7 @@ def _metres(text: str) -> float:
 def _picker(project: Path) -> Callable[[str], Point]:
     """Return a function that turns a POINT of the command line into a position; it reads the scene when it has to."""
     from ..gaussians import load_gaussians
-    from ..scene import RayCaster, photos_called, read_camera_set, surface_point
+    from ..scene import RayCaster, read_camera_set, surface_point
 
     casters: list[RayCaster] = []
 
@@ -117,16 +118,12 @@ def _picker(project: Path) -> Callable[[str], Point]:
         if not photo or len(values) != 2:
             raise SettingsError(f"{text!r} is no point. Give PHOTO=x,y or {_WORLD}=X,Y,Z.")
         cameras = read_camera_set(project / "cameras").by_photo
-        called = photos_called(photo, cameras)
-        if len(called) != 1:
-            raise PromptError(
-                f"{photo!r} may be {' or '.join(called[:5])}. Give more of the photo's path."
-                if called
-                else f"There is no photo {photo!r} with a camera. Choose one of: {', '.join(cameras)[:500]}."
-            )
+        photo = known_photo(photo, cameras)
+        if photo not in cameras:
+            raise PromptError(f"There is no photo {photo!r} with a camera. Choose one of: {', '.join(cameras)[:500]}.")
         if not casters:
             casters.append(RayCaster(load_gaussians(project / "gaussians")))
-        return surface_point(casters[0], cameras[called[0]], *values)
+        return surface_point(casters[0], cameras[photo], *values)
 
     return pick
 

@@ -14,6 +14,7 @@ from ..events import Emit, Finished, Progress, StopCheck
 from ..objects import load_membership, load_object, object_gaussians
 from ..project_folder import ProjectFolder
 from ..scene import Camera, CameraSet, PinholeCamera, read_camera_set
+from .named_photos import known_photo
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -175,17 +176,11 @@ def _files(
 
 
 def _camera_of(camera_set: CameraSet, photo: str) -> Camera:
-    from ..scene import photos_called
-
     known = camera_set.by_photo
-    called = photos_called(photo, known)
-    if len(called) != 1:
-        raise CameraError(
-            f"{photo!r} may be {' or '.join(called[:5])}. Give more of the photo's path."
-            if called
-            else f"No registered photo is called {photo!r}. The first ones are: {', '.join(list(known)[:5])}."
-        )
-    return known[called[0]]
+    camera = known.get(known_photo(photo, known))
+    if camera is None:
+        raise CameraError(f"No registered photo is called {photo!r}. The first ones are: {', '.join(list(known)[:5])}.")
+    return camera
 
 
 def _pixel(text: str) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from ..project_folder import ProjectFolder
 from ..rasterizer import PROCESSOR, choose_objects_device
 from .chosen_models import add_sam_argument, model_factories
 from .deprecated import add_deprecated_option
+from .named_photos import known_photo, points_in_known_photos, prompt_in_known_photos
 from .scene_options import add_device_option
 
 if TYPE_CHECKING:
@@ -151,22 +152,21 @@ def _texts(
 def _camera(project: Path, view: str) -> Camera | PinholeCamera:
     """Return the camera that --seen-from means."""
     from ..cameras import parse_camera_json, read_camera_json
-    from ..scene import photos_called, read_camera_set
+    from ..scene import read_camera_set
 
     if view.lstrip().startswith("{"):
         return parse_camera_json(view)
     cameras = read_camera_set(project / "cameras").by_photo
     # A file that exists is meant as a file, unless a photo has just this name.
-    called = (view,) if view in cameras else () if Path(view).is_file() else photos_called(view, cameras)
-    if len(called) > 1:
-        raise SettingsError(f"--seen-from {view!r} may be {' or '.join(called[:5])}. Give more of the photo's path.")
-    return cameras[called[0]] if called else read_camera_json(Path(view))
+    photo = view if Path(view).is_file() else known_photo(view, cameras)
+    return cameras[photo] if photo in cameras else read_camera_json(Path(view))
 
 
 def _pointed(
     project: ProjectFolder, options: argparse.Namespace, emit: Emit, should_stop: StopCheck
 ) -> tuple[str, dict[str, Any]]:
     prompt = parse_prompt(click=options.click, box=options.box, mask=options.mask, excluded=options.excluded)
+    prompt = prompt_in_known_photos(prompt, project.path)
     segmenter = _segmenter(project, options, emit, should_stop)
     records = segmenter.segment(prompt, "object" if options.name is None else options.name)
     return _isolated(records), _outputs(records, segmenter)
@@ -193,7 +193,8 @@ def _refine(
     if options.level is not None:
         record = segmenter.choose_level(options.refine, options.level)
     else:
-        record = segmenter.refine(options.refine, clicks, excluded)
+        added, removed = (points_in_known_photos(points, project.path) for points in (clicks, excluded))
+        record = segmenter.refine(options.refine, added, removed)
     return f"{record.name} has {record.n_gaussians:,} Gaussians now.", _outputs([record], segmenter)
 
 

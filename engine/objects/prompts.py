@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import FormatError, HeritageError, MaskError, PromptError
 from ..files import opened
-from ..scene import Camera, CameraSet, PinholeCamera, photos_called
+from ..scene import Camera, CameraSet, PinholeCamera
 from .arrays import Mask
 
 __all__ = [
@@ -25,13 +25,10 @@ __all__ = [
     "TextPrompt",
     "camera_of_prompt",
     "describe_prompt",
-    "in_known_photos",
     "load_mask",
     "parse_point",
     "parse_prompt",
     "parse_texts",
-    "photo_called",
-    "points_in_known_photos",
 ]
 
 _MASK_FORMATS = ("PNG", "TIFF", "BMP", "JPEG", "WEBP", "GIF", "PPM")
@@ -184,46 +181,22 @@ def describe_prompt(prompt: Prompt) -> dict[str, Any]:
     return {"kind": "mask", "photo": prompt.photo, "mask": prompt.mask.name, **excluded}
 
 
-def in_known_photos(prompt: Prompt, cameras: CameraSet) -> Prompt:
-    """Return the prompt with the photos' own names in place of those that were typed, see `photo_called`."""
-    if isinstance(prompt, TextPrompt):
-        return prompt
-    changed: dict[str, Any] = {"photo": photo_called(prompt.photo, cameras)}
-    for field in ("more", "excluded"):
-        if hasattr(prompt, field):
-            changed[field] = points_in_known_photos(getattr(prompt, field), cameras)
-    return replace(prompt, **changed)
-
-
-def points_in_known_photos(points: Sequence[Point], cameras: CameraSet) -> tuple[Point, ...]:
-    """Return the points with the photos' own names in place of those that were typed, see `photo_called`."""
-    return tuple(replace(point, photo=photo_called(point.photo, cameras)) for point in points)
-
-
-def photo_called(name: str, cameras: CameraSet) -> str:
-    """Return the photo that a typed name means (`engine.scene.match_names`); raises `PromptError` unless it is one."""
-    known = [camera.photo for camera in cameras.cameras]
-    photos = photos_called(name, [*known, *cameras.unregistered])
-    if len(photos) == 1:
-        return photos[0]
-    if photos:
-        raise PromptError(f"{name!r} may be {' or '.join(photos[:5])}. Give more of the photo's path.")
-    lowered = {photo.lower(): photo for photo in known}
-    near = [lowered[photo] for photo in difflib.get_close_matches(name.lower(), lowered)]
-    hint = f"Did you mean {' or '.join(near)}?" if near else f"Photos are called: {', '.join(known[:5])}."
-    raise PromptError(f"No photo is called {name!r}. {hint}")
-
-
 def camera_of_prompt(prompt: Point | ClickPrompt | BoxPrompt | MaskPrompt, cameras: CameraSet) -> Camera:
     """Return the camera of the photo the prompt points into.
 
     Raises `PromptError` when the photo is unknown or was not registered, or the click or box lies outside of it.
     """
-    photo, known = photo_called(prompt.photo, cameras), cameras.by_photo
-    if photo not in known:
+    photo, known = prompt.photo, cameras.by_photo
+    if photo not in known and photo in cameras.unregistered:
         raise PromptError(
             f"{photo} could not be placed among the other photos, so nothing can be picked in it. Use another photo."
         )
+    if photo not in known:
+        lowered = {name.lower(): name for name in known}
+        near = [name for name in known if Path(name).name.lower() == Path(photo).name.lower()]
+        near = near or [lowered[name] for name in difflib.get_close_matches(photo.lower(), lowered)]
+        hint = f"Did you mean {' or '.join(near)}?" if near else f"Photos are called: {', '.join(list(known)[:5])}."
+        raise PromptError(f"No photo is called {photo!r}. {hint}")
     width, height = known[photo].width, known[photo].height
     outside = f"lies outside of the photo: {photo} is {width} x {height} pixels."
     if isinstance(prompt, Point | ClickPrompt) and not (0 <= prompt.x < width and 0 <= prompt.y < height):

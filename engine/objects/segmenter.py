@@ -26,15 +26,7 @@ from .evidence import evidence_of_clicks, find_evidence
 from .lifting import FoundObject, Levels, corrected, is_same, isolate_object
 from .photos import SamFactory
 from .polishing import polish
-from .prompts import (
-    MaskPrompt,
-    Point,
-    Prompt,
-    TextPrompt,
-    describe_prompt,
-    in_known_photos,
-    points_in_known_photos,
-)
+from .prompts import MaskPrompt, Point, Prompt, TextPrompt, describe_prompt
 from .segment import NoMatchError, find_everything, find_objects
 from .settings import SegmentSettings
 from .storage import list_objects, load_levels, load_membership, load_object, membership_in, save_object, taken_ids
@@ -90,9 +82,7 @@ class Segmenter:
         For `again` see `segment_each_text`; the progress is told to `context`. Raises `PromptError` when no object was
         found. The nearest candidates of a text are then stored (`engine.objects.candidate_file`).
         """
-        started, context = time.perf_counter(), context or self.context
-        prompt = in_known_photos(prompt, context.views.cameras)
-        asked = describe_prompt(prompt)
+        started, asked, context = time.perf_counter(), describe_prompt(prompt), context or self.context
         try:
             found = find_objects(context.part(0, 2), prompt)
         except PromptError as error:
@@ -170,8 +160,6 @@ class Segmenter:
         `PromptError` if a click hits no Gaussian or nothing of the object would remain.
         """
         record, context = load_object(self.project.path, name), self.context
-        clicks = points_in_known_photos(clicks, context.views.cameras)
-        excluded = points_in_known_photos(excluded, context.views.cameras)
         before = membership_in(self.project.path, record, len(context.means))
         membership = corrected(context, evidence_of_clicks(clicks, excluded, context), before)
         n_left, n_before = (int((one >= record.threshold).sum()) for one in (membership, before))
