@@ -39,7 +39,7 @@ def points_in_known_photos(points: Sequence[Point], project: Path) -> tuple[Poin
 
 def prompt_in_known_photos(prompt: Prompt, project: Path) -> Prompt:
     """Return a prompt with the names of the project's photos in place of those that were typed; see `known_photo`."""
-    from ..objects import TextPrompt
+    from ..objects import ClickPrompt, TextPrompt
 
     if isinstance(prompt, TextPrompt):
         return prompt
@@ -48,8 +48,7 @@ def prompt_in_known_photos(prompt: Prompt, project: Path) -> Prompt:
         photo=known_photo(prompt.photo, _photos(project)),
         excluded=points_in_known_photos(prompt.excluded, project),
     )
-    more = getattr(named, "more", ())
-    return replace(named, more=points_in_known_photos(more, project)) if more else named
+    return replace(named, more=points_in_known_photos(named.more, project)) if isinstance(named, ClickPrompt) else named
 
 
 def _photos(project: Path) -> list[str]:
