@@ -23,6 +23,8 @@ from engine.scene import CameraSet, lens_pixels
 from .conftest import HEIGHT, LENS, WIDTH, Scene
 from .test_given import POINTS, assert_true
 
+pytestmark = pytest.mark.usefixtures("readers_in_this_process")
+
 Float64 = NDArray[np.float64]
 QUICK = CameraSettings(max_side=400, max_features=1000, first_octave=0)
 FOCAL, CX, CY, K1 = LENS

@@ -21,6 +21,8 @@ from engine.scene import Photo, PhotoSet
 from .conftest import HEIGHT, WIDTH, Scene
 from .test_given import ORIGIN, POINTS, assert_true, write_colmap
 
+pytestmark = pytest.mark.usefixtures("readers_in_this_process")
+
 
 def part(room: Scene, first: int, last: int) -> Scene:
     return Scene(room.photo_set, room.cameras[first:last])

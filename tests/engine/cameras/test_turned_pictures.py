@@ -23,6 +23,8 @@ from engine.scene import Camera, Lens, PhotoSet, lens_pixels
 from .conftest import HEIGHT, LENS, WIDTH, Scene
 from .test_given import write_transforms
 
+pytestmark = pytest.mark.usefixtures("readers_in_this_process")
+
 Float64 = NDArray[np.float64]
 BACK = {1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 8, 7: 7, 8: 6}
 """The orientation that undoes another."""
